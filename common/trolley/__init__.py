@@ -1,0 +1,1 @@
+"""Trolley: navigation for small indoor robots, without ROS."""

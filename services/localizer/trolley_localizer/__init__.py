@@ -1,0 +1,1 @@
+"""The localizer service: where the robot is on its map."""

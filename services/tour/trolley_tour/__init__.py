@@ -1,0 +1,1 @@
+"""The tour service: saved poses, tours, trips and their history."""

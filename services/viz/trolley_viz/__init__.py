@@ -1,0 +1,1 @@
+"""The viewer service: robot, map and trip in a browser."""
