@@ -1,0 +1,23 @@
+"""What base drives and senses with: real devices, the simulated world, or a recorded drive."""
+
+from trolley_base.drivers.interface import (
+    Chassis,
+    ChassisReading,
+    DriverError,
+    Hardware,
+    Lidar,
+    LidarReading,
+    LidarScan,
+    MotionSample,
+)
+
+__all__ = [
+    "Chassis",
+    "ChassisReading",
+    "DriverError",
+    "Hardware",
+    "Lidar",
+    "LidarReading",
+    "LidarScan",
+    "MotionSample",
+]
