@@ -1,0 +1,98 @@
+# Everything is installed into .venv, pinned by requirements.lock; nothing needs root.
+
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help setup demo test lint format bench lock clean
+
+# The newest suitable Python that really runs (a pyenv shim may exist and fail).
+PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
+	"$$python" -c 'import sys; raise SystemExit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
+	2>/dev/null && { echo "$$python"; break; }; done)
+ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+UV := $(BIN)/uv
+STAMPS := $(VENV)/.stamps
+MEMBERS := common $(patsubst %/pyproject.toml,%,$(wildcard services/*/pyproject.toml))
+MEMBER_FILES := $(addsuffix /pyproject.toml,$(MEMBERS))
+KERNEL_FILES := $(shell grep -rlE --include='*.py' '^from trolley.jit import' common services)
+BENCHES := $(shell grep -lE '__main__' bench/*.py 2>/dev/null)
+
+export UV_PYTHON_DOWNLOADS := never
+
+help: ## Show this list.
+	@echo 'Usage: make TARGET [ARGS="..."]   (Python for .venv: make setup PYTHON=python3.12)'
+	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  \1\t\2/p' Makefile | expand -t 12
+
+setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernels (once).
+
+demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `trolley demo`.
+	@$(BIN)/trolley demo $(ARGS)
+
+test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
+	@$(BIN)/python -m pytest $(ARGS)
+
+lint: setup ## ruff, its formatter and pyright, changing nothing.
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/pyright
+
+format: setup ## Let ruff mend and format the code.
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+bench: setup ## Run every program in bench/.
+	@failed=(); for bench in $(BENCHES); do \
+		echo "== $$bench"; $(BIN)/python "$$bench" $(ARGS) || failed+=("$$bench"); \
+	done; \
+	test $${#failed[@]} -eq 0 || { echo "failed: $${failed[*]}"; exit 1; }
+
+# Keeps the versions that requirements.lock names already; ARGS=--upgrade takes the newest.
+# No line of it says where packages come from: that is the business of the machine's own settings.
+lock: $(STAMPS)/venv ## Write requirements.lock anew from the pyproject files.
+	@$(UV) pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+		--no-header --no-annotate --no-emit-index-url --no-emit-find-links \
+		$(patsubst %,--no-emit-package %,trolley $(patsubst services/%,trolley-%,$(filter services/%,$(MEMBERS)))) \
+		--group dev pyproject.toml --output-file requirements.lock $(ARGS) > /dev/null
+
+clean: ## Remove .venv, caches and what test runs left.
+	@rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis out uv.lock
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(STAMPS)/venv:
+	@test -n "$(PYTHON)" || { \
+		echo "Trolley needs Python 3.11, 3.12 or 3.13; none was found on the PATH."; \
+		echo "If it lies elsewhere: make PYTHON=/path/to/python3.12 ..."; exit 1; }
+	@"$(PYTHON)" -c 'import sys; raise SystemExit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || { \
+		echo "Trolley needs Python 3.11, 3.12 or 3.13; $(PYTHON) is $$("$(PYTHON)" --version 2>&1)."; exit 1; }
+	@"$(PYTHON)" -c 'import struct, sys; \
+		raise SystemExit(sys.platform != "linux" or struct.calcsize("P") != 8)' || { \
+		echo "Trolley needs 64-bit Linux (numba is not made for 32-bit ARM)."; exit 1; }
+	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "$(PYTHON) cannot make virtual environments: its venv module is not installed."; \
+		echo "Debian, Ubuntu, Raspberry Pi OS: sudo apt install python3-venv"; exit 1; }
+	@echo "Making $(VENV) with $$("$(PYTHON)" --version) ..."
+	@"$(PYTHON)" -m venv --clear $(VENV)
+	@awk '/^[^ ]/ { wanted = /^uv==/ } wanted' requirements.lock > $(VENV)/uv.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.txt
+	@mkdir -p $(STAMPS) && touch $@
+
+# uv does not read pip's settings: where only those know the way to the packages, pip does the work.
+$(STAMPS)/packages: $(STAMPS)/venv requirements.lock
+	@echo "Installing the packages of requirements.lock ..."
+	@$(UV) pip sync --quiet --python $(BIN)/python --require-hashes requirements.lock || { \
+		echo "uv could not; trying pip ..."; \
+		$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock; }
+	@touch $@
+
+$(STAMPS)/members: $(STAMPS)/packages $(MEMBER_FILES)
+	@$(UV) pip install --quiet --python $(BIN)/python --offline --no-deps --no-build-isolation \
+		$(addprefix -e ./,$(MEMBERS))
+	@touch $@
+
+$(STAMPS)/kernels: $(STAMPS)/members $(KERNEL_FILES)
+	@echo "Compiling the kernels (numba keeps them; some ten seconds the first time) ..."
+	@$(BIN)/python -m trolley.warmup
+	@touch $@
