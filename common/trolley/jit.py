@@ -1,17 +1,178 @@
 """The one way to compile a function with numba: `@kernel`.
 
 Import this module only where kernels are: numba costs a process about 110 MB.
+
+Compiled code is kept on disk, by numba's own rules for the place: `NUMBA_CACHE_DIR`, else
+`__pycache__` beside the source, else the user's cache folder where the source is read-only
+(and there, what an installer has compiled beside the source is still read). Only the files
+themselves are ours, since numba 0.68's do not stand what services do to them: processes that
+compile at the same moment can leave an index that names the wrong code, a file cut short by a
+power cut raises at every later start, and a kernel is not compiled again when another kernel that
+it calls, or a constant that it uses, changes in a different file.
 """
 
-from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+import hashlib
+import importlib
+import logging
+import os
+import pickle
+import tempfile
+import types
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
 
-import numba  # pyright: ignore[reportMissingTypeStubs]
+import numpy as np
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_log = logging.getLogger(__name__)
+# numba ships no types; both names are Any for the type checker.
+_numba: Any = importlib.import_module("numba")
+_caching: Any = importlib.import_module("numba.core.caching")
+
+_DIGEST_BYTES = 32
+
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function at its first call, without the GIL, with IEEE division."""
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    """Compile a function at its first call with each kind of arguments, and keep the result.
+
+    The function runs without the GIL; division by zero follows IEEE 754 (no exception).
+    """
+    compiled: Any = _numba.njit(nogil=True, error_model="numpy")(function)
+    if not _numba.config.DISABLE_JIT:  # else numba has handed back the plain function
+        _keep_on_disk(compiled, function)
+    return cast("Callable[P, R]", compiled)
+
+
+def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
+    """Give a dispatcher a cache on disk, where there is a folder to write to."""
+    try:
+        compiled.enable_caching()
+    except RuntimeError as error:  # numba's "no locator available": nowhere to write
+        _log.warning(
+            "compiled kernels cannot be kept, so every start compiles them again (%s); "
+            "name a writable folder in NUMBA_CACHE_DIR",
+            error,
+        )
+        return
+    compiled._cache._cache_file = KernelFiles(function, Path(compiled._cache.cache_path))
+
+
+class KernelFiles:
+    """Compiled code of one kernel on disk: a file for each kind of arguments and processor.
+
+    The file's name holds a hash of all that the code depends on and its head a hash of its
+    content, so that any number of processes may read and write without locks, and a damaged
+    file counts as missing. It stands in for numba's `IndexDataCacheFile`.
+    """
+
+    def __init__(self, function: Callable[..., object], folder: Path) -> None:
+        self._function = function
+        self._folder = folder
+        source = Path(function.__code__.co_filename)
+        name = f"{source.stem}.{function.__qualname__}".replace("<locals>.", "")
+        self._prefix = f"{name}.{function.__code__.co_firstlineno}"
+        self._read_folders = (folder, source.parent / "__pycache__")
+
+    @cached_property
+    def _version(self) -> str:
+        # Computed at the first call, not at import: by then every global that the kernel
+        # uses has been defined.
+        return fingerprint(self._function)[:12]
+
+    def _name(self, key: object) -> str:
+        # The key is numba's: argument types, processor and its features, hash of the bytecode.
+        return f"{self._prefix}.{self._version}.{_hash(repr(key).encode())[:16]}.nbc"
+
+    def load(self, key: object) -> Any:
+        """Return what was saved under a key, or None."""
+        for folder in self._read_folders:
+            try:
+                content = (folder / self._name(key)).read_bytes()
+            except OSError:
+                continue
+            payload = content[_DIGEST_BYTES:]
+            if hashlib.sha256(payload).digest() == content[:_DIGEST_BYTES]:
+                return pickle.loads(payload)
+        return None
+
+    def save(self, key: object, data: object) -> None:
+        """Keep data under a key and drop what older versions of the kernel have left."""
+        payload = cast("bytes", _caching.dumps(data))
+        handle, temporary = tempfile.mkstemp(dir=self._folder, prefix=f"{self._prefix}.tmp.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                os.fchmod(handle, 0o644)  # others may read what an installer has compiled
+                file.write(hashlib.sha256(payload).digest() + payload)
+            Path(temporary).replace(self._folder / self._name(key))
+        except OSError as error:  # a full disk must not stop a robot that could compile
+            Path(temporary).unlink(missing_ok=True)
+            _log.warning("compiled kernel %s cannot be kept: %s", self._prefix, error)
+        for file in self._folder.glob(f"{self._prefix}.*.nbc"):
+            if not file.name.startswith(f"{self._prefix}.{self._version}."):
+                file.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Drop all that is kept of this kernel (numba's `recompile` asks for it)."""
+        for file in self._folder.glob(f"{self._prefix}.*.nbc"):
+            file.unlink(missing_ok=True)
+
+
+def fingerprint(function: Callable[..., object]) -> str:
+    """Return a hash of all that a kernel's machine code depends on, its arguments apart.
+
+    That is its bytecode, the constants and kernels that it names, these in turn, numba's version
+    and the settings of numba that change code (bounds checks, optimisation).
+    """
+    settings = (_numba.__version__, _numba.config.BOUNDSCHECK, _numba.config.OPT)
+    parts = [repr(settings).encode()]
+    parts.extend(_parts(function, set()))
+    return _hash(b"\0".join(parts))
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _parts(function: Callable[..., object], seen: set[int]) -> Iterator[bytes]:
+    """Yield the pieces that a function's machine code depends on; each function once."""
+    if id(function) in seen:
+        return
+    seen.add(id(function))
+    codes = list(_code_objects(function.__code__))
+    for code in codes:
+        constants = [c for c in code.co_consts if not isinstance(c, types.CodeType)]
+        yield code.co_code + repr((constants, code.co_names, code.co_varnames)).encode()
+    names = {name for code in codes for name in code.co_names}
+    scope = {name: function.__globals__[name] for name in names if name in function.__globals__}
+    for cell, name in zip(function.__closure__ or (), function.__code__.co_freevars, strict=True):
+        scope[name] = cell.cell_contents
+    for module in [value for value in scope.values() if isinstance(value, types.ModuleType)]:
+        for name in names & vars(module).keys():
+            scope[f"{module.__name__}.{name}"] = vars(module)[name]
+    for name in sorted(scope):
+        yield name.encode()
+        yield from _value_parts(scope[name], seen)
+
+
+def _code_objects(code: types.CodeType) -> Iterator[types.CodeType]:
+    """Yield a code object and those nested in it (comprehensions, inner functions)."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            yield from _code_objects(constant)
+
+
+def _value_parts(value: object, seen: set[int]) -> Iterator[bytes]:
+    """Yield what a named value adds: its content if numba freezes it into the code."""
+    inner = getattr(value, "py_func", None)
+    if inner is not None:
+        yield from _parts(inner, seen)
+    elif isinstance(value, np.ndarray):
+        array = cast("np.ndarray[Any, np.dtype[Any]]", value)
+        yield repr((array.dtype, array.shape)).encode() + array.tobytes()
+    elif isinstance(value, (bool, int, float, complex, str, bytes, tuple, np.generic)):
+        yield repr(cast("object", value)).encode()
