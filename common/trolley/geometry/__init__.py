@@ -1,6 +1,14 @@
 """Geometry in the plane: poses, velocities, frames, footprints and polygons."""
 
 from trolley.geometry.angles import angle_difference, wrap_angle, wrap_angles
+from trolley.geometry.footprint import (
+    circumscribed_radius,
+    footprint_from_box,
+    footprint_from_polygon,
+    footprint_from_radius,
+    inscribed_radius,
+)
+from trolley.geometry.frames import FrameTree, Link, MissingLink
 from trolley.geometry.motion import (
     exp_twist,
     integrate_twist,
@@ -8,19 +16,39 @@ from trolley.geometry.motion import (
     interpolate_straight,
     log_pose,
 )
+from trolley.geometry.polygon import (
+    check_polygon,
+    distance_to_outline,
+    distance_to_segments,
+    polygon_contains,
+    segments_meet,
+)
 from trolley.geometry.pose import Finite, Pose2D, Twist2D, pose_from_quaternion
 
 __all__ = [
     "Finite",
+    "FrameTree",
+    "Link",
+    "MissingLink",
     "Pose2D",
     "Twist2D",
     "angle_difference",
+    "check_polygon",
+    "circumscribed_radius",
+    "distance_to_outline",
+    "distance_to_segments",
     "exp_twist",
+    "footprint_from_box",
+    "footprint_from_polygon",
+    "footprint_from_radius",
+    "inscribed_radius",
     "integrate_twist",
     "interpolate",
     "interpolate_straight",
     "log_pose",
+    "polygon_contains",
     "pose_from_quaternion",
+    "segments_meet",
     "wrap_angle",
     "wrap_angles",
 ]

@@ -186,8 +186,7 @@ def pose_from_quaternion(x: float, y: float, orientation: Sequence[float]) -> Po
     length = math.hypot(*values)
     if length < MIN_QUATERNION_LENGTH:
         raise ValueError(
-            "the orientation has length zero and so no direction; "
-            "straight ahead is [0, 0, 0, 1]"
+            "the orientation has length zero and so no direction; straight ahead is [0, 0, 0, 1]"
         )
     qx, qy, qz, qw = (value / length for value in values)
     if math.hypot(qx, qy) > MAX_TILT:

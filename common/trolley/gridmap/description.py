@@ -90,8 +90,7 @@ def read_description(file: Path) -> MapDescription:
     if not 0.0 <= free_thresh < occupied_thresh <= 1.0:
         raise MapError(
             file,
-            f"the thresholds are out of order (free {free_thresh:g}, occupied "
-            f"{occupied_thresh:g})",
+            f"the thresholds are out of order (free {free_thresh:g}, occupied {occupied_thresh:g})",
             f"0 <= free_thresh < occupied_thresh <= 1 is needed; usual are {FREE_THRESH} and "
             f"{OCCUPIED_THRESH}",
         )
@@ -102,7 +101,7 @@ def read_description(file: Path) -> MapDescription:
         negate=_negate(file, keys["negate"]),
         occupied_thresh=occupied_thresh,
         free_thresh=free_thresh,
-        mode=cast("Mode", mode),
+        mode=mode,
     )
 
 

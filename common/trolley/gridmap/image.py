@@ -115,7 +115,9 @@ def encode_image(cells: NDArray[np.int8], description: MapDescription) -> "Pillo
     table = np.zeros(256, dtype=np.uint8)
     for value in np.unique(cells).tolist():
         if value not in pixels:
-            raise ValueError(f"a cell value of {value} cannot be written in mode {description.mode}")
+            raise ValueError(
+                f"a cell value of {value} cannot be written in mode {description.mode}"
+            )
         table[value % 256] = pixels[value]
     grey = table[cells[::-1].view(np.uint8)]
     if not transparent:
