@@ -1,0 +1,124 @@
+"""Every code of the wire with its sentence: error replies, goal, base and stop reasons.
+
+Codes are stable: programs compare them. Sentences are for people and may be replaced by a more
+precise one where it is raised.
+"""
+
+from typing import Any
+
+# Common to all requests.
+BAD_REQUEST = "bad_request"
+UNKNOWN_NAME = "unknown_name"
+TOO_LARGE = "too_large"
+NOT_READY = "not_ready"
+TIMEOUT = "timeout"
+INTERNAL = "internal"
+# Poses and maps.
+LOST = "lost"
+STALE = "stale"
+MOVING = "moving"
+NOT_CONVERGED = "not_converged"
+EXISTS = "exists"
+OUTSIDE_MAP = "outside_map"
+IN_OBSTACLE = "in_obstacle"
+WRONG_MAP = "wrong_map"
+# Goals.
+KEEPOUT = "keepout"
+NO_PATH = "no_path"
+NOT_LOCALIZED = "not_localized"
+WRONG_FRAME = "wrong_frame"
+STOPPED = "stopped"
+TOUR_NOT_RUNNING = "tour_not_running"
+NOT_CURRENT = "not_current"
+REPLACED = "replaced"
+CANCELED = "canceled"
+PAUSED = "paused"
+TAKEN_OVER = "taken_over"
+BLOCKED = "blocked"
+SLIP = "slip"
+OSCILLATION = "oscillation"
+WAITING = "waiting"
+RESTARTED = "restarted"
+# Trips.
+NOT_DRIVING = "not_driving"
+OTHER_GOAL = "other_goal"
+NO_PLANNER = "no_planner"
+ABORTED = "aborted"
+SKIPPED = "skipped"
+# Base.
+BUTTON = "button"
+STOP_FIELD = "stop_field"
+SCAN_LOST = "scan_lost"
+LINK_LOST = "link_lost"
+COMMAND_LOST = "command_lost"
+BUMPER = "bumper"
+CLIFF = "cliff"
+BATTERY = "battery"
+COLLISION = "collision"
+SHUTDOWN = "shutdown"
+# Storage.
+NOT_SAVED = "not_saved"
+
+SENTENCES: dict[str, str] = {
+    BAD_REQUEST: "The request is not understood.",
+    UNKNOWN_NAME: "There is nothing of that name.",
+    TOO_LARGE: "The message is larger than allowed.",
+    NOT_READY: "The service that answers this is not running or lacks something it needs.",
+    TIMEOUT: "There was no answer in time.",
+    INTERNAL: "The service met an error of its own; its log has the details.",
+    LOST: "The robot does not know where it is.",
+    STALE: "The newest pose is too old.",
+    MOVING: "The robot is moving; let it stand to save a place.",
+    NOT_CONVERGED: "The pose is not certain enough yet; drive a little or set the pose.",
+    EXISTS: "That name is taken; say replace to overwrite it.",
+    OUTSIDE_MAP: "That place lies outside the map.",
+    IN_OBSTACLE: "The robot does not fit there: something stands in that place.",
+    WRONG_MAP: "That place belongs to another map.",
+    KEEPOUT: "That place lies in a keep-out zone.",
+    NO_PATH: "There is no way there for a robot of this size.",
+    NOT_LOCALIZED: "The robot does not know where it is yet; set its pose or let it search.",
+    WRONG_FRAME: "Goals are taken in the planner's own frame only.",
+    STOPPED: "The robot is stopped; resume it first.",
+    TOUR_NOT_RUNNING: "Names of places need the tour service, which is not running.",
+    NOT_CURRENT: "That is not the current goal, so nothing was changed.",
+    REPLACED: "A newer goal took its place.",
+    CANCELED: "The goal was canceled.",
+    PAUSED: "The goal is paused; resume it or send a new one.",
+    TAKEN_OVER: "Somebody else drives the robot; resume the goal to go on.",
+    BLOCKED: "Something stands in the way and does not go.",
+    SLIP: "The wheels turn but the robot does not get on.",
+    OSCILLATION: "The robot goes back and forth without getting nearer.",
+    WAITING: "The robot waits for the way to clear.",
+    RESTARTED: "The service was restarted.",
+    NOT_DRIVING: "No trip is under way.",
+    OTHER_GOAL: "Somebody sent the robot elsewhere; resume the tour to go on.",
+    NO_PLANNER: "The planner is not running; the trip goes on when it is back.",
+    ABORTED: "The trip was given up after a stop failed.",
+    SKIPPED: "The stop was skipped.",
+    BUTTON: "The stop button was pressed.",
+    STOP_FIELD: "Something is too close in the direction of travel.",
+    SCAN_LOST: "The lidar is silent.",
+    LINK_LOST: "The connection to the motor board is down.",
+    COMMAND_LOST: "Commands stopped coming.",
+    BUMPER: "The bumper was hit.",
+    CLIFF: "A cliff sensor sees no floor.",
+    BATTERY: "The battery is too low to drive.",
+    COLLISION: "The robot touched something.",
+    SHUTDOWN: "The base service is shutting down.",
+    NOT_SAVED: "It could not be written to disk.",
+}
+"""One plain sentence per code."""
+
+
+class Refused(Exception):
+    """A request was refused: `code` is one of this module, the message one plain sentence.
+
+    Services raise it to refuse; clients get it raised when they are refused.
+    """
+
+    def __init__(self, code: str, message: str | None = None, **details: Any) -> None:
+        """Make a refusal; without `message` the code's own sentence stands."""
+        self.code = code
+        self.message = SENTENCES.get(code, code) if message is None else message
+        self.details = details
+        super().__init__(self.message)

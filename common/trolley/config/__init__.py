@@ -1,0 +1,37 @@
+"""One `robot.toml` per robot, decoded once into frozen structs; one module per section.
+
+Unknown keys, wrong types and values out of range are refused with file, key and what is allowed.
+"""
+
+from trolley.config.base import BaseConfig
+from trolley.config.load import ConfigError, RobotConfig, find_config, load_config
+from trolley.config.localizer import LocalizerConfig
+from trolley.config.planner import PlannerConfig
+from trolley.config.robot import (
+    FootprintConfig,
+    MapSection,
+    PoseConfig,
+    RobotSection,
+    StartSection,
+    ZenohSection,
+)
+from trolley.config.tour import TourConfig
+from trolley.config.viz import VizConfig
+
+__all__ = [
+    "BaseConfig",
+    "ConfigError",
+    "FootprintConfig",
+    "LocalizerConfig",
+    "MapSection",
+    "PlannerConfig",
+    "PoseConfig",
+    "RobotConfig",
+    "RobotSection",
+    "StartSection",
+    "TourConfig",
+    "VizConfig",
+    "ZenohSection",
+    "find_config",
+    "load_config",
+]

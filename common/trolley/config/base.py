@@ -1,0 +1,61 @@
+"""`[base]`: the hardware or the simulated world, limits, and who may drive."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from trolley.config.robot import PoseConfig
+
+Speed = Annotated[float, Meta(gt=0.0, le=5.0)]
+Rate = Annotated[float, Meta(gt=0.0, le=10.0)]
+
+
+class SimulatedConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.simulated]`: the world that a simulated robot drives in."""
+
+    world: str = "apartment.toml"
+    """A world file, relative to this file, or the name of one that ships with Trolley."""
+    seed: Annotated[int, Meta(ge=0, le=2**31 - 1)] = 0
+    """Fixes noise, slip, odometry bias and people."""
+    rate: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
+    """Simulated seconds per real second."""
+    start: PoseConfig | None = None
+    """Where the robot truly stands at first; the world's own start if not given."""
+
+
+class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.recording]`: a recorded drive to play instead of hardware."""
+
+    file: str
+    """An npz file with stamps, odom, ranges_mm, angle_min, angle_increment and range_max."""
+    rate: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
+    """Recorded seconds per real second."""
+
+
+class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.limits]`: what no source may exceed."""
+
+    max_speed_mps: Speed = 0.5
+    max_wz_radps: Rate = 1.5
+    acceleration_mps2: Rate = 0.8
+    deceleration_mps2: Rate = 1.0
+    """What the robot can surely brake with; the stop field counts on it."""
+    angular_acceleration_radps2: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
+
+
+class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What can be set about the base."""
+
+    driver: Literal["simulated", "recording"] = "simulated"
+    """What moves and sees."""
+    simulated: SimulatedConfig = SimulatedConfig()
+    recording: RecordingConfig | None = None
+    limits: LimitsConfig = LimitsConfig()
+    sources: dict[str, Annotated[int, Meta(ge=0, le=1000)]] = {
+        "teleop": 20,
+        "calibrate": 15,
+        "planner": 10,
+    }
+    """Priority of each command source; the highest with a fresh command drives."""
+    stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
+    """How far before an echo the stop field stops the robot."""

@@ -1,0 +1,81 @@
+"""Reading `robot.toml`."""
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from trolley.config.base import BaseConfig
+from trolley.config.localizer import LocalizerConfig
+from trolley.config.planner import PlannerConfig
+from trolley.config.robot import MapSection, RobotSection, StartSection, ZenohSection
+from trolley.config.tour import TourConfig
+from trolley.config.viz import VizConfig
+
+DEFAULT_PATH = Path("/etc/trolley/robot.toml")
+
+
+class ConfigError(Exception):
+    """The configuration cannot be used; the text names file, key and what is allowed."""
+
+
+class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of `robot.toml`."""
+
+    robot: RobotSection
+    map: MapSection = MapSection()
+    start: StartSection = StartSection()
+    zenoh: ZenohSection = ZenohSection()
+    base: BaseConfig = BaseConfig()
+    localizer: LocalizerConfig = LocalizerConfig()
+    planner: PlannerConfig = PlannerConfig()
+    tour: TourConfig = TourConfig()
+    viz: VizConfig = VizConfig()
+    folder: str = ""
+    """Where the file lies (set on loading): paths in it are relative to this."""
+
+    def path(self, name: str) -> Path:
+        """A file named in the configuration: absolute, or relative to the configuration's folder."""
+        return Path(self.folder) / Path(name).expanduser()
+
+
+def find_config(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path | None:
+    """The configuration file to use: `given`, then `TROLLEY_CONFIG`, then /etc; None if there is none."""
+    if given is not None:
+        return given
+    if environment.get("TROLLEY_CONFIG"):
+        return Path(environment["TROLLEY_CONFIG"])
+    return DEFAULT_PATH if DEFAULT_PATH.exists() else None
+
+
+def load_config(path: Path) -> RobotConfig:
+    """Read and validate a `robot.toml`.
+
+    Raises:
+        ConfigError: It cannot be read, or a key in it is unknown or not allowed.
+    """
+    try:
+        plain = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is no UTF-8 text") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: is no valid TOML: {error}") from error
+    if "folder" in plain:
+        raise ConfigError(f"{path}: unknown key `folder`")
+    try:
+        return msgspec.convert({**plain, "folder": str(path.resolve().parent)}, type=RobotConfig)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {_readable(str(error))}") from error
+
+
+def _readable(problem: str) -> str:
+    """Turn msgspec's words into the file's: `$.planner.speed` is key `planner.speed`."""
+    text, _, where = problem.partition(" - at `$")
+    key = where.rstrip("`").lstrip(".")
+    text = text.replace("Object contains unknown field", "unknown key").replace("Object missing required field", "missing key")
+    return f"[{key}] {text}" if key else text

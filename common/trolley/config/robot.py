@@ -1,0 +1,97 @@
+"""`[robot]`, `[map]`, `[start]`, `[zenoh]`: what more than one service needs."""
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from trolley.geometry import Pose2D, pose_from_quaternion
+from trolley.geometry.pose import Finite
+from trolley.messages.motion import Drive, RobotName
+from trolley.messages.types import Point
+
+Length = Annotated[float, Meta(ge=0.02, le=5.0)]
+
+
+class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The robot's outline in `base_link`: length and width, or a radius, or a polygon."""
+
+    length_m: Length | None = None
+    """Along x, centred on `base_link`; with `width_m`."""
+    width_m: Length | None = None
+    """Along y; with `length_m`."""
+    radius_m: Annotated[float, Meta(ge=0.02, le=2.5)] | None = None
+    """A round robot."""
+    polygon_m: Annotated[list[Point], Meta(min_length=3, max_length=64)] | None = None
+    """Corners [x, y] in order; `base_link` lies inside."""
+
+    def __post_init__(self) -> None:
+        """Refuse a footprint that is given in two ways, half, or not at all."""
+        ways = [
+            self.length_m is not None or self.width_m is not None,
+            self.radius_m is not None,
+            self.polygon_m is not None,
+        ]
+        if sum(ways) != 1 or (ways[0] and (self.length_m is None or self.width_m is None)):
+            raise ValueError(
+                "give the footprint as {length_m, width_m}, as {radius_m} or as {polygon_m = [[x, y], ...]}"
+            )
+
+
+class RobotSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[robot]`: who it is and how large."""
+
+    name: RobotName
+    """In every key of the wire: 1 to 32 of a-z, 0-9, _ and -."""
+    title: Annotated[str, Meta(max_length=64)] = ""
+    """What the viewer calls it; the name if empty."""
+    footprint: FootprintConfig
+    drive: Drive = "differential"
+    mesh: str | None = None
+    """A glb file with the robot's body, 1 MiB at most."""
+
+
+class MapSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[map]`: the map to begin with."""
+
+    file: str | None = None
+    """A ROS map_server YAML file, relative to this file; its stem is the map's name."""
+
+
+class PoseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A pose in a file: x, y and either yaw or orientation (a quaternion about z)."""
+
+    x: Finite
+    y: Finite
+    yaw: Finite | None = None
+    orientation: tuple[Finite, Finite, Finite, Finite] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two headings or none, and a rotation that is not about z."""
+        if (self.yaw is None) == (self.orientation is None):
+            raise ValueError("give either yaw or orientation = [x, y, z, w]")
+        self.as_pose()
+
+    def as_pose(self) -> Pose2D:
+        """The pose, its yaw wrapped."""
+        if self.orientation is not None:
+            return pose_from_quaternion(self.x, self.y, self.orientation)
+        return Pose2D.from_array((self.x, self.y, self.yaw))
+
+
+class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[start]`: where the robot stands when it is switched on and no last pose is known."""
+
+    pose: PoseConfig | str | None = None
+    """Coordinates on the map, or the name of a saved pose; without it the robot searches."""
+    always: bool = False
+    """Begin here even when a last pose is known."""
+
+
+class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[zenoh]`: how services find each other."""
+
+    connect: Annotated[list[str], Meta(min_length=1)] = ["tcp/127.0.0.1:7447"]
+    """Endpoints of the router that services and tools connect to."""
+    uplink: list[str] = []
+    """Endpoints of a home router that this robot's router links to."""
+

@@ -1,0 +1,101 @@
+"""Parameters of the requests: one struct per request, decoded strictly (unknown fields are refused)."""
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from trolley.geometry.pose import Pose2D
+from trolley.messages.driving import GoalId
+from trolley.messages.mapping import MapName
+from trolley.messages.touring import Tour
+from trolley.messages.types import Covariance, Positive
+
+
+class Nothing(Struct, frozen=True, kw_only=True):
+    """A request without parameters."""
+
+
+class Capture(Struct, frozen=True, kw_only=True):
+    """Where are you? With a `name` the pose is saved under it, replacing one only if `replace`."""
+
+    name: str | None = None
+    icon: str = ""
+    replace: bool = False
+
+
+class SetPose(Struct, frozen=True, kw_only=True):
+    """The robot is about at map_T_base `pose`."""
+
+    pose: Pose2D
+    covariance: Covariance | None = None
+
+
+class SendGoal(Struct, frozen=True, kw_only=True):
+    """Drive to `pose` in `frame`, or to the saved pose `name`: exactly one of the two.
+
+    `xy_tolerance` [m], `yaw_tolerance` [rad] (pi or more: any heading), `speed` [m/s] at most.
+    """
+
+    id: GoalId | None = None
+    pose: Pose2D | None = None
+    name: str | None = None
+    frame: str | None = None
+    via: Annotated[list[Pose2D], Meta(max_length=1000)] = []
+    xy_tolerance: Positive = 0.05
+    yaw_tolerance: Positive = 0.05
+    speed: Positive | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a goal that names two places or none."""
+        if (self.pose is None) == (self.name is None):
+            raise ValueError("give either pose or name")
+
+
+class WhichGoal(Struct, frozen=True, kw_only=True):
+    """The goal meant; without an id the current one."""
+
+    id: GoalId | None = None
+
+
+class StartTour(Struct, frozen=True, kw_only=True):
+    """Start the stored tour `name`, or the one given: exactly one of the two."""
+
+    name: str | None = None
+    tour: Tour | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two tours or none."""
+        if (self.name is None) == (self.tour is None):
+            raise ValueError("give either name or tour")
+
+
+class AskHistory(Struct, frozen=True, kw_only=True):
+    """Past trips that started at or after `since` (ISO 8601), the newest `limit` of them."""
+
+    since: str | None = None
+    limit: Annotated[int, Meta(ge=1, le=1000)] = 100
+
+
+class AskOffer(Struct, frozen=True, kw_only=True):
+    """How soon could you be at `pose` or the saved pose `name`?"""
+
+    pose: Pose2D | None = None
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two places or none."""
+        if (self.pose is None) == (self.name is None):
+            raise ValueError("give either pose or name")
+
+
+class Named(Struct, frozen=True, kw_only=True):
+    """The thing of this name."""
+
+    name: str
+
+
+class LoadMap(Struct, frozen=True, kw_only=True):
+    """Load the map `name`; the robot is at `pose` on it, or searches."""
+
+    name: MapName
+    pose: Pose2D | None = None

@@ -1,0 +1,47 @@
+"""Messages of the planner: the goal and how it goes, the path, the trajectory."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from trolley.geometry.pose import Pose2D
+from trolley.messages.types import Count, NonNegative, Point, StampNs, check_floats
+
+GoalId = Annotated[str, Meta(pattern=r"\A[a-z0-9-]{1,36}\Z")]
+GoalState = Literal[
+    "idle", "planning", "driving", "recovering", "paused", "arrived", "failed", "canceled"
+]
+
+
+class GoalStatus(Struct, frozen=True, kw_only=True):
+    """How the current goal goes. Owned by `planner`, on change and at 5 Hz while it drives.
+
+    `pose` is the goal in `frame`; `distance_remaining` [m] along the path, `eta` and `elapsed` [s];
+    `recoveries` counts tries to get free; `blocked` are the points [m] in `frame` that are in the way.
+    """
+
+    stamp_ns: StampNs
+    id: str | None
+    state: GoalState
+    reason: str = ""
+    message: str = ""
+    frame: str = "map"
+    pose: Pose2D | None = None
+    distance_remaining: NonNegative | None = None
+    eta: NonNegative | None = None
+    elapsed: NonNegative = 0.0
+    recoveries: Count = 0
+    blocked: list[Point] = []
+
+
+class Path(Struct, frozen=True, kw_only=True):
+    """Poses float32 (N, 3) x, y, yaw in `frame`; `dt` [s] between two of them, 0 = no times."""
+
+    stamp_ns: StampNs
+    frame: str
+    poses: memoryview
+    dt: NonNegative = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse poses that are no float32 triples."""
+        check_floats("Path", "poses", self.poses, 3)

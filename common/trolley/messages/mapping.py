@@ -1,0 +1,121 @@
+"""Messages about the map and the pose on it."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from trolley.geometry.pose import Pose2D
+from trolley.messages.types import (
+    Count,
+    Covariance,
+    NonNegative,
+    Point,
+    Positive,
+    Share,
+    StampNs,
+    check_floats,
+)
+
+MapName = Annotated[str, Meta(pattern=r"\A(?!\.)[A-Za-z0-9_.-]{1,64}\Z")]
+"""A map's name: the stem of its file."""
+
+ZoneKind = Literal["mirror", "glass", "keepout", "speed"]
+PoseState = Literal["searching", "localized", "unsure", "lost", "mapping"]
+
+
+class OccupancyGrid(Struct, frozen=True, kw_only=True):
+    """A grid of int8 cells, row-major: index = row * width + col, `resolution` [m] an edge.
+
+    The outer corner of cell (0, 0) is at `origin` (frame_T_grid), columns along its +x, rows along
+    +y. On `map`: 0 free to 100 occupied, -1 unknown. On `costmap`: 100 the footprint's centre must
+    not be here, 99 inscribed, -1 unknown.
+    """
+
+    stamp_ns: StampNs
+    name: str
+    frame: str
+    resolution: Positive
+    width: Count
+    height: Count
+    origin: Pose2D
+    cells: memoryview
+
+    def __post_init__(self) -> None:
+        """Refuse cells that do not fill width x height."""
+        if len(self.cells) != self.width * self.height:
+            raise ValueError(
+                f"OccupancyGrid.cells: {len(self.cells)} bytes for {self.width} x {self.height} cells"
+            )
+
+
+class Zone(Struct, frozen=True, kw_only=True):
+    """A named part of the map: `mirror` and `glass` are polylines, `keepout` and `speed` polygons.
+
+    Points are in `map` [m]; polygons close by themselves. `speed` [m/s] only for `speed` zones.
+    """
+
+    name: str
+    kind: ZoneKind
+    points: Annotated[list[Point], Meta(min_length=2, max_length=10_000)]
+    speed: Positive | None = None
+
+
+class Zones(Struct, frozen=True, kw_only=True):
+    """All zones of one map. Owned by `localizer`, on change."""
+
+    stamp_ns: StampNs
+    map: str
+    zones: list[Zone]
+
+
+class Candidate(Struct, frozen=True, kw_only=True):
+    """One place where the robot might be."""
+
+    pose: Pose2D
+    match: Share
+
+
+class PoseEstimate(Struct, frozen=True, kw_only=True):
+    """Where the robot is: `pose` is map_T_base at `stamp_ns`. Owned by `localizer`, each scan.
+
+    `pose` and `covariance` are null until first known. `match` is the share of beams that the map
+    explains, `spread` [m] how far the hypotheses lie apart, `candidates` the places between which a
+    search cannot decide; `wants_turn` asks for a turn in place to tell them apart.
+    """
+
+    stamp_ns: StampNs
+    map: str | None
+    pose: Pose2D | None
+    covariance: Covariance | None
+    state: PoseState
+    match: Share
+    spread: NonNegative
+    candidates: list[Candidate] = []
+    wants_turn: bool = False
+    message: str = ""
+
+
+class ParticleCloud(Struct, frozen=True, kw_only=True):
+    """The localizer's hypotheses: poses float32 (N, 3) x, y, yaw in `map`; weights float32 (N,)."""
+
+    stamp_ns: StampNs
+    poses: memoryview
+    weights: memoryview
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that do not fit each other."""
+        poses = check_floats("ParticleCloud", "poses", self.poses, 3)
+        weights = check_floats("ParticleCloud", "weights", self.weights)
+        if poses != weights:
+            raise ValueError(f"ParticleCloud.weights: {weights} values for {poses} poses")
+
+
+class MapInfo(Struct, frozen=True, kw_only=True):
+    """A loaded map without its cells."""
+
+    name: str
+    frame: str
+    resolution: Positive
+    width: Count
+    height: Count
+    origin: Pose2D

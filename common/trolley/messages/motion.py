@@ -1,0 +1,142 @@
+"""Messages of `base`: the robot itself, its clock, odometry, inertial readings, transforms and commands."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from trolley.geometry.pose import Finite, Pose2D, Twist2D
+from trolley.messages.types import NonNegative, Point, Point3, Positive, Share, StampNs
+
+PROTOCOL = 1
+MAX_MESH_BYTES = 1 << 20
+
+RobotName = Annotated[str, Meta(pattern=r"\A[a-z0-9_-]{1,32}\Z")]
+"""A robot's name, as it stands in every key."""
+
+Drive = Literal["differential", "skid_steer", "mecanum"]
+
+
+class Robot(Struct, frozen=True, kw_only=True):
+    """Who this robot is: owned by `base`, published on change, the way a robot is discovered.
+
+    `footprint` is a polygon in `base_link` [m]; `max_speed` [m/s], `max_wz` [rad/s] and
+    `deceleration` [m/s^2] are the limits that `base` enforces; `mesh` is a glb body or null.
+    """
+
+    stamp_ns: StampNs
+    protocol: int = PROTOCOL
+    name: RobotName
+    title: str
+    footprint: Annotated[list[Point], Meta(min_length=3)]
+    drive: Drive
+    max_speed: Positive
+    max_wz: Positive
+    deceleration: Positive
+    mesh: bytes | None = None
+    simulated: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a mesh over 1 MiB."""
+        if self.mesh is not None and len(self.mesh) > MAX_MESH_BYTES:
+            raise ValueError(
+                f"Robot.mesh: {len(self.mesh)} bytes, at most {MAX_MESH_BYTES} are allowed"
+            )
+
+
+class Clock(Struct, frozen=True, kw_only=True):
+    """Robot time, owned by `base`, 10 Hz: `rate` robot seconds pass in one real second.
+
+    `epoch` is the robot time [ns] at which this run of `base` began; sensor and pose messages
+    stamped before it belong to an earlier run.
+    """
+
+    stamp_ns: StampNs
+    rate: Positive
+    epoch: StampNs
+
+
+class Odometry(Struct, frozen=True, kw_only=True):
+    """Where the wheels say the robot is: `pose` is odom_T_base, `twist` in `base_link`. `base`, 20-50 Hz."""
+
+    stamp_ns: StampNs
+    pose: Pose2D
+    twist: Twist2D
+
+
+class Imu(Struct, frozen=True, kw_only=True):
+    """Inertial readings turned into `base_link`: angular velocity [rad/s], linear acceleration [m/s^2]."""
+
+    stamp_ns: StampNs
+    angular_velocity: Point3
+    linear_acceleration: Point3
+
+
+class Transform(Struct, frozen=True, kw_only=True):
+    """`pose` is parent_T_child; `z` [m] is the child's height above the parent's ground plane."""
+
+    stamp_ns: StampNs
+    parent: str
+    child: str
+    pose: Pose2D
+    z: Finite = 0.0
+
+
+class VelocityCommand(Struct, frozen=True, kw_only=True):
+    """A wanted velocity of `base_link`, good for `valid_for` seconds from its arrival (at most 0.5).
+
+    `scan_ns` is the stamp of the scan it was computed with, 0 if none. On `cmd_vel/<source>` it is
+    a wish of the source, on `cmd_vel` what `base` drives. Whether `valid_for` is usable is for
+    `base` to judge and count, so any finite number passes here.
+    """
+
+    stamp_ns: StampNs
+    twist: Twist2D
+    valid_for: Finite
+    scan_ns: StampNs = 0
+
+
+class Battery(Struct, frozen=True, kw_only=True):
+    """Charge as a share, voltage [V], and whether it is charging; null where unknown."""
+
+    fraction: Share | None = None
+    voltage: NonNegative | None = None
+    charging: bool | None = None
+
+
+class Link(Struct, frozen=True, kw_only=True):
+    """A connection of `base` to a piece of hardware."""
+
+    name: str
+    state: Literal["up", "down", "searching"]
+    message: str = ""
+
+
+class BaseState(Struct, frozen=True, kw_only=True):
+    """What `base` is doing, on change and at 1 Hz.
+
+    `mode`: `ok`; `stopped` (latched until resumed); `held` (goes on by itself); `fault`. `source`
+    is the command source that drives now, null if none; `reason` a code, "" if none.
+    """
+
+    stamp_ns: StampNs
+    mode: Literal["ok", "stopped", "held", "fault"]
+    source: str | None = None
+    reason: str = ""
+    message: str = ""
+    links: list[Link] = []
+    battery: Battery | None = None
+
+
+class Truth(Struct, frozen=True, kw_only=True):
+    """Where the simulated robot really is: world_T_base, 20 Hz.
+
+    `collisions` counts contacts that the robot drove into (over 0.02 m/s); `clearance` [m] is the
+    distance from the footprint to the nearest solid thing.
+    """
+
+    stamp_ns: StampNs
+    world: str
+    pose: Pose2D
+    twist: Twist2D
+    collisions: int
+    clearance: Finite

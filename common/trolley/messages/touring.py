@@ -1,0 +1,143 @@
+"""Messages of `tour`: what people store (poses, tours) and the trip under way."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from trolley.geometry.pose import Pose2D
+from trolley.messages.mapping import PoseState
+from trolley.messages.types import Count, Covariance, NonNegative, Positive, Share, StampNs
+
+Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
+TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", "failed", "stopped"]
+
+
+class SavedPose(Struct, frozen=True, kw_only=True):
+    """A named place: map_T_base on the map called `map`. `saved_at` is UTC, ISO 8601, or null."""
+
+    name: str
+    map: str
+    pose: Pose2D
+    covariance: Covariance | None = None
+    saved_at: str | None = None
+    icon: str = ""
+    note: str = ""
+
+
+class SavedPoses(Struct, frozen=True, kw_only=True):
+    """All named places. Owned by `tour`, on change."""
+
+    stamp_ns: StampNs
+    poses: list[SavedPose]
+
+
+class CapturedPose(Struct, frozen=True, kw_only=True):
+    """The answer to `pose/capture`: a SavedPose (name "" where it was not saved) and how good it is.
+
+    `age` [s] of the newest estimate.
+    """
+
+    name: str
+    map: str
+    pose: Pose2D
+    covariance: Covariance | None = None
+    saved_at: str | None = None
+    icon: str = ""
+    note: str = ""
+    state: PoseState
+    match: Share
+    age: NonNegative
+
+
+class Stop(Struct, frozen=True, kw_only=True):
+    """One stop of a tour: `pose` (in `map`) or the `name` of a saved pose, exactly one of the two.
+
+    `via` are poses passed on the way; `dwell` [s] is the stay, `timeout` [s] bounds the drive (null:
+    none), `retries` are further tries before `on_failure` applies.
+    """
+
+    pose: Pose2D | None = None
+    name: str | None = None
+    via: list[Pose2D] = []
+    dwell: NonNegative = 0.0
+    timeout: Positive | None = None
+    retries: Count = 0
+    on_failure: Literal["retry", "skip", "abort"] = "abort"
+
+    def __post_init__(self) -> None:
+        """Refuse a stop that names two places or none."""
+        if (self.pose is None) == (self.name is None):
+            raise ValueError("Stop: give either pose or name")
+
+
+class ScheduleEntry(Struct, frozen=True, kw_only=True):
+    """Start at a local time of day, such as "08:30", on these days (empty: every day)."""
+
+    days: list[Day] = []
+    at: Annotated[str, Meta(pattern=r"\A([01][0-9]|2[0-3]):[0-5][0-9]\Z")]
+
+
+class Tour(Struct, frozen=True, kw_only=True):
+    """A trip through several places. `repeat` 0 = for ever; `resume`: go on after a reboot."""
+
+    name: str
+    stops: Annotated[list[Stop], Meta(min_length=1, max_length=1000)]
+    repeat: Count = 1
+    there_and_back: bool = False
+    schedule: list[ScheduleEntry] = []
+    resume: bool = False
+
+
+class Tours(Struct, frozen=True, kw_only=True):
+    """All tours. Owned by `tour`, on change."""
+
+    stamp_ns: StampNs
+    tours: list[Tour]
+
+
+class StopResult(Struct, frozen=True, kw_only=True):
+    """How one stop ended. `stop` is its index in the tour; `code` says why it was not reached."""
+
+    stop: Count
+    name: str | None
+    state: Literal["reached", "skipped", "failed"]
+    code: str = ""
+    message: str = ""
+    started_at: str | None = None
+    seconds: NonNegative = 0.0
+
+
+class TourStatus(Struct, frozen=True, kw_only=True):
+    """The trip under way or the last one. `trip` is its id, `stop` the index of the stop, `lap` from 0."""
+
+    stamp_ns: StampNs
+    name: str | None
+    trip: Annotated[str, Meta(pattern=r"\A[a-z0-9]{1,12}\Z")] | None
+    state: TripState
+    reason: str = ""
+    message: str = ""
+    stop: Count | None = None
+    lap: Count = 0
+    results: list[StopResult] = []
+
+
+class PastTrip(Struct, frozen=True, kw_only=True):
+    """A trip of the history."""
+
+    trip: str
+    name: str | None
+    state: TripState
+    reason: str = ""
+    message: str = ""
+    started_at: str | None = None
+    ended_at: str | None = None
+    seconds: NonNegative = 0.0
+    results: list[StopResult] = []
+
+
+class Offer(Struct, frozen=True, kw_only=True):
+    """How soon this robot could be there: `seconds` null where it cannot, with the code in `reason`."""
+
+    free: bool
+    seconds: NonNegative | None = None
+    reason: str = ""

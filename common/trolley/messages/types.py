@@ -1,0 +1,87 @@
+"""Field types that the messages share: stamps, finite numbers, names, and numeric arrays as bytes."""
+
+import unicodedata
+from typing import Annotated, Any
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from trolley.geometry.pose import Finite
+
+StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+"""Robot time [ns]; 0 = the sender has no robot time."""
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+"""A part of the whole, 0 to 1."""
+
+NonNegative = Annotated[float, Meta(ge=0.0, le=1e308)]
+"""A finite number that is not negative."""
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e308)]
+"""A finite number above zero."""
+
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+"""How many."""
+
+Point = tuple[Finite, Finite]
+"""x, y [m]."""
+
+Point3 = tuple[Finite, Finite, Finite]
+"""x, y, z [m]."""
+
+Colour = tuple[Share, Share, Share, Share]
+"""Red, green, blue, alpha, each 0 to 1."""
+
+Covariance = Annotated[list[Finite], Meta(min_length=9, max_length=9)]
+"""3 x 3 row-major over x, y [m] and yaw [rad]."""
+
+MAX_NAME_LENGTH = 64
+
+_NAME_EXTRAS = "_-."
+
+
+def name_problem(name: str) -> str | None:
+    """Tell in one sentence what keeps `name` from naming a place, tour, zone or marker; None if nothing.
+
+    Names are 1 to 64 characters after NFC: letters, combining marks and digits of any script,
+    inner single spaces, `_`, `-` and `.`, with no leading dot.
+    """
+    text = unicodedata.normalize("NFC", name)
+    if not 1 <= len(text) <= MAX_NAME_LENGTH:
+        return f"a name has 1 to {MAX_NAME_LENGTH} characters, this one has {len(text)}"
+    if text[0] == ".":
+        return "a name may not begin with a dot"
+    if text != " ".join(text.split(" ")).strip() or "  " in text:
+        return "a name may hold single spaces only, and only inside"
+    for character in text:
+        if (
+            character != " "
+            and character not in _NAME_EXTRAS
+            and unicodedata.category(character)[0] not in "LMN"
+        ):
+            return (
+                f"a name may not hold {character!r}: use letters, digits, spaces, '_', '-' and '.'"
+            )
+    return None
+
+
+def floats_to_bytes(values: NDArray[Any]) -> memoryview:
+    """Give `values` as the contract's array bytes: float32, little-endian, C order, any shape."""
+    return memoryview(np.ascontiguousarray(values, dtype="<f4").tobytes())
+
+
+def floats_from_bytes(data: memoryview | bytes, columns: int = 1) -> NDArray[np.float32]:
+    """View array bytes as float32: shape (N,), or (N, columns) when `columns` > 1. Read-only, no copy."""
+    values = np.frombuffer(data, dtype="<f4")
+    return values if columns == 1 else values.reshape(-1, columns)
+
+
+def check_floats(owner: str, field: str, data: memoryview | bytes, columns: int = 1) -> int:
+    """Return the number of rows in array bytes; raise ValueError where the length does not fit float32 rows."""
+    rows, rest = divmod(len(data), 4 * columns)
+    if rest:
+        raise ValueError(
+            f"{owner}.{field}: {len(data)} bytes are no whole number of {columns} x float32 rows"
+        )
+    return rows

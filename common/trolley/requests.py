@@ -1,0 +1,112 @@
+"""The one table of requests: key under `@do/`, parameters, reply, who answers, and what it may refuse."""
+
+import dataclasses
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from trolley import codes
+from trolley import messages as m
+from trolley.messages import asking
+from trolley.topics import ROOT
+
+P = TypeVar("P", bound=msgspec.Struct)
+R = TypeVar("R")
+
+
+@dataclasses.dataclass(frozen=True)
+class Request(Generic[P, R]):
+    """A row. `reply` is what msgspec encodes as the answer; `refusals` besides the common codes."""
+
+    name: str
+    params: type[P]
+    reply: type[R]
+    owner: str
+    refusals: tuple[str, ...] = ()
+    always: bool = False  # obeyed whatever the payload holds, and for all robots at once
+
+    def key(self, robot: str) -> str:
+        """The full key; "*" as robot is allowed only where the row says `always`."""
+        return f"{ROOT}/{robot}/@do/{self.name}"
+
+
+GOAL_REFUSALS = (
+    codes.IN_OBSTACLE,
+    codes.OUTSIDE_MAP,
+    codes.KEEPOUT,
+    codes.NO_PATH,
+    codes.NOT_LOCALIZED,
+    codes.WRONG_FRAME,
+    codes.WRONG_MAP,
+    codes.STOPPED,
+    codes.TOUR_NOT_RUNNING,
+)
+
+POSE_CAPTURE = Request(
+    "pose/capture",
+    asking.Capture,
+    m.CapturedPose,
+    "tour",
+    (codes.LOST, codes.STALE, codes.MOVING, codes.NOT_CONVERGED, codes.EXISTS),
+)
+POSE_SET = Request(
+    "pose/set", asking.SetPose, m.PoseEstimate, "localizer", (codes.OUTSIDE_MAP, codes.IN_OBSTACLE)
+)
+POSE_FIND = Request("pose/find", asking.Nothing, m.PoseEstimate, "localizer")
+GOAL_SEND = Request("goal/send", asking.SendGoal, m.GoalStatus, "planner", GOAL_REFUSALS)
+GOAL_PREVIEW = Request("goal/preview", asking.SendGoal, m.Path, "planner", GOAL_REFUSALS)
+GOAL_CANCEL = Request(
+    "goal/cancel", asking.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT,)
+)
+GOAL_PAUSE = Request("goal/pause", asking.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT,))
+GOAL_RESUME = Request(
+    "goal/resume", asking.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT, codes.STOPPED)
+)
+TOUR_START = Request("tour/start", asking.StartTour, m.TourStatus, "tour")
+TOUR_STOP = Request("tour/stop", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
+TOUR_PAUSE = Request("tour/pause", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
+TOUR_RESUME = Request("tour/resume", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
+TOUR_SKIP = Request("tour/skip", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
+TOUR_HISTORY = Request("tour/history", asking.AskHistory, list[m.PastTrip], "tour")
+TOUR_OFFER = Request("tour/offer", asking.AskOffer, m.Offer, "tour")
+POSES_PUT = Request("poses/put", m.SavedPose, m.SavedPose, "tour", (codes.NOT_SAVED,))
+POSES_DELETE = Request("poses/delete", asking.Named, m.SavedPose, "tour", (codes.NOT_SAVED,))
+TOURS_PUT = Request("tours/put", m.Tour, m.Tour, "tour", (codes.NOT_SAVED,))
+TOURS_DELETE = Request("tours/delete", asking.Named, m.Tour, "tour", (codes.NOT_SAVED,))
+ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED,))
+ZONES_DELETE = Request("zones/delete", asking.Named, m.Zone, "localizer", (codes.NOT_SAVED,))
+BASE_STOP = Request("base/stop", asking.Nothing, m.BaseState, "base", always=True)
+BASE_RESUME = Request("base/resume", asking.Nothing, m.BaseState, "base")
+MAP_LIST = Request("map/list", asking.Nothing, list[str], "localizer")
+MAP_LOAD = Request(
+    "map/load", asking.LoadMap, m.MapInfo, "localizer", (codes.OUTSIDE_MAP, codes.IN_OBSTACLE)
+)
+
+REQUESTS: tuple[Request[Any, Any], ...] = (
+    POSE_CAPTURE,
+    POSE_SET,
+    POSE_FIND,
+    GOAL_SEND,
+    GOAL_PREVIEW,
+    GOAL_CANCEL,
+    GOAL_PAUSE,
+    GOAL_RESUME,
+    TOUR_START,
+    TOUR_STOP,
+    TOUR_PAUSE,
+    TOUR_RESUME,
+    TOUR_SKIP,
+    TOUR_HISTORY,
+    TOUR_OFFER,
+    POSES_PUT,
+    POSES_DELETE,
+    TOURS_PUT,
+    TOURS_DELETE,
+    ZONES_PUT,
+    ZONES_DELETE,
+    BASE_STOP,
+    BASE_RESUME,
+    MAP_LIST,
+    MAP_LOAD,
+)
+"""All rows."""

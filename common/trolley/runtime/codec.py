@@ -1,0 +1,135 @@
+"""Messages to bytes and back: msgpack or JSON, with everything that arrives validated.
+
+Broken input of any kind (truncated, wrong type, out of range, nested too deeply) ends in `BadPayload`.
+"""
+
+import json
+from typing import Any, Literal, TypeVar, cast
+from urllib.parse import unquote
+
+import msgspec
+
+T = TypeVar("T")
+Format = Literal["json", "msgpack"]
+
+MIME: dict[Format, str] = {"json": "application/json", "msgpack": "application/msgpack"}
+
+_MSGPACK_ENCODER = msgspec.msgpack.Encoder()
+_JSON_ENCODER = msgspec.json.Encoder()
+_BLANK = b" \t\r\n"
+_POSE_FIELDS = ("x", "y", "yaw")
+
+
+class BadPayload(ValueError):
+    """Bytes that are no valid message of the expected type; the text says what is wrong and where."""
+
+
+def encode(message: Any, fmt: Format) -> bytes:
+    """Encode a message."""
+    return _JSON_ENCODER.encode(message) if fmt == "json" else _MSGPACK_ENCODER.encode(message)
+
+
+def detect_format(payload: bytes, encoding: str) -> Format:
+    """Tell the format by the encoding (a schema suffix is ignored), else by the first non-blank byte."""
+    mime = encoding.partition(";")[0].strip()
+    for fmt, name in MIME.items():
+        if mime == name:
+            return fmt
+    return "json" if payload.lstrip(_BLANK)[:1] == b"{" else "msgpack"
+
+
+def decode(kind: type[T], payload: bytes, encoding: str = "") -> T:
+    """Decode and validate a stream message; unknown fields are ignored.
+
+    Raises:
+        BadPayload: The bytes are no valid `kind`.
+    """
+    try:
+        if detect_format(payload, encoding) == "json":
+            return msgspec.json.decode(payload, type=kind)
+        return msgspec.msgpack.decode(payload, type=kind)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        raise BadPayload(str(error) or type(error).__name__) from error
+
+
+def decode_strict(kind: type[T], payload: bytes, encoding: str = "") -> T:
+    """Decode the parameters of a request; unknown fields are refused by name, nothing is `{}`.
+
+    Raises:
+        BadPayload: The bytes are no valid `kind`, or hold a field that it does not have.
+    """
+    if not payload.strip(_BLANK):
+        payload, encoding = b"{}", MIME["json"]
+    raw = decode(cast("type[Any]", Any), payload, encoding)
+    _refuse_unknown(raw, kind)
+    return decode(kind, payload, encoding)
+
+
+def decode_parameters(kind: type[T], parameters: dict[str, str]) -> T:
+    """Decode selector parameters (strings, numbers, booleans); `x`, `y`, `yaw` stand for `pose`.
+
+    Raises:
+        BadPayload: They are no valid `kind`, or hold a parameter that it does not have.
+    """
+    fields = {field.name for field in msgspec.structs.fields(cast("type[msgspec.Struct]", kind))}
+    values: dict[str, Any] = dict(parameters)
+    if "pose" in fields and any(name in values for name in _POSE_FIELDS):
+        values["pose"] = {name: values.pop(name) for name in _POSE_FIELDS if name in values}
+    _refuse_unknown(values, kind)
+    try:
+        return msgspec.convert(values, type=kind, strict=False)
+    except (msgspec.ValidationError, RecursionError) as error:
+        raise BadPayload(str(error)) from error
+
+
+def parse_parameters(text: str) -> dict[str, str]:
+    """Split a selector's parameters at `;` (or `&`), percent-decoded; Zenoh's own (`_…`) are left out."""
+    found: dict[str, str] = {}
+    for item in text.replace("&", ";").split(";"):
+        name, _, value = item.partition("=")
+        if name and not name.startswith("_"):
+            found[unquote(name)] = unquote(value)
+    return found
+
+
+def format_asked(parameters: dict[str, str], default: Format) -> Format:
+    """The format that a selector asks for by `format=`, else the default."""
+    asked = parameters.get("format")
+    return asked if asked == "json" or asked == "msgpack" else default
+
+
+def to_plain(message: Any) -> Any:
+    """A message as plain JSON values, as `--json` prints it."""
+    return json.loads(_JSON_ENCODER.encode(message))
+
+
+def _refuse_unknown(raw: Any, kind: Any, path: str = "") -> None:
+    """Raise BadPayload at the first field of `raw` that the struct `kind` does not have, at any depth."""
+    shape = msgspec.inspect.type_info(kind)
+    problem = _unknown_field(raw, shape, path)
+    if problem is not None:
+        raise BadPayload(f"unknown field `{problem}`")
+
+
+def _unknown_field(raw: Any, shape: msgspec.inspect.Type, path: str) -> str | None:
+    if isinstance(shape, msgspec.inspect.UnionType):
+        shapes = [
+            one
+            for one in shape.types
+            if isinstance(one, msgspec.inspect.StructType | msgspec.inspect.ListType)
+        ]
+        return _unknown_field(raw, shapes[0], path) if len(shapes) == 1 else None
+    if isinstance(shape, msgspec.inspect.ListType) and isinstance(raw, list):
+        items = cast("list[Any]", raw)
+        problems = (
+            _unknown_field(item, shape.item_type, f"{path}[{i}]") for i, item in enumerate(items)
+        )
+        return next((problem for problem in problems if problem), None)
+    if isinstance(shape, msgspec.inspect.StructType) and isinstance(raw, dict):
+        known = {field.encode_name: field.type for field in shape.fields}
+        for name, value in cast("dict[Any, Any]", raw).items():
+            here = f"{path}.{name}".lstrip(".")
+            problem = here if name not in known else _unknown_field(value, known[name], here)
+            if problem:
+                return problem
+    return None

@@ -1,0 +1,170 @@
+"""The answering half of a node: requests under `@do/`, and `get` of the topics it owns."""
+
+import unicodedata
+from collections.abc import Callable
+from typing import Any
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.messages import ErrorReply
+from trolley.requests import Request
+from trolley.runtime import codec
+from trolley.runtime.bus import Closer, Query, has_wildcard, matches
+from trolley.runtime.receiving import Context
+from trolley.runtime.service import Later
+from trolley.topics import Topic
+
+MAX_REQUEST_BYTES = 1 << 20
+ANSWER_WITHIN_S = 1.9
+
+Hook = Callable[[dict[str, str]], dict[tuple[str, ...], Any]]
+
+
+class Server:
+    """Answers for a service."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._closers: list[Closer] = []
+        self._latest: dict[str, Any] = {}
+        self._hooked: set[str] = set()
+
+    def close(self) -> None:
+        """Take everything back."""
+        for closer in self._closers:
+            closer.close()
+
+    # Latest values.
+    def keep(self, topic: Topic[Any], key: str, message: Any) -> None:
+        """Keep a published message for `get`."""
+        is_new = key not in self._latest
+        self._latest[key] = message
+        if is_new and topic.name not in self._hooked:
+            self._serve(
+                key,
+                lambda query: self._answer_get(query, topic, lambda _: {key: self._latest[key]}),
+            )
+
+    def open_gets(self, topic: Topic[Any], parts: tuple[str, ...], hook: Hook) -> None:
+        """Answer `get` of a topic by a method of the service."""
+        if not parts:
+            self._hooked.add(topic.name)
+        robot = self._context.robot
+
+        def look_up(parameters: dict[str, str]) -> dict[str, Any]:
+            return {
+                topic.key(robot, *found): message for found, message in hook(parameters).items()
+            }
+
+        self._serve(topic.key(robot, *parts), lambda query: self._answer_get(query, topic, look_up))
+
+    def _answer_get(
+        self, query: Query, topic: Topic[Any], look_up: Callable[[dict[str, str]], dict[str, Any]]
+    ) -> None:
+        parameters = codec.parse_parameters(query.parameters)
+        fmt = codec.format_asked(parameters, "msgpack" if topic.binary_get else "json")
+        asked = query.key
+        exact = not has_wildcard(asked)
+        try:
+            found = look_up(parameters)
+        except Refused as refused:
+            if exact:
+                self._refuse(query, refused)
+            query.finish()
+            return
+        pattern = unicodedata.normalize("NFC", asked)
+        answered = False
+        for key, message in found.items():
+            if matches(pattern, key):
+                query.reply(asked if exact else key, codec.encode(message, fmt), codec.MIME[fmt])
+                answered = True
+        if exact and not answered:
+            name = asked.rpartition("/")[2]
+            self._refuse(
+                query, Refused(codes.UNKNOWN_NAME, f"There is no {name!r} under {topic.name}.")
+            )
+        query.finish()
+
+    # Requests.
+    def open_request(self, request: Request[Any, Any], method: Callable[[Any], Any]) -> None:
+        """Answer a request by a method of the service."""
+        key = request.key(self._context.robot)
+        self._serve(
+            key, lambda query: self._answer(query, request, method, key), urgent=request.always
+        )
+
+    def _answer(
+        self, query: Query, request: Request[Any, Any], method: Callable[[Any], Any], key: str
+    ) -> None:
+        parameters = codec.parse_parameters(query.parameters)
+        fmt = codec.format_asked(parameters, "json")
+        parameters.pop("format", None)
+        settled = False
+
+        def settle(result: Any) -> None:
+            nonlocal settled
+            if settled:
+                return
+            settled = True
+            if isinstance(result, Refused):
+                self._context.count(f"{request.name}/{result.code}")
+                self._refuse(query, result)
+            else:
+                query.reply(key, codec.encode(result, fmt), codec.MIME[fmt])
+            query.finish()
+
+        try:
+            result = method(_parameters(query, request, parameters))
+        except Refused as refused:
+            settle(refused)
+            return
+        except Exception:
+            settle(Refused(codes.INTERNAL))
+            raise
+        if isinstance(result, Later):
+            result.on_settled(settle)
+            self._context.after(ANSWER_WITHIN_S, lambda: settle(Refused(codes.TIMEOUT)))
+        else:
+            settle(result)
+
+    def _refuse(self, query: Query, refused: Refused) -> None:
+        error = ErrorReply(code=refused.code, message=refused.message, details=refused.details)
+        query.refuse(codec.encode(error, "json"), codec.MIME["json"])
+
+    def _serve(self, key: str, answer: Callable[[Query], None], *, urgent: bool = False) -> None:
+        inbox = self._context.inbox
+
+        def receive(query: Query) -> None:
+            if not inbox.push(lambda _: answer(query), urgent=urgent):
+                query.finish()
+
+        self._closers.append(self._context.bus.serve(key, receive))
+
+
+def _parameters(query: Query, request: Request[Any, Any], parameters: dict[str, str]) -> Any:
+    """Validate what a request carries.
+
+    Raises:
+        Refused: `bad_request` or `too_large`.
+    """
+    if request.always:
+        return request.params()
+    if has_wildcard(query.key):
+        raise Refused(
+            codes.BAD_REQUEST, "A request is asked of one robot: its key may hold no wildcard."
+        )
+    payload = query.payload
+    if len(payload) > MAX_REQUEST_BYTES:
+        raise Refused(
+            codes.TOO_LARGE, f"{len(payload)} bytes, at most {MAX_REQUEST_BYTES} are allowed."
+        )
+    if parameters and payload:
+        raise Refused(
+            codes.BAD_REQUEST, "Give parameters in the selector or in the payload, not both."
+        )
+    try:
+        if parameters:
+            return codec.decode_parameters(request.params, parameters)
+        return codec.decode_strict(request.params, payload, query.encoding)
+    except codec.BadPayload as problem:
+        raise Refused(codes.BAD_REQUEST, f"{request.name}: {problem}.") from problem

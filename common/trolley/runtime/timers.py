@@ -1,0 +1,72 @@
+"""Periods and deadlines of a node, on robot time or on the local monotonic clock."""
+
+import dataclasses
+import heapq
+from collections.abc import Callable
+
+from trolley.runtime.robot_time import TimeSource
+
+_LONGEST_NS = 1_000_000_000
+_SHORTEST_NS = 500_000
+
+
+@dataclasses.dataclass
+class _Period:
+    period_ns: int
+    is_local: bool
+    call: Callable[[], None]
+    next_ns: int | None = None
+
+
+class Timers:
+    """What is due when. Missed periods are skipped; robot periods rest without robot time."""
+
+    def __init__(self) -> None:
+        self._periods: list[_Period] = []
+        self._deadlines: list[tuple[int, int, Callable[[], None]]] = []
+        self._count = 0
+
+    def every(self, seconds: float, call: Callable[[], None], *, is_local: bool) -> None:
+        """Call at a period, first as soon as its clock runs."""
+        self._periods.append(_Period(int(seconds * 1e9), is_local, call))
+
+    def at(self, monotonic_ns: int, call: Callable[[], None]) -> None:
+        """Call once at a local time."""
+        self._count += 1
+        heapq.heappush(self._deadlines, (monotonic_ns, self._count, call))
+
+    def run(self, monotonic_ns: Callable[[], int], time: TimeSource) -> bool:
+        """Call what is due; True if anything was."""
+        did = False
+        while self._deadlines and self._deadlines[0][0] <= monotonic_ns():
+            heapq.heappop(self._deadlines)[2]()
+            did = True
+        for period in self._periods:
+            clock = monotonic_ns() if period.is_local else time.now(monotonic_ns())
+            if clock is None:
+                period.next_ns = None
+                continue
+            if period.next_ns is None or period.next_ns > clock + period.period_ns:
+                period.next_ns = clock
+            if period.next_ns <= clock:
+                missed = (clock - period.next_ns) // period.period_ns
+                period.next_ns += (missed + 1) * period.period_ns
+                period.call()
+                did = True
+        return did
+
+    def next_due_ns(self, monotonic_ns: int, time: TimeSource) -> int:
+        """Local time at which to look again, a second ahead at most."""
+        due = monotonic_ns + _LONGEST_NS
+        if self._deadlines:
+            due = min(due, self._deadlines[0][0])
+        robot_ns = time.now(monotonic_ns)
+        for period in self._periods:
+            if period.is_local:
+                due = min(due, period.next_ns or monotonic_ns)
+            elif robot_ns is not None:
+                left_ns = (period.next_ns or robot_ns) - robot_ns
+                # Rounded up, and never a busy wait while a simulated clock stands between two steps.
+                wait_ns = -int(-left_ns // time.rate) if left_ns > 0 else _SHORTEST_NS
+                due = min(due, monotonic_ns + wait_ns)
+        return due

@@ -1,0 +1,198 @@
+"""The one table of streams and stored keys: key, message, owner, rate, quality of service.
+
+Everything that publishes, subscribes or documents a topic reads its row here; requests stand in
+`trolley.requests`.
+"""
+
+import dataclasses
+import enum
+import unicodedata
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from trolley import messages as m
+
+ROOT = "trolley"
+M = TypeVar("M", bound=msgspec.Struct)
+
+
+class Qos(enum.Enum):
+    """How a stream travels."""
+
+    SENSOR = "sensor"  # newest wins, dropped under congestion
+    COMMAND = "command"  # newest wins, express, highest priority
+    STATE = "state"  # reliable, low priority, blocks the sender
+
+
+class Kind(enum.Enum):
+    """What a row of the table is."""
+
+    STREAM = "stream"  # published by its owner, who also answers `get` with the latest value
+    STORED = "stored"  # put and delete are wishes to the owner, who answers `get`
+    TOKEN = "token"  # a liveliness token
+
+
+@dataclasses.dataclass(frozen=True)
+class Topic(Generic[M]):
+    """A row: `name` holds a `{placeholder}` for each chunk that varies."""
+
+    name: str
+    message: type[M]
+    owner: str
+    rate: str
+    qos: Qos = Qos.SENSOR
+    kind: Kind = Kind.STREAM
+    binary_get: bool = False  # `get` answers msgpack unless asked for JSON
+    of_epoch: bool = False  # dropped when stamped before the present run of base
+    max_bytes: int = 1 << 20
+
+    @property
+    def chunks(self) -> tuple[str, ...]:
+        """The name's chunks."""
+        return tuple(self.name.split("/"))
+
+    @property
+    def num_parts(self) -> int:
+        """How many chunks vary."""
+        return sum(chunk.startswith("{") for chunk in self.chunks)
+
+    def key(self, robot: str, *parts: str) -> str:
+        """The full key for these varying chunks ("*" for any); missing ones become "*"."""
+        rest = list(parts) + ["*"] * (self.num_parts - len(parts))
+        filled = [rest.pop(0) if chunk.startswith("{") else chunk for chunk in self.chunks]
+        return "/".join((ROOT, robot, *filled))
+
+    def match(self, key: str) -> tuple[str, tuple[str, ...]] | None:
+        """The robot and the varying chunks (NFC) of a key of this topic, None for another key."""
+        root, _, rest = key.partition("/")
+        robot, _, name = rest.partition("/")
+        found = name.split("/")
+        if root != ROOT or len(found) != len(self.chunks):
+            return None
+        parts: list[str] = []
+        for chunk, have in zip(self.chunks, found, strict=True):
+            if chunk.startswith("{"):
+                parts.append(unicodedata.normalize("NFC", have))
+            elif chunk != have:
+                return None
+        return robot, tuple(parts)
+
+
+_MAP_BYTES = 32 << 20
+
+ROBOT = Topic("robot", m.Robot, "base", "on change", Qos.STATE, max_bytes=2 << 20)
+CLOCK = Topic("clock", m.Clock, "base", "10 Hz", Qos.SENSOR)
+SCAN = Topic("scan", m.Scan, "base", "5-50 Hz", Qos.SENSOR, of_epoch=True)
+ODOM = Topic("odom", m.Odometry, "base", "20-50 Hz", Qos.SENSOR, of_epoch=True)
+IMU = Topic("imu", m.Imu, "base", "if any", Qos.SENSOR, of_epoch=True)
+TF = Topic(
+    "tf/{child}", m.Transform, "base, localizer, anyone", "on change, at most 20 Hz", Qos.STATE
+)
+COMMAND = Topic(
+    "cmd_vel/{source}", m.VelocityCommand, "the source", "10-30 Hz", Qos.COMMAND, of_epoch=True
+)
+CMD_VEL = Topic("cmd_vel", m.VelocityCommand, "base", "10 Hz", Qos.SENSOR, of_epoch=True)
+BASE = Topic("base", m.BaseState, "base", "on change, 1 Hz", Qos.STATE)
+MAP = Topic(
+    "map",
+    m.OccupancyGrid,
+    "localizer",
+    "on change",
+    Qos.STATE,
+    binary_get=True,
+    max_bytes=_MAP_BYTES,
+)
+ZONES = Topic("zones", m.Zones, "localizer", "on change", Qos.STATE)
+ZONE = Topic("zones/{name}", m.Zone, "localizer", "stored", Qos.STATE, Kind.STORED)
+POSE = Topic("pose", m.PoseEstimate, "localizer", "each scan", Qos.STATE, of_epoch=True)
+PARTICLES = Topic(
+    "particles", m.ParticleCloud, "localizer", "at most 5 Hz", Qos.SENSOR, binary_get=True
+)
+BEAMS = Topic("beams", m.BeamClasses, "localizer", "at most 10 Hz", Qos.SENSOR)
+SUSPECTS = Topic("suspects", m.Suspects, "localizer", "on change", Qos.STATE)
+GOAL = Topic("goal", m.GoalStatus, "planner", "on change, 5 Hz", Qos.STATE)
+PATH = Topic("path", m.Path, "planner", "on change", Qos.STATE, of_epoch=True)
+TRAJECTORY = Topic("trajectory", m.Path, "planner", "at most 10 Hz", Qos.SENSOR, of_epoch=True)
+COSTMAP = Topic(
+    "costmap",
+    m.OccupancyGrid,
+    "planner",
+    "at most 2 Hz",
+    Qos.STATE,
+    binary_get=True,
+    of_epoch=True,
+    max_bytes=_MAP_BYTES,
+)
+COSTMAP_GLOBAL = Topic(
+    "costmap/global",
+    m.OccupancyGrid,
+    "planner",
+    "at most 2 Hz",
+    Qos.STATE,
+    binary_get=True,
+    of_epoch=True,
+    max_bytes=_MAP_BYTES,
+)
+POSES = Topic("poses", m.SavedPoses, "tour", "on change", Qos.STATE)
+SAVED_POSE = Topic("poses/{name}", m.SavedPose, "tour", "stored", Qos.STATE, Kind.STORED)
+TOURS = Topic("tours", m.Tours, "tour", "on change", Qos.STATE)
+STORED_TOUR = Topic("tours/{name}", m.Tour, "tour", "stored", Qos.STATE, Kind.STORED)
+TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz", Qos.STATE)
+MARKER = Topic(
+    "markers/{ns}/{id}", m.Marker, "anyone; kept by tour", "on change", Qos.STATE, Kind.STORED
+)
+OVERLAY = Topic(
+    "overlays/{id}", m.Overlay, "anyone; kept by tour", "on change", Qos.STATE, Kind.STORED
+)
+CHOICE = Topic("choices/{id}", m.Choice, "viz", "on change", Qos.STATE)
+SIM_TRUTH = Topic("sim/truth", m.Truth, "base, simulated", "20 Hz", Qos.SENSOR)
+HEALTH = Topic("health/{service}", m.Health, "each service", "1 Hz", Qos.STATE)
+ALIVE = Topic(
+    "alive/{service}/{run}", m.Alive, "each service", "while it runs", Qos.STATE, Kind.TOKEN
+)
+
+TOPICS: tuple[Topic[Any], ...] = (
+    ROBOT,
+    CLOCK,
+    SCAN,
+    ODOM,
+    IMU,
+    TF,
+    COMMAND,
+    CMD_VEL,
+    BASE,
+    MAP,
+    ZONES,
+    ZONE,
+    POSE,
+    PARTICLES,
+    BEAMS,
+    SUSPECTS,
+    GOAL,
+    PATH,
+    TRAJECTORY,
+    COSTMAP,
+    COSTMAP_GLOBAL,
+    POSES,
+    SAVED_POSE,
+    TOURS,
+    STORED_TOUR,
+    TOUR,
+    MARKER,
+    OVERLAY,
+    CHOICE,
+    SIM_TRUTH,
+    HEALTH,
+    ALIVE,
+)
+"""All rows."""
+
+
+def find(key: str) -> tuple[Topic[Any], str, tuple[str, ...]] | None:
+    """The row, the robot and the varying chunks of a concrete key; None where it is no topic."""
+    for topic in TOPICS:
+        matched = topic.match(key)
+        if matched is not None:
+            return topic, *matched
+    return None
