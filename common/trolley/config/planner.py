@@ -1,0 +1,81 @@
+"""Settings of the planner: `[planner]` in robot.toml."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+Speed = Annotated[float, Meta(gt=0.0, le=5.0)]
+Rate = Annotated[float, Meta(gt=0.0, le=20.0)]
+Distance = Annotated[float, Meta(gt=0.0, le=100.0)]
+Margin = Annotated[float, Meta(ge=0.0, le=1.0)]
+Seconds = Annotated[float, Meta(gt=0.0, le=3600.0)]
+
+
+class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the planner drives. What the base can do (speed, turn rate, braking) it tells itself."""
+
+    frame: Literal["map", "odom"] = "map"
+    """Frame of goals: `map` needs a map and a pose on it; `odom` drives by what the lidar sees."""
+    turn_to_find: bool = False
+    """Whether a robot that does not know where it is may turn once in place to look around."""
+
+    max_speed_mps: Speed = 0.5
+    """Highest speed of the planner; the base's own limit holds besides."""
+    max_turn_radps: Rate = 1.5
+    """Highest turn rate."""
+    acceleration_mps2: Rate = 0.6
+    """How fast the speed may change, up and down."""
+    angular_acceleration_radps2: Rate = 3.0
+    """How fast the turn rate may change."""
+    slow_speed_mps: Speed = 0.15
+    """Speed right beside an obstacle, and where the pose is `unsure`."""
+    caution_distance_m: Distance = 0.35
+    """Clearance from which on the robot need not drive slower [m]."""
+    clearance_m: Margin = 0.03
+    """Distance that the footprint keeps from obstacles; best below the base's stop margin [m]."""
+
+    unknown_is_free: bool = False
+    """Whether paths may lead through cells that the map does not know (in `odom` they may)."""
+    inflation_falloff_m: Distance = 0.15
+    """Distance over which the price of passing near an obstacle falls to 1/e [m]."""
+    inflation_height: Annotated[float, Meta(ge=0.0, le=30.0)] = 8.0
+    """Price of touching an obstacle; open floor costs 1 a metre."""
+    odom_size_m: Annotated[float, Meta(ge=4.0, le=200.0)] = 40.0
+    """Edge of the square that is remembered around the robot in frame `odom` [m]."""
+    odom_resolution_m: Annotated[float, Meta(ge=0.01, le=0.5)] = 0.05
+    """Cell edge of the costmap in frame `odom`; in frame `map` it is the map's [m]."""
+
+    mark_range_m: Distance = 6.0
+    """Echoes farther away are not put into the costmap [m]."""
+    clear_range_m: Distance = 8.0
+    """Beams clear the costmap up to here [m]."""
+    mirror_tolerance_m: Margin = 0.12
+    """How far an echo or a beam may miss a mirror's line, by the error of the pose [m]."""
+    fade_s: Seconds = 3.0
+    """How long an obstacle seen once is remembered while it is out of sight."""
+    fade_per_sighting_s: Seconds = 0.5
+    """How much longer for each scan that confirmed it."""
+    fade_max_s: Seconds = 60.0
+    """How long an obstacle is remembered at most while it is out of sight."""
+
+    control_rate_hz: Annotated[float, Meta(ge=5.0, le=30.0)] = 20.0
+    """Commands per second."""
+    horizon_s: Annotated[float, Meta(ge=0.5, le=6.0)] = 2.4
+    """How far ahead the controller looks."""
+    rollouts: Annotated[int, Meta(ge=32, le=4000)] = 256
+    """Trajectories that the controller compares for each command."""
+    seed: Annotated[int, Meta(ge=0, le=2**31 - 1)] = 0
+    """Fixes the controller's samples."""
+
+    replan_s: Seconds = 1.0
+    """Time between looks for a better path; a blocked one is replaced at once."""
+    progress_distance_m: Distance = 0.15
+    """The robot must get this much nearer (or turn half a radian) [m]"""
+    progress_s: Seconds = 6.0
+    """within this time, or it tries to get free."""
+    patience_s: Seconds = 5.0
+    """How long it waits for a way that became blocked, before it goes another or tries more."""
+    back_up_m: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.4
+    """How far it backs up the way it came to get free [m]."""
+    give_up_s: Seconds = 60.0
+    """How long it tries to get free, or waits for its pose, before the goal fails."""
