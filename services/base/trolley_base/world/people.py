@@ -1,0 +1,146 @@
+"""People who walk along their paths, pause, wait for the robot, and turn round."""
+
+import math
+from enum import Enum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_base.world.gaps import outline_to_point
+from trolley_base.world.spec import Person, Point
+
+# Two legs of a grown-up at the height of a low lidar, relative to the body's radius: half their
+# distance sideways, how far they swing ahead and back, and their own radius [m].
+LEG_SIDE = 0.5
+LEG_SWING = 0.75
+LEG_RADIUS_M = 0.06
+# Both legs have swung once after this way [m].
+STRIDE_M = 1.2
+# Nobody walks nearer to the robot than this, which is touching it [m].
+TOUCH_M = 0.001
+
+
+class Walk(Enum):
+    """What a person did in a step."""
+
+    FREE = auto()
+    WAITED = auto()
+    TOUCHED = auto()
+
+
+class Walker:
+    """One person and where on the path they are.
+
+    Args:
+        person: from the world file.
+        rng: chooses the place on the path at which the walk begins.
+    """
+
+    def __init__(self, person: Person, rng: np.random.Generator) -> None:
+        self._person = person
+        self._path = _without_repeats(person.path, person.loop)
+        self._lengths = [
+            math.dist(a, b) for a, b in zip(self._path, self._next_points(), strict=False)
+        ]
+        self._leg, self._along, self._direction = 0, 0.0, 1
+        self._pause_s = person.starts_s or 0.0
+        self._held_s = 0.0
+        if person.starts_s is None and self._lengths:
+            self._begin_anywhere(rng)
+
+    @property
+    def num_circles(self) -> int:
+        """How many circles this person is."""
+        return 2 if self._person.legs else 1
+
+    def circles(self) -> NDArray[np.float64]:
+        """Return what is solid of this person, (circles, 3) x, y, radius [m] in `map`."""
+        return self._circles_at(self._leg, self._along, self._direction)
+
+    def step(self, dt: float, outline: NDArray[np.float64]) -> Walk:
+        """Walk on for `dt` seconds, unless the robot is in the way.
+
+        Args:
+            dt: duration [s].
+            outline: (n, 2) the robot's footprint [m] in `map`.
+        """
+        if not self._lengths:
+            return Walk.FREE
+        if self._pause_s > 0.0:
+            self._pause_s -= dt
+            return Walk.FREE
+        wanted = self._ahead(self._person.speed_mps * dt)
+        gap = _gap(self._circles_at(*wanted[:3]), outline)
+        keep = max(self._person.stops_for_robot_m, TOUCH_M)
+        if gap < keep and gap < _gap(self.circles(), outline):
+            self._held_s += dt
+            if self._held_s > self._person.patience_s:
+                self._direction, self._held_s = -self._direction, 0.0
+            return Walk.TOUCHED if gap < TOUCH_M else Walk.WAITED
+        self._leg, self._along, self._direction, arrived = wanted
+        if arrived:
+            self._pause_s = self._person.dwell_s
+        self._held_s = 0.0
+        return Walk.FREE
+
+    def _next_points(self) -> list[Point]:
+        rest = self._path[1:]
+        return [*rest, self._path[0]] if self._person.loop and rest else rest
+
+    def _begin_anywhere(self, rng: np.random.Generator) -> None:
+        where = float(rng.random()) * sum(self._lengths)
+        backwards = not self._person.loop and float(rng.random()) < 0.5
+        for leg, length in enumerate(self._lengths):
+            if where < length or leg == len(self._lengths) - 1:
+                self._leg, self._along = leg, min(where, length)
+                break
+            where -= length
+        self._direction = -1 if backwards else 1
+
+    def _ahead(self, way: float) -> tuple[int, float, int, bool]:
+        """Return leg, place on it and direction after a way, and whether a path point was met."""
+        leg, along, direction = self._leg, self._along + self._direction * way, self._direction
+        if 0.0 <= along <= self._lengths[leg]:
+            return leg, along, direction, False
+        following = leg + direction
+        if self._person.loop:
+            following %= len(self._lengths)
+        elif not 0 <= following < len(self._lengths):
+            return leg, min(max(along, 0.0), self._lengths[leg]), -direction, True
+        return following, 0.0 if direction > 0 else self._lengths[following], direction, True
+
+    def _circles_at(self, leg: int, along: float, direction: int) -> NDArray[np.float64]:
+        start = self._path[leg]
+        end = self._path[(leg + 1) % len(self._path)]
+        length = self._lengths[leg] if self._lengths else 1.0
+        ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+        x, y = start[0] + along * ux, start[1] + along * uy
+        radius = self._person.radius_m
+        if not self._person.legs:
+            return np.array([[x, y, radius]])
+        swing = LEG_SWING * radius * math.sin(2.0 * math.pi * along / STRIDE_M) * direction
+        side = LEG_SIDE * radius
+        return np.array(
+            [
+                [x + swing * ux - side * uy, y + swing * uy + side * ux, LEG_RADIUS_M],
+                [x - swing * ux + side * uy, y - swing * uy - side * ux, LEG_RADIUS_M],
+            ]
+        )
+
+
+def _without_repeats(path: list[Point], loop: bool) -> list[Point]:
+    """Return the path without points that repeat the one before, which have no direction."""
+    if loop and len(path) > 1 and path[0] == path[-1]:
+        path = path[:-1]
+    kept = [path[0]]
+    kept.extend(
+        point for before, point in zip(path, path[1:], strict=False) if math.dist(before, point) > 0
+    )
+    return kept
+
+
+def _gap(circles: NDArray[np.float64], outline: NDArray[np.float64]) -> float:
+    """Return the smallest gap between circles (n, 3) and the outline (m, 2) [m]."""
+    return min(
+        outline_to_point(outline, float(x), float(y))[0] - float(radius) for x, y, radius in circles
+    )

@@ -1,0 +1,296 @@
+"""A robot in its world, moved in fixed steps: the same seed and commands give the same bytes."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, Twist2D
+from trolley.gridmap import GridMap
+from trolley_base.drivers.interface import LidarScan, MotionSample
+from trolley_base.world.body import SKIN_M, move_into
+from trolley_base.world.gaps import Things, place_outline_into
+from trolley_base.world.people import Walk, Walker
+from trolley_base.world.rays import Scene
+from trolley_base.world.scanner import Scanner
+from trolley_base.world.scene import (
+    Segments,
+    build_segments,
+    build_walls,
+    pieces_of,
+    polyline,
+)
+from trolley_base.world.spec import DriveLimits, LidarSpec, WorldError, WorldSpec
+from trolley_base.world.wheels import Drive, WheelMotion
+
+STEP_NS = 10_000_000
+STEP_S = STEP_NS / 1e9
+# From this own speed towards a contact on, the robot has driven into it [m/s].
+COLLISION_SPEED = 0.02
+# A contact has ended when this gap has opened [m].
+RELEASE_M = 0.01
+# Clearances beyond this are reported as this [m].
+MAX_CLEARANCE = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotBody:
+    """The robot as the world meets it.
+
+    Attributes:
+        footprint: (n, 2) corners [m] in `base_link`, without crossing itself.
+        base_T_laser: where the lidar sits.
+        limits: what the motors can do; None: as the world says.
+        lidar: the scanner; None: as the world says.
+    """
+
+    footprint: NDArray[np.float64]
+    base_T_laser: Pose2D
+    limits: DriveLimits | None = None
+    lidar: LidarSpec | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OtherRobot:
+    """Another robot of the same world: its name and its outline (n, 2) [m] in `map`."""
+
+    name: str
+    outline: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The robot and something touched.
+
+    Attributes:
+        stamp_ns: time since the simulation began.
+        name: of what was touched; `map` for its walls.
+        speed: of the robot's own motion towards it [m/s].
+        is_collision: the robot drove into it; otherwise it came to the robot, or very slowly.
+    """
+
+    stamp_ns: int
+    name: str
+    speed: float
+    is_collision: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TrueState:
+    """What is really so.
+
+    Attributes:
+        stamp_ns: time since the simulation began.
+        pose: map_T_base.
+        twist: of `base_link` [m/s, rad/s].
+        collisions: contacts that the robot drove into, each counted once until it has ended.
+        bumps: all other contacts.
+        clearance: distance from the footprint to the nearest solid thing [m], at most 10.
+    """
+
+    stamp_ns: int
+    pose: Pose2D
+    twist: Twist2D
+    collisions: int
+    bumps: int
+    clearance: float
+
+
+class Simulation:
+    """One robot in one world.
+
+    Args:
+        spec: the world file.
+        grid: its map.
+        robot: footprint, sensor and motors.
+        seed: fixes all noise, the odometry's scales and where people walk at first.
+        start: map_T_base; None: as the world says.
+
+    Raises:
+        WorldError: the robot would stand in something solid.
+    """
+
+    def __init__(
+        self,
+        spec: WorldSpec,
+        grid: GridMap,
+        robot: RobotBody,
+        seed: int,
+        start: Pose2D | None = None,
+    ) -> None:
+        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+        self._robot = robot
+        self._walls = build_walls(grid)
+        self._fixed, names = build_segments(spec)
+        self._segments = self._fixed
+        self._circles, self._circle_body = self._place_circles(spec, names, streams[3])
+        self._names = names
+        self._num_own_bodies = len(names)
+        corners = np.ascontiguousarray(robot.footprint, dtype=np.float64)
+        self._footprint = (corners, circle_around(corners))
+        self._outline = np.empty_like(corners)
+        self._drive = Drive(spec.wheels, robot.limits or spec.limits, streams[0], streams[1])
+        self._scanner = Scanner(robot.lidar or spec.lidar, streams[2])
+        self._state = np.zeros(len(names), dtype=np.int8)
+        self.contacts: deque[Contact] = deque(maxlen=256)
+        self._now_ns = 0
+        self._pose = start or spec.start.as_pose()
+        self._twist = Twist2D.zero()
+        self._collisions = self._bumps = 0
+        self._motion = Pose2D.identity()
+        self._scans: list[LidarScan] = []
+        self._resize()
+        self._clearance = self._move(WheelMotion(), 0.0)[1]
+        place_outline_into(self._outline, corners, self._pose.x, self._pose.y, self._pose.yaw)
+        self._refuse_overlap()
+
+    def _place_circles(
+        self, spec: WorldSpec, names: list[str], rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return circles and their bodies, people last, and add the bodies' names."""
+        circles = [[c.x, c.y, c.radius_m] for c in spec.circle]
+        bodies = [len(names) + i for i in range(len(circles))]
+        names += [c.name or f"circle {i}" for i, c in enumerate(spec.circle)]
+        self._walkers: list[tuple[int, slice, Walker]] = []
+        for index, person in enumerate(spec.person):
+            walker = Walker(person, rng)
+            place = slice(len(circles), len(circles) + walker.num_circles)
+            self._walkers.append((len(names), place, walker))
+            circles += walker.circles().tolist()
+            bodies += [len(names)] * walker.num_circles
+            names.append(person.name or f"person {index}")
+        return np.array(circles, dtype=np.float64).reshape(-1, 3), np.array(bodies, dtype=np.int64)
+
+    def _refuse_overlap(self) -> None:
+        people = {body for body, _, _ in self._walkers}
+        for body, gap in enumerate(self._gaps):
+            if gap < 0.0 and body not in people:
+                raise WorldError(
+                    f"at x = {self._pose.x:.3f}, y = {self._pose.y:.3f} the robot would stand in "
+                    f"{self._names[body]}; choose another start pose"
+                )
+
+    def set_others(self, others: list[OtherRobot]) -> None:
+        """Say where the other robots are; they stay there until the next call."""
+        known = dict(zip(self._names, self._state, strict=True))
+        del self._names[self._num_own_bodies :]
+        self._segments = self._fixed
+        for other in others:
+            outline = polyline(np.asarray(other.outline, dtype=np.float64), closed=True)
+            self._segments = self._segments.joined(pieces_of(outline, len(self._names)))
+            self._names.append(other.name)
+        self._state = np.array([known.get(name, 0) for name in self._names], dtype=np.int8)
+        self._resize()
+
+    def _resize(self) -> None:
+        count = len(self._names)
+        self._gaps, self._touches = np.empty(count), np.empty((count, 4))
+        self._towards = np.empty(count)
+
+    @property
+    def now_ns(self) -> int:
+        """Time since the simulation began [ns]."""
+        return self._now_ns
+
+    def step(self, command: Twist2D) -> None:
+        """Move the world on by `STEP_NS`.
+
+        Args:
+            command: the velocity that the robot is told to drive.
+        """
+        touched = self._move_people()
+        motion = self._drive.step(command, STEP_S)
+        before = self._pose
+        part, self._clearance = self._move(motion, STEP_S)
+        self._twist = motion.own.scaled(part)
+        self._motion = self._motion @ motion.reported
+        self._now_ns += STEP_NS
+        self._count_contacts(touched)
+        mount = self._robot.base_T_laser
+        scene = self._scene(self._segments)
+        self._scans += self._scanner.step(
+            self._now_ns - STEP_NS, self._now_ns, (before @ mount, self._pose @ mount), scene
+        )
+
+    def _scene(self, segments: Segments) -> Scene:
+        return Scene(
+            self._walls.frame,
+            self._walls.solid,
+            segments.points,
+            segments.kinds,
+            segments.echoes,
+            self._circles,
+            self._outline,
+        )
+
+    def _move_people(self) -> list[int]:
+        """Let everybody walk; return the bodies of those who walked into the robot."""
+        touched: list[int] = []
+        for body, place, walker in self._walkers:
+            if walker.step(STEP_S, self._outline) is Walk.TOUCHED:
+                touched.append(body)
+            self._circles[place] = walker.circles()
+        return touched
+
+    def _move(self, motion: WheelMotion, dt: float) -> tuple[float, float]:
+        """Move the body; return the part of the way that was free, and the clearance."""
+        pose = self._pose.as_array()
+        things = Things(
+            self._segments.points, self._segments.body, self._circles, self._circle_body
+        )
+        part, clearance = move_into(
+            pose,
+            (self._gaps, self._touches, self._outline),
+            self._towards,
+            ((motion.slipping.vx, motion.slipping.wz), (motion.own.vx, motion.own.wz), dt),
+            self._footprint,
+            (self._walls, things),
+            MAX_CLEARANCE,
+        )
+        self._pose = Pose2D.from_array(pose)
+        return part, clearance
+
+    def _count_contacts(self, touched: list[int]) -> None:
+        """Count new contacts: 1 in `_state` is a bump that lasts, 2 a collision that lasts."""
+        self._state[self._gaps > RELEASE_M] = 0
+        pressed = np.flatnonzero((self._gaps < SKIN_M) | ~np.isnan(self._towards))
+        for body in {*pressed.tolist(), *touched}:
+            speed = float(self._towards[body])
+            speed = 0.0 if math.isnan(speed) else speed
+            level = 2 if speed > COLLISION_SPEED else 1
+            if level <= self._state[body]:
+                continue
+            self._state[body] = level
+            self._collisions += level == 2
+            self._bumps += level == 1
+            self.contacts.append(Contact(self._now_ns, self._names[body], speed, level == 2))
+
+    def truth(self) -> TrueState:
+        """Return what is really so now."""
+        return TrueState(
+            self._now_ns,
+            self._pose,
+            self._twist,
+            self._collisions,
+            self._bumps,
+            min(MAX_CLEARANCE, max(0.0, self._clearance)),
+        )
+
+    def take_motion(self) -> MotionSample:
+        """Return what the wheels reported since the last call, stamped now."""
+        motion, self._motion = self._motion, Pose2D.identity()
+        return MotionSample(self._now_ns, motion, self._drive.twist)
+
+    def take_scans(self) -> tuple[LidarScan, ...]:
+        """Return the revolutions completed since the last call."""
+        scans, self._scans = tuple(self._scans), []
+        return scans
+
+
+def circle_around(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return centre x, y and radius (3,) of a circle around corners (n, 2), not always the least."""
+    centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    radius = float(np.hypot(*(corners - centre).T).max())
+    return np.array([centre[0], centre[1], radius])

@@ -1,0 +1,198 @@
+"""What a world file says: things that are not on the map, mirrors, glass, people, and the robot.
+
+Lengths in metres, angles in radians, poses and points in frame `map`. The file is TOML; it is
+decoded strictly, so a key that is misspelt is refused and not ignored.
+"""
+
+import math
+import re
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from trolley.config.robot import PoseConfig
+from trolley.geometry import Finite
+from trolley.messages.types import NonNegative, Positive, Share
+
+Point = tuple[Finite, Finite]
+Polyline = Annotated[list[Point], Meta(min_length=2)]
+Scale = Annotated[float, Meta(gt=0.5, lt=2.0)]
+# Errors of a robot that drives at all stay far below these; larger values are typing errors.
+Spread = Annotated[float, Meta(ge=0.0, le=0.5)]
+
+
+class WorldError(ValueError):
+    """A world that cannot be used: one sentence that names the file and the key."""
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of the file: what it does not know it refuses."""
+
+
+class Box(_Table, kw_only=True):
+    """A solid rectangle, as a bag on the floor: centre, heading and size."""
+
+    x: Finite
+    y: Finite
+    yaw: Finite = 0.0
+    length_m: Positive
+    width_m: Positive
+    name: str = ""
+
+
+class Circle(_Table, kw_only=True):
+    """A solid round thing, as a bucket."""
+
+    x: Finite
+    y: Finite
+    radius_m: Positive
+    name: str = ""
+
+
+class Mirror(_Table, kw_only=True):
+    """A mirror along a polyline: beams bounce off, the robot does not pass.
+
+    `side`: `both`, or `left`, the side to the left of who walks from the first point to the last;
+    the back then gives plain echoes. `echo_share` of the beams come straight back from dust.
+    """
+
+    points: Polyline
+    side: Literal["both", "left"] = "both"
+    echo_share: Share = 0.0
+    name: str = ""
+
+
+class Glass(_Table, kw_only=True):
+    """A pane along a polyline: most beams go through, the robot does not.
+
+    `transmission` is the share of beams that pass; those that meet the pane within `echo_within`
+    of the perpendicular always come back, as from a real window.
+    """
+
+    points: Polyline
+    transmission: Share = 0.9
+    echo_within: Annotated[float, Meta(ge=0.0, le=math.pi / 2)] = 0.05
+    name: str = ""
+
+
+class Person(_Table, kw_only=True):
+    """Somebody who walks along a path, again and again.
+
+    `path` is walked there and back, or round and round with `loop`, with `dwell_s` at each point.
+    The seed chooses where on the path the person is at first; with `starts_s` the person stands at
+    the first point until that time instead. With `legs` the lidar (and the robot) meets two
+    swinging legs in place of a round body. `stops_for_robot_m`: the person stands still rather
+    than come nearer to the robot than this, 0 walks until they touch. Who has been in each other's
+    way for `patience_s` turns round.
+    """
+
+    path: Annotated[list[Point], Meta(min_length=1)]
+    radius_m: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.2
+    speed_mps: Annotated[float, Meta(gt=0.0, le=3.0)] = 0.8
+    loop: bool = False
+    dwell_s: NonNegative = 0.0
+    starts_s: NonNegative | None = None
+    legs: bool = False
+    stops_for_robot_m: NonNegative = 0.35
+    patience_s: NonNegative = 3.0
+    name: str = ""
+
+
+class Wheels(_Table, kw_only=True):
+    """How well the wheels hold the floor, and how wrongly the board counts their turns.
+
+    Each seed draws the scales of both wheels and of the track around the given ones, with the
+    `…_std` as standard deviation. A scale of 1.02 reports two per cent more than was driven; the
+    board holds the commanded velocity by what it reports. Slip is a random walk: its standard
+    deviation grows with the square root of what was driven.
+    """
+
+    track_m: Annotated[float, Meta(gt=0.02, le=2.0)] = 0.2
+    left_scale: Scale = 1.0
+    right_scale: Scale = 1.0
+    turn_scale: Scale = 1.0
+    scale_std: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.004
+    turn_scale_std: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.015
+    slip_per_m: Spread = 0.01
+    yaw_slip_per_m: Spread = 0.015
+    yaw_slip_per_rad: Spread = 0.015
+
+
+class LidarSpec(_Table, kw_only=True):
+    """The scanner: its grid, its reach and its errors.
+
+    The standard deviation of a range is `noise_m` + `noise_share` * range. A share `drop_out` of
+    the beams finds no echo, a share `invalid` is reported as unusable.
+    """
+
+    beams: Annotated[int, Meta(ge=8, le=8192)] = 360
+    rate_hz: Annotated[float, Meta(ge=1.0, le=50.0)] = 10.0
+    clockwise: bool = False
+    range_min_m: NonNegative = 0.1
+    range_max_m: Annotated[float, Meta(gt=0.0, le=200.0)] = 8.0
+    noise_m: Spread = 0.008
+    noise_share: Spread = 0.003
+    drop_out: Share = 0.01
+    invalid: Share = 0.002
+
+    def __post_init__(self) -> None:
+        """Refuse a reach that is empty and shares that exceed the whole."""
+        if self.range_min_m >= self.range_max_m:
+            raise ValueError(
+                f"range_min_m = {self.range_min_m} must be below range_max_m = {self.range_max_m}"
+            )
+        if self.drop_out + self.invalid > 1.0:
+            raise ValueError("drop_out and invalid together must not exceed 1")
+
+
+class DriveLimits(_Table, kw_only=True):
+    """What the motors can do."""
+
+    max_speed_mps: Positive = 0.5
+    max_wz_radps: Positive = 2.0
+    acceleration_mps2: Positive = 1.0
+    deceleration_mps2: Positive = 1.5
+    angular_acceleration_radps2: Positive = 4.0
+    angular_deceleration_radps2: Positive = 6.0
+
+
+class WorldSpec(_Table, kw_only=True):
+    """One world file."""
+
+    map: Annotated[str, Meta(min_length=1)]
+    start: PoseConfig
+    box: list[Box] = []
+    circle: list[Circle] = []
+    mirror: list[Mirror] = []
+    glass: list[Glass] = []
+    person: list[Person] = []
+    wheels: Wheels = Wheels()
+    lidar: LidarSpec = LidarSpec()
+    limits: DriveLimits = DriveLimits()
+
+
+def decode_world(text: bytes | str, source: str) -> WorldSpec:
+    """Decode the text of a world file.
+
+    Args:
+        text: TOML, as in `worlds/README.md`.
+        source: the file's name for the error message.
+
+    Raises:
+        WorldError: naming `source`, the key, and what is expected there.
+    """
+    try:
+        return msgspec.toml.decode(text, type=WorldSpec)
+    except msgspec.ValidationError as error:
+        raise WorldError(f"{source}: {_with_key_first(str(error))}") from error
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise WorldError(f"{source}: not a TOML file: {error}") from error
+
+
+def _with_key_first(message: str) -> str:
+    """Turn msgspec's "Expected … - at `$.box[0].x`" into "box[0].x: Expected …"."""
+    match = re.fullmatch(r"(.*) - at `\$\.?(.*)`", message, flags=re.DOTALL)
+    if match is None or not match[2]:
+        return message.replace(" - at `$`", "")
+    return f"{match[2]}: {match[1]}"
