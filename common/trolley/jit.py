@@ -83,11 +83,10 @@ class KernelFiles:
         # uses has been defined.
         return fingerprint(self._function)[:12]
 
-    def _name(self, key: object) -> str:
-        # The key is numba's: argument types, processor and its features, hash of the bytecode.
-        return f"{self._prefix}.{self._version}.{_hash(repr(key).encode())[:16]}.nbc"
+    def _name(self, key: tuple[Any, ...]) -> str:
+        return f"{self._prefix}.{self._version}.{_hash(_describe(key))[:16]}.nbc"
 
-    def load(self, key: object) -> Any:
+    def load(self, key: tuple[Any, ...]) -> Any:
         """Return what was saved under a key, or None."""
         for folder in self._read_folders:
             try:
@@ -99,7 +98,7 @@ class KernelFiles:
                 return pickle.loads(payload)
         return None
 
-    def save(self, key: object, data: object) -> None:
+    def save(self, key: tuple[Any, ...], data: object) -> None:
         """Keep data under a key and drop what older versions of the kernel have left."""
         payload = cast("bytes", _caching.dumps(data))
         handle, temporary = tempfile.mkstemp(dir=self._folder, prefix=f"{self._prefix}.tmp.")
@@ -131,6 +130,17 @@ def fingerprint(function: Callable[..., object]) -> str:
     parts = [repr(settings).encode()]
     parts.extend(_parts(function, set()))
     return _hash(b"\0".join(parts))
+
+
+def _describe(key: tuple[Any, ...]) -> bytes:
+    """Write out numba's key: argument types, processor and its features, hash of the bytecode."""
+    # numba's name of a NamedTuple leaves out its module and the names of its fields.
+    tuples = [
+        (getattr(kind, "instance_class", None), getattr(kind, "fields", None))
+        for kind in key[0]
+        if hasattr(kind, "instance_class")
+    ]
+    return repr((key, tuples)).encode()
 
 
 def _hash(content: bytes) -> str:
@@ -174,5 +184,7 @@ def _value_parts(value: object, seen: set[int]) -> Iterator[bytes]:
     elif isinstance(value, np.ndarray):
         array = cast("np.ndarray[Any, np.dtype[Any]]", value)
         yield repr((array.dtype, array.shape)).encode() + array.tobytes()
+    elif isinstance(value, type) and hasattr(value, "_fields"):  # a NamedTuple that it makes
+        yield repr((value, getattr(value, "_fields", ()))).encode()
     elif isinstance(value, (bool, int, float, complex, str, bytes, tuple, np.generic)):
         yield repr(cast("object", value)).encode()

@@ -104,13 +104,15 @@ class Pose2D(msgspec.Struct, frozen=True):
             points: (n, 2) x, y [m] in the child's frame.
 
         Returns:
-            (n, 2) x, y [m] in the parent's frame.
+            (n, 2) x, y [m] in the parent's frame; a point that is not finite (a beam without
+            an echo) comes back not finite.
         """
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         wide = np.asarray(points, dtype=np.float64)
         out = np.empty_like(wide)
-        out[..., 0] = self.x + cos * wide[..., 0] - sin * wide[..., 1]
-        out[..., 1] = self.y + sin * wide[..., 0] + cos * wide[..., 1]
+        with np.errstate(invalid="ignore", over="ignore"):
+            out[..., 0] = self.x + cos * wide[..., 0] - sin * wide[..., 1]
+            out[..., 1] = self.y + sin * wide[..., 0] + cos * wide[..., 1]
         return out
 
     def transform_poses(self, poses: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

@@ -1,0 +1,183 @@
+"""Compiled code on disk: shared, never stale, and never in the way."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+INNER = """
+from trolley.jit import kernel
+
+FACTOR = 2.0
+
+@kernel
+def scaled(x):
+    return FACTOR * x
+"""
+OUTER = """
+import logging, sys
+from typing import NamedTuple
+import inner
+from inner import scaled
+from trolley.jit import kernel
+
+logging.basicConfig()
+
+class Pair(NamedTuple):
+    a: float
+    b: float
+
+@kernel
+def total(pair, n):
+    out = 0.0
+    for i in range(n):
+        out += scaled(pair.a) + pair.b / pair.b
+    return out
+
+if __name__ == "__main__":
+    kinds = sys.argv[1:] or ["float"]
+    for kind in kinds:
+        value = {"float": 1.0, "int": 1, "bool": True}[kind]
+        print(kind, total(Pair(value, value), 3), sum(total.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A folder with two modules of kernels, one calling the other."""
+    folder = tmp_path / "tree"
+    folder.mkdir()
+    (folder / "inner.py").write_text(INNER)
+    (folder / "outer.py").write_text(OUTER)
+    return folder
+
+
+def start(tree: Path, *kinds: str, **environment: str) -> subprocess.Popen[str]:
+    """Start the program with a cache folder beside the tree, unless the environment says more."""
+    settings = {**os.environ, "NUMBA_CACHE_DIR": str(tree.parent / "cache"), **environment}
+    return subprocess.Popen(
+        [sys.executable, "outer.py", *kinds],
+        cwd=tree,
+        env={name: value for name, value in settings.items() if value},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def run(tree: Path, *kinds: str, **environment: str) -> str:
+    """Run the program to its end and return what it prints: kind, result, hits in the cache."""
+    process = start(tree, *kinds, **environment)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out + err
+
+
+def compiled(folder: Path) -> list[Path]:
+    """All compiled files below a folder."""
+    return sorted(folder.rglob("*.nbc"))
+
+
+def test_second_process_finds_the_code_of_the_first(tree: Path) -> None:
+    assert run(tree) == "float 9.0 0\n"
+    assert run(tree) == "float 9.0 1\n"
+
+
+def test_processes_that_compile_at_the_same_moment_do_not_mix(tree: Path) -> None:
+    kinds = ["float", "int", "bool"]
+    processes = [start(tree, kind) for kind in kinds]
+    for kind, process in zip(kinds, processes, strict=True):
+        out, err = process.communicate(timeout=120)
+        assert out == f"{kind} 9.0 0\n", err
+    assert run(tree, *kinds) == "float 9.0 1\nint 9.0 2\nbool 9.0 3\n"
+
+
+def test_damaged_code_is_compiled_again(tree: Path) -> None:
+    run(tree)
+    for file, damage in zip(compiled(tree.parent), (b"", b"x" * 5000), strict=True):
+        file.write_bytes(damage)
+    assert run(tree) == "float 9.0 0\n"
+    assert run(tree) == "float 9.0 1\n"
+
+
+def test_code_cut_short_is_compiled_again(tree: Path) -> None:
+    run(tree)
+    for file in compiled(tree.parent):
+        file.write_bytes(file.read_bytes()[:-1])
+    assert run(tree) == "float 9.0 0\n"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "result"),
+    [
+        ("FACTOR = 2.0", "FACTOR = 5.0", 18.0),
+        ("return FACTOR * x", "return FACTOR * x + 1", 12.0),
+    ],
+)
+def test_change_in_another_file_is_seen(tree: Path, before: str, after: str, result: float) -> None:
+    run(tree)
+    (tree / "inner.py").write_text(INNER.replace(before, after))
+    assert run(tree) == f"float {result} 0\n"
+    assert len(compiled(tree.parent)) == 2  # what the older version left is gone
+
+
+def test_exchanged_fields_of_a_tuple_are_seen(tree: Path) -> None:
+    source = OUTER.replace("Pair(value, value)", "Pair(a=value, b=4 * value)")
+    source = source.replace("pair.b / pair.b", "pair.b")
+    (tree / "outer.py").write_text(source)
+    assert run(tree) == "float 18.0 0\n"
+    swapped = source.replace("    a: float\n    b: float", "    b: float\n    a: float")
+    (tree / "outer.py").write_text(swapped)
+    assert run(tree) == "float 18.0 0\n"
+
+
+def test_settings_that_change_code_are_kept_apart(tree: Path) -> None:
+    run(tree)
+    assert run(tree, NUMBA_BOUNDSCHECK="1") == "float 9.0 0\n"
+
+
+def test_read_only_tree_uses_the_user_s_cache(tree: Path) -> None:
+    if os.geteuid() == 0:
+        # Root may write anywhere: a file in the place of the folder has the same effect.
+        (tree / "__pycache__").write_text("not a folder")
+        environment = {"PYTHONDONTWRITEBYTECODE": "1"}
+    else:
+        tree.chmod(0o555)
+        environment = {}
+    home = tree.parent / "home"
+    environment |= {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": str(home)}
+    assert run(tree, **environment) == "float 9.0 0\n"
+    assert len(compiled(home)) == 2
+    assert run(tree, **environment) == "float 9.0 1\n"
+    tree.chmod(0o755)
+
+
+def test_code_beside_the_source_is_read_where_another_cache_is_written(tree: Path) -> None:
+    assert run(tree, NUMBA_CACHE_DIR="") == "float 9.0 0\n"
+    assert len(compiled(tree / "__pycache__")) == 2
+    assert run(tree) == "float 9.0 1\n"
+
+
+def test_without_a_folder_to_write_it_still_runs_and_says_so(tree: Path) -> None:
+    (tree / "__pycache__").write_text("not a folder")
+    blocked = tree.parent / "blocked"
+    blocked.write_text("not a folder")
+    out = run(tree, NUMBA_CACHE_DIR="", XDG_CACHE_HOME=str(blocked), PYTHONDONTWRITEBYTECODE="1")
+    assert out.startswith("float 9.0 0\n")
+    assert "cannot be kept" in out
+    assert "NUMBA_CACHE_DIR" in out
+
+
+def test_kernels_run_uncompiled_where_numba_is_switched_off(tree: Path) -> None:
+    program = "import outer; print(outer.total(outer.Pair(1.0, 1.0), 3))"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tree,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "9.0\n"
