@@ -29,7 +29,7 @@ class Walls(NamedTuple):
     Attributes:
         frame: (5,) map_T_grid as x, y, cos, sin, then the cell edge [m].
         solid: (rows, cols) uint8, 1 where a cell is occupied.
-        distance: (rows, cols) float32, from each cell's centre to that of the nearest solid one [m].
+        distance: (rows, cols) float32, from a cell's centre to the nearest solid cell's [m].
         edges: (n, 4) x, y, x, y [m] in `map`: outlines of the solid cells, sorted by bucket.
         buckets: (bucket rows, bucket cols, 2) int64: first edge of the bucket and first behind it.
         bucket_edge: (1,) edge of a bucket [m].
@@ -117,7 +117,7 @@ def is_inside(outline: NDArray[np.float64], x: float, y: float) -> bool:
 def outline_to_point(
     outline: NDArray[np.float64], x: float, y: float
 ) -> tuple[float, float, float]:
-    """Return the signed distance of a point to a polygon (< 0 inside) and the nearest point on it."""
+    """Return a point's distance to a polygon (< 0 inside) and the nearest point on it."""
     best, best_x, best_y = math.inf, x, y
     j = outline.shape[0] - 1
     for i in range(outline.shape[0]):

@@ -2,6 +2,7 @@
 
 import math
 from enum import Enum, auto
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,9 +134,7 @@ def _without_repeats(path: list[Point], loop: bool) -> list[Point]:
     if loop and len(path) > 1 and path[0] == path[-1]:
         path = path[:-1]
     kept = [path[0]]
-    kept.extend(
-        point for before, point in zip(path, path[1:], strict=False) if math.dist(before, point) > 0
-    )
+    kept.extend(point for before, point in pairwise(path) if math.dist(before, point) > 0)
     return kept
 
 

@@ -113,7 +113,7 @@ def grid_range(
 def _grid_interval(
     gx: float, gy: float, ux: float, uy: float, width: float, height: float
 ) -> tuple[float, float]:
-    """Return where a ray enters and leaves the rectangle from (0, 0); enter > leave if it misses."""
+    """Return where a ray enters and leaves a rectangle at (0, 0); enter > leave: it misses."""
     enter, leave = -math.inf, math.inf
     if ux != 0.0:
         first, second = -gx / ux, (width - gx) / ux
@@ -190,7 +190,7 @@ def comes_back(
 def _nearest_segment(
     scene: Scene, ray: NDArray[np.float64], reach: float, skip: int, draw: float
 ) -> tuple[float, int]:
-    """Return range and index of the first segment that does not let the ray through; index -1: none.
+    """Return range and index of the first segment that stops or turns the ray; -1: none.
 
     Args:
         scene: what there is.

@@ -23,7 +23,7 @@ from trolley_base.world.scene import (
     polyline,
 )
 from trolley_base.world.spec import DriveLimits, LidarSpec, WorldError, WorldSpec
-from trolley_base.world.wheels import Drive, WheelMotion
+from trolley_base.world.wheels import STANDING, Drive, WheelMotion
 
 STEP_NS = 10_000_000
 STEP_S = STEP_NS / 1e9
@@ -142,7 +142,7 @@ class Simulation:
         self._motion = Pose2D.identity()
         self._scans: list[LidarScan] = []
         self._resize()
-        self._clearance = self._move(WheelMotion(), 0.0)[1]
+        self._clearance = self._move(STANDING, 0.0)[1]
         place_outline_into(self._outline, corners, self._pose.x, self._pose.y, self._pose.yaw)
         self._refuse_overlap()
 
@@ -290,7 +290,7 @@ class Simulation:
 
 
 def circle_around(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return centre x, y and radius (3,) of a circle around corners (n, 2), not always the least."""
+    """Return centre x, y and radius (3,) of a circle around corners (n, 2) [m]."""
     centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     radius = float(np.hypot(*(corners - centre).T).max())
     return np.array([centre[0], centre[1], radius])

@@ -24,9 +24,12 @@ class WheelMotion:
         slipping: the same with slip, which moves it; constant over the step.
     """
 
-    reported: Pose2D = Pose2D(0.0, 0.0, 0.0)
-    own: Twist2D = Twist2D(0.0, 0.0, 0.0)
-    slipping: Twist2D = Twist2D(0.0, 0.0, 0.0)
+    reported: Pose2D
+    own: Twist2D
+    slipping: Twist2D
+
+
+STANDING = WheelMotion(Pose2D.identity(), Twist2D.zero(), Twist2D.zero())
 
 
 class Drive:
