@@ -1,0 +1,170 @@
+"""Follow one estimate: particles for the alternatives, alignment for the centimetre."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D
+
+from trolley_localizer.field import LikelihoodField
+from trolley_localizer.kernels.layout import Points
+from trolley_localizer.motion import split_step
+from trolley_localizer.particles import ParticleFilter, lower_root
+from trolley_localizer.scan import BeamSet
+from trolley_localizer.tracker import PoseTracker
+from trolley_localizer.verify import Verifier
+
+# By how much a pose from elsewhere must be better supported to replace the aligned prediction.
+_CLUSTER_LEAD = 0.03
+_TRY_LEAD = 0.05
+# A score this far below the usual one starts tries round about.
+_SCORE_DROP = 0.1
+_TRIES = 1500
+_TRY_DEV_M = 0.25
+_TRY_DEV_RAD = 0.15
+# Alignment may lower the score by this: the odometry has a say, too.
+_SCORE_SLACK = 0.01
+_USUAL_SMOOTHING = 0.05
+# The golden ratio moves the choice of beams evenly from scan to scan.
+_PHASE_STEP = 0.6180339887
+
+
+class Follower:
+    """One estimate on one map, its particles and its covariance (cells and radians in `grid`)."""
+
+    def __init__(
+        self,
+        field: LikelihoodField,
+        verifier: Verifier,
+        config: LocalizerConfig,
+        seed: int,
+    ) -> None:
+        self._field = field
+        self._verifier = verifier
+        self._config = config
+        self._filter = ParticleFilter(field, config, seed)
+        self._tracker = PoseTracker(field, config)
+        self._pending = Pose2D.identity()
+        self._usual_score = 0.0
+        self._fresh: NDArray[np.float64] | None = None
+        self._phase = 0.5
+        self.spread_m = 0.0
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """The estimate (3,)."""
+        return self._tracker.pose
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Its covariance (3, 3)."""
+        return self._tracker.covariance
+
+    def particles(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return poses (n, 3) x, y [m], yaw [rad] in the map frame, and weights (n,)."""
+        x, y, yaw = (part.astype(np.float64) for part in self._filter.cloud)
+        scale = self._field.resolution
+        poses_grid = np.column_stack([x * scale, y * scale, yaw])
+        poses = self._field.grid.origin.transform_poses(poses_grid)
+        return poses.astype(np.float32), self._filter.weights.copy()
+
+    def reset(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+        """Start anew at a pose with a covariance."""
+        self._tracker.reset(pose, covariance)
+        self._filter.reset(pose, covariance)
+        self._pending = Pose2D.identity()
+        self._usual_score = 0.0
+        self._fresh = lower_root(covariance)
+        self.spread_m = self._filter.spread_m()
+
+    def forget_motion(self) -> None:
+        """Drop the odometry that the particles have not followed yet."""
+        self._pending = Pose2D.identity()
+
+    def predict(self, step: Pose2D) -> None:
+        """Carry the estimate through one odometry step [m, m, rad]."""
+        if self._filter.count == 0:
+            return
+        self._tracker.predict(step)
+        self._pending = self._pending @ step
+
+    def look(self, beams: BeamSet, *, is_trusted: bool) -> None:
+        """Correct the estimate by one scan.
+
+        Args:
+            beams: of the scan.
+            is_trusted: whether the estimate is believed so far.
+        """
+        seen = self._verifier.without_mirrored(self._tracker.pose, beams)
+        points = seen.spread(self._config.refine_beams)
+        if points.x.size == 0:
+            return
+        predicted = self._tracker.pose
+        pose, information = self._tracker.align(predicted, points, free=False)
+        score = self._tracker.score(pose, points)
+        before = self._tracker.score(predicted, points)
+        if score < before - _SCORE_SLACK:
+            pose, score = predicted, before
+        self._tracker.accept(pose, information, free=False)
+        moved = self._has_moved()
+        if moved:
+            score = self._filter_step(seen, points, score)
+        if self._fresh is not None or score < self._usual_score - _SCORE_DROP or not is_trusted:
+            score = self._try_around(beams, points, score)
+        if moved:
+            self._filter.resample(self._tracker.pose)
+            self.spread_m = self._filter.spread_m()
+        self._usual_score += _USUAL_SMOOTHING * (score - self._usual_score)
+
+    def _has_moved(self) -> bool:
+        """Say whether the robot has moved enough for another look by the particles."""
+        way = math.hypot(self._pending.x, self._pending.y)
+        return (
+            self._fresh is not None
+            or way >= self._config.update_distance_m
+            or abs(self._pending.yaw) >= self._config.update_turn_rad
+        )
+
+    def _filter_step(self, seen: BeamSet, points: Points, score: float) -> float:
+        """Move and weigh the particles; take their best place if it fits better."""
+        self._filter.move(split_step(self._pending, self._config))
+        self._pending = Pose2D.identity()
+        self._phase = (self._phase + _PHASE_STEP) % 1.0
+        self._filter.weigh(seen.spread(self._config.num_beams, self._phase))
+        _, mean, _ = self._filter.cluster()
+        return self._offer(mean, seen, points, score, _CLUSTER_LEAD)
+
+    def _try_around(self, beams: BeamSet, points: Points, score: float) -> float:
+        """Try poses at random about the estimate and take the best if it fits better."""
+        cells = 1.0 / self._field.resolution
+        root = np.diag([_TRY_DEV_M * cells, _TRY_DEV_M * cells, _TRY_DEV_RAD])
+        if self._fresh is not None:
+            root = self._fresh
+            self._fresh = None
+        few = beams.spread(self._config.num_beams, self._phase)
+        best = self._filter.best_of(self._tracker.pose, root, few, _TRIES)
+        return self._offer(best, beams, points, score, _TRY_LEAD)
+
+    def _offer(
+        self,
+        start: NDArray[np.float64],
+        beams: BeamSet,
+        points: Points,
+        score: float,
+        lead: float,
+    ) -> float:
+        """Align another pose and take it if the scan supports it clearly better.
+
+        Returns:
+            The score of the estimate afterwards.
+        """
+        pose, information = self._tracker.align(start, points, free=True)
+        other = self._tracker.score(pose, points)
+        if other <= score + lead or not self._verifier.may_stand(pose):
+            return score
+        rival = self._verifier.support(pose, beams).value
+        if rival <= self._verifier.support(self._tracker.pose, beams).value + lead:
+            return score
+        self._tracker.accept(pose, information, free=True)
+        return other

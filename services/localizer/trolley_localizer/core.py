@@ -1,0 +1,335 @@
+"""The localizer without wire, clock and files: scans and odometry in, estimates out.
+
+Frames: `map` (the user's), `grid` (columns and rows of the map, in cells), `odom`, `base_link`.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+
+from trolley_localizer.alignment import Follower
+from trolley_localizer.estimate import CandidatePose, Estimate, Reject
+from trolley_localizer.field import LikelihoodField, build_field
+from trolley_localizer.hypotheses import Hypotheses, Hypothesis
+from trolley_localizer.judge import Evidence, Judge, State
+from trolley_localizer.kernels.layout import Lines
+from trolley_localizer.scan import BeamSet, ScanInput, read_beams
+from trolley_localizer.search import Place, SearchJob, SearchMap, is_near
+from trolley_localizer.verify import Support, Verifier
+
+# A scan with fewer echoes says nothing.
+MIN_ECHOES = 15
+# A wheeled indoor robot is slower; a longer step is a reset or a fault of the odometry [m/s, m].
+FASTEST_MPS = 4.0
+LONGEST_JUMP_M = 0.5
+# How far off a pose set by hand may be: standard deviations [m, rad].
+SET_DEV_M = 0.4
+SET_DEV_RAD = 0.25
+# How far off a place found by a search may be.
+FOUND_DEV_M = 0.1
+FOUND_DEV_RAD = 0.05
+# A place this much better supported, near by, replaces the estimate.
+NEAR_LEAD = 0.05
+
+PoseProblem = Literal["outside_map", "in_obstacle"]
+
+
+def make_lines(field: LikelihoodField, polylines: Sequence[NDArray[np.float64]]) -> Lines:
+    """Cut polylines (n, 2) [m] in the map frame into segments in cells of the grid."""
+    pieces = [field.grid.world_to_grid(line) / field.resolution for line in polylines]
+    starts = np.concatenate([np.empty((0, 2)), *(piece[:-1] for piece in pieces)])
+    ends = np.concatenate([np.empty((0, 2)), *(piece[1:] for piece in pieces)])
+    columns = (starts[:, 0], starts[:, 1], ends[:, 0], ends[:, 1])
+    return Lines(*(np.ascontiguousarray(column) for column in columns))
+
+
+class Localizer:
+    """Follows the robot on one map, notices when it is lost, and finds it again.
+
+    A search of the whole map takes long, so it is handed out: after each call ask `take_job`, run
+    the job anywhere (it touches nothing of the localizer), and give it back to `finish`.
+    """
+
+    def __init__(
+        self,
+        grid: GridMap,
+        mirrors: Sequence[NDArray[np.float64]],
+        config: LocalizerConfig,
+        seed: int,
+    ) -> None:
+        self._config = config
+        self.field = build_field(grid, config)
+        self._map = SearchMap(self.field)
+        self._verifier = Verifier(self.field, make_lines(self.field, mirrors), config)
+        self._follower = Follower(self.field, self._verifier, config, seed)
+        self._hypotheses = Hypotheses(self.field, self._verifier, config)
+        self._judge = Judge(config)
+        self._is_searching = True
+        self._is_known = False
+        self._wants_job = True
+        self._job_runs = False
+        self._searched = False
+        self._since_search_s = math.inf
+        self._blind_s = 0.0
+        self._last: ScanInput | None = None
+        self._beams: BeamSet | None = None
+        self._map_T_odom: Pose2D | None = None
+        self._support = Support(0.0, 0.0, 0, 0.0)
+
+    # What people and the shell ask for.
+
+    def set_mirrors(self, polylines: Sequence[NDArray[np.float64]]) -> None:
+        """Replace the mirrors and panes: (n, 2) points [m] in the map frame each."""
+        self._verifier.mirrors = make_lines(self.field, polylines)
+
+    def pose_problem(self, map_T_base: Pose2D) -> PoseProblem | None:
+        """Say why the robot cannot be at a pose, or None."""
+        pose = self.field.to_cells(map_T_base)
+        if not (0.0 <= pose[0] < self.field.grid.cols and 0.0 <= pose[1] < self.field.grid.rows):
+            return "outside_map"
+        return None if self._verifier.may_stand(pose) else "in_obstacle"
+
+    def set_pose(self, map_T_base: Pose2D, covariance: NDArray[np.float64] | None = None) -> None:
+        """Take a pose as a hypothesis: it is followed, and believed once the scans agree.
+
+        Args:
+            map_T_base: on the map and not in a wall, see `pose_problem`.
+            covariance: (3, 3) over x, y [m], yaw [rad] in the map frame; None for a hand's aim.
+        """
+        if covariance is None:
+            covariance = np.diag([SET_DEV_M**2, SET_DEV_M**2, SET_DEV_RAD**2])
+        self._follow(
+            self.field.to_cells(map_T_base), self.field.covariance_to_cells(covariance)
+        )
+        self._wants_job = True
+
+    def search(self) -> None:
+        """Forget where the robot is and search the whole map with the next scan."""
+        self._is_searching = True
+        self._wants_job = True
+        self._searched = False
+        self._hypotheses.start([])
+
+    def restart_odometry(self) -> None:
+        """Take the next odometry as the beginning of a new run: no step leads to it."""
+        self._last = None
+        self._follower.forget_motion()
+
+    def take_job(self) -> SearchJob | None:
+        """Return a search to run now, or None. Give it back to `finish` when it is done."""
+        if not self._wants_job or self._job_runs or self._last is None or self._beams is None:
+            return None
+        if self._beams.used.size < MIN_ECHOES:
+            return None
+        self._wants_job = False
+        self._job_runs = True
+        self._since_search_s = 0.0
+        followed = None if self._is_searching else self._follower.pose.copy()
+        return SearchJob(
+            self._map, self._verifier, self._beams, self._last.odom_T_base, followed
+        )
+
+    def finish(self, job: SearchJob) -> None:
+        """Take the outcome of a search into account."""
+        self._job_runs = False
+        if self._last is None:
+            self._wants_job = True
+            return
+        step = job.odom_T_base.inverse() @ self._last.odom_T_base
+        places = [Place(self._carried(place.pose, step), place.support) for place in job.places]
+        if self._is_searching:
+            self._searched = True
+            self._hypotheses.start(places)
+        elif job.followed is not None and job.support is not None:
+            self._compare(places, self._carried(job.followed, step), job.support)
+
+    def particles(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the hypotheses (n, 3) x, y [m], yaw [rad] in the map frame, and weights (n,)."""
+        if not self._is_searching:
+            return self._follower.particles()
+        items = self._hypotheses.items
+        poses = np.array([self.field.to_map(item.pose).as_array() for item in items], np.float32)
+        total = sum(item.latest for item in items)
+        weights = [item.latest / total if total > 0.0 else 1.0 / len(items) for item in items]
+        return poses.reshape(-1, 3), np.array(weights, np.float32)
+
+    # One scan.
+
+    def step(self, scan: ScanInput) -> Estimate | Reject:
+        """Take one scan and its odometry into account."""
+        reject = self._problem(scan)
+        if reject is not None:
+            return reject
+        step, elapsed_s = self._step_since_last(scan)
+        beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
+        self._last, self._beams = scan, beams
+        self._since_search_s += elapsed_s
+        is_blind = beams.used.size < MIN_ECHOES
+        self._blind_s = self._blind_s + elapsed_s if is_blind else 0.0
+        self._follower.predict(step)
+        self._hypotheses.move(step)
+        if self._is_searching and not is_blind:
+            self._search_step(beams)
+        if self._is_searching:
+            return self._searching_estimate(scan, beams, "searching")
+        return self._follow_step(scan, beams, elapsed_s, is_blind=is_blind)
+
+    def _problem(self, scan: ScanInput) -> Reject | None:
+        """Say why a scan cannot be used."""
+        if self._last is not None and scan.stamp_ns <= self._last.stamp_ns:
+            return Reject.OLD_STAMP
+        if not (scan.odom_T_base.is_finite() and scan.odom_T_base_end.is_finite()):
+            return Reject.BAD_ODOMETRY
+        numbers = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+        if not (all(math.isfinite(n) for n in numbers) and scan.base_T_laser.is_finite()):
+            return Reject.BAD_GEOMETRY
+        return None
+
+    def _step_since_last(self, scan: ScanInput) -> tuple[Pose2D, float]:
+        """Return the odometry step and the time [s] since the scan before."""
+        if self._last is None:
+            return Pose2D.identity(), 0.0
+        step = self._last.odom_T_base.inverse() @ scan.odom_T_base
+        elapsed_s = (scan.stamp_ns - self._last.stamp_ns) * 1e-9
+        if math.hypot(step.x, step.y) > LONGEST_JUMP_M + FASTEST_MPS * elapsed_s:
+            return Pose2D.identity(), elapsed_s
+        return step, elapsed_s
+
+    def _follow_step(
+        self, scan: ScanInput, beams: BeamSet, elapsed_s: float, *, is_blind: bool
+    ) -> Estimate:
+        """Align the estimate with a scan and judge it."""
+        if not is_blind:
+            self._follower.look(beams, is_trusted=self._judge.state == "localized")
+        support, classes = self._verifier.classify(self._follower.pose, beams)
+        self._support = support
+        evidence = Evidence(support.value, self._follower.spread_m, is_blind)
+        state = self._judge.look(evidence, elapsed_s)
+        if state == "lost":
+            self.search()
+            return self._searching_estimate(scan, beams, "lost")
+        if self._judge.doubts and self._since_search_s > self._config.search_again_s:
+            self._wants_job = True
+        map_T_base = self.field.to_map(self._follower.pose)
+        self._map_T_odom = map_T_base @ scan.odom_T_base.inverse()
+        self._is_known = True
+        return Estimate(
+            stamp_ns=scan.stamp_ns,
+            map_T_base=map_T_base,
+            map_T_odom=self._map_T_odom,
+            covariance=self.field.covariance_to_map(self._follower.covariance),
+            state=state,
+            match=support.match,
+            spread=self._follower.spread_m,
+            beam_classes=classes,
+            message=self._doubt(state, is_blind=is_blind),
+        )
+
+    def _doubt(self, state: State, *, is_blind: bool) -> str:
+        """Say in one sentence why the state is not `localized`."""
+        if is_blind:
+            return "the lidar sees too little to check the pose"
+        if state == "localized":
+            return ""
+        if self._follower.spread_m > self._config.max_spread_m:
+            return "the hypotheses lie far apart"
+        if self._judge.support < self._config.good_support:
+            return "the scan does not fit the map well here"
+        return "checking the pose against the scan"
+
+    def _search_step(self, beams: BeamSet) -> None:
+        """Follow the places of the last search and settle on one if it stands out."""
+        self._hypotheses.look(beams)
+        winner = self._hypotheses.winner()
+        if winner is not None:
+            deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
+            covariance = self.field.covariance_to_cells(np.diag(deviation**2))
+            self._follow(winner.pose, covariance)
+            self._judge.vouch()
+        elif self._searched and self._since_search_s > self._config.search_again_s:
+            # What stands out by now may not be among the places found from where it began.
+            self._wants_job = not self._hypotheses.is_plausible or self._hypotheses.is_stale
+
+    def _searching_estimate(self, scan: ScanInput, beams: BeamSet, state: State) -> Estimate:
+        """Say that the pose is not known; the last correction of the odometry is held."""
+        items = self._hypotheses.items
+        held = self._map_T_odom
+        return Estimate(
+            stamp_ns=scan.stamp_ns,
+            map_T_base=None if held is None else held @ scan.odom_T_base,
+            map_T_odom=held,
+            covariance=None if held is None else self._wide_covariance(items),
+            state=state,
+            match=items[0].match if items else 0.0,
+            spread=self._spread(items),
+            beam_classes=beams.classes,
+            candidates=[CandidatePose(self.field.to_map(i.pose), i.match) for i in items],
+            wants_turn=self._searched and beams.used.size >= MIN_ECHOES,
+            message=self._search_message(state, beams),
+        )
+
+    def _search_message(self, state: State, beams: BeamSet) -> str:
+        """Say in one sentence how the search stands."""
+        if state == "lost":
+            return "the scan does not fit the map here: lost"
+        if beams.used.size < MIN_ECHOES:
+            return "the lidar sees too little to find the robot"
+        if not self._searched:
+            return "searching the whole map"
+        if len(self._hypotheses.items) > 1:
+            return "several places look alike: a turn in place would help"
+        return "no place on the map fits the scan"
+
+    def _spread(self, items: Sequence[Hypothesis]) -> float:
+        """Return the root mean square distance of places from their mean [m]."""
+        if len(items) < 2:
+            return 0.0
+        points = np.array([item.pose[:2] for item in items]) * self.field.resolution
+        return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+
+    def _wide_covariance(self, items: Sequence[Hypothesis]) -> NDArray[np.float64]:
+        """Return a covariance that says "anywhere among the places, or on the map"."""
+        spread = self._spread(items) if len(items) > 1 else 0.25 * max(self.field.grid.size_m)
+        return np.diag([spread**2 + 1.0, spread**2 + 1.0, math.pi**2 / 3.0])
+
+    # Changing one's mind.
+
+    def _follow(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+        """Begin to follow a pose in cells."""
+        self._is_searching = False
+        self._wants_job = False
+        self._follower.reset(pose, covariance)
+        self._hypotheses.start([])
+        self._judge.restart()
+
+    def _carried(self, pose: NDArray[np.float64], step: Pose2D) -> NDArray[np.float64]:
+        """Return a pose in cells after an odometry step in metres."""
+        return self.field.to_cells(self.field.to_map(pose) @ step)
+
+    def _compare(
+        self, places: Sequence[Place], followed: NDArray[np.float64], support: Support
+    ) -> None:
+        """Weigh what a search found against the estimate that it was to check."""
+        resolution = self.field.resolution
+        elsewhere = [p for p in places if not is_near(p.pose, followed, resolution)]
+        best = max((p.support.value for p in elsewhere), default=0.0)
+        here = [p for p in places if is_near(p.pose, followed, resolution)]
+        value = max(support.value, max((p.support.value for p in here), default=0.0))
+        if best > value + self._config.search_margin and best >= self._config.good_support:
+            self.search()
+            self._wants_job = False
+            self._searched = True
+            self._hypotheses.start(places)
+            return
+        self._judge.vouch()
+        if here and here[0].support.value > support.value + NEAR_LEAD:
+            deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
+            self._follower.reset(
+                here[0].pose, self.field.covariance_to_cells(np.diag(deviation**2))
+            )

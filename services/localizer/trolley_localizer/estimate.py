@@ -1,0 +1,54 @@
+"""What the localizer says after each scan."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.geometry import Pose2D
+
+from trolley_localizer.judge import State
+
+
+class Reject(Enum):
+    """Why a scan gave no estimate."""
+
+    OLD_STAMP = "the scan is not newer than the one before"
+    BAD_ODOMETRY = "the odometry is not finite"
+    BAD_GEOMETRY = "the scan's angles, ranges or mounting are not finite"
+
+
+@dataclass(frozen=True, slots=True)
+class CandidatePose:
+    """One place where the robot might be, in the map frame."""
+
+    map_T_base: Pose2D
+    match: float
+    """Share of beams that the map explains from there, 0 ... 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Where the robot was at the stamp of a scan."""
+
+    stamp_ns: int
+    """Robot time of the scan's first beam, for which the pose holds [ns]."""
+    map_T_base: Pose2D | None
+    """The pose; None until one is known."""
+    map_T_odom: Pose2D | None
+    """`map_T_base` with the odometry taken off; held while searching or lost."""
+    covariance: NDArray[np.float64] | None
+    """(3, 3) over x, y [m], yaw [rad] in the map frame."""
+    state: State
+    match: float
+    """Share of beams that the map explains, 0 ... 1."""
+    spread: float
+    """Root mean square distance of the hypotheses from their mean [m]."""
+    beam_classes: NDArray[np.uint8]
+    """(n,) 0 explained, 1 not on the map, 2 behind mirror or glass, 3 suspected, 4 unused."""
+    candidates: list[CandidatePose] = field(default_factory=list[CandidatePose])
+    """The places between which the scans cannot decide yet, best first."""
+    wants_turn: bool = False
+    """Whether a turn in place would help to tell the candidates apart."""
+    message: str = ""
+    """What is the matter, in one sentence; empty when all is well."""

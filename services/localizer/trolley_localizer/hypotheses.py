@@ -1,0 +1,140 @@
+"""Several places at once, while one scan cannot tell which is right."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D
+
+from trolley_localizer.field import LikelihoodField
+from trolley_localizer.scan import BeamSet
+from trolley_localizer.search import Place
+from trolley_localizer.verify import Verifier
+
+MAX_HYPOTHESES = 12
+# A new view is one from a place or heading this different.
+_VIEW_M = 0.15
+_VIEW_RAD = 0.2
+# From this motion on it is worth searching again.
+_STALE_M = 0.5
+_STALE_RAD = 0.7
+# A place whose support falls this far behind the best is given up.
+_GIVE_UP = 0.3
+# Places that drift together are one.
+_SAME_M = 0.3
+_SAME_RAD = 0.3
+
+
+@dataclass(slots=True)
+class Hypothesis:
+    """One place where the robot might be, and what the views so far say about it."""
+
+    pose: NDArray[np.float64]
+    """(3,) x, y [cells], yaw [rad] in `grid`."""
+    total: float
+    """Sum of the support over the views."""
+    latest: float
+    """Support by the newest scan."""
+    match: float
+    """Share of explained beams in the newest scan."""
+
+
+class Hypotheses:
+    """Follows the places that a search came up with, view by view, until one stands out."""
+
+    def __init__(
+        self, field: LikelihoodField, verifier: Verifier, config: LocalizerConfig
+    ) -> None:
+        self._field = field
+        self._verifier = verifier
+        self._config = config
+        self._views = 0
+        self._since_view = Pose2D.identity()
+        self._since_start = Pose2D.identity()
+        self.items: list[Hypothesis] = []
+
+    def start(self, places: Sequence[Place]) -> None:
+        """Begin with the places of a search, best first."""
+        self._views = 1
+        self._since_view = Pose2D.identity()
+        self._since_start = Pose2D.identity()
+        self.items = [
+            Hypothesis(p.pose.copy(), p.support.value, p.support.value, p.support.match)
+            for p in places[:MAX_HYPOTHESES]
+        ]
+
+    def move(self, step: Pose2D) -> None:
+        """Carry all places through one odometry step [m, m, rad]."""
+        self._since_view = self._since_view @ step
+        self._since_start = self._since_start @ step
+        cells = Pose2D(step.x / self._field.resolution, step.y / self._field.resolution, step.yaw)
+        for item in self.items:
+            before = Pose2D(float(item.pose[0]), float(item.pose[1]), float(item.pose[2]))
+            item.pose = (before @ cells).as_array()
+
+    def look(self, beams: BeamSet) -> None:
+        """Align all places with a scan; where the view is a new one, let it vote."""
+        since = self._since_view
+        is_new = math.hypot(since.x, since.y) > _VIEW_M or abs(since.yaw) > _VIEW_RAD
+        for item in self.items:
+            pose = self._verifier.align(item.pose, beams)
+            shift = pose - item.pose
+            # Alignment that runs off is no alignment.
+            if math.hypot(shift[0], shift[1]) * self._field.resolution < _SAME_M:
+                item.pose = pose
+            support = self._verifier.support(item.pose, beams)
+            item.latest, item.match = support.value, support.match
+            if is_new:
+                item.total += support.value
+        if is_new:
+            self._views += 1
+            self._since_view = Pose2D.identity()
+        self.items.sort(key=lambda item: -item.total)
+        self._drop()
+
+    def _drop(self) -> None:
+        """Give up places that fell behind or coincide with a better one."""
+        kept: list[Hypothesis] = []
+        for item in self.items:
+            if kept and (kept[0].total - item.total) / self._views > _GIVE_UP:
+                continue
+            if any(self._is_same(item, other) for other in kept):
+                continue
+            kept.append(item)
+        self.items = kept
+
+    def _is_same(self, one: Hypothesis, other: Hypothesis) -> bool:
+        shift = one.pose - other.pose
+        turn = math.remainder(float(shift[2]), 2.0 * math.pi)
+        away = math.hypot(shift[0], shift[1]) * self._field.resolution
+        return away < _SAME_M and abs(turn) < _SAME_RAD
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether the best place is supported by the newest scan and by the views so far."""
+        if not self.items:
+            return False
+        best = self.items[0]
+        return min(best.latest, best.total / self._views) >= self._config.poor_support
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether the robot has moved far since the places were found."""
+        since = self._since_start
+        return math.hypot(since.x, since.y) > _STALE_M or abs(since.yaw) > _STALE_RAD
+
+    def winner(self) -> Hypothesis | None:
+        """Return the place that stands out from all others, or None."""
+        if not self.is_plausible:
+            return None
+        best = self.items[0]
+        if best.latest < self._config.good_support:
+            return None
+        if len(self.items) == 1:
+            return best
+        # Supports of several views are summed: the wanted lead grows slower than their number.
+        lead = best.total - self.items[1].total
+        return best if lead >= self._config.search_margin * math.sqrt(self._views) else None

@@ -1,0 +1,217 @@
+"""The particle filter: adaptive Monte Carlo localization.
+
+Source:
+    Thrun, Burgard, Fox, Probabilistic Robotics (2005), table 8.3; Fox, Adapting the Sample Size in
+    Particle Filters Through KLD-Sampling (2003).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.config.localizer import LocalizerConfig
+
+from trolley_localizer.field import LikelihoodField
+from trolley_localizer.kernels.layout import Cloud, Points
+from trolley_localizer.kernels.motion import move_particles, scatter_particles
+from trolley_localizer.kernels.resample import (
+    count_bins,
+    draw_systematic,
+    gather,
+    normalise_weights,
+    weighted_moments,
+)
+from trolley_localizer.kernels.weights import score_particles
+from trolley_localizer.motion import OdometryStep
+
+# Bins of pose space for KLD sampling (AMCL's).
+_BIN_M = 0.5
+_BINS_TURN = 36
+# One particle in so many gets more noise: wheels slip on rugs, and encoders may miss a reversal.
+_WIDE_EVERY = 8
+_WIDE_FACTOR = np.float32(4.0)
+# Share of the particles drawn anew about the aligned estimate at each resampling.
+_RENEWED = 0.05
+_RENEWED_DEV_M = 0.05
+_RENEWED_DEV_RAD = 0.02
+_FULL_SCORE = 65535.0
+
+
+def kld_number(bins: int, error: float, quantile: float) -> int:
+    """Return how many particles keep the Kullback-Leibler error below a bound.
+
+    Args:
+        bins: bins with at least one particle.
+        error: largest error (epsilon).
+        quantile: of the standard normal distribution, for the confidence (z).
+
+    Source:
+        Fox (2003), equation 7 (Wilson and Hilferty's approximation).
+    """
+    if bins <= 1:
+        return 1
+    a = 2.0 / (9.0 * (bins - 1))
+    return math.ceil((bins - 1) / (2.0 * error) * (1.0 - a + math.sqrt(a) * quantile) ** 3)
+
+
+def lower_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return L with L L^T = covariance (3, 3), for any symmetric matrix without large defects."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    # QR of the transpose makes the factor triangular; its signs do not matter for sampling.
+    return np.ascontiguousarray(np.linalg.qr(root.T)[1].T)
+
+
+class ParticleFilter:
+    """A set of weighted poses on one map. All poses are in frame `grid`, in cells and radians."""
+
+    def __init__(self, field: LikelihoodField, config: LocalizerConfig, seed: int) -> None:
+        self._field = field
+        self._config = config
+        self._counter = (seed * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) % 2**64
+        most = max(config.max_particles, config.min_particles)
+        self._cloud = self._empty(most)
+        self._spare = self._empty(most)
+        self._weights = np.empty(most, np.float32)
+        self._score = np.empty(most, np.float32)
+        self._index = np.empty(most, np.int32)
+        self._bins = np.empty(2 ** math.ceil(math.log2(2 * most)), np.uint64)
+        self.count = 0
+
+    @staticmethod
+    def _empty(count: int) -> Cloud:
+        return Cloud(*(np.zeros(count, np.float32) for _ in range(3)))
+
+    @property
+    def cloud(self) -> Cloud:
+        """The particles (views)."""
+        return Cloud(*(part[: self.count] for part in self._cloud))
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """Their weights, sum 1 (a view)."""
+        return self._weights[: self.count]
+
+    def _draw(self, numbers: int) -> np.uint64:
+        """Take random numbers: return the first of a run of counters."""
+        first = self._counter
+        self._counter = (self._counter + numbers) % 2**64
+        return np.uint64(first)
+
+    def reset(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+        """Draw all particles anew about a pose.
+
+        Args:
+            mean: (3,) x, y [cells], yaw [rad].
+            covariance: (3, 3), same units.
+        """
+        self.count = self._weights.size
+        first = self._draw(3 * self.count)
+        scatter_particles(self.cloud, 0, self.count, mean, lower_root(covariance), first)
+        self._weights[:] = 1.0 / self.count
+
+    def move(self, step: OdometryStep) -> None:
+        """Move all particles by one noisy odometry step."""
+        cells = 1.0 / self._field.resolution
+        parts = np.array([step.turn, step.drive * cells, step.after], np.float32)
+        deviation = np.array(
+            [step.turn_dev, step.drive_dev * cells, step.after_dev, step.slip_dev * cells],
+            np.float32,
+        )
+        first = self._draw(4 * self.count)
+        move_particles(self.cloud, parts, deviation, _WIDE_EVERY, _WIDE_FACTOR, first)
+
+    def weigh(self, points: Points) -> float:
+        """Weigh all particles by beam end points; return the effective number of particles."""
+        beams = points.x.size
+        if beams == 0:
+            return float(self.count)
+        score = self._score[: self.count]
+        scratch = np.empty(beams, np.int32)
+        score_particles(score, self.cloud, points, self._field.score, scratch)
+        independent = min(float(beams), self._config.independent_beams)
+        gain = self._field.log_range / _FULL_SCORE * independent / beams
+        return normalise_weights(self.weights, score, gain)
+
+    def resample(self, about: NDArray[np.float64] | None) -> None:
+        """Draw equally weighted particles, as many as their spread asks for.
+
+        Args:
+            about: (3,) a pose about which a small share is drawn anew; None for no such share.
+        """
+        offset = float(self._draw(1) % np.uint64(1 << 20)) / (1 << 20)
+        trial = self._index[: self.count]
+        draw_systematic(trial, self.weights, offset)
+        bins = count_bins(
+            self._bins, self.cloud, trial, _BIN_M / self._field.resolution, _BINS_TURN
+        )
+        wanted = kld_number(bins, self._config.kld_error, self._config.kld_quantile)
+        count = min(max(wanted, self._config.min_particles), self._weights.size)
+        chosen = self._index[:count]
+        draw_systematic(chosen, self.weights, offset)
+        gather(self._spare, self._cloud, chosen)
+        self._cloud, self._spare = self._spare, self._cloud
+        self.count = count
+        self._weights[:count] = 1.0 / count
+        if about is not None:
+            self._renew(about)
+
+    def _renew(self, about: NDArray[np.float64]) -> None:
+        """Draw a small, evenly chosen share of the particles anew about a pose."""
+        renewed = max(1, round(_RENEWED * self.count))
+        cells = _RENEWED_DEV_M / self._field.resolution
+        root = np.diag([cells, cells, _RENEWED_DEV_RAD])
+        fresh = Cloud(*(np.empty(renewed, np.float32) for _ in range(3)))
+        scatter_particles(fresh, 0, renewed, about, root, self._draw(3 * renewed))
+        for part, new in zip(self.cloud, fresh, strict=True):
+            part[:: self.count // renewed][:renewed] = new
+
+    def best_of(
+        self, mean: NDArray[np.float64], root: NDArray[np.float64], points: Points, count: int
+    ) -> NDArray[np.float64]:
+        """Try random poses about a pose and return the one that scores best.
+
+        Args:
+            mean: (3,) x, y [cells], yaw [rad]; it is tried too.
+            root: (3, 3) lower root of the covariance of the tries.
+            points: beam end points.
+            count: how many tries.
+        """
+        tries = self._empty(count)
+        scatter_particles(tries, 1, count - 1, mean, root, self._draw(3 * count))
+        for part, value in zip(tries, mean, strict=True):
+            part[0] = value
+        score = np.empty(count, np.float32)
+        scratch = np.empty(points.x.size, np.int32)
+        score_particles(score, tries, points, self._field.score, scratch)
+        best = int(np.argmax(score))
+        return np.array([float(part[best]) for part in tries])
+
+    def moments(
+        self, centre: NDArray[np.float64], reach_m: float, reach_rad: float
+    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """Return weight, mean (3,) and covariance (3, 3) of the particles near a pose."""
+        mean = np.empty(3)
+        covariance = np.empty((3, 3))
+        reach = np.array([reach_m / self._field.resolution, reach_rad])
+        share = weighted_moments(mean, covariance, self.cloud, self.weights, centre, reach)
+        return share, mean, covariance
+
+    def cluster(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """Return weight, mean and covariance of the particles about the heaviest place.
+
+        It begins at the heaviest particle and follows the mean three times.
+        """
+        best = int(np.argmax(self.weights))
+        centre = np.array([float(part[best]) for part in self.cloud])
+        share, mean, covariance = self.moments(centre, 1.0, 0.6)
+        for _ in range(2):
+            share, mean, covariance = self.moments(mean, 0.7, 0.5)
+        return share, mean, covariance
+
+    def spread_m(self) -> float:
+        """Return the root mean square distance of the particles from their mean [m]."""
+        if self.count == 0:
+            return 0.0
+        _, _, covariance = self.moments(np.zeros(3), math.inf, math.inf)
+        return math.sqrt(max(0.0, covariance[0, 0] + covariance[1, 1])) * self._field.resolution

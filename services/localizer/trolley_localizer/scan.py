@@ -1,0 +1,99 @@
+"""One scan and the odometry that belongs to it, as beams in `base_link`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.geometry import Pose2D
+
+from trolley_localizer.kernels import beams as kernels
+from trolley_localizer.kernels.layout import Points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanInput:
+    """One revolution of the lidar and where the wheels were at its first and last beam."""
+
+    stamp_ns: int
+    """Robot time of beam 0 [ns]."""
+    ranges: NDArray[np.float32]
+    """(n,) [m]; no echo is +inf, invalid is 0. May be read-only."""
+    angle_min: float
+    """Direction of beam 0 in `laser` [rad]."""
+    angle_increment: float
+    """Direction from one beam to the next [rad]."""
+    range_min: float
+    """Nearest echo that the sensor can measure [m]."""
+    range_max: float
+    """Farthest echo that the sensor can measure [m]."""
+    base_T_laser: Pose2D
+    """Where the lidar is mounted."""
+    odom_T_base: Pose2D
+    """Odometry at the first beam."""
+    odom_T_base_end: Pose2D
+    """Odometry at the last beam, which is earlier for a lidar that turns clockwise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamSet:
+    """The beams of a scan in `base_link` at its stamp, corrected for the motion during the scan.
+
+    Attributes:
+        end: (n,) end points of all beams [cells].
+        start: (n,) where the laser was for each [cells].
+        classes: (n,) uint8: UNUSED where there is no echo, else NOT_ON_MAP until judged.
+        used: (m,) int64, indices of beams that may be matched with the map.
+    """
+
+    end: Points
+    start: Points
+    classes: NDArray[np.uint8]
+    used: NDArray[np.int64]
+
+    def points(self, index: NDArray[np.int64]) -> Points:
+        """Return the end points of some beams."""
+        return Points(self.end.x[index], self.end.y[index])
+
+    def spread(self, count: int, phase: float = 0.5) -> Points:
+        """Return at most `count` used end points, evenly over the scan.
+
+        Args:
+            count: how many at most.
+            phase: 0 ... 1, shifts the choice between neighbours.
+        """
+        size = self.used.size
+        if size <= count:
+            return self.points(self.used)
+        chosen = ((np.arange(count) + phase) * (size / count)).astype(np.int64)
+        return self.points(self.used[np.minimum(chosen, size - 1)])
+
+    def without(self, dropped: NDArray[np.bool_]) -> "BeamSet":
+        """Return the same beams, fewer of them used.
+
+        Args:
+            dropped: (n,) beams not to match any more.
+        """
+        return BeamSet(self.end, self.start, self.classes, self.used[~dropped[self.used]])
+
+
+def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:
+    """Project a scan into `base_link`, in cells of `resolution` [m]."""
+    ranges = np.require(scan.ranges, np.float32, ["C", "W"])
+    count = ranges.size
+    end = Points(np.empty(count, np.float32), np.empty(count, np.float32))
+    start = Points(np.empty(count, np.float32), np.empty(count, np.float32))
+    used = np.empty(count, np.uint8)
+    # The nearest float32 above 0, so that "invalid" is below the limit.
+    nearest = max(scan.range_min, 1e-6)
+    kernels.project_beams(
+        end,
+        start,
+        used,
+        ranges,
+        np.array([scan.angle_min, scan.angle_increment]),
+        np.array([nearest, min(scan.range_max, max_range_m), resolution]),
+        scan.base_T_laser.as_array(),
+        (scan.odom_T_base.inverse() @ scan.odom_T_base_end).as_array(),
+    )
+    classes = np.where(used == 1, kernels.NOT_ON_MAP, kernels.UNUSED).astype(np.uint8)
+    return BeamSet(end, start, classes, np.flatnonzero(used))

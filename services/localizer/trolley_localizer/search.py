@@ -1,0 +1,198 @@
+"""Find the robot anywhere on the map from one scan."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.geometry import Pose2D
+
+from trolley_localizer.field import LikelihoodField
+from trolley_localizer.kernels import search as kernels
+from trolley_localizer.kernels.layout import Points
+from trolley_localizer.scan import BeamSet
+from trolley_localizer.verify import Support, Verifier
+
+# A pose scores by end points within this distance of walls: wider than in the filter, since cells
+# and headings are tried in steps.
+SEARCH_SIGMA_M = 0.12
+# Poses nearer than this are one place; the best of a place is aligned afterwards.
+APART_M = 0.6
+APART_RAD = 0.5
+# Places kept for the closer look.
+MAX_PLACES = 40
+# A place this far below the best mean score (0 ... 1) is not looked at.
+SCORE_MARGIN = 0.12
+MIN_SCORE = 0.25
+SEARCH_BEAMS = 90
+_TOP_BLOCK_M = 1.6
+_LEAF_BLOCK_M = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A pose that the scan speaks for."""
+
+    pose: NDArray[np.float64]
+    """(3,) x, y [cells], yaw [rad] in `grid`."""
+    support: Support
+
+
+def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
+    """Compute the maxima of the score over blocks of cells, level by level."""
+    resolution = field.resolution
+    levels = max(1, round(math.log2(_TOP_BLOCK_M / resolution))) + 1
+    rows = [field.grid.rows]
+    cols = [field.grid.cols]
+    for _ in range(1, levels):
+        rows.append((rows[-1] + 1) // 2)
+        cols.append((cols[-1] + 1) // 2)
+    sizes = np.array([r * c for r, c in zip(rows, cols, strict=True)], np.int64)
+    offset = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    pyramid = kernels.Pyramid(
+        score=np.zeros(int(sizes.sum()), np.uint8),
+        free=np.zeros(int(sizes.sum()), np.uint8),
+        offset=offset,
+        rows=np.array(rows, np.int64),
+        cols=np.array(cols, np.int64),
+    )
+    sigma = SEARCH_SIGMA_M / resolution
+    inner = field.distance[1:-1, 1:-1]
+    cells = np.rint(255.0 * np.exp(np.float32(-0.5 / sigma**2) * inner * inner)).astype(np.uint8)
+    pyramid.score[: sizes[0]] = cells.ravel()
+    free = field.grid.free_mask()
+    if not free.any():
+        free = (field.grid.occupied_mask() == 0).astype(np.uint8)
+    pyramid.free[: sizes[0]] = free.ravel()
+    blocks = cells.ravel().copy()
+    for level in range(1, levels):
+        kernels.reduce_level(pyramid, blocks, level)
+    return pyramid
+
+
+def num_turns(points: Points, resolution: float) -> int:
+    """Choose how many headings to try: a far end point moves by about a search sigma between two."""
+    reach = np.hypot(points.x, points.y) * resolution
+    far = max(float(np.percentile(reach, 60)), 1.0) if reach.size else 1.0
+    step = min(max(1.2 * SEARCH_SIGMA_M / far, math.radians(0.75)), math.radians(4.0))
+    return math.ceil(2.0 * math.pi / step)
+
+
+class SearchMap:
+    """A map's pyramid, computed when it is first needed: it costs as long as a search."""
+
+    def __init__(self, field: LikelihoodField) -> None:
+        self.field = field
+        self._pyramid: kernels.Pyramid | None = None
+
+    def pyramid(self) -> kernels.Pyramid:
+        """Return the pyramid. Only one job runs at a time, so nobody else computes it now."""
+        if self._pyramid is None:
+            self._pyramid = build_pyramid(self.field)
+        return self._pyramid
+
+
+class SearchJob:
+    """One search of the whole map with one scan; it may run on another thread."""
+
+    def __init__(
+        self,
+        search_map: SearchMap,
+        verifier: Verifier,
+        beams: BeamSet,
+        odom_T_base: Pose2D,
+        followed: NDArray[np.float64] | None,
+    ) -> None:
+        self._map = search_map
+        self._verifier = verifier
+        self._beams = beams
+        self.odom_T_base = odom_T_base
+        """Odometry at the scan."""
+        self.followed = followed
+        """The estimate to compare with (3,) [cells, rad], or None."""
+        self.places: list[Place] = []
+        """What was found, best first."""
+        self.support: Support | None = None
+        """What the scan says about `followed`."""
+
+    def run(self) -> "SearchJob":
+        """Search, fill `places` and `support`, and return the job."""
+        field = self._map.field
+        self.places = find_places(field, self._map.pyramid(), self._beams, self._verifier)
+        if self.followed is not None:
+            self.support = self._verifier.support(self.followed, self._beams)
+        return self
+
+
+def is_near(one: NDArray[np.float64], other: NDArray[np.float64], resolution: float) -> bool:
+    """Say whether two poses (3,) [cells, rad] are the same place."""
+    shift = one - other
+    turn = math.remainder(float(shift[2]), 2.0 * math.pi)
+    return math.hypot(shift[0], shift[1]) * resolution < APART_M and abs(turn) < APART_RAD
+
+
+def find_places(
+    field: LikelihoodField,
+    pyramid: kernels.Pyramid,
+    beams: BeamSet,
+    verifier: Verifier,
+) -> list[Place]:
+    """Return the places that explain a scan best, best first, each aligned with the map."""
+    points = beams.spread(SEARCH_BEAMS)
+    turns = num_turns(points, field.resolution)
+    found = _search(field, pyramid, points, turns)
+    places: list[Place] = []
+    for k in np.argsort(-found.score, kind="stable"):
+        if found.score[k] < 0.0:
+            continue
+        pose = np.array(
+            [found.col[k] + 0.5, found.row[k] + 0.5, 2.0 * math.pi * found.turn[k] / turns]
+        )
+        pose = verifier.align(pose, beams)
+        if verifier.may_stand(pose):
+            places.append(Place(pose, verifier.support(pose, beams)))
+    places.sort(key=lambda place: -place.support.value)
+    return _distinct(places, field.resolution)
+
+
+def _search(
+    field: LikelihoodField, pyramid: kernels.Pyramid, points: Points, turns: int
+) -> kernels.Found:
+    """Run branch and bound; empty slots have a negative score."""
+    beam_rows = np.empty((turns, points.x.size), np.int32)
+    beam_cols = np.empty((turns, points.x.size), np.int32)
+    kernels.turn_points(beam_rows, beam_cols, points, turns)
+    top = pyramid.rows.size - 1
+    leaf = min(top, max(0, math.floor(math.log2(_LEAF_BLOCK_M / field.resolution) + 1e-6)))
+    bounds = np.empty((turns, int(pyramid.rows[top]), int(pyramid.cols[top])), np.float32)
+    kernels.bound_top(bounds, pyramid, top, beam_rows, beam_cols)
+    order = np.argsort(-bounds.ravel(), kind="stable").astype(np.int64)
+    found = kernels.Found(
+        score=np.full(MAX_PLACES, -1.0, np.float32),
+        row=np.zeros(MAX_PLACES, np.int32),
+        col=np.zeros(MAX_PLACES, np.int32),
+        turn=np.zeros(MAX_PLACES, np.int32),
+    )
+    apart = np.array(
+        [
+            round(APART_M / field.resolution),
+            round(APART_RAD / (2.0 * math.pi) * turns),
+            turns,
+        ],
+        np.int64,
+    )
+    limits = np.array([0.0, 255.0 * SCORE_MARGIN, 255.0 * MIN_SCORE])
+    kernels.search_blocks(
+        found, pyramid, order, bounds, np.array([top, leaf]), (beam_rows, beam_cols), apart, limits
+    )
+    return found
+
+
+def _distinct(places: Sequence[Place], resolution: float) -> list[Place]:
+    """Drop places that alignment has moved onto a better one."""
+    kept: list[Place] = []
+    for place in places:
+        if not any(is_near(place.pose, other.pose, resolution) for other in kept):
+            kept.append(place)
+    return kept

@@ -1,0 +1,124 @@
+"""How well the map and a scan agree at a pose."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from trolley.config.localizer import LocalizerConfig
+
+from trolley_localizer.field import LikelihoodField
+from trolley_localizer.kernels import beams as beam_kernels
+from trolley_localizer.kernels.layout import Lines
+from trolley_localizer.kernels.refine import refine_pose
+from trolley_localizer.kernels.weights import score_pose
+from trolley_localizer.scan import BeamSet
+
+# Alignment starts with a wide reach and ends with a narrow one [m].
+WIDE_M = 0.3
+NARROW_M = 0.1
+_STEPS = 12
+# A wall is thinner than this: an end point that far behind its line is seen in the mirror [m].
+MIRROR_DEPTH_M = 0.1
+_MANY = 180
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support:
+    """What speaks for a pose."""
+
+    match: float
+    """Share of beams that end at a wall of the map, 0 ... 1."""
+    through: float
+    """Share of beams that went through a wall of the map, 0 ... 1."""
+    beams: int
+    """How many beams were looked at."""
+    score: float
+    """Mean robust score of end points, 0 ... 1; finer than `match`."""
+
+    @property
+    def value(self) -> float:
+        """The score less the contradictions, 0 ... 1."""
+        return max(0.0, self.score - self.through)
+
+
+class Verifier:
+    """Compares scans with one map and its mirrors."""
+
+    def __init__(self, field: LikelihoodField, mirrors: Lines, config: LocalizerConfig) -> None:
+        self._field = field
+        self.mirrors = mirrors
+        """Mirrors and panes in cells of the grid."""
+        self._config = config
+        self._weak = np.diag([1e-4, 1e-4, 1e-2])
+
+    def without_mirrored(self, pose: NDArray[np.float64], beams: BeamSet) -> BeamSet:
+        """Leave out the beams that, from this pose, end behind a mirror or glass."""
+        if self.mirrors.ax.size == 0:
+            return beams
+        classes = beams.classes.copy()
+        depth = MIRROR_DEPTH_M / self._field.resolution
+        marked = beam_kernels.mark_crossing(
+            classes, pose, beams.end, beams.start, self.mirrors, depth
+        )
+        if marked == 0:
+            return beams
+        return BeamSet(
+            beams.end,
+            beams.start,
+            classes,
+            beams.used[classes[beams.used] != beam_kernels.BEHIND_MIRROR],
+        )
+
+    def support(self, pose: NDArray[np.float64], beams: BeamSet) -> Support:
+        """Say how the scan speaks for a pose (3,) x, y [cells], yaw [rad]."""
+        return self.classify(pose, beams)[0]
+
+    def classify(
+        self, pose: NDArray[np.float64], beams: BeamSet
+    ) -> tuple[Support, NDArray[np.uint8]]:
+        """Return the support of a pose and the class of each beam (n,)."""
+        seen = self.without_mirrored(pose, beams)
+        classes = seen.classes.copy()
+        cells = 1.0 / self._field.resolution
+        explained, looked_at = beam_kernels.explain_beams(
+            classes, pose, seen.end, self._field.distance, self._config.explained_within_m * cells
+        )
+        if looked_at == 0:
+            return Support(0.0, 0.0, 0, 0.0), classes
+        every = max(1, seen.used.size // _MANY)
+        through, cast = beam_kernels.count_through(
+            pose,
+            seen.end,
+            seen.start,
+            classes,
+            self._field.distance,
+            self._config.through_margin_m * cells,
+            every,
+        )
+        score = score_pose(
+            self._field.distance, seen.spread(_MANY * 2), pose, NARROW_M * cells
+        )
+        support = Support(explained / looked_at, through / max(cast, 1), looked_at, score)
+        return support, classes
+
+    def align(self, pose: NDArray[np.float64], beams: BeamSet) -> NDArray[np.float64]:
+        """Return the pose moved to where the scan fits best nearby."""
+        seen = self.without_mirrored(pose, beams)
+        points = seen.spread(self._config.refine_beams)
+        moved = pose.copy()
+        information = np.empty((3, 3))
+        for sigma_m in (WIDE_M, NARROW_M):
+            tuning = np.array([sigma_m / self._field.resolution, 1.0])
+            refine_pose(
+                moved, information, self._field.distance, points, pose, self._weak, tuning, _STEPS
+            )
+        return moved if np.isfinite(moved).all() else pose
+
+    def may_stand(self, pose: NDArray[np.float64]) -> bool:
+        """Say whether the robot's centre may be at a pose: on the map and not in a wall."""
+        grid = self._field.grid
+        col, row = math.floor(pose[0]), math.floor(pose[1])
+        if not (0 <= col < grid.cols and 0 <= row < grid.rows):
+            return False
+        return bool(self._field.distance[row + 1, col + 1] > 0.0)
