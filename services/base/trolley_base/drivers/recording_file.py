@@ -58,21 +58,21 @@ def load_recording(path: Path) -> Recording:
         with np.load(path, allow_pickle=False) as archive:
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise DriverError(f"{path}: not an npz file but a single array; save it with savez")
-            fields = _Fields(path, {name: archive[name] for name in archive.files})
+            arrays: dict[str, NDArray[Any]] = {name: archive[name] for name in archive.files}
     except OSError as error:
         raise DriverError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, EOFError, zipfile.BadZipFile) as error:
         raise DriverError(
             f"{path}: not a recording (an npz file of plain numbers): {error}; record it anew"
         ) from error
-    return _recording(fields)
+    return _recording(_Fields(path, arrays))
 
 
 def _recording(fields: "_Fields") -> Recording:
     stamps = fields.array("stamps", (None,))
     if len(stamps) < 2 or not (np.diff(stamps) > 0.0).all():
         raise fields.refusal("stamps", "must be at least two times in seconds, each later")
-    stamps_ns = np.round((stamps - stamps[0]) * 1e9).astype(np.int64)
+    stamps_ns: NDArray[np.int64] = np.rint((stamps - stamps[0]) * 1e9).astype(np.int64)
     if not (np.diff(stamps_ns) > 0).all() or stamps_ns[-1] > 2**62:
         raise fields.refusal("stamps", "must be in seconds, at least 1 ns apart")
     rows = len(stamps)

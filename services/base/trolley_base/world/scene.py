@@ -121,9 +121,10 @@ def _runs(
     marks: NDArray[np.bool_], cut: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return line, first and end of each run of marks along axis 1, cut at multiples of `cut`."""
-    at_cut = np.arange(marks.shape[1] + 1) % cut == 0
-    before = np.pad(marks, ((0, 0), (1, 0)))[:, :-1] & ~at_cut[:-1]
-    after = np.pad(marks, ((0, 0), (0, 1)))[:, 1:] & ~at_cut[1:]
+    goes_on = np.zeros((marks.shape[0], marks.shape[1] + 1), dtype=np.bool_)
+    goes_on[:, 1:-1] = marks[:, :-1] & marks[:, 1:]
+    goes_on[:, ::cut] = False
+    before, after = goes_on[:, :-1], goes_on[:, 1:]
     line, first = np.nonzero(marks & ~before)
     _, last = np.nonzero(marks & ~after)
     return line, first, last + 1

@@ -9,7 +9,7 @@ import re
 from typing import Annotated, Literal
 
 import msgspec
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 from trolley.config.robot import PoseConfig
 from trolley.geometry import Finite
@@ -26,11 +26,7 @@ class WorldError(ValueError):
     """A world that cannot be used: one sentence that names the file and the key."""
 
 
-class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A table of the file: what it does not know it refuses."""
-
-
-class Box(_Table, kw_only=True):
+class Box(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A solid rectangle, as a bag on the floor: centre, heading and size."""
 
     x: Finite
@@ -41,7 +37,7 @@ class Box(_Table, kw_only=True):
     name: str = ""
 
 
-class Circle(_Table, kw_only=True):
+class Circle(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A solid round thing, as a bucket."""
 
     x: Finite
@@ -50,7 +46,7 @@ class Circle(_Table, kw_only=True):
     name: str = ""
 
 
-class Mirror(_Table, kw_only=True):
+class Mirror(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A mirror along a polyline: beams bounce off, the robot does not pass.
 
     `side`: `both`, or `left`, the side to the left of who walks from the first point to the last;
@@ -63,7 +59,7 @@ class Mirror(_Table, kw_only=True):
     name: str = ""
 
 
-class Glass(_Table, kw_only=True):
+class Glass(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A pane along a polyline: most beams go through, the robot does not.
 
     `transmission` is the share of beams that pass; those that meet the pane within `echo_within`
@@ -76,7 +72,7 @@ class Glass(_Table, kw_only=True):
     name: str = ""
 
 
-class Person(_Table, kw_only=True):
+class Person(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Somebody who walks along a path, again and again.
 
     `path` is walked there and back, or round and round with `loop`, with `dwell_s` at each point.
@@ -99,7 +95,7 @@ class Person(_Table, kw_only=True):
     name: str = ""
 
 
-class Wheels(_Table, kw_only=True):
+class Wheels(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How well the wheels hold the floor, and how wrongly the board counts their turns.
 
     Each seed draws the scales of both wheels and of the track around the given ones, with the
@@ -119,7 +115,7 @@ class Wheels(_Table, kw_only=True):
     yaw_slip_per_rad: Spread = 0.015
 
 
-class LidarSpec(_Table, kw_only=True):
+class LidarSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The scanner: its grid, its reach and its errors.
 
     The standard deviation of a range is `noise_m` + `noise_share` * range. A share `drop_out` of
@@ -146,7 +142,7 @@ class LidarSpec(_Table, kw_only=True):
             raise ValueError("drop_out and invalid together must not exceed 1")
 
 
-class DriveLimits(_Table, kw_only=True):
+class DriveLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the motors can do."""
 
     max_speed_mps: Positive = 0.5
@@ -157,7 +153,7 @@ class DriveLimits(_Table, kw_only=True):
     angular_deceleration_radps2: Positive = 6.0
 
 
-class WorldSpec(_Table, kw_only=True):
+class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One world file."""
 
     map: Annotated[str, Meta(min_length=1)]
