@@ -16,6 +16,7 @@ import importlib
 import logging
 import os
 import pickle
+import sys
 import tempfile
 import types
 from collections.abc import Callable, Iterator
@@ -74,7 +75,7 @@ class KernelFiles:
         self._folder = folder
         source = Path(function.__code__.co_filename)
         name = f"{source.stem}.{function.__qualname__}".replace("<locals>.", "")
-        self._prefix = f"{name}.{function.__code__.co_firstlineno}"
+        self._prefix = f"{name}.py{sys.version_info.major}{sys.version_info.minor}"
         self._read_folders = (folder, source.parent / "__pycache__")
 
     @cached_property
@@ -110,6 +111,8 @@ class KernelFiles:
         except OSError as error:  # a full disk must not stop a robot that could compile
             Path(temporary).unlink(missing_ok=True)
             _log.warning("compiled kernel %s cannot be kept: %s", self._prefix, error)
+        if self._function.__closure__:  # made several times over, each with values of its own
+            return
         for file in self._folder.glob(f"{self._prefix}.*.nbc"):
             if not file.name.startswith(f"{self._prefix}.{self._version}."):
                 file.unlink(missing_ok=True)

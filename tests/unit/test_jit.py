@@ -123,6 +123,21 @@ def test_change_in_another_file_is_seen(tree: Path, before: str, after: str, res
     assert len(compiled(tree.parent)) == 2  # what the older version left is gone
 
 
+def test_kernels_made_by_one_function_do_not_drop_each_other(tree: Path) -> None:
+    (tree / "outer.py").write_text(
+        "from trolley.jit import kernel\n"
+        "def make(step):\n"
+        "    @kernel\n"
+        "    def after(x):\n"
+        "        return x + step\n"
+        "    return after\n"
+        "one, two = make(1), make(2)\n"
+        "print(one(1), two(1), *(sum(f.stats.cache_hits.values()) for f in (one, two)))\n"
+    )
+    assert run(tree) == "2 3 0 0\n"
+    assert run(tree) == "2 3 1 1\n"
+
+
 def test_exchanged_fields_of_a_tuple_are_seen(tree: Path) -> None:
     source = OUTER.replace("Pair(value, value)", "Pair(a=value, b=4 * value)")
     source = source.replace("pair.b / pair.b", "pair.b")
