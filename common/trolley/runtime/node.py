@@ -246,6 +246,10 @@ class Node:
 
         self._host.work(fn, done)
 
+    def call_soon(self, fn: Callable[[], None], *, urgent: bool) -> None:
+        """Call `fn` on the service's thread (any thread)."""
+        self.inbox.push(lambda _: fn(), urgent=urgent)
+
     # Inside.
     def _open_binding(self, binding: Binding, method: Callable[..., Any]) -> None:
         match binding:

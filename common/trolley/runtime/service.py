@@ -229,6 +229,7 @@ class Port(Protocol):
         robot: str | None,
     ) -> None: ...
     def work(self, fn: Callable[[], T], then: Callable[[T], None] | None) -> None: ...
+    def call_soon(self, fn: Callable[[], None], *, urgent: bool) -> None: ...
     def count(self, name: str, number: int) -> None: ...
     def set_health(self, state: str, message: str) -> None: ...
     def close_watch(self, watch: Watch[Any]) -> None: ...
@@ -375,6 +376,14 @@ class Service:
         see is returned by `fn` as a value.
         """
         self._port.work(fn, then)
+
+    def call_soon(self, fn: Callable[[], None], *, urgent: bool = False) -> None:
+        """Call `fn` on the service's thread; the one method that any other thread may call.
+
+        Calls keep their order; an `urgent` one goes before everything that waits. Where thousands
+        of arrivals wait already, one that is not urgent is dropped and counted as `inbox/dropped`.
+        """
+        self._port.call_soon(fn, urgent=urgent)
 
     def later(self) -> "Later[Any]":
         """Return this from a request's method to answer it within 2 s."""
