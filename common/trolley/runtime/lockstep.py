@@ -141,6 +141,9 @@ class _LockstepHost:
     def monotonic_ns(self) -> int:
         return self._runtime.now_ns
 
+    def unix_ns(self) -> int:
+        return self._runtime.now_ns
+
     def utc_now(self) -> str | None:
         return None
 

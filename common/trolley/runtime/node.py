@@ -47,6 +47,10 @@ class Host(Protocol):
         """The local monotonic clock."""
         ...
 
+    def unix_ns(self) -> int:
+        """The host's clock, synchronised or not."""
+        ...
+
     def utc_now(self) -> str | None:
         """UTC as ISO 8601, None until synchronised."""
         ...
@@ -150,6 +154,11 @@ class Node:
         if robot == self.robot and self.service.own_time is not None:
             return self.service.own_time
         return self._times.setdefault(robot, FollowedTime())
+
+    @property
+    def unix_ns(self) -> int:
+        """The host's clock, synchronised or not."""
+        return self._host.unix_ns()
 
     def utc_now(self) -> str | None:
         """UTC as ISO 8601."""

@@ -197,6 +197,8 @@ class Port(Protocol):
     @property
     def arrived_ns(self) -> int: ...
     def time_of(self, robot: str) -> TimeSource: ...
+    @property
+    def unix_ns(self) -> int: ...
     def utc_now(self) -> str | None: ...
     def new_id(self) -> str: ...
     def publish(
@@ -294,6 +296,11 @@ class Service:
     def time_of(self, robot: str) -> TimeSource:
         """The clock of another robot (only where `all_robots` is set)."""
         return self._port.time_of(robot)
+
+    @property
+    def unix_ns(self) -> int:
+        """The host's clock [ns since 1970], synchronised or not (0 at the start of lock-step)."""
+        return self._port.unix_ns
 
     def utc_now(self) -> str | None:
         """UTC as ISO 8601, None until the host's clock is synchronised (and in lock-step)."""
