@@ -47,7 +47,14 @@ POSE_CAPTURE = Request(
     asking.Capture,
     m.CapturedPose,
     "tour",
-    (codes.LOST, codes.STALE, codes.MOVING, codes.NOT_CONVERGED, codes.EXISTS),
+    (
+        codes.LOST,
+        codes.STALE,
+        codes.MOVING,
+        codes.NOT_CONVERGED,
+        codes.EXISTS,
+        codes.NOT_SAVED,
+    ),
 )
 POSE_SET = Request(
     "pose/set", asking.SetPose, m.PoseEstimate, "localizer", (codes.OUTSIDE_MAP, codes.IN_OBSTACLE)

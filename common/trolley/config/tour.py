@@ -10,5 +10,7 @@ class TourConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     stop_timeout_s: Annotated[float, Meta(gt=0.0, le=86_400.0)] = 300.0
     """How long a drive to one stop may take where the stop itself does not say."""
+    retry_wait_s: Annotated[float, Meta(ge=0.1, le=600.0)] = 2.0
+    """Wait before a failed stop is tried again; doubled at each failure, a minute at most."""
     history_days: Annotated[int, Meta(ge=1, le=3650)] = 365
     """How long past trips are kept."""

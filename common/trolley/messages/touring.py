@@ -13,10 +13,13 @@ TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", 
 
 
 class SavedPose(Struct, frozen=True, kw_only=True):
-    """A named place: map_T_base on the map called `map`. `saved_at` is UTC, ISO 8601, or null."""
+    """A named place: map_T_base on the map called `map`. `saved_at` is UTC, ISO 8601, or null.
 
-    name: str
-    map: str
+    Who puts one may leave out `name` where the key says it, and `map`: then it is the present one.
+    """
+
+    name: str = ""
+    map: str = ""
     pose: Pose2D
     covariance: Covariance | None = None
     saved_at: str | None = None
@@ -32,9 +35,9 @@ class SavedPoses(Struct, frozen=True, kw_only=True):
 
 
 class CapturedPose(Struct, frozen=True, kw_only=True):
-    """The answer to `pose/capture`: a SavedPose (name "" where it was not saved) and how good it is.
+    """The answer to `pose/capture`: a SavedPose and how good it is.
 
-    `age` [s] of the newest estimate.
+    `name` is "" where nothing was saved; `age` [s] is that of the newest estimate.
     """
 
     name: str
@@ -52,8 +55,10 @@ class CapturedPose(Struct, frozen=True, kw_only=True):
 class Stop(Struct, frozen=True, kw_only=True):
     """One stop of a tour: `pose` (in `map`) or the `name` of a saved pose, exactly one of the two.
 
-    `via` are poses passed on the way; `dwell` [s] is the stay, `timeout` [s] bounds the drive (null:
-    none), `retries` are further tries before `on_failure` applies.
+    `via` are poses passed on the way; `dwell` [s] is the stay; `timeout` [s] bounds each drive
+    (null: `[tour] stop_timeout_s`). After a failure the stop is tried `retries` more times, then
+    `on_failure` applies: `skip` it or `abort` the trip; `retry` aborts too after `retries`, but
+    with `retries` 0 it tries until it works.
     """
 
     pose: Pose2D | None = None
@@ -78,9 +83,13 @@ class ScheduleEntry(Struct, frozen=True, kw_only=True):
 
 
 class Tour(Struct, frozen=True, kw_only=True):
-    """A trip through several places. `repeat` 0 = for ever; `resume`: go on after a reboot."""
+    """A trip through several places. `repeat` 0 = for ever; `resume`: go on after a reboot.
 
-    name: str
+    `there_and_back`: at the last stop it turns and visits the others backwards. `name` may be left
+    out where the key says it, and for a trip that is started without being saved.
+    """
+
+    name: str = ""
     stops: Annotated[list[Stop], Meta(min_length=1, max_length=1000)]
     repeat: Count = 1
     there_and_back: bool = False
@@ -99,7 +108,7 @@ class StopResult(Struct, frozen=True, kw_only=True):
     """How one stop ended. `stop` is its index in the tour; `code` says why it was not reached."""
 
     stop: Count
-    name: str | None
+    name: str | None = None
     state: Literal["reached", "skipped", "failed"]
     code: str = ""
     message: str = ""
@@ -108,7 +117,10 @@ class StopResult(Struct, frozen=True, kw_only=True):
 
 
 class TourStatus(Struct, frozen=True, kw_only=True):
-    """The trip under way or the last one. `trip` is its id, `stop` the index of the stop, `lap` from 0."""
+    """The trip under way or the last one.
+
+    `trip` is its id, `stop` the index of the stop it is at or drives to, `lap` counts from 0.
+    """
 
     stamp_ns: StampNs
     name: str | None
@@ -136,7 +148,11 @@ class PastTrip(Struct, frozen=True, kw_only=True):
 
 
 class Offer(Struct, frozen=True, kw_only=True):
-    """How soon this robot could be there: `seconds` null where it cannot, with the code in `reason`."""
+    """How soon this robot could be there.
+
+    `seconds` is null where it cannot, with the code in `reason`; `free` says that nothing is under
+    way that a goal would interrupt.
+    """
 
     free: bool
     seconds: NonNegative | None = None
