@@ -1,1 +1,29 @@
-"""Trolley: navigation for small indoor robots, without ROS."""
+"""Trolley: navigation for small indoor robots, without ROS.
+
+`from trolley import Robot` talks to a robot; services are built on `trolley.runtime`.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from trolley.client import Robot
+    from trolley.codes import Refused
+    from trolley.connection import RobotUnreachable, SeveralRobots
+
+__all__ = ["Refused", "Robot", "RobotUnreachable", "SeveralRobots"]
+
+_PLACES = {
+    "Refused": "trolley.codes",
+    "Robot": "trolley.client",
+    "RobotUnreachable": "trolley.connection",
+    "SeveralRobots": "trolley.connection",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import the client when it is first asked for: services need none of it."""
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    return getattr(importlib.import_module(_PLACES[name]), name)

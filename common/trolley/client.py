@@ -1,0 +1,313 @@
+"""Talk to a robot from Python.
+
+    from trolley import Robot
+
+    with Robot() as robot:                  # the single robot on the network
+        print(robot.pose().pose)
+        robot.go_to("kitchen")              # waits; raises Refused where it does not arrive
+        robot.go_to((1.0, 2.0, 1.57), wait=False)
+        for status in robot.follow():
+            print(status.state, status.distance_remaining)
+
+Exceptions: `trolley.codes.Refused` (the robot said no, or did not get there: `code` is one of
+`trolley.codes`), `trolley.RobotUnreachable` (no router, no such robot),
+`trolley.SeveralRobots` (name one), `trolley.config.ConfigError`.
+"""
+
+import secrets
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import msgspec
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.connection import (
+    ASK_TIMEOUT_S,
+    Connection,
+    RobotUnreachable,
+    Subscription,
+    find_target,
+    pick_robot,
+)
+from trolley.geometry import Pose2D
+from trolley.messages import BaseState, CapturedPose, GoalStatus, PoseEstimate, TourStatus, asking
+from trolley.requests import Request
+from trolley.topics import Topic
+
+M = TypeVar("M", bound=msgspec.Struct)
+P = TypeVar("P", bound=msgspec.Struct)
+R = TypeVar("R")
+
+Place = str | Pose2D | Sequence[float]
+"""A saved pose's name, a pose, or x [m], y [m] and perhaps yaw [rad] in the planner's frame."""
+
+GOAL_ENDS = ("arrived", "failed", "canceled")
+TRIP_ENDS = ("done", "failed", "stopped", "idle")
+STALE_AFTER_S = 1.0
+SILENCE_S = 2.5
+"""Silence after which the other side is asked whether it is still there."""
+STOP_TRIES = 3
+STOP_TRY_S = 0.7
+ANY_HEADING = 3.15
+
+
+class Robot:
+    """One robot; a context manager (or call `close`).
+
+    Args:
+        name: Which robot; else the configuration file's, else the single one on the network.
+        connect: Endpoints of its router, such as "tcp/192.168.1.5:7447"; else the file's.
+        config: A `robot.toml`; else `TROLLEY_CONFIG`, else /etc/trolley/robot.toml.
+
+    Raises:
+        RobotUnreachable: No router answers, or no robot is there.
+        SeveralRobots: None was named and there are several.
+        ConfigError: The configuration file cannot be used.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        connect: str | Sequence[str] | None = None,
+        config: Path | str | None = None,
+    ) -> None:
+        target = find_target(name, [connect] if isinstance(connect, str) else connect, config)
+        self._connection = Connection(target.endpoints)
+        self._connection.__enter__()
+        try:
+            self.name = pick_robot(self._connection, target)
+        except BaseException:
+            self.close()
+            raise
+
+    @classmethod
+    def over(cls, connection: Connection, name: str) -> "Robot":
+        """A robot over a connection that somebody else opens and closes."""
+        robot = cls.__new__(cls)
+        robot._connection, robot.name = connection, name
+        return robot
+
+    def close(self) -> None:
+        """End the connection."""
+        self._connection.__exit__(None, None, None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def connection(self) -> Connection:
+        """The layer below: other robots, services that are alive."""
+        return self._connection
+
+    # Anything of the contract.
+    def ask(
+        self, request: Request[P, R], params: P | None = None, timeout: float = ASK_TIMEOUT_S
+    ) -> R:
+        """Ask a request of `trolley.requests`; wait `timeout` seconds for the answer."""
+        asked = request.params() if params is None else params
+        return self._connection.ask(self.name, request, asked, timeout)
+
+    def get(self, topic: Topic[M], *parts: str) -> dict[tuple[str, ...], M]:
+        """The latest values of a topic, by the chunks of their keys that vary."""
+        return self._connection.get(self.name, topic, *parts)
+
+    def latest(self, topic: Topic[M], *parts: str) -> M | None:
+        """The latest value of one key, None if nobody has it."""
+        return self._connection.latest(self.name, topic, *parts)
+
+    def subscribe(self, topic: Topic[M], *parts: str) -> Subscription[M]:
+        """Listen: `with robot.subscribe(topics.SCAN) as scans: scan = scans.next(1.0).message`."""
+        return self._connection.subscribe(self.name, topic, *parts)
+
+    # Where it is.
+    def pose(self) -> PoseEstimate:
+        """The newest estimate, whatever its state.
+
+        Raises:
+            Refused: `not_ready` without a localizer, `stale` where the estimate is over 1 s old.
+        """
+        estimate = self.latest(topics.POSE)
+        now_ns = self._connection.robot_now_ns(self.name)
+        if estimate is None:
+            raise Refused(codes.NOT_READY, "There is no pose: the localizer is not running.")
+        if now_ns is None:
+            raise Refused(codes.STALE, "The pose has no age: base is not running.")
+        age_s = (now_ns - estimate.stamp_ns) * 1e-9
+        if age_s > STALE_AFTER_S:
+            raise Refused(codes.STALE, f"The newest pose is {age_s:.1f} s old.", age=age_s)
+        return estimate
+
+    def capture(
+        self, name: str | None = None, *, icon: str = "", replace: bool = False
+    ) -> CapturedPose:
+        """Where the robot is; with a name, save it as that place (averaged, the robot standing).
+
+        Raises:
+            Refused: `lost`, `stale`, `moving`, `not_converged`, `exists`.
+        """
+        params = asking.Capture(name=name, icon=icon, replace=replace)
+        return self.ask(requests.POSE_CAPTURE, params)
+
+    # Where it goes.
+    def send(self, place: Place, **options: Any) -> GoalStatus:
+        """Send a goal without waiting; `options` are fields of `messages.asking.SendGoal`."""
+        return self.ask(requests.GOAL_SEND, goal_to(place, **options))
+
+    def go_to(
+        self, place: Place, wait: bool = True, timeout: float | None = None, **options: Any
+    ) -> GoalStatus:
+        """Drive to a place; with `wait` until it is there.
+
+        Raises:
+            Refused: The goal was refused or did not arrive, with the reason's code; `timeout`
+                where `timeout` seconds have passed (the robot drives on).
+        """
+        goal = goal_to(place, **options)
+        status = self.ask(requests.GOAL_SEND, goal)
+        if not wait:
+            return status
+        *_, status = self.follow(goal.id, timeout)
+        if status.state != "arrived":
+            code = status.reason or status.state
+            raise Refused(code, status.message or None, goal=status.id)
+        return status
+
+    def follow(self, goal: str | None = None, timeout: float | None = None) -> Iterator[GoalStatus]:
+        """Each status of a goal (the current one if none is named) until it has ended.
+
+        Raises:
+            Refused: `restarted` where the planner came back without it, `timeout`.
+            RobotUnreachable: The planner is gone.
+        """
+        deadline = _deadline(timeout)
+        with self.subscribe(topics.GOAL) as statuses:
+            while True:
+                arrival = statuses.next(min(SILENCE_S, _left(deadline)))
+                status = self._goal_now(goal) if arrival is None else arrival.message
+                if goal is None:
+                    goal = status.id
+                if status.id != goal:  # a newer goal's, or an older one's last word
+                    status = self._goal_now(goal)
+                yield status
+                if status.state in (*GOAL_ENDS, "idle"):
+                    return
+                if _left(deadline) <= 0.0:
+                    raise Refused(codes.TIMEOUT, f"Not there after {timeout:.0f} s.", goal=goal)
+
+    def cancel(self, goal: str | None = None) -> GoalStatus:
+        """Cancel a goal, or the current one."""
+        return self.ask(requests.GOAL_CANCEL, asking.WhichGoal(id=goal))
+
+    # Trips.
+    def tour(self, name: str, wait: bool = True, timeout: float | None = None) -> TourStatus:
+        """Drive a stored tour; with `wait` until it has ended: see `state` and `results`.
+
+        Raises:
+            Refused: It cannot be started; `timeout`.
+        """
+        status = self.ask(requests.TOUR_START, asking.StartTour(name=name))
+        if not wait:
+            return status
+        *_, last = self.follow_tour(status.trip, timeout)
+        return last
+
+    def follow_tour(
+        self, trip: str | None = None, timeout: float | None = None
+    ) -> Iterator[TourStatus]:
+        """Each status of a trip (the current one if none is named) until it has ended.
+
+        Raises:
+            Refused: `replaced` where another trip took its place, `timeout`.
+            RobotUnreachable: The tour service is gone.
+        """
+        deadline = _deadline(timeout)
+        with self.subscribe(topics.TOUR) as statuses:
+            while True:
+                arrival = statuses.next(min(SILENCE_S, _left(deadline)))
+                status = arrival.message if arrival else self._ask_again(topics.TOUR, "tour")
+                if trip is None:
+                    trip = status.trip
+                if status.trip is None and trip is not None:
+                    raise Refused(codes.RESTARTED, "The tour service forgot the trip.")
+                if status.trip != trip:
+                    raise Refused(codes.REPLACED, "Another trip took its place.", trip=status.trip)
+                yield status
+                if status.state in TRIP_ENDS:
+                    return
+                if _left(deadline) <= 0.0:
+                    raise Refused(codes.TIMEOUT, f"Not done after {timeout:.0f} s.", trip=trip)
+
+    # Stopping.
+    def stop(self) -> BaseState:
+        """Stop the robot until it is resumed; asked three times.
+
+        Raises:
+            RobotUnreachable: NOT STOPPED: base does not answer.
+        """
+        for _ in range(STOP_TRIES):
+            try:
+                return self.ask(requests.BASE_STOP, timeout=STOP_TRY_S)
+            except (Refused, RobotUnreachable):
+                time.sleep(0.1)
+        raise RobotUnreachable(f"NOT STOPPED: no connection to base of {self.name}")
+
+    def resume(self) -> BaseState:
+        """Allow it to drive again; nothing sets off by itself."""
+        return self.ask(requests.BASE_RESUME)
+
+    def _goal_now(self, goal: str | None) -> GoalStatus:
+        """What became of a goal, also where a newer one is under way."""
+        if goal is None:
+            return self._ask_again(topics.GOAL, "planner")
+        found = self._connection.get(self.name, topics.GOAL, parameters={"id": goal})
+        if not found and self._ask_again(topics.GOAL, "planner").id != goal:
+            raise Refused(codes.RESTARTED, "The planner was restarted, the goal is gone.")
+        return found.get(()) or self._ask_again(topics.GOAL, "planner")
+
+    def _ask_again(self, topic: Topic[M], service: str) -> M:
+        """Read a stream that fell silent, giving a supervisor time to restart its owner."""
+        for _ in range(20):
+            message = self.latest(topic)
+            if message is not None:
+                return message
+            time.sleep(0.5)
+        raise RobotUnreachable(f"{service} of {self.name} is silent")
+
+
+def goal_to(place: Place, **options: Any) -> asking.SendGoal:
+    """A goal at a place, with an id; without a yaw any heading will do.
+
+    Raises:
+        ValueError: Coordinates that are not two or three numbers.
+    """
+    options.setdefault("id", f"py-{secrets.token_hex(6)}")
+    if isinstance(place, str):
+        return asking.SendGoal(name=place, **options)
+    if isinstance(place, Pose2D):
+        return asking.SendGoal(pose=place, **options)
+    if len(place) not in (2, 3):
+        raise ValueError(f"a place has two or three numbers (x, y, yaw), not {len(place)}")
+    if len(place) == 2:
+        options.setdefault("yaw_tolerance", ANY_HEADING)
+    pose = Pose2D.from_array((*place, 0.0)[:3])
+    return asking.SendGoal(pose=pose, **options)
+
+
+def _deadline(timeout: float | None) -> float | None:
+    return None if timeout is None else time.monotonic() + timeout
+
+
+def _left(deadline: float | None) -> float:
+    return SILENCE_S if deadline is None else max(0.0, deadline - time.monotonic())

@@ -1,0 +1,341 @@
+"""A program's connection to the robots of a network: ask, get, subscribe, each with a time limit.
+
+Scripts want `trolley.Robot`; this is the layer below it, which the command line shares.
+"""
+
+import dataclasses
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+from urllib.parse import quote
+
+import msgspec
+
+from trolley import requests, topics
+from trolley.codes import Refused
+from trolley.config import RobotConfig, find_config, load_config
+from trolley.messages import BaseState
+from trolley.requests import Request
+from trolley.runtime import codec
+from trolley.runtime.bus import Closer, Reply, Sample
+from trolley.runtime.gathering import outcome
+from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
+from trolley.topics import Topic
+
+M = TypeVar("M", bound=msgspec.Struct)
+P = TypeVar("P", bound=msgspec.Struct)
+R = TypeVar("R")
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+CONNECT_TIMEOUT_S = 3.0
+ASK_TIMEOUT_S = 2.5
+"""Requests are answered within 2 s."""
+GET_TIMEOUT_S = 2.0
+MOST_WAITING = 1000
+
+
+class RobotUnreachable(Exception):  # noqa: N818 - named after what it reports
+    """There is no router, no such robot, or it fell silent; the text says which and what to do."""
+
+
+class SeveralRobots(Exception):  # noqa: N818 - named after what it reports
+    """Several robots are on the network and none was named; `names` lists them."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = list(names)
+        super().__init__(f"several robots are here, name one of them: {', '.join(names)}")
+
+
+class Arrival(msgspec.Struct, Generic[M], frozen=True):
+    """A message of a subscription."""
+
+    robot: str
+    parts: tuple[str, ...]
+    """The chunks of its key that vary."""
+    message: M
+    size: int
+    """Bytes on the wire."""
+    arrived_s: float
+    """Local monotonic time."""
+
+
+class Subscription(Generic[M]):
+    """Messages as they arrive, oldest first; a context manager."""
+
+    def __init__(self, topic: Topic[M], most_waiting: int = MOST_WAITING) -> None:
+        self.invalid = 0
+        """Messages that were not understood."""
+        self._topic = topic
+        self._waiting: deque[Arrival[M]] = deque(maxlen=most_waiting)
+        self._heard: set[str] = set()
+        self._condition = threading.Condition()
+        self._closer: Closer | None = None
+
+    def open(self, bus: ZenohBus, key: str) -> None:
+        """Begin to listen (called by `Connection`)."""
+        self._closer = bus.subscribe(key, self._take)
+
+    def add_latest(self, reply: Reply) -> None:
+        """Take a latest value that was read after subscribing, unless something newer came."""
+        with self._condition:
+            if not reply.is_error and reply.key not in self._heard:
+                self._store(reply.key, reply.payload, reply.encoding)
+
+    def next(self, timeout_s: float | None = None) -> Arrival[M] | None:
+        """The next message, None if none comes in time."""
+        with self._condition:
+            self._condition.wait_for(lambda: bool(self._waiting), timeout_s)
+            return self._waiting.popleft() if self._waiting else None
+
+    def __iter__(self) -> Iterator[Arrival[M]]:
+        while (arrival := self.next()) is not None:
+            yield arrival
+
+    def close(self) -> None:
+        """Stop listening."""
+        if self._closer is not None:
+            self._closer.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _take(self, sample: Sample) -> None:
+        if not sample.is_delete:
+            with self._condition:
+                self._store(sample.key, sample.payload, sample.encoding)
+
+    def _store(self, key: str, payload: bytes, encoding: str) -> None:
+        matched = self._topic.match(key)
+        if matched is None:
+            return
+        try:
+            message = codec.decode(self._topic.message, payload, encoding)
+        except codec.BadPayload:
+            self.invalid += 1
+            return
+        self._heard.add(key)
+        self._waiting.append(Arrival(*matched, message, len(payload), time.monotonic()))
+        self._condition.notify()
+
+
+class Connection:
+    """A session with a router and what can be done over it; a context manager.
+
+    Raises:
+        RobotUnreachable: On entering, where no router answers.
+    """
+
+    def __init__(
+        self, endpoints: Sequence[str], connect_timeout_s: float = CONNECT_TIMEOUT_S
+    ) -> None:
+        self.endpoints = list(endpoints)
+        self._opening: AbstractContextManager[ZenohBus] = open_bus(endpoints, connect_timeout_s)
+        self._bus: ZenohBus | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            self._bus = self._opening.__enter__()
+        except NotConnected as error:
+            raise RobotUnreachable(str(error)) from error
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bus = None
+        self._opening.__exit__(kind, error, trace)
+
+    @property
+    def bus(self) -> ZenohBus:
+        """The open bus."""
+        if self._bus is None:
+            raise RobotUnreachable("the connection is closed")
+        return self._bus
+
+    def ask(
+        self, robot: str, request: Request[P, R], params: P, timeout_s: float = ASK_TIMEOUT_S
+    ) -> R:
+        """Ask a robot and wait for its answer.
+
+        Raises:
+            Refused: With the contract's code; `timeout` where the answer did not come.
+            RobotUnreachable: Nobody of that name is on the network.
+        """
+        replies, timed_out = self._gather(
+            f"{request.key(robot)}?format=msgpack",
+            timeout_s,
+            codec.encode(params, "msgpack"),
+            codec.MIME["msgpack"],
+        )
+        if not replies and not self.services(robot):
+            raise RobotUnreachable(
+                f"no robot called {robot} is at {', '.join(self.endpoints)} "
+                "(or this connection may not ask it)"
+            )
+        result: Any = outcome(request, replies, timed_out)  # pyright: ignore[reportArgumentType]
+        if isinstance(result, Refused):
+            raise result
+        return result
+
+    def stop_all(self, timeout_s: float = ASK_TIMEOUT_S) -> dict[str, BaseState]:
+        """Stop every robot of the network; what each answered, by name."""
+        key = requests.BASE_STOP.key("*")
+        replies, _ = self._gather(f"{key}?format=msgpack", timeout_s)
+        return {
+            reply.key.split("/")[1]: codec.decode(BaseState, reply.payload, reply.encoding)
+            for reply in replies
+            if not reply.is_error
+        }
+
+    def get(
+        self,
+        robot: str,
+        topic: Topic[M],
+        *parts: str,
+        parameters: Mapping[str, str] | None = None,
+        timeout_s: float = GET_TIMEOUT_S,
+    ) -> dict[tuple[str, ...], M]:
+        """The latest values of a topic by the chunks of their keys that vary.
+
+        With `"*"` as robot these begin with its name. What nobody has is left out, and so is what
+        is not understood.
+        """
+        asked = {"format": "msgpack", **(parameters or {})}
+        selector = ";".join(f"{name}={quote(value, safe='')}" for name, value in asked.items())
+        replies, _ = self._gather(f"{topic.key(robot, *parts)}?{selector}", timeout_s)
+        found: dict[tuple[str, ...], M] = {}
+        for reply in replies:
+            matched = None if reply.is_error else topic.match(reply.key)
+            if matched is None:
+                continue
+            name, have = matched
+            try:
+                message = codec.decode(topic.message, reply.payload, reply.encoding)
+            except codec.BadPayload:
+                continue
+            found[(name, *have) if robot == "*" else have] = message
+        return found
+
+    def latest(self, robot: str, topic: Topic[M], *parts: str) -> M | None:
+        """The latest value of a single key, None if nobody has it."""
+        return next(iter(self.get(robot, topic, *parts).values()), None)
+
+    def subscribe(
+        self, robot: str, topic: Topic[M], *parts: str, with_latest: bool = True
+    ) -> Subscription[M]:
+        """Listen to a topic, beginning with the latest values where its owner keeps some."""
+        subscription = Subscription(topic)
+        key = topic.key(robot, *parts)
+        subscription.open(self.bus, key)
+        if with_latest:
+            self.bus.get(
+                f"{key}?format=msgpack",
+                b"",
+                "",
+                GET_TIMEOUT_S,
+                subscription.add_latest,
+                lambda: None,
+            )
+        return subscription
+
+    def listen(self, key_expr: str, callback: Callable[[Sample], None]) -> Closer:
+        """Call back, on a thread of the bus, with everything that is published under a key."""
+        return self.bus.subscribe(key_expr, callback)
+
+    def services(self, robot: str = "*") -> dict[tuple[str, str], list[str]]:
+        """The runs that are alive, by (robot, service)."""
+        found: dict[tuple[str, str], list[str]] = {}
+        for key in self.bus.alive(topics.ALIVE.key(robot)):
+            matched = topics.ALIVE.match(key)
+            if matched is not None:
+                name, (service, run) = matched
+                found.setdefault((name, service), []).append(run)
+        return found
+
+    def robots(self) -> list[str]:
+        """The names of the robots of which any service is alive."""
+        return sorted({robot for robot, _ in self.services()})
+
+    def robot_now_ns(self, robot: str) -> int | None:
+        """Robot time, at most 0.1 s behind; None without `base`."""
+        clock = self.latest(robot, topics.CLOCK)
+        return None if clock is None else clock.stamp_ns
+
+    def _gather(
+        self, selector: str, timeout_s: float, payload: bytes = b"", encoding: str = ""
+    ) -> tuple[list[Reply], bool]:
+        replies: list[Reply] = []
+        done = threading.Event()
+        self.bus.get(selector, payload, encoding, timeout_s, replies.append, done.set)
+        # Zenoh ends the query by itself at its deadline; the margin is for that to arrive.
+        in_time = done.wait(timeout_s + 0.5)
+        return list(replies), not in_time
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """Which robot, and through which routers it is reached."""
+
+    robot: str | None
+    """None: the single one of the network."""
+    endpoints: tuple[str, ...]
+    preferred: str | None = None
+    """Taken where several are there and this is one of them."""
+
+
+def find_target(
+    robot: str | None = None,
+    connect: Sequence[str] | None = None,
+    config: Path | str | None = None,
+) -> Target:
+    """Where to look: what is given, then the configuration file, then the default router.
+
+    Raises:
+        ConfigError: There is a configuration file that cannot be used.
+    """
+    given = Path(config) if config is not None else None
+    path = None if robot and connect else find_config(given)
+    settings: RobotConfig | None = None if path is None else load_config(path)
+    endpoints = list(connect or [])
+    if not endpoints:
+        endpoints = settings.zenoh.connect if settings is not None else [DEFAULT_ENDPOINT]
+    known = settings.robot.name if settings is not None else None
+    # A router that was named by hand may belong to another robot than this host's file.
+    if robot is None and connect and given is None:
+        return Target(None, tuple(endpoints), known)
+    return Target(robot or known, tuple(endpoints))
+
+
+def pick_robot(connection: Connection, target: Target) -> str:
+    """The robot meant by a target.
+
+    Raises:
+        SeveralRobots: None was named and several are there.
+        RobotUnreachable: None was named and none is there.
+    """
+    if target.robot is not None:
+        return target.robot
+    names = connection.robots()
+    if len(names) == 1:
+        return names[0]
+    if target.preferred in names:
+        return target.preferred
+    if names:
+        raise SeveralRobots(names)
+    raise RobotUnreachable(f"no robot is on the network at {', '.join(connection.endpoints)}")
