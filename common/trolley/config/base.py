@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 
 from trolley.config.robot import PoseConfig
 
@@ -51,11 +51,9 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     simulated: SimulatedConfig = SimulatedConfig()
     recording: RecordingConfig | None = None
     limits: LimitsConfig = LimitsConfig()
-    sources: dict[str, Annotated[int, Meta(ge=0, le=1000)]] = {
-        "teleop": 20,
-        "calibrate": 15,
-        "planner": 10,
-    }
+    sources: dict[str, Annotated[int, Meta(ge=0, le=1000)]] = field(
+        default_factory=lambda: {"teleop": 20, "calibrate": 15, "planner": 10}
+    )
     """Priority of each command source; the highest with a fresh command drives."""
     stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     """How far before an echo the stop field stops the robot."""

@@ -77,5 +77,7 @@ def _readable(problem: str) -> str:
     """Turn msgspec's words into the file's: `$.planner.speed` is key `planner.speed`."""
     text, _, where = problem.partition(" - at `$")
     key = where.rstrip("`").lstrip(".")
-    text = text.replace("Object contains unknown field", "unknown key").replace("Object missing required field", "missing key")
+    text = text.replace("Object contains unknown field", "unknown key").replace(
+        "Object missing required field", "missing key"
+    )
     return f"[{key}] {text}" if key else text

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, field
 
 from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.geometry.pose import Finite
@@ -90,8 +90,9 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[zenoh]`: how services find each other."""
 
-    connect: Annotated[list[str], Meta(min_length=1)] = ["tcp/127.0.0.1:7447"]
+    connect: Annotated[list[str], Meta(min_length=1)] = field(
+        default_factory=lambda: ["tcp/127.0.0.1:7447"]
+    )
     """Endpoints of the router that services and tools connect to."""
     uplink: list[str] = []
     """Endpoints of a home router that this robot's router links to."""
-

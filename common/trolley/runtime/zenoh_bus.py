@@ -1,0 +1,289 @@
+"""The bus over Eclipse Zenoh, and the router that carries it.
+
+Settings and traps were measured with eclipse-zenoh 1.10: clients of a router reconnect by
+themselves within half a second, callbacks only store, and a session is always closed.
+"""
+
+import json
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import zenoh
+
+from trolley.runtime.bus import Query, Reply, Sample
+from trolley.topics import Qos
+
+LARGEST = 33 << 20
+"""No message is larger; a larger payload is not even copied before it is refused."""
+
+_PRIORITIES = {
+    Qos.SENSOR: (zenoh.Priority.INTERACTIVE_HIGH, zenoh.CongestionControl.DROP, False),
+    Qos.COMMAND: (zenoh.Priority.REAL_TIME, zenoh.CongestionControl.DROP, True),
+    Qos.STATE: (zenoh.Priority.DATA_LOW, zenoh.CongestionControl.BLOCK, False),
+}
+
+
+class NotConnected(Exception):
+    """No router answers at the endpoints; the text says what to do."""
+
+
+def _config(settings: dict[str, object]) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def client_config(endpoints: Sequence[str], timeout_ms: int = -1) -> zenoh.Config:
+    """Settings of a client of the router at `endpoints`; `timeout_ms` -1 waits for it for ever."""
+    return _config(
+        {
+            "mode": "client",
+            "connect/endpoints": list(endpoints),
+            "connect/timeout_ms": timeout_ms,
+            "connect/exit_on_failure": True,
+            "connect/retry": {
+                "period_init_ms": 200,
+                "period_max_ms": 500,
+                "period_increase_factor": 1.5,
+            },
+            "listen/endpoints": [],
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            "timestamping/enabled": True,
+            "transport/shared_memory/enabled": False,
+            "transport/link/tx/lease": 1000,
+        }
+    )
+
+
+def router_config(listen: Sequence[str], uplink: Sequence[str] = ()) -> zenoh.Config:
+    """Settings of a router that listens at `listen` and links itself to the routers at `uplink`."""
+    return _config(
+        {
+            "mode": "router",
+            "listen/endpoints": list(listen),
+            "listen/exit_on_failure": True,
+            "connect/endpoints": list(uplink),
+            "connect/timeout_ms": -1,
+            "connect/exit_on_failure": False,
+            "scouting/delay": 0,
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            "timestamping/enabled": True,
+            "transport/shared_memory/enabled": False,
+            "transport/link/tx/lease": 1000,
+        }
+    )
+
+
+@contextmanager
+def open_router(listen: Sequence[str], uplink: Sequence[str] = ()) -> Iterator[None]:
+    """Be the router while the context lasts.
+
+    Raises:
+        NotConnected: The port is taken.
+    """
+    zenoh.init_log_from_env_or("off")
+    try:
+        session = zenoh.open(router_config(listen, uplink))
+    except zenoh.ZError as error:
+        where = ", ".join(listen)
+        raise NotConnected(
+            f"cannot listen at {where}: is another router running there? ({error})"
+        ) from error
+    with session:
+        yield
+
+
+class _ZenohQuery:
+    """A query that came over the network."""
+
+    def __init__(self, query: zenoh.Query) -> None:
+        self._query: zenoh.Query | None = query
+        self.key = str(query.key_expr)
+        self.parameters = str(query.parameters)
+        self.payload = _read(query.payload) if query.payload is not None else b""
+        self.encoding = str(query.encoding) if query.encoding is not None else ""
+
+    def reply(self, key: str, payload: bytes, encoding: str) -> None:
+        if self._query is not None:
+            self._query.reply(key, payload, encoding=encoding)
+
+    def refuse(self, payload: bytes, encoding: str) -> None:
+        if self._query is not None:
+            self._query.reply_err(payload, encoding=encoding)
+
+    def finish(self) -> None:
+        if self._query is not None:
+            self._query.drop()
+            self._query = None
+
+
+class _Declared:
+    """A subscriber, queryable or token that can be taken back."""
+
+    def __init__(self, undeclare: Callable[[], object]) -> None:
+        self._undeclare = undeclare
+
+    def close(self) -> None:
+        self._undeclare()
+
+
+class ZenohBus:
+    """A session with the router; use `open_bus`."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
+
+    def close(self) -> None:
+        """End the session."""
+        self._session.close()
+
+    def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
+        """Publish; without a router it is dropped."""
+        priority, congestion, express = _PRIORITIES[qos]
+        self._session.put(
+            key,
+            payload,
+            encoding=encoding,
+            priority=priority,
+            congestion_control=congestion,
+            express=express,
+        )
+
+    def delete(self, key: str) -> None:
+        """Publish a deletion."""
+        priority, congestion, express = _PRIORITIES[Qos.STATE]
+        self._session.delete(key, priority=priority, congestion_control=congestion, express=express)
+
+    def subscribe(self, key_expr: str, callback: Callable[[Sample], None]) -> _Declared:
+        """Call back, on one of Zenoh's threads, for each put and delete that matches."""
+
+        def receive(sample: zenoh.Sample) -> None:
+            is_delete = sample.kind == zenoh.SampleKind.DELETE
+            payload = b"" if is_delete else _read(sample.payload)
+            callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
+
+        return _Declared(self._session.declare_subscriber(key_expr, receive).undeclare)
+
+    def serve(self, key_expr: str, callback: Callable[[Query], None]) -> _Declared:
+        """Call back, on one of Zenoh's threads, for each get that matches."""
+        queryable = self._session.declare_queryable(
+            key_expr, lambda query: callback(_ZenohQuery(query))
+        )
+        return _Declared(queryable.undeclare)
+
+    def get(
+        self,
+        selector: str,
+        payload: bytes,
+        encoding: str,
+        timeout_s: float,
+        on_reply: Callable[[Reply], None],
+        on_done: Callable[[], None],
+    ) -> None:
+        """Ask everybody who serves the key; replies come on Zenoh's threads."""
+
+        def receive(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                sample = reply.ok
+                on_reply(Reply(str(sample.key_expr), _read(sample.payload), str(sample.encoding)))
+            elif reply.err is not None:
+                error = reply.err
+                on_reply(Reply(selector, _read(error.payload), str(error.encoding), is_error=True))
+
+        priority, _, express = _PRIORITIES[Qos.COMMAND]
+        self._session.get(
+            selector,
+            zenoh.handlers.Callback(receive, on_done),
+            payload=payload or None,
+            encoding=encoding or None,
+            timeout=timeout_s,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=priority,
+            express=express,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+
+    # Beyond the `Bus`: liveliness and connection.
+    def declare_token(self, key: str) -> _Declared:
+        """Show a liveliness token while this session lives."""
+        token = self._session.liveliness().declare_token(key)
+        self._kept.append(token)
+        return _Declared(token.undeclare)
+
+    def alive(self, key_expr: str, timeout_s: float = 1.0) -> list[str]:
+        """The liveliness tokens that are shown now (waits for the answer)."""
+        replies = self._session.liveliness().get(key_expr, timeout=timeout_s)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def watch_tokens(self, key_expr: str, callback: Callable[[str, bool], None]) -> _Declared:
+        """Call back with key and whether it appeared (else vanished), for present tokens too."""
+
+        def receive(sample: zenoh.Sample) -> None:
+            callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        subscriber = self._session.liveliness().declare_subscriber(key_expr, receive, history=True)
+        self._kept.append(subscriber)
+        return _Declared(subscriber.undeclare)
+
+    def on_connection(self, callback: Callable[[bool], None]) -> None:
+        """Call back when the router is there (True) or lost (False)."""
+
+        def receive(event: zenoh.TransportEvent) -> None:
+            callback(event.kind == zenoh.SampleKind.PUT)
+
+        self._kept.append(self._session.info.declare_transport_events_listener(receive))
+
+
+@contextmanager
+def open_bus(endpoints: Sequence[str], timeout_s: float | None = None) -> Iterator[ZenohBus]:
+    """Connect to the router; `timeout_s` None waits for it for ever.
+
+    Raises:
+        NotConnected: Nobody answers within `timeout_s`.
+    """
+    zenoh.init_log_from_env_or("off")
+    timeout_ms = -1 if timeout_s is None else int(timeout_s * 1000)
+    try:
+        session = zenoh.open(client_config(endpoints, timeout_ms))
+    except zenoh.ZError as error:
+        where = ", ".join(endpoints)
+        raise NotConnected(
+            f"no router answers at {where}; start one with `trolley up`, `trolley demo` or "
+            f"`trolley router`, or name another with --connect"
+        ) from error
+    bus = ZenohBus(session)
+    try:
+        yield bus
+    finally:
+        bus.close()
+
+
+def open_bus_or_stop(endpoints: Sequence[str], stop: threading.Event) -> ZenohBus | None:
+    """Wait for the router until it is there or `stop` is set (then None).
+
+    Opening blocks inside Zenoh, where no signal reaches Python, so it runs on a thread of its own.
+    """
+    zenoh.init_log_from_env_or("off")
+    opened: list[ZenohBus] = []
+    ready = threading.Event()
+
+    def connect() -> None:
+        opened.append(ZenohBus(zenoh.open(client_config(endpoints))))
+        ready.set()
+
+    threading.Thread(target=connect, daemon=True).start()
+    while not ready.wait(0.05):
+        if stop.is_set():
+            return None
+    return opened[0]
+
+
+def _read(payload: zenoh.ZBytes) -> bytes:
+    """The payload's bytes; one that is too large in any case is not copied, only its size kept."""
+    return payload.to_bytes() if len(payload) <= LARGEST else bytes(LARGEST + 1)
