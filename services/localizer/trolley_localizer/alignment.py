@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels.layout import Points
 from trolley_localizer.motion import split_step

@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-
 from trolley_localizer.alignment import Follower
 from trolley_localizer.estimate import CandidatePose, Estimate, Reject
 from trolley_localizer.field import LikelihoodField, build_field
@@ -23,8 +23,6 @@ from trolley_localizer.scan import BeamSet, ScanInput, read_beams
 from trolley_localizer.search import Place, SearchJob, SearchMap, is_near
 from trolley_localizer.verify import Support, Verifier
 
-# A scan with fewer echoes says nothing.
-MIN_ECHOES = 15
 # A wheeled indoor robot is slower; a longer step is a reset or a fault of the odometry [m/s, m].
 FASTEST_MPS = 4.0
 LONGEST_JUMP_M = 0.5
@@ -76,7 +74,6 @@ class Localizer:
         self._job_runs = False
         self._searched = False
         self._since_search_s = math.inf
-        self._blind_s = 0.0
         self._last: ScanInput | None = None
         self._beams: BeamSet | None = None
         self._map_T_odom: Pose2D | None = None
@@ -104,9 +101,7 @@ class Localizer:
         """
         if covariance is None:
             covariance = np.diag([SET_DEV_M**2, SET_DEV_M**2, SET_DEV_RAD**2])
-        self._follow(
-            self.field.to_cells(map_T_base), self.field.covariance_to_cells(covariance)
-        )
+        self._follow(self.field.to_cells(map_T_base), self.field.covariance_to_cells(covariance))
         self._wants_job = True
 
     def search(self) -> None:
@@ -125,15 +120,13 @@ class Localizer:
         """Return a search to run now, or None. Give it back to `finish` when it is done."""
         if not self._wants_job or self._job_runs or self._last is None or self._beams is None:
             return None
-        if self._beams.used.size < MIN_ECHOES:
+        if self._beams.is_blind:
             return None
         self._wants_job = False
         self._job_runs = True
         self._since_search_s = 0.0
         followed = None if self._is_searching else self._follower.pose.copy()
-        return SearchJob(
-            self._map, self._verifier, self._beams, self._last.odom_T_base, followed
-        )
+        return SearchJob(self._map, self._verifier, self._beams, self._last.odom_T_base, followed)
 
     def finish(self, job: SearchJob) -> None:
         """Take the outcome of a search into account."""
@@ -170,15 +163,13 @@ class Localizer:
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
         self._since_search_s += elapsed_s
-        is_blind = beams.used.size < MIN_ECHOES
-        self._blind_s = self._blind_s + elapsed_s if is_blind else 0.0
         self._follower.predict(step)
         self._hypotheses.move(step)
-        if self._is_searching and not is_blind:
+        if self._is_searching and not beams.is_blind:
             self._search_step(beams)
         if self._is_searching:
             return self._searching_estimate(scan, beams, "searching")
-        return self._follow_step(scan, beams, elapsed_s, is_blind=is_blind)
+        return self._follow_step(scan, beams, elapsed_s)
 
     def _problem(self, scan: ScanInput) -> Reject | None:
         """Say why a scan cannot be used."""
@@ -201,15 +192,13 @@ class Localizer:
             return Pose2D.identity(), elapsed_s
         return step, elapsed_s
 
-    def _follow_step(
-        self, scan: ScanInput, beams: BeamSet, elapsed_s: float, *, is_blind: bool
-    ) -> Estimate:
+    def _follow_step(self, scan: ScanInput, beams: BeamSet, elapsed_s: float) -> Estimate:
         """Align the estimate with a scan and judge it."""
-        if not is_blind:
+        if not beams.is_blind:
             self._follower.look(beams, is_trusted=self._judge.state == "localized")
         support, classes = self._verifier.classify(self._follower.pose, beams)
         self._support = support
-        evidence = Evidence(support.value, self._follower.spread_m, is_blind)
+        evidence = Evidence(support.value, self._follower.spread_m, beams.is_blind)
         state = self._judge.look(evidence, elapsed_s)
         if state == "lost":
             self.search()
@@ -228,12 +217,12 @@ class Localizer:
             match=support.match,
             spread=self._follower.spread_m,
             beam_classes=classes,
-            message=self._doubt(state, is_blind=is_blind),
+            message=self._doubt(state, beams),
         )
 
-    def _doubt(self, state: State, *, is_blind: bool) -> str:
+    def _doubt(self, state: State, beams: BeamSet) -> str:
         """Say in one sentence why the state is not `localized`."""
-        if is_blind:
+        if beams.is_blind:
             return "the lidar sees too little to check the pose"
         if state == "localized":
             return ""
@@ -251,7 +240,7 @@ class Localizer:
             deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
             covariance = self.field.covariance_to_cells(np.diag(deviation**2))
             self._follow(winner.pose, covariance)
-            self._judge.vouch()
+            self._judge.vouch(winner.latest)
         elif self._searched and self._since_search_s > self._config.search_again_s:
             # What stands out by now may not be among the places found from where it began.
             self._wants_job = not self._hypotheses.is_plausible or self._hypotheses.is_stale
@@ -270,7 +259,7 @@ class Localizer:
             spread=self._spread(items),
             beam_classes=beams.classes,
             candidates=[CandidatePose(self.field.to_map(i.pose), i.match) for i in items],
-            wants_turn=self._searched and beams.used.size >= MIN_ECHOES,
+            wants_turn=self._searched and not beams.is_blind,
             message=self._search_message(state, beams),
         )
 
@@ -278,7 +267,7 @@ class Localizer:
         """Say in one sentence how the search stands."""
         if state == "lost":
             return "the scan does not fit the map here: lost"
-        if beams.used.size < MIN_ECHOES:
+        if beams.is_blind:
             return "the lidar sees too little to find the robot"
         if not self._searched:
             return "searching the whole map"
@@ -290,8 +279,8 @@ class Localizer:
         """Return the root mean square distance of places from their mean [m]."""
         if len(items) < 2:
             return 0.0
-        points = np.array([item.pose[:2] for item in items]) * self.field.resolution
-        return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+        points = np.stack([item.pose[:2] for item in items]) * self.field.resolution
+        return math.sqrt(float(points.var(axis=0).sum()))
 
     def _wide_covariance(self, items: Sequence[Hypothesis]) -> NDArray[np.float64]:
         """Return a covariance that says "anywhere among the places, or on the map"."""
@@ -327,7 +316,7 @@ class Localizer:
             self._searched = True
             self._hypotheses.start(places)
             return
-        self._judge.vouch()
+        self._judge.vouch(value)
         if here and here[0].support.value > support.value + NEAR_LEAD:
             deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
             self._follower.reset(

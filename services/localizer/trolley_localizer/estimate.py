@@ -5,8 +5,8 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from trolley.geometry import Pose2D
 
+from trolley.geometry import Pose2D
 from trolley_localizer.judge import State
 
 

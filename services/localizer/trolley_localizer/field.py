@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
@@ -21,7 +22,8 @@ class LikelihoodField:
 
     Attributes:
         grid: the map itself.
-        distance: (rows + 2, cols + 2) float32, to the nearest wall, at most `MAX_DISTANCE_M` [cells].
+        distance: (rows + 2, cols + 2) float32, to the nearest wall [cells], at most
+            `MAX_DISTANCE_M`.
         score: (rows + 2, cols + 2) uint16, log likelihood of an end point; 0 is that of a random
             one, 65535 that of one on a wall.
         log_range: log likelihood between the two.
@@ -49,12 +51,12 @@ class LikelihoodField:
         return self.grid.origin @ Pose2D(x * self.resolution, y * self.resolution, yaw)
 
     def covariance_to_map(self, covariance_cells: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a (3, 3) covariance over x, y [cells], yaw [rad] in `grid` in the map frame [m]."""
+        """Return a covariance (3, 3) over x, y [cells], yaw [rad] in the map frame [m]."""
         turn = self._turn(self.grid.origin.yaw) * np.array([self.resolution, self.resolution, 1.0])
         return turn @ covariance_cells @ turn.T
 
     def covariance_to_cells(self, covariance_map: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a (3, 3) covariance over x, y [m], yaw [rad] in `map` in frame `grid` [cells]."""
+        """Return a covariance (3, 3) over x, y [m], yaw [rad] in `map` in frame `grid` [cells]."""
         scale = np.array([[1.0 / self.resolution], [1.0 / self.resolution], [1.0]])
         turn = scale * self._turn(-self.grid.origin.yaw)
         return turn @ covariance_map @ turn.T

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.scan import BeamSet
 from trolley_localizer.search import Place
@@ -45,9 +45,7 @@ class Hypothesis:
 class Hypotheses:
     """Follows the places that a search came up with, view by view, until one stands out."""
 
-    def __init__(
-        self, field: LikelihoodField, verifier: Verifier, config: LocalizerConfig
-    ) -> None:
+    def __init__(self, field: LikelihoodField, verifier: Verifier, config: LocalizerConfig) -> None:
         self._field = field
         self._verifier = verifier
         self._config = config

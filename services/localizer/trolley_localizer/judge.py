@@ -13,8 +13,15 @@ _SCANS_TO_BELIEVE = 3
 _SMOOTHING_S = 0.4
 # Longest time between two scans that counts: a gap in the data says nothing about the pose.
 _LONGEST_STEP_S = 0.3
-# A search that found nothing better vouches for a pose with little support for so long [s].
+# So long without seeing anything, and the estimate is no longer sure [s].
+_BLIND_S = 1.0
+# A search that found nothing better vouches for a pose with little support for so long [s], down to
+# this much below what it had then.
 _VOUCHED_S = 10.0
+_VOUCHED_SLACK = 0.1
+# A support this far below the usual one is a reason to look elsewhere, however high it is.
+_SUDDEN_DROP = 0.2
+_USUAL_S = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +29,7 @@ class Evidence:
     """What one scan says about the estimate."""
 
     support: float
-    """Share of explained beams less contradictions, 0 ... 1; 0 where the scan is blind."""
+    """Share of explained beams less contradictions, 0 ... 1."""
     spread_m: float
     """Spread of the hypotheses [m]."""
     is_blind: bool
@@ -34,32 +41,35 @@ class Judge:
 
     def __init__(self, config: LocalizerConfig) -> None:
         self._config = config
-        self.state: State = "unsure"
-        self.support = 0.0
-        self._good_scans = 0
-        self._poor_s = 0.0
-        self._doubt_s = 0.0
-        self._vouched_s = 0.0
-        self._believed = False
+        self.restart()
 
     def restart(self) -> None:
         """Begin with a new estimate that nothing is known of."""
-        self.state = "unsure"
+        self.state: State = "unsure"
         self.support = 0.0
+        self._scans = 0
         self._good_scans = 0
         self._poor_s = 0.0
         self._doubt_s = 0.0
         self._vouched_s = 0.0
-        self._believed = False
+        self._vouched_support = 0.0
+        self._usual = 0.0
+        self._blind_s = 0.0
 
     @property
     def doubts(self) -> bool:
         """Whether the estimate has been in doubt for long enough to look elsewhere."""
-        return self._doubt_s > 0.5 * self._config.lost_after_s
+        return self._doubt_s > 0.25 * self._config.lost_after_s
 
-    def vouch(self) -> None:
-        """Note that a search of the whole map found no better place."""
+    def vouch(self, support: float) -> None:
+        """Note that a search of the whole map found no better place.
+
+        Args:
+            support: of the estimate in the searched scan, 0 ... 1.
+        """
         self._vouched_s = _VOUCHED_S
+        self._vouched_support = support
+        self._usual = support
         self._poor_s = 0.0
         self._doubt_s = 0.0
 
@@ -70,25 +80,53 @@ class Judge:
             evidence: of the scan.
             elapsed_s: robot time since the scan before [s].
         """
-        config = self._config
         step_s = min(max(elapsed_s, 0.0), _LONGEST_STEP_S)
-        share = 1.0 if self._good_scans == 0 and not self._believed else min(1.0, step_s / _SMOOTHING_S)
-        self.support += share * (evidence.support - self.support)
         self._vouched_s = max(0.0, self._vouched_s - step_s)
-        if evidence.support >= config.good_support:
+        if evidence.is_blind:
+            self._blind_s += step_s
+            if self._blind_s > _BLIND_S and self.state == "localized":
+                self._good_scans = 0
+                self.state = "unsure"
+            return self.state
+        self._blind_s = 0.0
+        self._weigh(evidence, step_s)
+        return self._decide(evidence)
+
+    def _weigh(self, evidence: Evidence, step_s: float) -> None:
+        """Add one scan to the sums."""
+        config = self._config
+        share = min(1.0, step_s / _SMOOTHING_S) if self._scans > 0 else 1.0
+        self._scans += 1
+        self.support += share * (evidence.support - self.support)
+        if evidence.support >= self._wanted:
             self._good_scans += 1
         elif evidence.support < config.poor_support:
             self._good_scans = 0
-        is_good = self.support >= config.good_support and evidence.spread_m <= config.max_spread_m
-        is_poor = self.support < config.poor_support and not evidence.is_blind
-        self._doubt_s = 0.0 if is_good or evidence.is_blind else self._doubt_s + step_s
-        self._poor_s = self._poor_s + step_s if is_poor and not self._vouched_s > 0.0 else 0.0
-        if is_good and self._good_scans >= _SCANS_TO_BELIEVE:
-            self._believed = True
-            self.state = "localized"
-        elif self._poor_s >= config.lost_after_s:
-            self._believed = False
+        if self.state == "localized":
+            self._usual += min(1.0, step_s / _USUAL_S) * (self.support - self._usual)
+        is_doubtful = (
+            self.support < max(self._wanted, self._usual - _SUDDEN_DROP)
+            or evidence.spread_m > config.max_spread_m
+        )
+        self._doubt_s = self._doubt_s + step_s if is_doubtful else 0.0
+        is_poor = self.support < config.poor_support and self._vouched_s <= 0.0
+        self._poor_s = self._poor_s + step_s if is_poor else 0.0
+
+    @property
+    def _wanted(self) -> float:
+        """Support from which on the estimate is believed."""
+        good = self._config.good_support
+        if self._vouched_s <= 0.0:
+            return good
+        return min(good, max(self._config.poor_support, self._vouched_support - _VOUCHED_SLACK))
+
+    def _decide(self, evidence: Evidence) -> State:
+        """Choose the state from the sums."""
+        narrow = evidence.spread_m <= self._config.max_spread_m
+        if self._poor_s >= self._config.lost_after_s:
             self.state = "lost"
-        elif self.state != "lost":
+        elif narrow and self.support >= self._wanted and self._good_scans >= _SCANS_TO_BELIEVE:
+            self.state = "localized"
+        else:
             self.state = "unsure"
         return self.state

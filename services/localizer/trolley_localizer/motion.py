@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, wrap_angle
 

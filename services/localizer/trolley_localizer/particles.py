@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from trolley.config.localizer import LocalizerConfig
 
+from trolley.config.localizer import LocalizerConfig
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels.layout import Cloud, Points
 from trolley_localizer.kernels.motion import move_particles, scatter_particles

@@ -4,10 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from trolley.geometry import Pose2D
 
+from trolley.geometry import Pose2D
 from trolley_localizer.kernels import beams as kernels
 from trolley_localizer.kernels.layout import Points
+
+# Shorter beams end near any wall that the robot stands at: they tell little of where it is [m].
+_TELLING_M = 0.5
+# A scan with fewer telling beams, or a smaller share of them, says nothing (a covered lidar).
+_MIN_TELLING = 15
+_MIN_TELLING_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,12 +49,14 @@ class BeamSet:
         start: (n,) where the laser was for each [cells].
         classes: (n,) uint8: UNUSED where there is no echo, else NOT_ON_MAP until judged.
         used: (m,) int64, indices of beams that may be matched with the map.
+        is_blind: the scan holds too little to compare it with a map.
     """
 
     end: Points
     start: Points
     classes: NDArray[np.uint8]
     used: NDArray[np.int64]
+    is_blind: bool
 
     def points(self, index: NDArray[np.int64]) -> Points:
         """Return the end points of some beams."""
@@ -67,13 +75,9 @@ class BeamSet:
         chosen = ((np.arange(count) + phase) * (size / count)).astype(np.int64)
         return self.points(self.used[np.minimum(chosen, size - 1)])
 
-    def without(self, dropped: NDArray[np.bool_]) -> "BeamSet":
-        """Return the same beams, fewer of them used.
-
-        Args:
-            dropped: (n,) beams not to match any more.
-        """
-        return BeamSet(self.end, self.start, self.classes, self.used[~dropped[self.used]])
+    def only(self, classes: NDArray[np.uint8], used: NDArray[np.int64]) -> "BeamSet":
+        """Return the same beams with other classes, fewer of them used."""
+        return BeamSet(self.end, self.start, classes, used, self.is_blind)
 
 
 def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:
@@ -96,4 +100,7 @@ def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSe
         (scan.odom_T_base.inverse() @ scan.odom_T_base_end).as_array(),
     )
     classes = np.where(used == 1, kernels.NOT_ON_MAP, kernels.UNUSED).astype(np.uint8)
-    return BeamSet(end, start, classes, np.flatnonzero(used))
+    index = np.flatnonzero(used)
+    telling = int(np.count_nonzero(ranges[index] > _TELLING_M))
+    is_blind = telling < max(_MIN_TELLING, _MIN_TELLING_SHARE * index.size)
+    return BeamSet(end, start, classes, index, is_blind)

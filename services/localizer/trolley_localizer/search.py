@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from trolley.geometry import Pose2D
 
+from trolley.geometry import Pose2D
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import search as kernels
 from trolley_localizer.kernels.layout import Points
@@ -72,7 +72,7 @@ def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
 
 
 def num_turns(points: Points, resolution: float) -> int:
-    """Choose how many headings to try: a far end point moves by about a search sigma between two."""
+    """Choose how many headings to try: far end points move by about a search sigma between."""
     reach = np.hypot(points.x, points.y) * resolution
     far = max(float(np.percentile(reach, 60)), 1.0) if reach.size else 1.0
     step = min(max(1.2 * SEARCH_SIGMA_M / far, math.radians(0.75)), math.radians(4.0))
@@ -146,10 +146,9 @@ def find_places(
     for k in np.argsort(-found.score, kind="stable"):
         if found.score[k] < 0.0:
             continue
-        pose = np.array(
-            [found.col[k] + 0.5, found.row[k] + 0.5, 2.0 * math.pi * found.turn[k] / turns]
-        )
-        pose = verifier.align(pose, beams)
+        coarse = np.empty(3)
+        coarse[:] = found.col[k] + 0.5, found.row[k] + 0.5, 2.0 * math.pi * found.turn[k] / turns
+        pose = verifier.align(coarse, beams)
         if verifier.may_stand(pose):
             places.append(Place(pose, verifier.support(pose, beams)))
     places.sort(key=lambda place: -place.support.value)

@@ -1,17 +1,17 @@
 """The estimate: one pose carried by odometry and aligned with the map by each scan.
 
-The particle filter keeps the alternatives; here the best of them is followed to the centimetre. Each
-scan is aligned by Gauss-Newton steps with the odometry as prior, so that along a bare corridor, where
-the scan says nothing, the odometry decides.
+The particle filter keeps the alternatives; here the best of them is followed to the centimetre.
+Each scan is aligned by Gauss-Newton steps with the odometry as prior, so that along a bare
+corridor, where the scan says nothing, the odometry decides.
 """
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
+
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels.layout import Points
 from trolley_localizer.kernels.refine import refine_pose
@@ -54,9 +54,13 @@ class PoseTracker:
         after = before @ cells
         noise = step_covariance(step, _FLOOR_M, _FLOOR_RAD, self._config)
         cos, sin = math.cos(after.yaw), math.sin(after.yaw)
-        turn = np.array([[cos / resolution, -sin / resolution, 0.0],
-                         [sin / resolution, cos / resolution, 0.0],
-                         [0.0, 0.0, 1.0]])
+        turn = np.array(
+            [
+                [cos / resolution, -sin / resolution, 0.0],
+                [sin / resolution, cos / resolution, 0.0],
+                [0.0, 0.0, 1.0],
+            ]
+        )
         self.covariance = move_covariance(self.covariance, before, cells) + turn @ noise @ turn.T
         self.pose = after.as_array()
 
@@ -79,10 +83,7 @@ class PoseTracker:
         pose = start.copy()
         information = np.zeros((3, 3))
         cells = 1.0 / self._field.resolution
-        if free:
-            prior_information = np.diag([1e-4, 1e-4, 1e-2])
-        else:
-            prior_information = np.linalg.inv(self.covariance)
+        prior_information = self._prior_information(free=free)
         beams = points.x.size
         gain = min(_INDEPENDENT, beams) / max(beams, 1) / (_BEAM_DEV_M * cells) ** 2
         for width_m in _WIDTHS_M:
@@ -99,13 +100,18 @@ class PoseTracker:
             )
         return pose, information
 
+    def _prior_information(self, *, free: bool) -> NDArray[np.float64]:
+        """Return how firmly the odometry holds the pose (3, 3)."""
+        if free:
+            return np.diag([1e-4, 1e-4, 1e-2])
+        return np.asarray(np.linalg.inv(self.covariance), np.float64)
+
     def accept(
         self, pose: NDArray[np.float64], information: NDArray[np.float64], *, free: bool
     ) -> None:
         """Take an aligned pose as the estimate and narrow the covariance by what the scan said."""
         resolution = self._field.resolution
-        prior = np.diag([1e-4, 1e-4, 1e-2]) if free else np.linalg.inv(self.covariance)
-        covariance = np.linalg.inv(prior + information)
+        covariance = np.linalg.inv(self._prior_information(free=free) + information)
         floor = np.diag([(_SUREST_M / resolution) ** 2] * 2 + [_SUREST_RAD**2])
         self.pose = pose
         self.covariance = 0.5 * (covariance + covariance.T) + floor

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from trolley.config.localizer import LocalizerConfig
 
+from trolley.config.localizer import LocalizerConfig
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import beams as beam_kernels
 from trolley_localizer.kernels.layout import Lines
@@ -63,12 +63,7 @@ class Verifier:
         )
         if marked == 0:
             return beams
-        return BeamSet(
-            beams.end,
-            beams.start,
-            classes,
-            beams.used[classes[beams.used] != beam_kernels.BEHIND_MIRROR],
-        )
+        return beams.only(classes, beams.used[classes[beams.used] != beam_kernels.BEHIND_MIRROR])
 
     def support(self, pose: NDArray[np.float64], beams: BeamSet) -> Support:
         """Say how the scan speaks for a pose (3,) x, y [cells], yaw [rad]."""
@@ -96,9 +91,7 @@ class Verifier:
             self._config.through_margin_m * cells,
             every,
         )
-        score = score_pose(
-            self._field.distance, seen.spread(_MANY * 2), pose, NARROW_M * cells
-        )
+        score = score_pose(self._field.distance, seen.spread(_MANY * 2), pose, NARROW_M * cells)
         support = Support(explained / looked_at, through / max(cast, 1), looked_at, score)
         return support, classes
 

@@ -105,7 +105,11 @@ def mark_crossing(
             wy = lines.ay[k] - sy
             along_beam = (wx * ey - wy * ex) / cross
             along_line = (wx * dy - wy * dx) / cross
-            if 0.0 < along_beam and 0.0 <= along_line <= 1.0 and (1.0 - along_beam) * length >= depth:
+            if (
+                along_beam > 0.0
+                and 0.0 <= along_line <= 1.0
+                and (1.0 - along_beam) * length >= depth
+            ):
                 out_class[i] = BEHIND_MIRROR
                 marked += 1
                 break

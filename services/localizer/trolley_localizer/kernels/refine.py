@@ -75,7 +75,9 @@ def _accumulate(
         low = field[r, c] + fx * (field[r, c + 1] - field[r, c])
         high = field[r + 1, c] + fx * (field[r + 1, c + 1] - field[r + 1, c])
         d = low + fy * (high - low)
-        gx = (1.0 - fy) * (field[r, c + 1] - field[r, c]) + fy * (field[r + 1, c + 1] - field[r + 1, c])
+        gx = (1.0 - fy) * (field[r, c + 1] - field[r, c]) + fy * (
+            field[r + 1, c + 1] - field[r + 1, c]
+        )
         gy = high - low
         gyaw = gy * turned_x - gx * turned_y
         weight = gain * math.exp(scale * d * d)

@@ -15,7 +15,9 @@ _ONE = np.uint64(1)
 
 
 @kernel
-def normalise_weights(weights: NDArray[np.float32], score: NDArray[np.float32], gain: float) -> float:
+def normalise_weights(
+    weights: NDArray[np.float32], score: NDArray[np.float32], gain: float
+) -> float:
     """Multiply weights by exp(gain * score), make their sum 1, and return the effective number.
 
     Args:
@@ -50,7 +52,9 @@ def normalise_weights(weights: NDArray[np.float32], score: NDArray[np.float32], 
 
 
 @kernel
-def draw_systematic(out_index: NDArray[np.int32], weights: NDArray[np.float32], offset: float) -> None:
+def draw_systematic(
+    out_index: NDArray[np.int32], weights: NDArray[np.float32], offset: float
+) -> None:
     """Choose particles in proportion to their weight, with one random number for all.
 
     Args:
@@ -84,7 +88,11 @@ def gather(out: Cloud, cloud: Cloud, index: NDArray[np.int32]) -> None:
 
 @kernel
 def count_bins(
-    table: NDArray[np.uint64], cloud: Cloud, index: NDArray[np.int32], bin_cells: float, bins_turn: int
+    table: NDArray[np.uint64],
+    cloud: Cloud,
+    index: NDArray[np.int32],
+    bin_cells: float,
+    bins_turn: int,
 ) -> int:
     """Count the bins of pose space that the chosen particles lie in.
 
@@ -108,7 +116,11 @@ def count_bins(
         turn = int((share - math.floor(share)) * bins_turn)
         col = math.floor(cloud.x[i] / bin_cells) + 1048576
         row = math.floor(cloud.y[i] / bin_cells) + 1048576
-        key = (np.uint64(turn) * np.uint64(2097152) + np.uint64(row)) * np.uint64(2097152) + np.uint64(col) + _ONE
+        key = (
+            (np.uint64(turn) * np.uint64(2097152) + np.uint64(row)) * np.uint64(2097152)
+            + np.uint64(col)
+            + _ONE
+        )
         slot = random_bits(key) & mask
         while table[slot] != _EMPTY and table[slot] != key:
             slot = (slot + _ONE) & mask

@@ -128,7 +128,7 @@ def bound_block(
         beam_cols: see `beam_rows`.
     """
     rows, cols, offset = pyramid.rows[level], pyramid.cols[level], pyramid.offset[level]
-    total = 0
+    total = np.int64(0)
     beams = beam_rows.size
     for j in range(beams):
         r = row + (beam_rows[j] >> level)
@@ -140,11 +140,13 @@ def bound_block(
                     total += pyramid.score[offset + r * cols + c]
             else:
                 total += pyramid.score[offset + max(r, 0) * cols + max(c, 0)]
-    return total / max(beams, 1)
+    return float(total) / max(beams, 1)
 
 
 @kernel
-def keep_best(found: Found, score: float, row: int, col: int, turn: int, apart: NDArray[np.int64]) -> float:
+def keep_best(
+    found: Found, score: float, row: int, col: int, turn: int, apart: NDArray[np.int64]
+) -> float:
     """Keep a pose if it is the best of its neighbourhood and among the best in all.
 
     Args:
@@ -170,7 +172,11 @@ def keep_best(found: Found, score: float, row: int, col: int, turn: int, apart: 
             continue
         turned = abs(found.turn[k] - turn)
         turned = min(turned, apart[2] - turned)
-        if abs(found.row[k] - row) <= apart[0] and abs(found.col[k] - col) <= apart[0] and turned <= apart[1]:
+        if (
+            abs(found.row[k] - row) <= apart[0]
+            and abs(found.col[k] - col) <= apart[0]
+            and turned <= apart[1]
+        ):
             if score <= found.score[k]:
                 return best
             lowest = k
@@ -247,7 +253,9 @@ def descend(
             half = (1 << level) >> 1
             limits[0] = max(
                 limits[0],
-                keep_best(found, bounds[size], (row << level) + half, (col << level) + half, turn, apart),
+                keep_best(
+                    found, bounds[size], (row << level) + half, (col << level) + half, turn, apart
+                ),
             )
             continue
         below = level - 1
