@@ -1,0 +1,223 @@
+"""The costmap: map, zones and what the lidar sees, and what it costs to pass near all that."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import polygon_contains
+from trolley.gridmap import GridMap
+from trolley.gridmap.distance import distance_transform
+from trolley.messages import Zone
+from trolley_planner.echoes import Echoes, Sweep
+from trolley_planner.footprint import Footprint
+from trolley_planner.kernels.layers import (
+    LETHAL,
+    UNKNOWN,
+    WALL,
+    WEIGHT_UNIT,
+    Layers,
+    compose_into,
+    weigh_into,
+)
+from trolley_planner.layers import (
+    draw_segments,
+    inflation_table,
+    line_segments,
+    map_kinds,
+    polygon_mask,
+    speed_limits,
+    zone_points,
+)
+
+PADDING_M = 0.02
+"""Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
+TABLE_STEP_M = 0.005
+
+
+class Costmap:
+    """One grid of everything that is in the way.
+
+    All arrays have the shape (rows, cols) and lie in frame `grid`; `frame_T_grid` places them in
+    the frame of the goals. Two sets of weights are kept: of the map and its zones alone, and
+    with what the lidar has seen, the latter brought up to date by `refresh` only where
+    something changed.
+
+    Args:
+        grid: the map; its origin is `frame_T_grid`.
+        footprint: of the robot.
+        config: ranges, tolerances and prices.
+        unknown_is_free: whether cells that nobody has seen may be passed.
+    """
+
+    def __init__(
+        self, grid: GridMap, footprint: Footprint, config: PlannerConfig, unknown_is_free: bool
+    ) -> None:
+        self.resolution_m = grid.resolution
+        self.frame_T_grid = grid.origin
+        self.footprint = footprint
+        self.unknown_is_free = unknown_is_free
+        self._map_kinds = map_kinds(grid.cells)
+        self._zones: list[Zone] = []
+        self._leaving: tuple[str, ...] = ()
+        self.shape = grid.rows, grid.cols
+        self.echoes = Echoes(self.shape, grid.resolution, config)
+        self._table = inflation_table(
+            footprint.inscribed_m + PADDING_M + 0.5 * grid.resolution,
+            config.inflation_falloff_m,
+            config.inflation_height,
+            TABLE_STEP_M,
+            WEIGHT_UNIT,
+        )
+        self._reach_m = self._table.shape[0] * TABLE_STEP_M
+        self.set_zones([])
+
+    def set_zones(self, zones: Sequence[Zone]) -> None:
+        """Take these zones (points in the frame of the goals) instead of those before."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        self._zones = list(zones)
+        self.segments = line_segments(zones, grid_T_frame)
+        """(m, 4) mirrors and glass in `grid` [m]."""
+        self.kinds = self._map_kinds.copy()
+        draw_segments(self.kinds, self.segments, self.resolution_m, WALL)
+        self.walls = (self.kinds == WALL).astype(np.uint8)
+        """Set where a beam ends for certain."""
+        self.wall_distance_m = distance_transform(self.walls, self.resolution_m, self._reach_m)
+        self.speed_limits = speed_limits(self.shape, zones, grid_T_frame, self.resolution_m)
+        """Lowest speed of the zones over each cell [m/s], +inf where there is none."""
+        self.has_speed_limits = bool(np.isfinite(self.speed_limits).any())
+        self._leaving = ()
+        self._build()
+
+    def set_position(self, x: float, y: float) -> None:
+        """Say where the robot is: a keep-out zone that holds it may be crossed until it has left.
+
+        Args:
+            x: in the frame of the goals [m].
+            y: in the frame of the goals [m].
+        """
+        leaving = tuple(zone.name for zone in self.keepouts_at(x, y))
+        if leaving != self._leaving:
+            self._leaving = leaving
+            self._build()
+
+    def keepouts_at(self, x: float, y: float) -> list[Zone]:
+        """Return the keep-out zones that hold a point of the frame of the goals [m]."""
+        point = np.array([[x, y]])
+        return [
+            zone
+            for zone in self._zones
+            if zone.kind == "keepout" and polygon_contains(np.array(zone.points), point)[0]
+        ]
+
+    def add_scan(self, sweep: Sweep, now_ns: int) -> None:
+        """Clear and mark by one scan, whose poses are in the frame of the goals."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        in_grid = Sweep(
+            sweep.ranges_m,
+            sweep.shape,
+            grid_T_frame @ sweep.start,
+            grid_T_frame @ sweep.end,
+            sweep.body_laser,
+        )
+        self.echoes.add(in_grid, self.walls, self.wall_distance_m, self.segments, now_ns)
+
+    def refresh(self) -> bool:
+        """Bring distances and weights up to date where the lidar saw a change; True if it did."""
+        dirty = self.echoes.take_dirty()
+        if dirty is None:
+            return False
+        rows, cols = self.shape
+        reach = int(self._reach_m / self.resolution_m) + 1
+        # Weights change within reach of what changed, and depend on what is within reach of there.
+        write = _grown(dirty, reach, rows, cols)
+        read = _grown(dirty, 2 * reach, rows, cols)
+        mask = np.empty((read[1] - read[0], read[3] - read[2]), dtype=np.uint8)
+        compose_into(mask, self._layers(), (read[0], read[2]), not self.unknown_is_free)
+        distance = distance_transform(mask, self.resolution_m, self._reach_m)
+        inner = distance[
+            write[0] - read[0] : write[1] - read[0], write[2] - read[2] : write[3] - read[2]
+        ]
+        self.distance_m[write[0] : write[1], write[2] : write[3]] = inner
+        weights = np.empty(inner.shape, dtype=np.uint8)
+        weigh_into(weights, np.ascontiguousarray(inner), self._table, TABLE_STEP_M)
+        self.weights[write[0] : write[1], write[2] : write[3]] = weights
+        self._close_border(self.weights)
+        return True
+
+    def costs(self) -> NDArray[np.int8]:
+        """Return (rows, cols) as on the wire: 100 something stands there, 99 too near for the centre,
+        0 to 98 falling with the distance, -1 unknown.
+        """
+        extra = (self.weights.astype(np.float32) / WEIGHT_UNIT - 1.0).clip(0.0)
+        highest = max(float(self._table.max()) / WEIGHT_UNIT - 1.0, 1e-6)
+        costs = np.rint(98.0 * np.minimum(extra / highest, 1.0)).astype(np.int8)
+        costs[(self.kinds == UNKNOWN) & (self.echoes.layer.observed == 0)] = -1
+        costs[self.weights == LETHAL] = 99
+        costs[self.distance_m == 0.0] = 100
+        return costs
+
+    def to_grid(self, pose: Pose2D) -> Pose2D:
+        """Return a pose of the frame of the goals in frame `grid`."""
+        return self.frame_T_grid.inverse() @ pose
+
+    def contains(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of frame `grid` [m] lies on the costmap, but for its outermost cells."""
+        rows, cols = self.shape
+        edge = self.resolution_m
+        return edge <= x_grid < edge * (cols - 1) and edge <= y_grid < edge * (rows - 1)
+
+    def _layers(self) -> Layers:
+        layer = self.echoes.layer
+        return Layers(self.kinds, self.keepout, layer.evidence, layer.observed)
+
+    def _build(self) -> None:
+        """Compute everything anew after the map or the zones changed."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        self.keepout = np.zeros(self.shape, dtype=np.uint8)
+        leaving = np.zeros(self.shape, dtype=np.bool_)
+        for zone in self._zones:
+            if zone.kind == "keepout":
+                points = zone_points(zone, grid_T_frame)
+                mask = polygon_mask(self.shape, points, self.resolution_m)
+                if zone.name in self._leaving:
+                    leaving |= mask
+                else:
+                    self.keepout[mask] = 1
+        self.leaving = leaving if self._leaving else None
+        """Cells of keep-out zones that the robot is in and must leave, None if there are none."""
+        blocked = self.walls | self.keepout
+        if not self.unknown_is_free:
+            blocked |= (self.kinds == UNKNOWN).astype(np.uint8)
+        self.static_distance_m = distance_transform(blocked, self.resolution_m, self._reach_m)
+        """Distance to the nearest obstacle of map and zones, up to the inflation's reach [m]."""
+        self.static_weights = np.empty(self.shape, dtype=np.uint8)
+        """Weights by map and zones alone (units: kernels.layers)."""
+        weigh_into(self.static_weights, self.static_distance_m, self._table, TABLE_STEP_M)
+        self._close_border(self.static_weights)
+        self.distance_m = self.static_distance_m.copy()
+        """The same with what the lidar has seen."""
+        self.weights = self.static_weights.copy()
+        """The same with what the lidar has seen."""
+        rows, cols = self.shape
+        self.echoes.layer.dirty[:] = (0, rows - 1, 0, cols - 1)
+        self.refresh()
+
+    def _close_border(self, weights: NDArray[np.uint8]) -> None:
+        """Make the outermost cells lethal: the search then needs no test for the grid's edge."""
+        weights[0, :] = weights[-1, :] = LETHAL
+        weights[:, 0] = weights[:, -1] = LETHAL
+
+
+def _grown(
+    box: tuple[int, int, int, int], by: int, rows: int, cols: int
+) -> tuple[int, int, int, int]:
+    """Return first and end row, first and end column of a box of cells grown on all sides."""
+    return (
+        max(box[0] - by, 0),
+        min(box[1] + 1 + by, rows),
+        max(box[2] - by, 0),
+        min(box[3] + 1 + by, cols),
+    )

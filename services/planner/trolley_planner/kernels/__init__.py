@@ -1,0 +1,1 @@
+"""Compiled loops of the planner: arrays and scalars in frame `grid`, no I/O."""

@@ -1,0 +1,111 @@
+"""Compiled loops over the layers of the costmap: what blocks, and what passing near it costs.
+
+Row-major cells; a box of cells is (first row, first column) and the shape of the output.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+
+FREE, UNKNOWN, WALL = 0, 1, 2
+"""Kinds of cells of the map."""
+
+WEIGHT_UNIT = 4
+"""A weight of 1 (a free cell, far from everything) in the units of the grids of weights."""
+LETHAL = 0
+"""The weight of cells where the footprint's centre must not be."""
+
+
+class Layers(NamedTuple):
+    """What can block a cell."""
+
+    kinds: NDArray[np.uint8]
+    """(rows, cols) FREE, UNKNOWN or WALL of the map."""
+    keepout: NDArray[np.uint8]
+    """(rows, cols) 1 in keep-out zones, but those that the robot is leaving."""
+    evidence: NDArray[np.uint8]
+    """(rows, cols) of obstacles seen, 0 = none."""
+    observed: NDArray[np.uint8]
+    """(rows, cols) 1 where a beam has passed: not unknown any more."""
+
+
+@kernel
+def is_blocked(layers: Layers, row: int, col: int, unknown_blocks: bool) -> bool:
+    """Say whether something stands in a cell."""
+    kind = layers.kinds[row, col]
+    return (
+        kind == WALL
+        or layers.keepout[row, col] != 0
+        or layers.evidence[row, col] != 0
+        or (unknown_blocks and kind == UNKNOWN and layers.observed[row, col] == 0)
+    )
+
+
+@kernel
+def compose_into(
+    out_mask: NDArray[np.uint8], layers: Layers, first: tuple[int, int], unknown_blocks: bool
+) -> None:
+    """Write 1 where something stands in a cell, over a box of cells."""
+    for row in range(out_mask.shape[0]):
+        for col in range(out_mask.shape[1]):
+            blocked = is_blocked(layers, first[0] + row, first[1] + col, unknown_blocks)
+            out_mask[row, col] = 1 if blocked else 0
+
+
+@kernel
+def weigh_into(
+    out_weights: NDArray[np.uint8],
+    distance_m: NDArray[np.float32],
+    table: NDArray[np.uint8],
+    step_m: float,
+) -> None:
+    """Write the weight of each cell by its distance to the nearest obstacle.
+
+    Args:
+        out_weights: (rows, cols), overwritten.
+        distance_m: (rows, cols).
+        table: (n,) weight at distance index * `step_m`; the last holds beyond.
+        step_m: [m].
+    """
+    last = table.shape[0] - 1
+    for row in range(out_weights.shape[0]):
+        for col in range(out_weights.shape[1]):
+            index = math.floor(distance_m[row, col] / step_m)
+            out_weights[row, col] = table[min(max(index, 0), last)]
+
+
+@kernel
+def soften_disc(
+    weights: NDArray[np.uint8],
+    distance_m: NDArray[np.float32],
+    centre_cells: tuple[float, float],
+    radius_cells: float,
+    weight: int,
+) -> None:
+    """Make lethal cells passable at a price within a circle, but those where something stands.
+
+    A robot that stands too close to something (an error of the pose, somebody who came near)
+    must still find a way out.
+
+    Args:
+        weights: (rows, cols), changed in place.
+        distance_m: (rows, cols) to the nearest obstacle.
+        centre_cells: x, y [cells].
+        radius_cells: of the circle.
+        weight: the price.
+    """
+    rows, cols = weights.shape
+    x, y = centre_cells
+    for row in range(
+        max(1, math.floor(y - radius_cells)), min(rows - 1, math.ceil(y + radius_cells))
+    ):
+        for col in range(
+            max(1, math.floor(x - radius_cells)), min(cols - 1, math.ceil(x + radius_cells))
+        ):
+            near = math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius_cells
+            if near and weights[row, col] == LETHAL and distance_m[row, col] > 0.0:
+                weights[row, col] = weight

@@ -1,0 +1,110 @@
+"""The layers of the costmap that come from the map and its zones: pure functions over arrays."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley.gridmap import OCCUPIED_FROM, UNKNOWN
+from trolley.messages import Zone
+from trolley_planner.kernels.layers import FREE, WALL
+from trolley_planner.kernels.layers import UNKNOWN as UNKNOWN_KIND
+
+LINE_KINDS = ("mirror", "glass")
+
+
+def map_kinds(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
+    """Return FREE, UNKNOWN or WALL for each cell of a map (rows, cols)."""
+    kinds = np.full(cells.shape, FREE, dtype=np.uint8)
+    kinds[cells == UNKNOWN] = UNKNOWN_KIND
+    kinds[cells >= OCCUPIED_FROM] = WALL
+    return kinds
+
+
+def zone_points(zone: Zone, grid_T_map: Pose2D) -> NDArray[np.float64]:
+    """Return the points of a zone (n, 2) in frame `grid` [m]."""
+    return grid_T_map.transform_points(np.array(zone.points, dtype=np.float64))
+
+
+def line_segments(zones: Sequence[Zone], grid_T_map: Pose2D) -> NDArray[np.float64]:
+    """Return the segments (m, 4) x1, y1, x2, y2 [m] of all mirrors and glass, in `grid`."""
+    segments = [np.empty((0, 4))]
+    for zone in zones:
+        if zone.kind in LINE_KINDS:
+            points = zone_points(zone, grid_T_map)
+            segments.append(np.hstack([points[:-1], points[1:]]))
+    return np.concatenate(segments)
+
+
+def draw_segments(
+    grid: NDArray[np.uint8], segments: NDArray[np.float64], resolution_m: float, value: int
+) -> None:
+    """Set every cell that a segment (m, 4) [m] passes.
+
+    Points are set a quarter of a cell apart, so that a cell is left out only where the line cuts
+    off a corner of less than that.
+    """
+    rows, cols = grid.shape
+    for x1, y1, x2, y2 in segments / resolution_m:
+        count = max(2, math.ceil(4.0 * math.hypot(x2 - x1, y2 - y1)) + 1)
+        along_cols = np.floor(np.linspace(x1, x2, count)).astype(np.int64)
+        along_rows = np.floor(np.linspace(y1, y2, count)).astype(np.int64)
+        on_grid = (along_cols >= 0) & (along_cols < cols) & (along_rows >= 0) & (along_rows < rows)
+        grid[along_rows[on_grid], along_cols[on_grid]] = value
+
+
+def polygon_mask(
+    shape: tuple[int, int], points: NDArray[np.float64], resolution_m: float
+) -> NDArray[np.bool_]:
+    """Return (rows, cols), true where a cell's centre lies in a polygon (n, 2) in `grid` [m].
+
+    Source:
+        Shimrat, Algorithm 112: Position of point relative to polygon (1962), crossings of a ray.
+    """
+    xs = (np.arange(shape[1]) + 0.5) * resolution_m
+    ys = (np.arange(shape[0]) + 0.5) * resolution_m
+    inside = np.zeros(shape, dtype=np.bool_)
+    for (x1, y1), (x2, y2) in zip(points, np.roll(points, -1, axis=0), strict=True):
+        rows = np.flatnonzero((ys < y1) != (ys < y2))
+        if rows.size:
+            crossing = x1 + (ys[rows] - y1) * (x2 - x1) / (y2 - y1)
+            inside[rows] ^= xs[None, :] < crossing[:, None]
+    return inside
+
+
+def speed_limits(
+    shape: tuple[int, int], zones: Sequence[Zone], grid_T_map: Pose2D, resolution_m: float
+) -> NDArray[np.float32]:
+    """Return the lowest speed limit of each cell (rows, cols) [m/s], +inf where there is none."""
+    limits = np.full(shape, np.inf, dtype=np.float32)
+    for zone in zones:
+        if zone.kind == "speed" and zone.speed is not None:
+            mask = polygon_mask(shape, zone_points(zone, grid_T_map), resolution_m)
+            limits[mask] = np.minimum(limits[mask], np.float32(zone.speed))
+    return limits
+
+
+def inflation_table(
+    inscribed_m: float, falloff_m: float, height: float, step_m: float, weight_unit: int
+) -> NDArray[np.uint8]:
+    """Return the weight by distance to the nearest obstacle's surface.
+
+    0 (lethal) nearer than `inscribed_m`, then 1 + height * exp(-(d - inscribed) / falloff).
+
+    Args:
+        inscribed_m: where the footprint touches whatever its heading [m].
+        falloff_m: distance over which the extra cost falls to 1/e [m].
+        height: extra cost at the inscribed distance, in weights of a free cell.
+        step_m: distance between two entries [m].
+        weight_unit: weight of a free cell.
+    """
+    count = math.ceil((inscribed_m + 5.0 * falloff_m) / step_m) + 1
+    distance = np.arange(count) * step_m
+    extra = height * np.exp(-(distance - inscribed_m) / falloff_m)
+    # The price ends at zero where the table ends, so that open space is really free.
+    extra = np.maximum(extra - extra[-1], 0.0)
+    weights = np.rint(weight_unit * (1.0 + extra))
+    weights[distance < inscribed_m] = 0
+    return np.clip(weights, 0, 255).astype(np.uint8)

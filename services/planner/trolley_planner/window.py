@@ -1,0 +1,166 @@
+"""The window around the robot: exact distances, and the cost-to-go along the path."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.gridmap.kernels import column_distances_into, distance_transform_into
+from trolley_planner.costmap import TABLE_STEP_M, Costmap
+from trolley_planner.footprint import Footprint
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
+from trolley_planner.kernels.rollout import Body, Field
+from trolley_planner.kernels.search import NUM_BUCKETS, STEP, UNREACHED, Queue, cost_to_go_into
+from trolley_planner.kernels.window import (
+    costs_to_metres,
+    draw_echoes,
+    fill_window,
+    weigh_window,
+)
+from trolley_planner.layers import inflation_table
+
+FINE_M = 0.03
+"""Cells of the window are at most this large: the footprint is checked to a centimetre."""
+UNREACHED_M = 100.0
+"""Cost-to-go of places from which no way leads to the path."""
+ESCAPE_M = 0.3
+ESCAPE_WEIGHT = 240
+
+
+class Window:
+    """A square of fine cells that moves with the robot; its arrays are made once.
+
+    Args:
+        costmap: what stands where.
+        footprint: of the robot.
+        config: prices.
+        half_m: from the robot to the window's edge [m].
+    """
+
+    def __init__(
+        self, costmap: Costmap, footprint: Footprint, config: PlannerConfig, half_m: float
+    ) -> None:
+        self._costmap = costmap
+        self._parts = max(1, math.ceil(costmap.resolution_m / FINE_M))
+        self.fine_m = costmap.resolution_m / self._parts
+        self._group = max(1, round(0.05 / self.fine_m))
+        self.coarse_m = self._group * self.fine_m
+        # A multiple of both kinds of cells.
+        unit = math.lcm(self._parts, self._group)
+        self._cells = unit * math.ceil(2.0 * half_m / self.fine_m / unit)
+        self._coarse_cells = self._cells // self._group
+        fine, coarse = (self._cells,) * 2, (self._coarse_cells,) * 2
+        self._mask = np.zeros(fine, dtype=np.uint8)
+        self._columns = np.zeros(fine, dtype=np.int32)
+        self._distance_m = np.zeros(fine, dtype=np.float32)
+        self._weights = np.zeros(coarse, dtype=np.uint8)
+        self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
+        self._cost_m = np.zeros(coarse, dtype=np.float32)
+        self._queue = Queue(
+            np.zeros(NUM_BUCKETS, dtype=np.int32),
+            np.zeros(self._coarse_cells**2, dtype=np.int32),
+            np.zeros(self._coarse_cells**2, dtype=np.int32),
+        )
+        self._table = inflation_table(
+            footprint.inscribed_m + config.clearance_m + 0.5 * self.fine_m,
+            config.inflation_falloff_m,
+            config.inflation_height,
+            TABLE_STEP_M,
+            WEIGHT_UNIT,
+        )
+        needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
+        self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
+        self._x = self._y = 0.0
+        self._robot_cell = 0
+        self.body = Body(footprint.edge_points, footprint.inscribed_m, footprint.circumscribed_m)
+
+    def look(self, x: float, y: float) -> None:
+        """Centre on a point of `grid` [m] and compute the distances there anew."""
+        resolution = self._costmap.resolution_m
+        half = self._cells // self._parts // 2
+        first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
+        self._x, self._y = first[1] * resolution, first[0] * resolution
+        echoes = self._costmap.echoes
+        fill_window(
+            self._mask,
+            self._costmap.kinds,
+            self._costmap.keepout,
+            echoes.layer,
+            first,
+            self._parts,
+            not self._costmap.unknown_is_free,
+            resolution,
+        )
+        fine_first = first[0] * self._parts, first[1] * self._parts
+        draw_echoes(self._mask, echoes.beams, fine_first, self.fine_m)
+        column_distances_into(self._columns, self._mask)
+        distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
+        weigh_window(self._weights, self._distance_m, self._group, self._table, TABLE_STEP_M)
+        centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
+        self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
+        coarse_distance = self._distance_m[:: self._group, :: self._group]
+        soften_disc(
+            self._weights,
+            np.ascontiguousarray(coarse_distance),
+            centre,
+            ESCAPE_M / self.coarse_m,
+            ESCAPE_WEIGHT,
+        )
+
+    def lead(self, points: NDArray[np.float64], remaining_m: NDArray[np.float64]) -> bool:
+        """Compute the cost-to-go towards these points of the path.
+
+        Where something stands on the path only the points behind it count, so that the way leads
+        round it; where there is no way round, those before it, and the answer is False.
+
+        Args:
+            points: (n, 2) in `grid` [m], in the order of the path, the first near the robot;
+                those outside the window are left out.
+            remaining_m: (n,) price of the way from each point on [m of free floor].
+        """
+        cells = np.floor((points - (self._x, self._y)) / self.coarse_m).astype(np.int32)
+        inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
+        cells = cells[inside]
+        prices = np.rint(remaining_m[inside] * self.cost_of_metre).astype(np.int32)
+        blocked = np.flatnonzero(self._weights[cells[:, 1], cells[:, 0]] == LETHAL)
+        flat = np.stack([cells[:, 1] * self._coarse_cells + cells[:, 0], prices], axis=1)
+        if blocked.size == 0:
+            return self._spread(flat)
+        if self._spread(flat[blocked[-1] + 1 :]):
+            return True
+        self._spread(flat[: blocked[0]])
+        return False
+
+    def _spread(self, seeds: NDArray[np.int32]) -> bool:
+        """Compute the cost-to-go to seeds (cell, price); say whether the robot can reach one."""
+        ordered = np.ascontiguousarray(seeds[np.argsort(seeds[:, 1], kind="stable")])
+        size = self._coarse_cells
+        cost_to_go_into(self._costs, self._weights.reshape(-1), self._queue, ordered, size, (-1, 0))
+        costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, UNREACHED_M)
+        return bool(self._costs[self._robot_cell] != UNREACHED)
+
+    @property
+    def cost_of_metre(self) -> float:
+        """Units of cost in one metre of free floor."""
+        return 2 * STEP * WEIGHT_UNIT / self.coarse_m
+
+    @property
+    def field(self) -> Field:
+        """What the kernels look up."""
+        costmap = self._costmap
+        limits = costmap.speed_limits if costmap.has_speed_limits else NO_LIMITS
+        return Field(
+            self._distance_m,
+            self._cost_m,
+            limits,
+            self._x,
+            self._y,
+            self.fine_m,
+            self.coarse_m,
+            costmap.resolution_m,
+        )
+
+
+NO_LIMITS = np.full((1, 1), np.inf, dtype=np.float32)
+"""Stands for a costmap without speed zones."""
