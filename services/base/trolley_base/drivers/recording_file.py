@@ -7,6 +7,7 @@ Fields: `stamps` (n,) [s]; `odom` (n, 3) x, y [m], yaw [rad] as the wheels repor
 """
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ from trolley_base.drivers.interface import DriverError
 
 NO_ECHO_MM = 65535
 MIN_BEAMS = 2
+# Longer drives are stamps in another unit [s].
+LONGEST_S = 1e7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,27 +56,35 @@ def load_recording(path: Path) -> Recording:
     Raises:
         DriverError: naming the file, the field, and what is expected there.
     """
+    return _recording(_Fields(path, _arrays(path)))
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
-        # Pickled objects would be code from a stranger; numbers need none.
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here since numpy leaves a file open that it cannot read. Pickled objects would be
+        # code from a stranger; numbers need none.
+        with path.open("rb") as stream:
+            archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise DriverError(f"{path}: not an npz file but a single array; save it with savez")
-            arrays: dict[str, NDArray[Any]] = {name: archive[name] for name in archive.files}
+            with archive:
+                return {name: archive[name] for name in archive.files}
     except OSError as error:
         raise DriverError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise DriverError(
             f"{path}: not a recording (an npz file of plain numbers): {error}; record it anew"
         ) from error
-    return _recording(_Fields(path, arrays))
 
 
 def _recording(fields: "_Fields") -> Recording:
     stamps = fields.array("stamps", (None,))
     if len(stamps) < 2 or not (np.diff(stamps) > 0.0).all():
         raise fields.refusal("stamps", "must be at least two times in seconds, each later")
+    if not stamps[-1] - stamps[0] < LONGEST_S:
+        raise fields.refusal("stamps", f"must be in seconds, and span less than {LONGEST_S:.0f} s")
     stamps_ns: NDArray[np.int64] = np.rint((stamps - stamps[0]) * 1e9).astype(np.int64)
-    if not (np.diff(stamps_ns) > 0).all() or stamps_ns[-1] > 2**62:
+    if not (np.diff(stamps_ns) > 0).all():
         raise fields.refusal("stamps", "must be in seconds, at least 1 ns apart")
     rows = len(stamps)
     odom = fields.array("odom_signed" if "odom_signed" in fields else "odom", (rows, 3))

@@ -111,10 +111,11 @@ class Walker:
         return following, 0.0 if direction > 0 else self._lengths[following], direction, True
 
     def _circles_at(self, leg: int, along: float, direction: int) -> NDArray[np.float64]:
-        start = self._path[leg]
-        end = self._path[(leg + 1) % len(self._path)]
-        length = self._lengths[leg] if self._lengths else 1.0
-        ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+        start, ux, uy = self._path[leg], 1.0, 0.0
+        if self._lengths:
+            end = self._path[(leg + 1) % len(self._path)]
+            ux = (end[0] - start[0]) / self._lengths[leg]
+            uy = (end[1] - start[1]) / self._lengths[leg]
         x, y = start[0] + along * ux, start[1] + along * uy
         radius = self._person.radius_m
         if not self._person.legs:
