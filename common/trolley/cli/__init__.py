@@ -1,0 +1,122 @@
+"""The command line: `trolley`.
+
+One module per group of commands, imported when one of them is used: completing a name in the shell
+must not load Zenoh.
+"""
+
+import importlib
+import sys
+from importlib.metadata import entry_points
+from typing import Any
+
+import click
+
+from trolley.cli import exits
+from trolley.cli.options import where_options
+
+COMMANDS = {
+    "demo": (
+        "trolley.cli.demo",
+        "A simulated robot drives in an apartment, watched in the browser.",
+    ),
+    "up": ("trolley.cli.running", "Run all services of a robot in this terminal."),
+    "router": ("trolley.cli.running", "Run the router that services and tools meet at."),
+    "run": ("trolley.cli.running", "Run one service in the foreground."),
+    "init": ("trolley.cli.init", "Write a commented robot.toml."),
+    "status": ("trolley.cli.status", "How the robot and its services are."),
+    "pose": ("trolley.cli.pose", "Where the robot is; saved poses."),
+    "go": ("trolley.cli.go", "Drive to a place."),
+    "cancel": ("trolley.cli.go", "Cancel the current goal."),
+    "tour": ("trolley.cli.tour", "Drive through several places."),
+    "stop": ("trolley.cli.stopping", "Stop the robot until it is resumed."),
+    "resume": ("trolley.cli.stopping", "Allow a stopped robot to drive again."),
+    "topic": ("trolley.cli.topic", "See what is published."),
+    "tf": ("trolley.cli.tf", "Where one frame is in another."),
+    "map": ("trolley.cli.maps", "The map."),
+    "zones": ("trolley.cli.maps", "Mirrors, glass, keep-out and speed zones."),
+    "completion": (
+        "trolley.cli.completion",
+        "Print the script that completes commands in a shell.",
+    ),
+}
+"""Command: its module (where it is the function `<command>_command`) and its short help."""
+
+PLUGINS = "trolley.commands"
+"""Entry-point group of the services' own commands: `tour-import` is `trolley tour import`."""
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Every command, in the order of the table."""
+        own = {name.partition("-")[0] for name in COMMANDS}
+        return [*COMMANDS, *(name for name in plugins() if name.partition("-")[0] not in own)]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        if cmd_name in COMMANDS:
+            module = importlib.import_module(COMMANDS[cmd_name][0])
+            return getattr(module, f"{cmd_name}_command")
+        entry = plugins().get(cmd_name)
+        return None if entry is None else entry.load()
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+def plugins() -> dict[str, Any]:
+    """Entry points of commands that other packages bring along, by name."""
+    return {entry.name: entry for entry in entry_points(group=PLUGINS)}
+
+
+class PluggedGroup(click.Group):
+    """A group that services add commands to: entry point `<group>-<command>`."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The group's own commands and those of installed services."""
+        prefix = f"{self.name}-"
+        added = [name.removeprefix(prefix) for name in plugins() if name.startswith(prefix)]
+        return sorted({*super().list_commands(ctx), *added})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """One of the group's own commands, else one of an installed service."""
+        entry = plugins().get(f"{self.name}-{cmd_name}")
+        return super().get_command(ctx, cmd_name) or (None if entry is None else entry.load())
+
+
+def _epilog() -> str:
+    lines = "\n".join(f"  {code:<4} {meaning}" for code, meaning in exits.MEANINGS.items())
+    return f"\b\nExit codes:\n{lines}"
+
+
+@click.group(
+    cls=LazyGroup,
+    epilog=_epilog(),
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(package_name="trolley", prog_name="trolley")
+@where_options
+@click.pass_context
+def cli(ctx: click.Context) -> None:
+    """Navigation for small indoor robots.
+
+    Commands that talk to a robot take --robot and --connect, then the configuration file, then the
+    single robot on the network.
+    """
+    ctx.ensure_object(dict)
+
+
+def main() -> None:
+    """Run the command line."""
+    try:
+        code = cli.main(prog_name="trolley", standalone_mode=False)
+    except click.exceptions.Abort:
+        click.echo("interrupted", err=True)
+        sys.exit(exits.INTERRUPTED)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(exits.USAGE)
+    sys.exit(code if isinstance(code, int) else exits.OK)

@@ -1,0 +1,134 @@
+"""`trolley go` and `trolley cancel`."""
+
+import math
+from typing import Any
+
+import click
+
+from trolley import requests
+from trolley.cli import exits
+from trolley.cli.options import NumbersCommand, as_number, json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import Progress, pose_text, print_json, seconds_text
+from trolley.client import Place, Robot, goal_to
+from trolley.codes import Refused
+from trolley.messages import GoalStatus, asking
+
+
+def _place(where: tuple[str, ...], *, deg: bool) -> Place:
+    if len(where) == 1:
+        return where[0]
+    if len(where) not in (2, 3):
+        raise click.UsageError("give the NAME of a saved place, or X Y, or X Y YAW")
+    numbers = [as_number(text, name) for text, name in zip(where, ("X", "Y", "YAW"), strict=False)]
+    if deg:
+        numbers[2:] = [math.radians(yaw) for yaw in numbers[2:]]
+    return numbers
+
+
+@click.command(name="go", cls=NumbersCommand)
+@click.argument("where", nargs=-1, required=True, metavar="NAME | X Y [YAW]")
+@click.option("--deg", is_flag=True, help="YAW is in degrees.")
+@click.option("--speed", type=click.FloatRange(min=0.0, min_open=True), help="At most, in m/s.")
+@click.option("--frame", help="The frame of X and Y (else the planner's own).")
+@click.option("--preview", is_flag=True, help="Only say how long it would take.")
+@click.option("--no-wait", is_flag=True, help="Send the goal and return.")
+@click.option("--timeout", type=float, help="Seconds after which to give up and cancel.")
+@where_options
+@json_option
+@reports_errors
+def go_command(
+    where: tuple[str, ...],
+    deg: bool,
+    preview: bool,
+    no_wait: bool,
+    timeout: float | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Drive to the saved place NAME, or to X Y in metres on the map (YAW in radians, else any).
+
+    Follows until the robot is there; Ctrl-C cancels the goal.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    goal = goal_to(_place(where, deg=deg), **given)
+    with one_robot() as robot:
+        if preview:
+            _preview(robot, goal, as_json=as_json)
+            return
+        status = robot.ask(requests.GOAL_SEND, goal)
+        if not no_wait:
+            status = _follow(robot, status.id, timeout)
+    if as_json:
+        print_json(status)
+    elif no_wait:
+        click.echo(f"goal {status.id}: {status.state}")
+    else:
+        click.echo(_ending(status))
+    if not no_wait and status.state != "arrived":
+        raise SystemExit(exits.FAILED)
+
+
+def _preview(robot: Robot, goal: asking.SendGoal, *, as_json: bool) -> None:
+    path = robot.ask(requests.GOAL_PREVIEW, goal)
+    if as_json:
+        print_json(path)
+        return
+    poses = len(path.poses) // 12
+    click.echo(f"{seconds_text((poses - 1) * path.dt)} by {poses} poses in {path.frame}")
+
+
+def _follow(robot: Robot, goal: str | None, timeout: float | None) -> GoalStatus:
+    """Show how a goal goes until it has ended; interrupted or too late, cancel it."""
+    progress = Progress()
+    last: GoalStatus | None = None
+    try:
+        for status in robot.follow(goal, timeout):
+            last = status
+            progress.show(_progress_text(status), f"{status.state} {status.reason}")
+    except (KeyboardInterrupt, Refused) as error:
+        progress.clear()
+        if isinstance(error, Refused) and error.code != "timeout":
+            raise
+        click.echo("Canceling the goal ...", err=True)
+        try:
+            robot.cancel(goal)
+        except Refused as refused:
+            click.echo(refused.message, err=True)
+        raise
+    finally:
+        progress.clear()
+    assert last is not None
+    return last
+
+
+def _progress_text(status: GoalStatus) -> str:
+    text = status.state
+    if status.distance_remaining is not None:
+        text += f", {status.distance_remaining:.2f} m to go"
+    if status.eta is not None:
+        text += f", {seconds_text(status.eta)} left"
+    text += f", {seconds_text(status.elapsed)} so far"
+    return f"{text}: {status.message}" if status.message else text
+
+
+def _ending(status: GoalStatus) -> str:
+    after = f"after {seconds_text(status.elapsed)}"
+    if status.state == "arrived":
+        at = f" at {pose_text(status.pose)}" if status.pose is not None else ""
+        return f"arrived{at} {after}"
+    return f"{status.state} {after}: {status.message or status.reason} ({status.reason})"
+
+
+@click.command(name="cancel")
+@where_options
+@json_option
+@reports_errors
+def cancel_command(as_json: bool) -> None:
+    """Cancel the current goal; the robot stops, a trip under way is paused."""
+    with one_robot() as robot:
+        status = robot.cancel()
+    if as_json:
+        print_json(status)
+    else:
+        click.echo(f"goal {status.id}: {status.state}")

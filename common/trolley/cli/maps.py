@@ -1,0 +1,112 @@
+"""`trolley map` and `trolley zones`."""
+
+import math
+
+import click
+import numpy as np
+
+from trolley import codes, requests, topics
+from trolley.cli.options import json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import pose_text, print_json, print_table
+from trolley.codes import Refused
+from trolley.gridmap import OCCUPIED_FROM
+from trolley.messages import OccupancyGrid, Zone
+from trolley.messages.arrays import arrays_of
+
+
+@click.group(name="map")
+def map_command() -> None:
+    """The map."""
+
+
+@map_command.command(name="info")
+@where_options
+@json_option
+@reports_errors
+def map_info(as_json: bool) -> None:
+    """Describe the map that the robot uses."""
+    with one_robot() as robot:
+        grid = robot.latest(topics.MAP)
+    if grid is None:
+        raise Refused(codes.NOT_READY, "There is no map: the localizer has loaded none.")
+    cells = arrays_of(grid)["cells"]
+    counts = {
+        "free": int(np.count_nonzero((cells >= 0) & (cells < OCCUPIED_FROM))),
+        "occupied": int(np.count_nonzero(cells >= OCCUPIED_FROM)),
+        "unknown": int(np.count_nonzero(cells < 0)),
+    }
+    if as_json:
+        print_json(
+            {
+                "name": grid.name,
+                "frame": grid.frame,
+                "resolution": grid.resolution,
+                "width": grid.width,
+                "height": grid.height,
+                "origin": grid.origin,
+                "cells": counts,
+            }
+        )
+        return
+    _print_map(grid, counts)
+
+
+def _print_map(grid: OccupancyGrid, counts: dict[str, int]) -> None:
+    size = f"{grid.width * grid.resolution:.2f} x {grid.height * grid.resolution:.2f} m"
+    click.echo(f"{grid.name} in frame {grid.frame}")
+    click.echo(f"{size}: {grid.width} x {grid.height} cells of {grid.resolution:g} m")
+    click.echo(f"origin {pose_text(grid.origin)}")
+    total = max(1, grid.width * grid.height)
+    click.echo(", ".join(f"{count / total:.1%} {what}" for what, count in counts.items()))
+
+
+@map_command.command(name="list")
+@where_options
+@json_option
+@reports_errors
+def list_maps(as_json: bool) -> None:
+    """List the maps that the robot has."""
+    with one_robot() as robot:
+        names = robot.ask(requests.MAP_LIST)
+    if as_json:
+        print_json(names)
+    else:
+        click.echo("\n".join(names) or "There is no map.")
+
+
+@click.command(name="zones")
+@where_options
+@json_option
+@reports_errors
+def zones_command(as_json: bool) -> None:
+    """List the zones of the map: mirrors, glass, keep-out and speed zones."""
+    with one_robot() as robot:
+        zones = robot.latest(topics.ZONES)
+    if zones is None:
+        raise Refused(codes.NOT_READY, "There are no zones: the localizer has loaded no map.")
+    if as_json:
+        print_json(zones)
+    elif not zones.zones:
+        click.echo(f"The map {zones.map} has no zones.")
+    else:
+        print_table(("NAME", "KIND", "SIZE", "POINTS"), [_row(zone) for zone in zones.zones])
+
+
+def _row(zone: Zone) -> tuple[str, str, str, str]:
+    points = [f"({x:.2f}, {y:.2f})" for x, y in zone.points]
+    shown = points if len(points) <= 4 else [*points[:3], f"... {len(points) - 3} more"]
+    if zone.kind in ("mirror", "glass"):
+        length = sum(math.dist(a, b) for a, b in zip(zone.points, zone.points[1:], strict=False))
+        size = f"{length:.2f} m"
+    else:
+        size = f"{_area(zone.points):.2f} m²"
+    kind = zone.kind if zone.speed is None else f"{zone.kind} {zone.speed:g} m/s"
+    return zone.name, kind, size, " ".join(shown)
+
+
+def _area(points: list[tuple[float, float]]) -> float:
+    """Area of a polygon by the shoelace formula [m^2]."""
+    following = [*points[1:], points[0]]
+    twice = sum(x * y2 - x2 * y for (x, y), (x2, y2) in zip(points, following, strict=True))
+    return abs(twice) / 2.0

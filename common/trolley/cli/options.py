@@ -1,0 +1,82 @@
+"""Options and arguments that commands share."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def where_options(command: F) -> F:
+    """Add `--robot`, `--connect` and `--config`, which may stand before the command's name too."""
+
+    def keep(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+        if value:
+            where = cast("dict[str, Any]", context.ensure_object(dict))
+            where[parameter.name or ""] = value
+
+    shared: dict[str, Any] = {"expose_value": False, "callback": keep}
+    options = [
+        click.option("--robot", metavar="NAME", help="Which robot.", **shared),
+        click.option(
+            "--connect",
+            metavar="ENDPOINT",
+            multiple=True,
+            help="Its router, such as tcp/192.168.1.5:7447 (may be repeated).",
+            **shared,
+        ),
+        click.option(
+            "--config",
+            type=click.Path(dir_okay=False, path_type=Path),
+            help="A robot.toml; else TROLLEY_CONFIG, else /etc/trolley/robot.toml.",
+            **shared,
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program.")
+
+
+def given(name: str) -> Any:
+    """What was given for `robot`, `connect` or `config`, None if nothing."""
+    context = click.get_current_context()
+    return cast("dict[str, Any]", context.ensure_object(dict)).get(name)
+
+
+class NumbersCommand(click.Command):
+    """A command whose arguments may be negative numbers: `-1.5` is no option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Keep click from taking a negative number for an option."""
+        ctx.ignore_unknown_options = True
+        rest = super().parse_args(ctx, args)
+        values = cast("list[str | tuple[str, ...]]", list(ctx.params.values()))
+        for several in values:
+            for value in several if isinstance(several, tuple) else ():
+                if value.startswith("-") and not _NUMBER.match(value):
+                    raise click.NoSuchOption(value, ctx=ctx)
+        return rest
+
+
+_NUMBER = re.compile(r"-[0-9.]")
+
+
+def as_number(text: str, name: str) -> float:
+    """A finite number of the command line.
+
+    Raises:
+        click.BadParameter: It is none.
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        number = float("nan")
+    if not abs(number) < 1e9:
+        raise click.BadParameter(f"{name} must be a number, not {text!r}")
+    return number

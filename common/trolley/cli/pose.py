@@ -1,0 +1,158 @@
+"""`trolley pose`: where the robot is, and the places that are saved."""
+
+import math
+import time
+
+import click
+
+from trolley import codes, requests, topics
+from trolley.cli.options import NumbersCommand, as_number, json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import Progress, pose_text, print_json, print_table
+from trolley.client import Robot
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.messages import CapturedPose, PoseEstimate, SavedPose, asking
+
+FIND_TIMEOUT_S = 60.0
+
+
+@click.group(name="pose", invoke_without_command=True)
+@where_options
+@json_option
+@click.pass_context
+@reports_errors
+def pose_command(ctx: click.Context, as_json: bool) -> None:
+    """Say where the robot is; with a subcommand, set its pose or keep places.
+
+    Refused with a reason where it is lost or the pose is too old.
+    """
+    if ctx.invoked_subcommand is not None:
+        return
+    with one_robot() as robot:
+        found = _where_is(robot)
+    if as_json:
+        print_json(found)
+        return
+    assert found.pose is not None
+    click.echo(f"{pose_text(found.pose)}  on {found.map}")
+    click.echo(f"{found.state}, {found.match:.0%} of the beams fit the map{_deviation(found)}")
+
+
+def _where_is(robot: Robot) -> CapturedPose | PoseEstimate:
+    try:
+        return robot.capture()
+    except Refused as refused:
+        if refused.code != codes.NOT_READY or "service" not in refused.details:
+            raise
+    # Without the tour service nobody judges the pose for us.
+    estimate = robot.pose()
+    if estimate.pose is None or estimate.state in ("lost", "searching"):
+        raise Refused(codes.LOST, estimate.message or None, state=estimate.state)
+    return estimate
+
+
+def _deviation(found: CapturedPose | PoseEstimate) -> str:
+    if found.covariance is None:
+        return ""
+    xy = math.sqrt(max(found.covariance[0], 0.0) + max(found.covariance[4], 0.0))
+    yaw_deg = math.degrees(math.sqrt(max(found.covariance[8], 0.0)))
+    return f", ± {xy:.2f} m, ± {yaw_deg:.0f}°"
+
+
+@pose_command.command(name="set", cls=NumbersCommand)
+@click.argument("where", nargs=-1, metavar="X Y YAW")
+@click.option("--deg", is_flag=True, help="YAW is in degrees.")
+@where_options
+@json_option
+@reports_errors
+def set_pose(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
+    """Tell the robot where it is, roughly: metres on the map, YAW in radians."""
+    if len(where) != 3:
+        raise click.UsageError("give X, Y and YAW")
+    x, y, yaw = (as_number(text, name) for text, name in zip(where, ("X", "Y", "YAW"), strict=True))
+    pose = Pose2D.from_array((x, y, math.radians(yaw) if deg else yaw))
+    with one_robot() as robot:
+        estimate = robot.ask(requests.POSE_SET, asking.SetPose(pose=pose))
+    if as_json:
+        print_json(estimate)
+    else:
+        click.echo(f"{estimate.state} at {pose_text(estimate.pose or pose)}")
+
+
+@pose_command.command(name="find")
+@where_options
+@json_option
+@reports_errors
+def find_pose(as_json: bool) -> None:
+    """Let the robot search the whole map for where it is, and wait for the outcome."""
+    with one_robot() as robot:
+        asked = robot.ask(requests.POSE_FIND)
+        progress, started_s = Progress(), time.monotonic()
+        with robot.subscribe(topics.POSE) as poses:
+            found = asked
+            while found.state == "searching" or found.stamp_ns <= asked.stamp_ns:
+                if time.monotonic() - started_s > FIND_TIMEOUT_S:
+                    break
+                arrival = poses.next(1.0)
+                found = found if arrival is None else arrival.message
+                progress.show(f"searching, {time.monotonic() - started_s:.0f} s", found.state)
+        progress.clear()
+    if as_json:
+        print_json(found)
+    elif found.pose is not None:
+        click.echo(f"{found.state} at {pose_text(found.pose)}")
+    if found.state not in ("localized", "unsure"):
+        raise Refused(codes.LOST, found.message or "It was not found on the map.")
+
+
+@pose_command.command(name="save")
+@click.argument("name")
+@click.option("--replace", is_flag=True, help="Overwrite a place of that name.")
+@click.option("--icon", default="", help="Its icon in the viewer.")
+@where_options
+@json_option
+@reports_errors
+def save_pose(name: str, replace: bool, icon: str, as_json: bool) -> None:
+    """Save the place where the robot stands as NAME."""
+    with one_robot() as robot:
+        saved = robot.capture(name, icon=icon, replace=replace)
+    if as_json:
+        print_json(saved)
+    else:
+        click.echo(f"saved {saved.name}: {pose_text(saved.pose)}")
+
+
+@pose_command.command(name="list")
+@where_options
+@json_option
+@reports_errors
+def list_poses(as_json: bool) -> None:
+    """List the saved places."""
+    with one_robot() as robot:
+        saved = robot.latest(topics.POSES)
+    if saved is None:
+        raise Refused(codes.NOT_READY, "The tour service is not running.", service="tour")
+    if as_json:
+        print_json(saved.poses)
+    elif not saved.poses:
+        click.echo("No place is saved yet: `trolley pose save NAME`.")
+    else:
+        print_table(("NAME", "MAP", "X", "Y", "YAW", "SAVED"), [_row(pose) for pose in saved.poses])
+
+
+def _row(saved: SavedPose) -> tuple[str, ...]:
+    pose = saved.pose
+    numbers = (f"{pose.x:.3f}", f"{pose.y:.3f}", f"{pose.yaw:.3f}")
+    return (saved.name, saved.map, *numbers, saved.saved_at or "")
+
+
+@pose_command.command(name="delete")
+@click.argument("name")
+@where_options
+@reports_errors
+def delete_pose(name: str) -> None:
+    """Forget the saved place NAME."""
+    with one_robot() as robot:
+        robot.ask(requests.POSES_DELETE, asking.Named(name=name))
+    click.echo(f"deleted {name}")

@@ -1,0 +1,92 @@
+"""What commands that talk to a robot share: the connection, and errors as exit codes."""
+
+import functools
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import ParamSpec, TypeVar
+
+import click
+
+from trolley import codes
+from trolley.cli import exits
+from trolley.cli.options import given
+from trolley.cli.show import as_json
+from trolley.client import Robot
+from trolley.codes import Refused
+from trolley.config import ConfigError
+from trolley.connection import (
+    Connection,
+    RobotUnreachable,
+    SeveralRobots,
+    find_target,
+    pick_robot,
+)
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_MISSING = (codes.NOT_READY, codes.TIMEOUT)
+
+
+@contextmanager
+def connected() -> Generator[Connection]:
+    """A connection to the routers that the options name."""
+    target = find_target(given("robot"), given("connect"), given("config"))
+    with Connection(target.endpoints) as connection:
+        yield connection
+
+
+@contextmanager
+def one_robot() -> Generator[Robot]:
+    """The robot that the options name."""
+    target = find_target(given("robot"), given("connect"), given("config"))
+    with Connection(target.endpoints) as connection:
+        yield Robot.over(connection, pick_robot(connection, target))
+
+
+def exit_code_of(error: Exception) -> int:
+    """The exit code that an error of the client stands for."""
+    if isinstance(error, Refused):
+        # Nobody there to answer is another thing than a robot that says no.
+        return (
+            exits.UNREACHABLE
+            if error.code in _MISSING and "service" in error.details
+            else exits.FAILED
+        )
+    return exits.UNREACHABLE if isinstance(error, RobotUnreachable) else exits.USAGE
+
+
+def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn what the client raises into one line on stderr (JSON with `--json`) and an exit code."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except (Refused, RobotUnreachable, SeveralRobots, ConfigError) as error:
+            _report(error, wants_json=bool(kwargs.get("as_json")))
+            raise SystemExit(exit_code_of(error)) from error
+
+    return run
+
+
+def _report(error: Exception, *, wants_json: bool) -> None:
+    match error:
+        case Refused():
+            code, text, details = error.code, f"{error.message} ({error.code})", error.details
+        case SeveralRobots():
+            code, text, details = "several_robots", _list_robots(error), {"robots": error.names}
+        case RobotUnreachable():
+            code, text, details = "unreachable", str(error), {}
+        case _:
+            code, text, details = "bad_config", str(error), {}
+    if wants_json:
+        message = error.message if isinstance(error, Refused) else str(error)
+        click.echo(as_json({"code": code, "message": message, "details": details}), err=True)
+    else:
+        click.secho(text, err=True, fg="red")
+
+
+def _list_robots(error: SeveralRobots) -> str:
+    names = "\n".join(f"  {name}" for name in error.names)
+    return f"Several robots are on the network; name one with --robot:\n{names}"

@@ -1,0 +1,197 @@
+"""`trolley topic`: what is published, its content and its rate."""
+
+import itertools
+import statistics
+import threading
+import time
+from typing import Any
+
+import click
+
+from trolley import topics
+from trolley.cli import exits
+from trolley.cli.options import json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import Progress, as_json, describe, print_json, print_table
+from trolley.client import Robot
+from trolley.connection import Arrival
+from trolley.runtime.bus import Sample
+from trolley.topics import Kind, Topic
+
+LISTEN_S = 2.0
+
+
+def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
+    return [topic.name for topic in topics.TOPICS if topic.name.startswith(typed)]
+
+
+topic_argument = click.argument("name", metavar="TOPIC", shell_complete=_complete)
+
+
+@click.group(name="topic")
+def topic_command() -> None:
+    """See what is published: TOPIC is its name below the robot's, such as scan or tf/laser."""
+
+
+def _resolve(robot: Robot, name: str) -> tuple[Topic[Any], tuple[str, ...]]:
+    """The row of the table and the chunks that vary; `*` and `{child}` stand for any."""
+    chunks = ["*" if chunk.startswith("{") else chunk for chunk in name.strip("/").split("/")]
+    found = topics.find("/".join((topics.ROOT, robot.name, *chunks)))
+    if found is None:
+        known = ", ".join(topic.name for topic in topics.TOPICS)
+        raise click.BadParameter(f"there is no topic {name!r}; there are {known}")
+    topic, _, parts = found
+    return topic, parts
+
+
+@topic_command.command(name="list")
+@click.option("--all", "everything", is_flag=True, help="Also what nobody publishes now.")
+@click.option("--seconds", default=LISTEN_S, show_default=True, help="How long to listen.")
+@where_options
+@json_option
+@reports_errors
+def list_topics(everything: bool, seconds: float, as_json: bool) -> None:
+    """List what is published, with its rate."""
+    heard: dict[str, int] = {}
+    lock = threading.Lock()
+
+    def count(sample: Sample) -> None:
+        with lock:
+            heard[sample.key] = heard.get(sample.key, 0) + 1
+
+    with one_robot() as robot:
+        closer = robot.connection.listen("/".join((topics.ROOT, robot.name, "**")), count)
+        Progress().show(f"Listening for {seconds:g} s ...")
+        time.sleep(seconds)
+        closer.close()
+        rows = _rows(robot, heard, seconds, everything=everything)
+    Progress().clear()
+    if as_json:
+        print_json(rows)
+    else:
+        names = [(r["topic"], r["message"], _rate(r), r["owner"]) for r in rows]
+        print_table(("TOPIC", "MESSAGE", "NOW", "OWNER"), names)
+
+
+def _rows(
+    robot: Robot, heard: dict[str, int], seconds: float, *, everything: bool
+) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for topic in topics.TOPICS:
+        if topic.kind is not Kind.STREAM:
+            continue
+        matched = {key: topic.match(key) for key in heard}
+        keys = {"/".join(key.split("/")[2:]): heard[key] for key in matched if matched[key]}
+        # What is published on change only is silent most of the time, but its owner keeps it.
+        for parts in robot.get(topic):
+            keys.setdefault("/".join(topic.key(robot.name, *parts).split("/")[2:]), 0)
+        if not keys and everything:
+            keys = {topic.name: -1}
+        for name, number in sorted(keys.items()):
+            rows.append(
+                {
+                    "topic": name,
+                    "message": topic.message.__name__,
+                    "owner": topic.owner,
+                    "hz": None if number < 0 else round(number / seconds, 2),
+                    "published": number >= 0,
+                    "nominal": topic.rate,
+                }
+            )
+    return rows
+
+
+def _rate(row: dict[str, Any]) -> str:
+    if not row["published"]:
+        return "-"
+    return f"{row['hz']:.1f} Hz" if row["hz"] else "kept"
+
+
+@topic_command.command(name="echo")
+@topic_argument
+@click.option("-n", "--count", type=click.IntRange(min=1), help="End after so many messages.")
+@click.option("--once", is_flag=True, help="Print one message: the latest, else the next.")
+@click.option("--full", is_flag=True, help="Print arrays in full.")
+@click.option("--timeout", type=float, help="End with exit code 1 after so long a silence [s].")
+@where_options
+@json_option
+@reports_errors
+def echo_topic(
+    name: str, count: int | None, once: bool, full: bool, timeout: float | None, as_json: bool
+) -> None:
+    """Print the messages of TOPIC as they come; arrays as numbers, with --json one line each."""
+    left = 1 if once else count
+    with one_robot() as robot:
+        topic, parts = _resolve(robot, name)
+        with robot.subscribe(topic, *parts) as messages:
+            while left is None or left > 0:
+                arrival = messages.next(timeout)
+                if arrival is None:
+                    click.secho(f"{name}: nothing came in {timeout:g} s", err=True, fg="red")
+                    raise SystemExit(exits.FAILED)
+                _print(topic, arrival, full=full, to_json=as_json)
+                left = None if left is None else left - 1
+
+
+def _print(topic: Topic[Any], arrival: Arrival[Any], *, full: bool, to_json: bool) -> None:
+    key = "/".join(topic.key(arrival.robot, *arrival.parts).split("/")[2:])
+    if to_json:
+        line = arrival.message if not arrival.parts else {"topic": key, "message": arrival.message}
+        click.echo(as_json(line, indent=None))
+        return
+    if arrival.parts:
+        click.secho(key, bold=True)
+    click.echo(describe(arrival.message, full=full))
+    click.echo("---")
+
+
+@topic_command.command(name="hz")
+@topic_argument
+@click.option("--seconds", default=5.0, show_default=True, help="How long to listen.")
+@where_options
+@json_option
+@reports_errors
+def topic_rate(name: str, seconds: float, as_json: bool) -> None:
+    """Measure how often TOPIC comes, how evenly, and how large it is."""
+    with one_robot() as robot:
+        topic, parts = _resolve(robot, name)
+        times: list[float] = []
+        sizes: list[int] = []
+        progress = Progress()
+        subscription = robot.connection.subscribe(robot.name, topic, *parts, with_latest=False)
+        with subscription as messages:
+            end_s = time.monotonic() + seconds
+            while (left_s := end_s - time.monotonic()) > 0.0:
+                arrival = messages.next(left_s)
+                if arrival is not None:
+                    times.append(arrival.arrived_s)
+                    sizes.append(arrival.size)
+                    progress.show(f"{len(times)} messages, {left_s:.0f} s left")
+        progress.clear()
+    result = _statistics(times, sizes, seconds)
+    if as_json:
+        print_json({"topic": name, **result})
+    elif len(times) < 2:
+        click.echo(f"{len(times)} messages in {seconds:g} s")
+    else:
+        click.echo(
+            f"{result['hz']:.2f} Hz, gaps {result['gap_min']:.3f} to {result['gap_max']:.3f} s "
+            f"(deviation {result['gap_std']:.4f} s), {result['bytes']:.0f} bytes each, "
+            f"{result['messages']} messages"
+        )
+    if not times:
+        raise SystemExit(exits.FAILED)
+
+
+def _statistics(times: list[float], sizes: list[int], seconds: float) -> dict[str, Any]:
+    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
+    hz = len(gaps) / (times[-1] - times[0]) if gaps and times[-1] > times[0] else None
+    return {
+        "messages": len(times),
+        "seconds": seconds,
+        "hz": hz,
+        "gap_min": min(gaps, default=None),
+        "gap_max": max(gaps, default=None),
+        "gap_std": statistics.pstdev(gaps) if gaps else None,
+        "bytes": statistics.fmean(sizes) if sizes else None,
+    }

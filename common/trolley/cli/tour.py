@@ -1,0 +1,194 @@
+"""`trolley tour`: trips through several places. `import` comes with the tour service."""
+
+import click
+
+from trolley import codes, requests, topics
+from trolley.cli import PluggedGroup, exits
+from trolley.cli.options import json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import Progress, pose_text, print_json, print_table, seconds_text
+from trolley.client import Robot
+from trolley.codes import Refused
+from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus, asking
+from trolley.requests import Request
+
+
+@click.group(name="tour", cls=PluggedGroup)
+def tour_command() -> None:
+    """Drive through several places, one after another."""
+
+
+@tour_command.command(name="start")
+@click.argument("name")
+@click.option("--no-wait", is_flag=True, help="Start it and return.")
+@where_options
+@json_option
+@reports_errors
+def start_tour(name: str, no_wait: bool, as_json: bool) -> None:
+    """Start the tour NAME and follow it; Ctrl-C leaves it running.
+
+    Exit code 1 unless every stop was reached.
+    """
+    with one_robot() as robot:
+        status = robot.ask(requests.TOUR_START, asking.StartTour(name=name))
+        if not no_wait:
+            status = follow_trip(robot, status.trip, quiet=as_json)
+    if as_json:
+        print_json(status)
+    else:
+        click.echo(_summary(status))
+    if not no_wait and not all_reached(status):
+        raise SystemExit(exits.FAILED)
+
+
+def all_reached(status: TourStatus) -> bool:
+    """Whether a trip is done and no stop of it was skipped or failed."""
+    reached = [result.state == "reached" for result in status.results]
+    return status.state == "done" and all(reached) and bool(reached)
+
+
+def follow_trip(robot: Robot, trip: str | None, *, quiet: bool = False) -> TourStatus:
+    """Show how a trip goes, a line for each stop that is over, until it has ended."""
+    progress = Progress()
+    last: TourStatus | None = None
+    shown = 0
+    try:
+        for status in robot.follow_tour(trip):
+            last = status
+            if shown < len(status.results) and not quiet:
+                progress.clear()
+                for result in status.results[shown:]:
+                    click.echo(result_text(result))
+            shown = len(status.results)
+            progress.show(_summary(status), f"{status.state} {status.reason} {status.stop}")
+    finally:
+        progress.clear()
+    assert last is not None
+    return last
+
+
+def result_text(result: StopResult) -> str:
+    """How a stop ended, for a person."""
+    name = result.name or f"stop {result.stop + 1}"
+    text = f"{name}: {result.state} after {seconds_text(result.seconds)}"
+    return f"{text}: {result.message} ({result.code})" if result.code else text
+
+
+def _summary(status: TourStatus) -> str:
+    text = f"{status.name or 'trip'}: {status.state}"
+    if status.stop is not None and status.state not in ("done", "failed", "stopped"):
+        text += f", stop {status.stop + 1}"
+    if status.lap:
+        text += f", lap {status.lap + 1}"
+    return f"{text}: {status.message} ({status.reason})" if status.reason else text
+
+
+def _control(name: str, request: Request[asking.Nothing, TourStatus], text: str) -> None:
+    """Add a subcommand that asks a request without parameters."""
+
+    @tour_command.command(name=name, help=text)
+    @where_options
+    @json_option
+    @reports_errors
+    def control(as_json: bool) -> None:
+        with one_robot() as robot:
+            status = robot.ask(request)
+        if as_json:
+            print_json(status)
+        else:
+            click.echo(_summary(status))
+
+    del control
+
+
+_control("stop", requests.TOUR_STOP, "End the trip; the robot stops where it is.")
+_control("pause", requests.TOUR_PAUSE, "Pause the trip.")
+_control("resume", requests.TOUR_RESUME, "Go on with a paused trip, to the same stop.")
+_control("skip", requests.TOUR_SKIP, "Leave out the stop under way.")
+
+
+def _stored(robot: Robot) -> list[Tour]:
+    stored = robot.latest(topics.TOURS)
+    if stored is None:
+        raise Refused(codes.NOT_READY, "The tour service is not running.", service="tour")
+    return stored.tours
+
+
+@tour_command.command(name="list")
+@where_options
+@json_option
+@reports_errors
+def list_tours(as_json: bool) -> None:
+    """List the stored tours."""
+    with one_robot() as robot:
+        tours = _stored(robot)
+    if as_json:
+        print_json(tours)
+    elif not tours:
+        click.echo("No tour is stored yet: `trolley tour import`, or the viewer.")
+    else:
+        rows = [(tour.name, str(len(tour.stops)), _laps(tour), _times(tour)) for tour in tours]
+        print_table(("NAME", "STOPS", "LAPS", "TIMES"), rows)
+
+
+def _laps(tour: Tour) -> str:
+    laps = "for ever" if tour.repeat == 0 else str(tour.repeat)
+    return f"{laps}, there and back" if tour.there_and_back else laps
+
+
+def _times(tour: Tour) -> str:
+    return "; ".join(f"{' '.join(entry.days) or 'daily'} {entry.at}" for entry in tour.schedule)
+
+
+@tour_command.command(name="show")
+@click.argument("name")
+@where_options
+@json_option
+@reports_errors
+def show_tour(name: str, as_json: bool) -> None:
+    """Show the stops of the tour NAME."""
+    with one_robot() as robot:
+        tours = {tour.name: tour for tour in _stored(robot)}
+    if name not in tours:
+        known = ", ".join(tours) or "none"
+        raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}; there are: {known}.")
+    tour = tours[name]
+    if as_json:
+        print_json(tour)
+        return
+    click.echo(f"{tour.name}: {_laps(tour)}" + (f", {_times(tour)}" if tour.schedule else ""))
+    rows = [_stop_row(index, stop) for index, stop in enumerate(tour.stops)]
+    print_table(("STOP", "PLACE", "VIA", "STAY", "IF IT FAILS"), rows)
+
+
+def _stop_row(index: int, stop: Stop) -> tuple[str, ...]:
+    place = stop.name if stop.pose is None else pose_text(stop.pose)
+    failing = f"{stop.on_failure} after {stop.retries} retries" if stop.retries else stop.on_failure
+    return str(index + 1), place or "", str(len(stop.via) or ""), f"{stop.dwell:g} s", failing
+
+
+@tour_command.command(name="history")
+@click.option("--since", help="Only trips from this moment on (ISO 8601).")
+@click.option("--limit", type=click.IntRange(1, 1000), default=20, show_default=True)
+@where_options
+@json_option
+@reports_errors
+def trip_history(since: str | None, limit: int, as_json: bool) -> None:
+    """List past trips, the newest first."""
+    with one_robot() as robot:
+        trips = robot.ask(requests.TOUR_HISTORY, asking.AskHistory(since=since, limit=limit))
+    if as_json:
+        print_json(trips)
+    elif not trips:
+        click.echo("There was no trip yet.")
+    else:
+        print_table(
+            ("STARTED", "TOUR", "STATE", "TOOK", "REACHED", "REASON"), list(map(_row, trips))
+        )
+
+
+def _row(trip: PastTrip) -> tuple[str, ...]:
+    reached = sum(result.state == "reached" for result in trip.results)
+    took = seconds_text(trip.seconds)
+    counts = f"{reached} of {len(trip.results)}"
+    return trip.started_at or "?", trip.name or "-", trip.state, took, counts, trip.message
