@@ -82,7 +82,8 @@ def circle_distance(circle: np.ndarray, start: np.ndarray, direction: np.ndarray
     offset = start - circle[:2]
     if np.hypot(*offset) <= circle[2]:
         return 0.0
-    roots = np.roots([1.0, 2.0 * offset @ direction, offset @ offset - circle[2] ** 2])
+    along, outside = float(offset @ direction), float(offset @ offset - circle[2] ** 2)
+    roots = np.roots([1.0, 2.0 * along, outside])
     ahead = [float(root.real) for root in roots if abs(root.imag) < 1e-12 and root.real > 0]
     return min(ahead, default=math.inf)
 

@@ -48,7 +48,9 @@ def test_scans_keep_the_spacing_of_the_file(tmp_path: Path) -> None:
         hardware.advance(START_NS + step * MS)
         for scan in hardware.lidar.read().scans:
             stamps.append((scan.stamp_ns - START_NS) // MS)
-            np.testing.assert_array_equal(scan.ranges, np.array([1.0, np.inf, 0.0, np.inf], np.float32))
+            np.testing.assert_array_equal(
+                scan.ranges, np.array([1.0, np.inf, 0.0, np.inf], np.float32)
+            )
             assert (scan.angle_min, scan.angle_increment) == (-1.0, 0.5)
     assert stamps == [0, 250, 500, 1000]
     assert hardware.has_ended
