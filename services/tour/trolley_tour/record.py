@@ -1,0 +1,166 @@
+"""What is known of a trip: all of it is saved, so that it can go on after a restart."""
+
+import dataclasses
+from typing import Literal
+
+from msgspec import Struct, structs
+
+from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus
+from trolley.messages.touring import TripState
+from trolley_tour import wording
+from trolley_tour.route import lap_stops
+
+StopState = Literal["reached", "skipped", "failed"]
+MIN_RESULTS = 200
+UNDER_WAY = ("driving", "dwelling", "waiting")
+
+
+@dataclasses.dataclass(frozen=True)
+class Moment:
+    """When something happened: robot time [ns] and UTC where known, the local clock [ns]."""
+
+    robot_ns: int | None
+    monotonic_ns: int
+    utc: str | None = None
+
+
+class TripRecord(Struct, kw_only=True):
+    """A trip: the tour as it was when it began, and how far it got."""
+
+    trip: str
+    tour: Tour
+    state: TripState = "driving"
+    reason: str = ""
+    message: str = ""
+    lap: int = 0
+    position: int = 0
+    """Which visit of the lap."""
+    tries: list[int]
+    """Per stop of the tour: goals sent so far, which keeps their ids apart."""
+    failures: int = 0
+    """Failed tries of this visit."""
+    reached_here: bool = False
+    """Whether this visit's stop was reached: what is left is to dwell."""
+    goal: str | None = None
+    """The id of the goal that this visit drives by, or did until it was paused."""
+    goal_before: str | None = None
+    """The goal that was the planner's when this one was sent."""
+    epoch_ns: int | None = None
+    """The run of `base` in which it drives."""
+    results: list[StopResult] = []
+    reached: int = 0
+    missed: int = 0
+    reached_in_lap: int = 0
+    barren_laps: int = 0
+    """Laps in a row in which nothing was reached."""
+    started_at: str | None = None
+    ended_at: str | None = None
+    seconds: float = 0.0
+    """Robot seconds since the start."""
+    visit_started_at: str | None = None
+    visit_seconds: float = 0.0
+    """Robot seconds of driving on this visit."""
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether it goes on by itself."""
+        return self.state in UNDER_WAY
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it ended."""
+        return self.state not in UNDER_WAY and self.state != "paused"
+
+    @property
+    def stop_index(self) -> int:
+        """The stop of the tour that this visit is about."""
+        return self.visits[self.position]
+
+    @property
+    def visits(self) -> list[int]:
+        """The stops of this lap in order."""
+        return lap_stops(len(self.tour.stops), self.tour.there_and_back, self.lap)
+
+    @property
+    def stop(self) -> Stop:
+        """The stop itself."""
+        return self.tour.stops[self.stop_index]
+
+    @property
+    def title(self) -> str:
+        """The stop in words."""
+        return wording.stop_title(self.stop_index, self.stop)
+
+    def next_goal(self) -> str:
+        """A fresh id for a goal to the present stop."""
+        index = self.stop_index
+        self.tries[index] += 1
+        self.goal = f"tour-{self.trip}-{index}-{self.tries[index]}"
+        return self.goal
+
+    def note(self, state: StopState, code: str, message: str) -> None:
+        """Add how the stop ended; a trip that goes round for ever keeps the newest results."""
+        result = StopResult(
+            stop=self.stop_index,
+            name=self.stop.name,
+            state=state,
+            code=code,
+            message=message,
+            started_at=self.visit_started_at,
+            seconds=self.visit_seconds,
+        )
+        keep = max(MIN_RESULTS, 2 * len(self.tour.stops))
+        self.results = [*self.results, result][-keep:]
+        if state == "reached":
+            self.reached_here = True
+            self.reached += 1
+            self.reached_in_lap += 1
+        else:
+            self.missed += 1
+
+    def advance(self) -> Literal["visit", "lap", "end"]:
+        """Turn to the next visit and tell whether a new lap or the end came."""
+        came: Literal["visit", "lap", "end"] = "visit"
+        if self.position + 1 == len(self.visits):
+            if self.tour.repeat and self.lap + 1 >= self.tour.repeat:
+                return "end"
+            came = "lap"
+            self.barren_laps = 0 if self.reached_in_lap else self.barren_laps + 1
+            self.lap, self.position, self.reached_in_lap = self.lap + 1, 0, 0
+        else:
+            self.position += 1
+        self.goal, self.failures, self.reached_here = None, 0, False
+        self.visit_started_at, self.visit_seconds = None, 0.0
+        return came
+
+    def copy(self) -> "TripRecord":
+        """A copy that later changes do not reach."""
+        return structs.replace(self, tries=list(self.tries), results=list(self.results))
+
+    def status(self, stamp_ns: int) -> TourStatus:
+        """What is published of it."""
+        return TourStatus(
+            stamp_ns=stamp_ns,
+            name=self.tour.name or None,
+            trip=self.trip,
+            state=self.state,
+            reason=self.reason,
+            message=self.message,
+            stop=None if self.state == "done" else self.stop_index,
+            lap=self.lap,
+            results=self.results,
+        )
+
+    def past(self) -> PastTrip:
+        """What the history keeps of it."""
+        return PastTrip(
+            trip=self.trip,
+            name=self.tour.name or None,
+            state=self.state,
+            reason=self.reason,
+            message=self.message,
+            started_at=self.started_at,
+            ended_at=self.ended_at,
+            seconds=self.seconds,
+            results=list(self.results),
+        )
