@@ -80,8 +80,13 @@ class _JournalFields(logging.Filter):
         return True
 
 
-def set_up_logging(level: int = logging.INFO) -> None:
-    """Log to the journal where systemd connected one and cysystemd is installed, else to stderr."""
+def set_up_logging() -> None:
+    """Log to the journal where systemd connected one and cysystemd is installed, else to stderr.
+
+    `TROLLEY_LOG` (debug, info, warning, error) says from which level on.
+    """
+    wanted = os.environ.get("TROLLEY_LOG", "").upper()
+    level = logging.getLevelNamesMapping().get(wanted, logging.INFO)
     handler: logging.Handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_TerminalFormatter(colour=sys.stderr.isatty()))
     if "JOURNAL_STREAM" in os.environ and importlib.util.find_spec("cysystemd"):

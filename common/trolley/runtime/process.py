@@ -26,6 +26,7 @@ from trolley import topics
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.node import Node
+from trolley.runtime.parent import end_with_parent
 from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder, state_root
 from trolley.runtime.systemd import Supervision
@@ -257,6 +258,7 @@ def main(
         "--config", type=Path, help="robot.toml (else TROLLEY_CONFIG, else /etc/trolley)"
     )
     options = parser.parse_args(arguments)
+    end_with_parent()
     set_up_logging()
     path = find_config(options.config)
     if path is None:

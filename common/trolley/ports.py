@@ -1,0 +1,82 @@
+"""Who listens on a TCP port of this host."""
+
+import errno
+import socket
+from pathlib import Path
+
+_LISTENING = "0A"
+
+
+def is_free(port: int, host: str = "127.0.0.1") -> bool:
+    """Whether a server could listen on this port now."""
+    with socket.socket() as probe:
+        # As servers do: a connection of an earlier run that still lingers is no hindrance.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+            probe.listen(1)
+        except OSError as error:
+            if error.errno in (errno.EADDRINUSE, errno.EACCES):
+                return False
+            raise
+    return True
+
+
+def is_answering(port: int, host: str = "127.0.0.1") -> bool:
+    """Whether a server accepts connections on this port."""
+    try:
+        with socket.create_connection((host, port), timeout=0.2):
+            return True
+    except OSError:
+        return False
+
+
+def first_free(port: int, tries: int = 100) -> int:
+    """The first free port from `port` on.
+
+    Raises:
+        OSError: All of them are taken.
+    """
+    for candidate in range(port, min(port + tries, 65536)):
+        if is_free(candidate):
+            return candidate
+    raise OSError(errno.EADDRINUSE, f"all ports from {port} on are taken")
+
+
+def owner(port: int) -> str | None:
+    """The process that listens on a port as "name (pid 123)", None where it cannot be seen."""
+    inodes = _listening_inodes(port)
+    for folder in Path("/proc").iterdir() if inodes else ():
+        if not folder.name.isdigit():
+            continue
+        try:
+            links = {str(link.readlink()) for link in (folder / "fd").iterdir()}
+            if links & inodes:
+                words = (folder / "cmdline").read_bytes().split(b"\0")
+                return f"{_readable(words)} (pid {folder.name})"
+        except OSError:  # another user's process, or one that has just ended
+            continue
+    return None
+
+
+def _listening_inodes(port: int) -> set[str]:
+    """The sockets that listen on a port, as the kernel calls them in /proc/<pid>/fd."""
+    found: set[str] = set()
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        try:
+            lines = Path(table).read_text().splitlines()[1:]
+        except OSError:
+            continue
+        for line in lines:
+            fields = line.split()
+            if fields[3] == _LISTENING and int(fields[1].rpartition(":")[2], 16) == port:
+                found.add(f"socket:[{fields[9]}]")
+    return found
+
+
+def _readable(words: list[bytes]) -> str:
+    """A command line without the path of the interpreter and with the script's name only."""
+    texts = [word.decode("utf-8", "replace") for word in words if word]
+    if len(texts) > 1 and "python" in Path(texts[0]).name and not texts[1].startswith("-"):
+        texts = texts[1:]
+    return " ".join([Path(texts[0]).name, *texts[1:3]]) if texts else "a process"

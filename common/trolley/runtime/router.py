@@ -1,0 +1,34 @@
+"""The router as a process of its own: `trolley router`."""
+
+import signal
+import threading
+from collections.abc import Sequence
+
+from trolley.runtime.log import Log, set_up_logging
+from trolley.runtime.systemd import Supervision
+from trolley.runtime.zenoh_bus import open_router
+
+LONGEST_WAIT_S = 3600.0
+
+
+def run_router(listen: Sequence[str], uplink: Sequence[str] = ()) -> None:
+    """Be the router until SIGTERM or SIGINT; logs, and tells systemd when it is ready.
+
+    Raises:
+        NotConnected: The port is taken.
+    """
+    set_up_logging()
+    stop = threading.Event()
+
+    def end(_number: int, _frame: object) -> None:
+        stop.set()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, end)
+    log, supervision = Log("router"), Supervision()
+    with open_router(listen, uplink):
+        log.info("Listening", at=", ".join(listen), uplink=", ".join(uplink) or "none")
+        supervision.ready()
+        while not stop.wait(supervision.period_s or LONGEST_WAIT_S):
+            supervision.alive()
+        supervision.stopping()

@@ -1,0 +1,166 @@
+"""Runs services as child processes and starts those again that end: `trolley up` and `demo`.
+
+On a robot systemd does this; here it is for a terminal.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Self
+
+from trolley.runtime import parent
+
+EXIT_CONFIG = 2
+"""A service's exit code for settings that cannot be used: starting it again would not help."""
+FIRST_DELAY_S = 0.2
+LONGEST_DELAY_S = 10.0
+SETTLED_AFTER_S = 20.0
+"""A service that ran for so long is started again without delay."""
+GRACE_S = 5.0
+PERIOD_S = 0.05
+
+
+class Child:
+    """One service: its process, and when to start it again."""
+
+    def __init__(self, name: str, command: Sequence[str]) -> None:
+        self.name = name
+        self.restarts = 0
+        self._command = list(command)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._started_s = 0.0
+        self._due_s = 0.0
+        self._delay_s = FIRST_DELAY_S
+        self._given_up = False
+
+    @property
+    def pid(self) -> int | None:
+        """Its process, None while there is none."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is to be started now."""
+        waits = self._process is None and not self._given_up
+        return waits and time.monotonic() >= self._due_s
+
+    def start(self, environment: Mapping[str, str]) -> None:
+        """Start it."""
+        # A group of its own: Ctrl-C is for the supervisor, which ends its children in order.
+        self._process = subprocess.Popen(
+            self._command, env=environment, stdin=subprocess.DEVNULL, process_group=0
+        )
+        self._started_s = time.monotonic()
+
+    def collect(self) -> int | None:
+        """The exit code where it has just ended; from then on it is due again after a delay."""
+        code = None if self._process is None else self._process.poll()
+        if code is None:
+            return None
+        self._process = None
+        now_s = time.monotonic()
+        if now_s - self._started_s > SETTLED_AFTER_S:
+            self._delay_s = FIRST_DELAY_S
+        self._due_s = now_s + self._delay_s
+        self._delay_s = min(2.0 * self._delay_s, LONGEST_DELAY_S)
+        self._given_up = code == EXIT_CONFIG
+        self.restarts += not self._given_up
+        return code
+
+    def signal(self, number: int) -> None:
+        """Send it a signal if it runs."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(number)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for its end; False if it still runs."""
+        try:
+            if self._process is not None:
+                self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+
+class Supervisor:
+    """The children of a context: started on entering, ended on leaving, restarted in between.
+
+    Args:
+        modules: What to run, by service: `{"base": "trolley_base"}` is `python -m trolley_base`.
+        environment: Added to this process's environment.
+        report: Called, on a thread of its own, with a sentence about each child that ended.
+    """
+
+    def __init__(
+        self,
+        modules: Mapping[str, str],
+        environment: Mapping[str, str],
+        report: Callable[[str], None],
+    ) -> None:
+        self.children = {
+            name: Child(name, [sys.executable, "-m", module]) for name, module in modules.items()
+        }
+        self.failure: str | None = None
+        """Why one cannot run at all."""
+        self._environment = {**os.environ, **environment, parent.VARIABLE: str(os.getpid())}
+        self._report = report
+        self._stop = threading.Event()
+        # The kernel counts the end of the thread that started a child as the end of its parent, so
+        # one thread does it all along.
+        self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End all children: SIGTERM, and SIGKILL to those that take longer than 5 s."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(PERIOD_S):
+            for child in self.children.values():
+                code = child.collect()
+                if code is not None:
+                    self._note_end(child, code)
+                if child.is_due:
+                    child.start(self._environment)
+        self._end_all()
+
+    def _note_end(self, child: Child, code: int) -> None:
+        if code == EXIT_CONFIG:
+            self.failure = f"{child.name} cannot run with this configuration"
+            self._report(self.failure)
+        else:
+            self._report(f"{child.name} {_how_it_ended(code)}; starting it again")
+
+    def _end_all(self) -> None:
+        children = list(self.children.values())
+        for child in children:
+            child.signal(signal.SIGTERM)
+        deadline_s = time.monotonic() + GRACE_S
+        for child in children:
+            if not child.wait(max(0.0, deadline_s - time.monotonic())):
+                self._report(f"{child.name} does not end; killing it")
+                child.signal(signal.SIGKILL)
+                child.wait(GRACE_S)
+
+
+def _how_it_ended(code: int) -> str:
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
