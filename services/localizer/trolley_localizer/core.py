@@ -29,6 +29,9 @@ LONGEST_JUMP_M = 0.5
 # How far off a pose set by hand may be: standard deviations [m, rad].
 SET_DEV_M = 0.4
 SET_DEV_RAD = 0.25
+# Smallest and largest variance that a pose can be set with [m^2, rad^2].
+LEAST_VARIANCE = 1e-6
+MOST_VARIANCE = 25.0
 # How far off a place found by a search may be.
 FOUND_DEV_M = 0.1
 FOUND_DEV_RAD = 0.05
@@ -45,6 +48,14 @@ def make_lines(field: LikelihoodField, polylines: Sequence[NDArray[np.float64]])
     ends = np.concatenate([np.empty((0, 2)), *(piece[1:] for piece in pieces)])
     columns = (starts[:, 0], starts[:, 1], ends[:, 0], ends[:, 1])
     return Lines(*(np.ascontiguousarray(column) for column in columns))
+
+
+def _sane_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nearest covariance (3, 3) that can be inverted and covers a map at most."""
+    symmetric = 0.5 * (covariance + covariance.T)
+    values, vectors = np.linalg.eigh(np.clip(np.nan_to_num(symmetric), -1e6, 1e6))
+    bounded = np.clip(values, LEAST_VARIANCE, MOST_VARIANCE)
+    return np.asarray((vectors * bounded) @ vectors.T, np.float64)
 
 
 class Localizer:
@@ -101,8 +112,14 @@ class Localizer:
         """
         if covariance is None:
             covariance = np.diag([SET_DEV_M**2, SET_DEV_M**2, SET_DEV_RAD**2])
-        self._follow(self.field.to_cells(map_T_base), self.field.covariance_to_cells(covariance))
+        sane = _sane_covariance(covariance)
+        self._follow(self.field.to_cells(map_T_base), self.field.covariance_to_cells(sane))
         self._wants_job = True
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance (3, 3) of the followed pose over x, y [m], yaw [rad] in the map frame."""
+        return self.field.covariance_to_map(self._follower.covariance)
 
     def search(self) -> None:
         """Forget where the robot is and search the whole map with the next scan."""
@@ -212,7 +229,7 @@ class Localizer:
             stamp_ns=scan.stamp_ns,
             map_T_base=map_T_base,
             map_T_odom=self._map_T_odom,
-            covariance=self.field.covariance_to_map(self._follower.covariance),
+            covariance=self.covariance,
             state=state,
             match=support.match,
             spread=self._follower.spread_m,

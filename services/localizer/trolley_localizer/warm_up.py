@@ -1,0 +1,41 @@
+"""Compile or load all kernels before the first scan needs them."""
+
+import numpy as np
+
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley_localizer.core import Localizer
+from trolley_localizer.scan import ScanInput
+
+
+def warm_up() -> None:
+    """Run every kernel once, with the kinds of arrays that it will meet.
+
+    The first run on a machine compiles for some seconds; afterwards numba's cache serves.
+    """
+    cells = np.zeros((60, 80), np.int8)
+    cells[0], cells[-1], cells[:, 0], cells[:, -1] = 100, 100, 100, 100
+    grid = GridMap("warm-up", 0.05, Pose2D(0.0, 0.0, 0.0), cells)
+    mirror = np.array([[1.0, 1.0], [1.0, 1.2]])
+    localizer = Localizer(grid, [mirror], LocalizerConfig(), 0)
+    ranges = np.full(90, 1.2, np.float32)
+    for number, x in enumerate((0.0, 0.2, 0.4)):
+        localizer.step(
+            ScanInput(
+                stamp_ns=number + 1,
+                ranges=ranges,
+                angle_min=-3.1,
+                angle_increment=0.07,
+                range_min=0.05,
+                range_max=8.0,
+                base_T_laser=Pose2D(0.0, 0.0, 0.0),
+                odom_T_base=Pose2D(x, 0.0, 0.0),
+                odom_T_base_end=Pose2D(x, 0.0, 0.0),
+            )
+        )
+        job = localizer.take_job()
+        if job is not None:
+            localizer.finish(job.run())
+        if number == 0:
+            localizer.set_pose(Pose2D(2.0, 1.5, 0.0))
