@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from trolley.geometry import Pose2D, Twist2D, pose_from_quaternion
-from trolley.messages import Zone
+from trolley.messages import Zone, name_problem
 from trolley_base.drivers.world_file import World, load_world
 from trolley_base.world import RobotBody, Simulation
 
@@ -82,6 +82,7 @@ def test_the_wall_behind_the_mirror_is_on_the_map(apartment: World) -> None:
 def test_the_zones_name_all_mirrors_and_panes(worlds: Path, name: str) -> None:
     text = (worlds / f"{name}.zones.toml").read_text()
     zones = msgspec.convert(tomllib.loads(text)["zones"], list[Zone])
+    assert [name_problem(zone.name) for zone in zones] == [None] * len(zones)
     spec = load_world(worlds / f"{name}.toml").spec
     things = [("mirror", mirror) for mirror in spec.mirror]
     things += [("glass", pane) for pane in spec.glass]

@@ -9,6 +9,10 @@ import pytest
 from trolley.geometry import Pose2D, Twist2D
 from trolley_base.drivers.world_file import load_world
 from trolley_base.world import OtherRobot, RobotBody, Simulation, WorldError
+from trolley_base.world.body import move_into
+from trolley_base.world.gaps import outline_to_point, place_outline_into
+from trolley_base.world.scanner import cast_beams_into
+from trolley_base.world.warmup import warm_up
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -193,3 +197,13 @@ def test_the_same_seed_gives_the_same_bytes(worlds: "Path", name: str) -> None:
 
     assert run(7) == run(7)
     assert run(7) != run(8)
+
+
+def test_warming_up_leaves_nothing_to_compile(simulate: "MakeSimulation") -> None:
+    warm_up()
+    kernels = (move_into, cast_beams_into, place_outline_into, outline_to_point)
+    compiled = [len(kernel.signatures) for kernel in kernels]
+    simulation = simulate("[[person]]\npath = [[1.0, 1.0], [2.0, 1.0]]\n")
+    simulation.set_others([OtherRobot("rover", Pose2D(1.0, 0, 0).transform_points(FOOTPRINT))])
+    drive(simulation, FORWARD, 0.5)
+    assert [len(kernel.signatures) for kernel in kernels] == compiled
