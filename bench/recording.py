@@ -40,7 +40,8 @@ def main() -> None:
             lost = (known[:, 0] > 0.5) | (known[:, 1] > math.radians(20.0))
             print(
                 f"{name} seed {seed}: a pose for {len(known)} of {len(errors)} scans,"
-                f" median {np.median(known[:, 0]):.3f} m, 95 % {np.quantile(known[:, 0], 0.95):.3f} m,"
+                f" median {np.median(known[:, 0]):.3f} m,"
+                f" 95 % {np.quantile(known[:, 0], 0.95):.3f} m,"
                 f" lost {100 * lost.mean():.2f} %, at the end {known[-1, 0]:.2f} m",
                 flush=True,
             )

@@ -48,7 +48,8 @@ def main() -> None:
             )
     arrived = [one for one in drives if one.arrived]
     print(
-        f"{len(arrived)} of {len(drives)} arrived, {sum(one.collisions for one in drives)} collisions,"
+        f"{len(arrived)} of {len(drives)} arrived,"
+        f" {sum(one.collisions for one in drives)} collisions,"
         f" {sum(one.state == 'hung' for one in drives)} hung;"
         f" median {np.median([one.seconds for one in arrived] or [np.nan]):.1f} s,"
         f" closest approach {min(one.closest for one in drives):.3f} m;"
