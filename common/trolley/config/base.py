@@ -32,6 +32,15 @@ class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Recorded seconds per real second."""
 
 
+class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.lidar]`: where the lidar sits (a recording says it itself)."""
+
+    pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
+    """In `base_link`: x forward, y left, yaw counter-clockwise to the direction of angle 0."""
+    z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
+    """Height above the floor."""
+
+
 class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[base.limits]`: what no source may exceed."""
 
@@ -50,10 +59,11 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What moves and sees."""
     simulated: SimulatedConfig = SimulatedConfig()
     recording: RecordingConfig | None = None
+    lidar: LidarConfig = LidarConfig()
     limits: LimitsConfig = LimitsConfig()
     sources: dict[str, Annotated[int, Meta(ge=0, le=1000)]] = field(
         default_factory=lambda: {"teleop": 20, "calibrate": 15, "planner": 10}
     )
-    """Priority of each command source; the highest with a fresh command drives."""
+    """Priority of each source that may drive; the highest with a fresh command wins."""
     stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     """How far before an echo the stop field stops the robot."""

@@ -1,0 +1,126 @@
+"""Which velocity command wins: priorities, freshness, and a pause before a lower source drives."""
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from trolley.geometry import Twist2D
+from trolley.messages import VelocityCommand
+
+# A command is good for at most this long, whatever its sender says [ns].
+MAX_VALID_NS = 500_000_000
+# A stamp may be ahead of robot time by this much; clocks that follow base's are never so far off.
+MAX_AHEAD_NS = 1_000_000_000
+# Within this time after a source's command an older one of it is a straggler; later, a restart.
+ORDER_NS = 1_000_000_000
+# Base stands for this long after a source fell silent before a lower one may drive [ns].
+HOLD_NS = 1_000_000_000
+
+
+class Reject(enum.Enum):
+    """Why a command was dropped; the value is the counter's name under `cmd_vel/`."""
+
+    UNKNOWN_SOURCE = "unknown_source"
+    NOT_FINITE = "not_finite"
+    NOT_VALID = "not_valid"
+    OLD = "old"
+    AHEAD = "ahead"
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Who drives.
+
+    Attributes:
+        source: None while nobody may: nothing fresh, or the pause after a silence.
+        twist: what the source wants, zero for nobody.
+        scan_ns: stamp of the scan that the command was computed with, 0 if none.
+        lost: the source that drove has fallen silent while it was moving the robot.
+    """
+
+    source: str | None
+    twist: Twist2D
+    scan_ns: int = 0
+    lost: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Wish:
+    """A source's newest command, in robot time of base's own clock."""
+
+    twist: Twist2D
+    scan_ns: int
+    expires_ns: int
+
+
+class Arbiter:
+    """Keeps the newest command of each source and chooses between them.
+
+    All times are robot time by base's own clock, so a command counts from its arrival and a wrong
+    clock of its sender can neither prolong nor revive it.
+
+    Args:
+        priorities: of each source that may drive; the highest with a fresh command wins.
+    """
+
+    def __init__(self, priorities: Mapping[str, int]) -> None:
+        self._priorities = dict(priorities)
+        self._wishes: dict[str, _Wish] = {}
+        self._accepted: dict[str, tuple[int, int]] = {}
+        self._driving: str | None = None
+        self._moved = False
+
+    def offer(
+        self, source: str, command: VelocityCommand, arrived_ns: int, now_ns: int
+    ) -> Reject | None:
+        """Take a command, or say why not.
+
+        Args:
+            source: who sent it.
+            command: what is wanted.
+            arrived_ns: when it arrived.
+            now_ns: now.
+        """
+        if source not in self._priorities:
+            return Reject.UNKNOWN_SOURCE
+        if not command.twist.is_finite():
+            return Reject.NOT_FINITE
+        # Written so that NaN is refused, too; an endless one is no number of seconds either.
+        if not 0.0 < command.valid_for < float("inf"):
+            return Reject.NOT_VALID
+        if command.stamp_ns > now_ns + MAX_AHEAD_NS:
+            return Reject.AHEAD
+        last = self._accepted.get(source)
+        if last is not None and command.stamp_ns <= last[0] and arrived_ns - last[1] < ORDER_NS:
+            return Reject.OLD
+        self._accepted[source] = command.stamp_ns, arrived_ns
+        # The limit first: a number of seconds near the largest float is none of nanoseconds.
+        valid_ns = round(min(command.valid_for, MAX_VALID_NS / 1e9) * 1e9)
+        self._wishes[source] = _Wish(command.twist, command.scan_ns, arrived_ns + valid_ns)
+        return None
+
+    def choose(self, now_ns: int) -> Choice:
+        """Say who drives now."""
+        fresh = [source for source, wish in self._wishes.items() if wish.expires_ns > now_ns]
+        best = max(fresh, key=self._rank, default=None)
+        driving = self._driving
+        if driving is not None and driving not in fresh:
+            silent_ns = now_ns - self._wishes[driving].expires_ns
+            is_lower = best is None or self._priorities[best] < self._priorities[driving]
+            if is_lower and silent_ns < HOLD_NS:
+                return Choice(None, Twist2D.zero(), lost=self._moved)
+        self._driving = best
+        if best is None:
+            return Choice(None, Twist2D.zero())
+        wish = self._wishes[best]
+        self._moved = not wish.twist.is_zero
+        return Choice(best, wish.twist, wish.scan_ns)
+
+    def forget(self) -> None:
+        """Drop every command: only what arrives from now on can move the robot."""
+        self._wishes.clear()
+        self._driving = None
+
+    def _rank(self, source: str) -> tuple[int, bool, str]:
+        """Order sources; of two equals the one that drives stays."""
+        return self._priorities[source], source == self._driving, source

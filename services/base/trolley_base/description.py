@@ -1,0 +1,84 @@
+"""What the configuration says about the robot, as the core and the wire want it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import ConfigError, RobotConfig
+from trolley.geometry import footprint_from_box, footprint_from_polygon, footprint_from_radius
+from trolley.messages import Robot
+from trolley.messages.motion import MAX_MESH_BYTES
+from trolley_base.limits import MotionLimits
+
+
+def footprint_of(config: RobotConfig) -> NDArray[np.float64]:
+    """Return the footprint (n, 2) [m] in `base_link`, counter-clockwise.
+
+    Raises:
+        ConfigError: it is none that a robot can have.
+    """
+    given = config.robot.footprint
+    try:
+        if given.polygon_m is not None:
+            return footprint_from_polygon(given.polygon_m)
+        if given.radius_m is not None:
+            return footprint_from_radius(given.radius_m)
+        return footprint_from_box(given.length_m or 0.0, given.width_m or 0.0)
+    except ValueError as error:
+        raise ConfigError(f"[robot.footprint] {error}") from error
+
+
+def limits_of(config: RobotConfig) -> MotionLimits:
+    """Return what no source may exceed."""
+    limits = config.base.limits
+    return MotionLimits(
+        speed=limits.max_speed_mps,
+        wz=limits.max_wz_radps,
+        acceleration=limits.acceleration_mps2,
+        deceleration=limits.deceleration_mps2,
+        angular_acceleration=limits.angular_acceleration_radps2,
+        sideways=config.robot.drive == "mecanum",
+    )
+
+
+def mesh_of(config: RobotConfig) -> bytes | None:
+    """Read the robot's body, None if there is no file of one.
+
+    Raises:
+        ConfigError: the file cannot be read or is too large for the wire.
+    """
+    if config.robot.mesh is None:
+        return None
+    path = config.path(config.robot.mesh)
+    try:
+        mesh = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"[robot.mesh] {path}: cannot be read: {error.strerror}") from error
+    if len(mesh) > MAX_MESH_BYTES:
+        raise ConfigError(
+            f"[robot.mesh] {path}: {len(mesh)} bytes, at most {MAX_MESH_BYTES} are allowed"
+        )
+    return mesh
+
+
+def robot_message(
+    config: RobotConfig,
+    footprint: NDArray[np.float64],
+    mesh: bytes | None,
+    stamp_ns: int,
+    *,
+    simulated: bool,
+) -> Robot:
+    """Return the message that makes the robot known."""
+    limits = config.base.limits
+    return Robot(
+        stamp_ns=stamp_ns,
+        name=config.robot.name,
+        title=config.robot.title or config.robot.name,
+        footprint=[(float(x), float(y)) for x, y in footprint],
+        drive=config.robot.drive,
+        max_speed=limits.max_speed_mps,
+        max_wz=limits.max_wz_radps,
+        deceleration=limits.deceleration_mps2,
+        mesh=mesh,
+        simulated=simulated,
+    )

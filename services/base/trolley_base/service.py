@@ -1,0 +1,364 @@
+"""The base service: the hardware or the simulated world, and everything that may move it."""
+
+import msgspec
+
+from trolley import codes, requests, topics
+from trolley.config import RobotConfig
+from trolley.geometry import Twist2D
+from trolley.messages import (
+    BaseState,
+    Battery,
+    Clock,
+    Link,
+    Odometry,
+    Robot,
+    Scan,
+    Transform,
+    Truth,
+    VelocityCommand,
+    floats_to_bytes,
+)
+from trolley.messages.asking import Nothing
+from trolley.runtime.service import Service, answers, every, gets, on
+from trolley_base.description import footprint_of, limits_of, mesh_of, robot_message
+from trolley_base.drivers import ChassisReading, LidarScan
+from trolley_base.echoes import NearEchoes
+from trolley_base.governor import Decision, Governor
+from trolley_base.hindrances import SCAN_SILENCE_NS, Condition, find_hindrance
+from trolley_base.neighbours import Neighbours
+from trolley_base.odometry import OdometryTrack
+from trolley_base.opening import choose_device
+from trolley_base.robot_clock import Beat, RobotClock
+from trolley_base.saved import (
+    LATCH_FILE,
+    TIME_FILE,
+    WORLD_FILE,
+    SavedLatch,
+    SavedTime,
+    SavedWorld,
+    first_stamp_ns,
+)
+from trolley_base.stop_field import StopField
+
+# One period: read, decide, drive. It is two steps of a simulated world.
+CONTROL_S = 0.02
+CLOCK_S = 0.1
+# Every other reading, and one with each scan: 25 to 35 Hz.
+ODOMETRY_S = 0.04
+COMMAND_S = 0.1
+STATE_S = 1.0
+TRUTH_S = 0.05
+SAVE_TIME_S = 60.0
+SAVE_WORLD_S = 1.0
+
+
+class BaseService(Service):
+    """Owns the hardware, odometry and robot time, and decides which command is driven."""
+
+    name = "base"
+
+    def __init__(self, config: RobotConfig) -> None:
+        """Read what the configuration names.
+
+        Raises:
+            ConfigError: a world, recording, mesh or footprint cannot be used.
+        """
+        self._config = config
+        self._footprint = footprint_of(config)
+        self._mesh = mesh_of(config)
+        self._device = choose_device(config, self._footprint)
+        limits = limits_of(config)
+        field = StopField(self._footprint, limits, config.base.stop_margin_m)
+        self._governor = Governor(config.base.sources, limits, field)
+        self._echoes = NearEchoes(self._device.base_T_laser, field.reach)
+        self._clock = self.own_time = RobotClock()
+        self._neighbours: Neighbours | None = None
+        self._published_state: BaseState | None = None
+        self._saved_world: SavedWorld | None = None
+        self._scan_arrived_ns: int | None = None
+        self._chassis_reading = ChassisReading((), Link(name="chassis", state="searching"))
+        self._lidar_link = Link(name="lidar", state="searching")
+        self._battery: Battery | None = None
+        self._decision = Decision(Twist2D.zero(), None, 0, "ok")
+        self._has_moved = True
+        self._odometry_beat, self._command_beat = Beat(ODOMETRY_S), Beat(COMMAND_S)
+        self._state_beat, self._truth_beat = Beat(STATE_S), Beat(TRUTH_S)
+        self._time_beat = Beat(SAVE_TIME_S)
+
+    def start(self) -> None:
+        """Begin a run: the latch, robot time, the hardware."""
+        latch = self.state.read(LATCH_FILE, SavedLatch)
+        self._is_stopped = latch is not None and latch.stopped
+        epoch_ns = first_stamp_ns(self.unix_ns, self.state.read(TIME_FILE, SavedTime))
+        self._saved_world = self.state.read(WORLD_FILE, SavedWorld)
+        opened = self._device.open(epoch_ns, self._saved_world)
+        self._hardware = opened.hardware
+        self._simulated, self._recorded = opened.simulated, opened.recorded
+        self._track = OdometryTrack(epoch_ns)
+        is_real = self._simulated is None and self._recorded is None
+        step_ns = None if is_real else round(CONTROL_S * 1e9)
+        self._clock.begin(epoch_ns, self.monotonic_ns, self._device.rate, step_ns)
+        self._introduce(epoch_ns)
+        if self._device.world is not None:
+            self._neighbours = Neighbours(self.robot, self._device.world)
+            self.watch(topics.ROBOT, robot="*", then=self._hear_robot)
+            self.watch(topics.SIM_TRUTH, robot="*", then=self._hear_truth)
+
+    def stop(self) -> None:
+        """Stand, say so, and keep what must outlive the process."""
+        if self.now_ns is None:  # it could not start
+            return
+        self._hardware.chassis.drive(Twist2D.zero())
+        self._hardware.close()
+        sentence = codes.SENTENCES[codes.SHUTDOWN]
+        self._decision = Decision(Twist2D.zero(), None, 0, "held", codes.SHUTDOWN, sentence)
+        now_ns = self.stamp_ns
+        self._publish_command(now_ns)
+        self._publish_state(now_ns)
+        self._save(TIME_FILE, SavedTime(stamp_ns=now_ns))
+        self.save_world()
+
+    # Control.
+    @every(CONTROL_S)
+    def control(self) -> None:
+        """Bring the hardware to now, read it, and decide what it does until the next time."""
+        now_ns = self.stamp_ns
+        self._hardware.advance(now_ns)
+        self._read_chassis()
+        self._read_lidar(now_ns)
+        self._decide(now_ns)
+        self._report(now_ns)
+        if self._clock.reached(now_ns, self.monotonic_ns):
+            self.publish_clock()
+
+    def _decide(self, now_ns: int) -> None:
+        arrived_ns = self._scan_arrived_ns
+        hindrance = find_hindrance(
+            Condition(
+                is_recording=self._recorded is not None,
+                is_stopped=self._is_stopped,
+                chassis=self._chassis_reading,
+                lidar=self._lidar_link,
+                scan_age_ns=None if arrived_ns is None else now_ns - arrived_ns,
+            )
+        )
+        echoes = self._echoes.points(self._track.odom_T_base)
+        self._decision = self._governor.decide(now_ns, echoes, hindrance)
+        self._hardware.chassis.drive(self._decision.twist)
+
+    @on(topics.COMMAND)
+    def take_command(self, command: VelocityCommand, source: str) -> None:
+        """Keep a source's wish until the next decision, or drop it and count why."""
+        arrived_ns = self._clock.now(self.arrived_ns) or 0
+        rejected = self._governor.offer(source, command, arrived_ns, self.stamp_ns)
+        if rejected is not None:
+            self.count(f"cmd_vel/{rejected.value}")
+            self.log.limited(
+                f"cmd_vel/{rejected.value}", "Command dropped", source=source, why=rejected.value
+            )
+
+    @answers(requests.BASE_STOP)
+    def latch(self, _: Nothing) -> BaseState:
+        """Stand now and until resumed."""
+        return self._set_latch(is_stopped=True)
+
+    @answers(requests.BASE_RESUME)
+    def unlatch(self, _: Nothing) -> BaseState:
+        """Let commands that arrive from now on drive again."""
+        return self._set_latch(is_stopped=False)
+
+    def _set_latch(self, *, is_stopped: bool) -> BaseState:
+        if is_stopped != self._is_stopped:
+            self.log.info("Stopped" if is_stopped else "Resumed")
+        self._is_stopped = is_stopped
+        self._governor.forget()
+        self._save(LATCH_FILE, SavedLatch(stopped=is_stopped))
+        now_ns = self.stamp_ns
+        self._decide(now_ns)
+        return self._publish_state(now_ns)
+
+    # Reading.
+    def _read_chassis(self) -> None:
+        reading = self._chassis_reading = self._hardware.chassis.read()
+        for motion in reading.motions:
+            self._track.add(motion)
+            self._has_moved = True
+        for imu in reading.imu:
+            self.publish(topics.IMU, imu)
+        self._battery = reading.battery or self._battery
+        if codes.BUTTON in reading.alarms and not self._is_stopped:
+            self._set_latch(is_stopped=True)
+
+    def _read_lidar(self, now_ns: int) -> None:
+        reading = self._hardware.lidar.read()
+        self._lidar_link = reading.link
+        # With each scan the odometry up to its last beam, so that nobody has to wait for it.
+        if self._has_moved and (self._odometry_beat.is_due(now_ns) or reading.scans):
+            self._has_moved = False
+            self._publish_odometry()
+        for scan in reading.scans:
+            self._publish_scan(scan)
+            self._echoes.see(scan, self._track)
+            self._scan_arrived_ns = now_ns
+
+    # Reporting.
+    @every(CLOCK_S, clock="local")
+    def publish_clock(self) -> None:
+        """Publish robot time, for everybody to follow."""
+        clock = self._clock
+        self.publish(
+            topics.CLOCK, Clock(stamp_ns=self.stamp_ns, rate=clock.rate, epoch=clock.epoch)
+        )
+
+    @gets(topics.TF, "base_link")
+    def odometry_frame(self, _: dict[str, str]) -> dict[tuple[str, ...], Transform]:
+        """Answer `get tf/base_link` from the odometry."""
+        frame = Transform(
+            stamp_ns=self._track.stamp_ns,
+            parent="odom",
+            child="base_link",
+            pose=self._track.odom_T_base,
+        )
+        return {("base_link",): frame}
+
+    def _introduce(self, now_ns: int) -> None:
+        """Publish what does not change during a run."""
+        simulated = self._simulated is not None
+        robot = robot_message(
+            self._config, self._footprint, self._mesh, now_ns, simulated=simulated
+        )
+        self.publish(topics.ROBOT, robot)
+        laser = Transform(
+            stamp_ns=now_ns,
+            parent="base_link",
+            child="laser",
+            pose=self._device.base_T_laser,
+            z=self._config.base.lidar.z_m,
+        )
+        self.publish(topics.TF, laser, "laser")
+
+    def _report(self, now_ns: int) -> None:
+        if self._command_beat.is_due(now_ns):
+            self._publish_command(now_ns)
+        if self._state_beat.is_due(now_ns) or self._state_has_changed(now_ns):
+            self._publish_state(now_ns)
+        if self._simulated is not None and self._truth_beat.is_due(now_ns):
+            self.publish(topics.SIM_TRUTH, self._simulated.truth())
+            self._place_neighbours()
+        if self._time_beat.is_due(now_ns):
+            self._save(TIME_FILE, SavedTime(stamp_ns=now_ns))
+
+    def _publish_odometry(self) -> None:
+        track = self._track
+        self.publish(
+            topics.ODOM,
+            Odometry(stamp_ns=track.stamp_ns, pose=track.odom_T_base, twist=track.twist),
+        )
+
+    def _publish_scan(self, scan: LidarScan) -> None:
+        message = Scan(
+            stamp_ns=scan.stamp_ns,
+            frame="laser",
+            angle_min=scan.angle_min,
+            angle_increment=scan.angle_increment,
+            time_increment=scan.time_increment,
+            range_min=scan.range_min,
+            range_max=scan.range_max,
+            ranges=floats_to_bytes(scan.ranges),
+            intensities=floats_to_bytes(scan.intensities),
+        )
+        self.publish(topics.SCAN, message)
+
+    def _publish_command(self, now_ns: int) -> None:
+        decision = self._decision
+        command = VelocityCommand(
+            stamp_ns=now_ns, twist=decision.twist, valid_for=COMMAND_S, scan_ns=decision.scan_ns
+        )
+        self.publish(topics.CMD_VEL, command)
+
+    def _state_at(self, now_ns: int) -> BaseState:
+        decision = self._decision
+        return BaseState(
+            stamp_ns=now_ns,
+            mode=decision.mode,
+            source=decision.source,
+            reason=decision.reason,
+            message=decision.message,
+            links=[self._chassis_reading.link, self._lidar_link],
+            battery=self._battery,
+        )
+
+    def _state_has_changed(self, now_ns: int) -> bool:
+        """Whether there is something new to say; the charge alone waits for the next second."""
+        last = self._published_state
+        state = self._state_at(now_ns)
+        return last is None or state != msgspec.structs.replace(
+            last, stamp_ns=now_ns, battery=state.battery
+        )
+
+    def _publish_state(self, now_ns: int) -> BaseState:
+        state = self._published_state = self._state_at(now_ns)
+        self.publish(topics.BASE, state)
+        self._tell_health(now_ns)
+        return state
+
+    def _tell_health(self, now_ns: int) -> None:
+        decision = self._decision
+        # The first scan takes a revolution, which is no trouble yet.
+        has_begun = now_ns - self._clock.epoch > SCAN_SILENCE_NS
+        troubles = (codes.SCAN_LOST, codes.LINK_LOST)
+        if decision.mode == "fault" or (has_begun and decision.reason in troubles):
+            self.set_health("degraded", decision.message)
+        elif self._clock.is_slowed:
+            self.set_health(
+                "degraded",
+                f"This machine is too slow for the wanted rate; it runs at {self._clock.rate:.2g}.",
+            )
+        elif self._recorded is not None and self._recorded.has_ended:
+            self.set_health("ok", "The recording has ended; the robot stands where it ended.")
+        else:
+            self.set_health("ok")
+
+    # A simulated world.
+    @every(SAVE_WORLD_S, clock="local")
+    def save_world(self) -> None:
+        """Keep where a simulated robot stands, so that a restart goes on there."""
+        if self._simulated is None:
+            return
+        saved = self._simulated.saved()
+        if saved != self._saved_world:
+            self._saved_world = saved
+            self._save(WORLD_FILE, saved)
+
+    def _hear_robot(self, robot: Robot, name: str) -> None:
+        if self._neighbours is not None:
+            self._neighbours.hear_robot(name, robot)
+
+    def _hear_truth(self, truth: Truth, name: str) -> None:
+        if self._neighbours is not None:
+            self._neighbours.hear_truth(name, truth, self.arrived_ns)
+
+    def _place_neighbours(self) -> None:
+        if self._neighbours is None or self._simulated is None:
+            return
+        outlines = self._neighbours.outlines(self.monotonic_ns)
+        if outlines is not None:
+            self._simulated.set_others(outlines)
+
+    # Saving.
+    def _save(self, name: str, value: msgspec.Struct) -> None:
+        folder = self.state
+
+        def write() -> str | None:
+            try:
+                folder.write(name, value)
+            except OSError as error:
+                return f"{folder.path / name}: {error.strerror}"
+            return None
+
+        self.work(write, self._note_saved)
+
+    def _note_saved(self, problem: str | None) -> None:
+        if problem is not None:
+            self.count("state/not_saved")
+            self.log.limited("not_saved", codes.SENTENCES[codes.NOT_SAVED], why=problem)

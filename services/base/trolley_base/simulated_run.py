@@ -1,0 +1,89 @@
+"""`[base] driver = "simulated"`: a world, and a run of the robot in it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley import worlds
+from trolley.config import ConfigError, RobotConfig
+from trolley.geometry import Pose2D
+from trolley.messages import Truth
+from trolley_base.drivers.simulated import SimulatedHardware
+from trolley_base.drivers.world_file import load_world
+from trolley_base.opening import Opened
+from trolley_base.saved import SavedWorld
+from trolley_base.world import OtherRobot, RobotBody, Simulation, WorldError
+
+
+class SimulatedDevice:
+    """The world of the configuration, with a robot that fits into it."""
+
+    def __init__(self, config: RobotConfig, footprint: NDArray[np.float64]) -> None:
+        settings = config.base.simulated
+        self.base_T_laser = config.base.lidar.pose.as_pose()
+        self.rate = settings.rate
+        self._seed = settings.seed
+        self._start = None if settings.start is None else settings.start.as_pose()
+        self._body = RobotBody(footprint, self.base_T_laser)
+        name = settings.world if settings.world.endswith(".toml") else f"{settings.world}.toml"
+        try:
+            self._world = load_world(worlds.find(name, beside=Path(config.folder)))
+            self._simulate(self._start)
+        except (FileNotFoundError, WorldError) as error:
+            raise ConfigError(f"[base.simulated] {error}") from error
+        self.world: str | None = self._world.name
+
+    def open(self, start_ns: int, saved: SavedWorld | None) -> Opened:
+        """Put the robot into its world."""
+        start = self._start
+        # Where somebody has named another start since, that is where the robot is meant to be.
+        if saved is not None and saved.world == self.world and saved.start == self._start:
+            start = saved.pose
+        try:
+            simulation = self._simulate(start)
+        except WorldError:  # the world has been changed, and there is a wall now
+            simulation = self._simulate(self._start)
+        hardware = SimulatedHardware(simulation, start_ns)
+        return Opened(hardware, simulated=SimulatedRun(hardware, self._world.name, self._start))
+
+    def _simulate(self, start: Pose2D | None) -> Simulation:
+        return Simulation(self._world.spec, self._world.grid, self._body, self._seed, start)
+
+
+class SimulatedRun:
+    """What only a simulation knows.
+
+    Args:
+        hardware: the robot in its world.
+        world: the world's name.
+        start: what the configuration says about the start.
+    """
+
+    def __init__(self, hardware: SimulatedHardware, world: str, start: Pose2D | None) -> None:
+        self._hardware = hardware
+        self._world = world
+        self._start = start
+
+    def truth(self) -> Truth:
+        """Return where the robot really is."""
+        state = self._hardware.truth()
+        return Truth(
+            stamp_ns=state.stamp_ns,
+            world=self._world,
+            pose=state.pose,
+            twist=state.twist,
+            collisions=state.collisions,
+            clearance=state.clearance,
+        )
+
+    def saved(self) -> SavedWorld:
+        """Return what lets a later run go on where this one stands."""
+        pose = self._hardware.truth().pose
+        return SavedWorld(world=self._world, pose=pose, start=self._start)
+
+    def set_others(self, outlines: Mapping[str, NDArray[np.float64]]) -> None:
+        """Say where other robots are: their names and outlines (n, 2) [m] in `map`."""
+        others = [OtherRobot(name, outline) for name, outline in sorted(outlines.items())]
+        self._hardware.set_others(others)
