@@ -74,7 +74,9 @@ class Drive:
 
 def make_config(map_file: Path, start: Pose2D, rest: str = "") -> RobotConfig:
     """A robot of 0.30 x 0.24 m that starts at `start` on the map; `rest` is more TOML."""
-    text = _ROBOT_TOML.format(map=map_file, x=start.x, y=start.y, yaw=start.yaw, rest=rest)
+    text = _ROBOT_TOML.format(
+        map=map_file.resolve(), x=start.x, y=start.y, yaw=start.yaw, rest=rest
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.toml"
         path.write_text(text)
@@ -83,7 +85,7 @@ def make_config(map_file: Path, start: Pose2D, rest: str = "") -> RobotConfig:
 
 def simulated(world: Path, map_file: Path, start: Pose2D, seed: int) -> RobotConfig:
     """A simulated robot in `world`."""
-    rest = f'[base]\ndriver = "simulated"\n[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
+    rest = f'[base]\ndriver = "simulated"\n[base.simulated]\nworld = "{world.resolve()}"\nseed = {seed}\n'
     return make_config(map_file, start, rest)
 
 
@@ -172,7 +174,9 @@ def replay_errors(
         reference = data["reference_refined" if "reference_refined" in data else "reference"]
     start = Pose2D.from_array(reference[0]) @ offset
     config = make_config(
-        map_file, start, f'[base]\ndriver = "recording"\n[base.recording]\nfile = "{recording}"\n'
+        map_file,
+        start,
+        f'[base]\ndriver = "recording"\n[base.recording]\nfile = "{recording.resolve()}"\n',
     )
     with Lockstep(config.robot.name, seed) as lockstep:
         scans, poses = lockstep.record(topics.SCAN), lockstep.record(topics.POSE)
