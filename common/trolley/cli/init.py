@@ -1,0 +1,78 @@
+"""`trolley init`: a commented robot.toml."""
+
+import re
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+
+from trolley.cli.robots import reports_errors
+from trolley.config import load_config
+from trolley.config.describe import Key, Section, sections, to_toml
+
+WIDTH = 96
+
+
+@click.command(name="init")
+@click.argument("path", default="robot.toml", type=click.Path(path_type=Path))
+@click.option("--name", default="trolley", show_default=True, help="The robot's name.")
+@click.option("--length", default=0.30, show_default=True, help="Its length in metres.")
+@click.option("--width", default=0.24, show_default=True, help="Its width in metres.")
+@click.option("--map", "map_file", help="A map_server YAML file to begin with.")
+@reports_errors
+def init_command(path: Path, name: str, length: float, width: float, map_file: str | None) -> None:
+    """Write a robot.toml with every setting explained to PATH (robot.toml if not given).
+
+    An existing file is never overwritten.
+    """
+    if not re.fullmatch(r"[a-z0-9_-]{1,32}", name):
+        raise click.BadParameter("a robot's name is 1 to 32 of a-z, 0-9, _ and -")
+    chosen = {
+        "robot.name": to_toml(name),
+        "robot.footprint": to_toml({"length_m": length, "width_m": width}),
+    }
+    if map_file is not None:
+        chosen["map.file"] = to_toml(map_file)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(render(chosen))
+    except FileExistsError as error:
+        raise click.UsageError(f"{path} is there already and stays as it is") from error
+    except OSError as error:
+        raise click.UsageError(f"{path} cannot be written: {error.strerror}") from error
+    load_config(path)
+    click.echo(f"Wrote {path}. Next: `trolley up --config {path}`.")
+
+
+def render(chosen: Mapping[str, str]) -> str:
+    """The text of a robot.toml: settings in `chosen` (by `section.key`) are set, all explained.
+
+    Tables that must be given in full once they are there (`base.recording`) are commented out.
+    """
+    head = "# One robot. Settings that are commented out have the value shown, or none.\n"
+    return head + "".join(_render_section(section, chosen) for section in sections())
+
+
+def _render_section(section: Section, chosen: Mapping[str, str]) -> str:
+    missing = [
+        key
+        for key in section.keys
+        if key.is_required and f"{section.name}.{key.name}" not in chosen
+    ]
+    title = f"# [{section.name}]" if missing else f"[{section.name}]"
+    lines = ["", *_comment(section.meaning), title]
+    for key in section.keys:
+        lines += _render_key(key, chosen.get(f"{section.name}.{key.name}"))
+    return "\n".join(lines) + "\n"
+
+
+def _render_key(key: Key, value: str | None) -> list[str]:
+    words = f"{key.meaning} ({key.allowed})".strip().replace("`", "")
+    if value is not None:
+        return [*_comment(words), f"{key.name} = {value}"]
+    return [*_comment(words), f"# {key.name} = {key.default or ''}".rstrip()]
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(text.replace("`", ""), WIDTH - 2)]

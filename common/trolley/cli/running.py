@@ -1,0 +1,198 @@
+"""`trolley up`, `trolley router` and `trolley run`: the processes themselves."""
+
+import signal
+import threading
+import time
+from collections.abc import Generator, Mapping
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import click
+
+from trolley import ports
+from trolley.cli.options import given, where_options
+from trolley.cli.robots import reports_errors
+from trolley.config import ConfigError, RobotConfig, find_config, load_config
+from trolley.connection import DEFAULT_ENDPOINT
+from trolley.runtime.process import main as run_process
+from trolley.runtime.router import run_router
+from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.supervisor import Supervisor
+
+SERVICES = "trolley.services"
+VIEWER = "viz"
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+CHECK_PERIOD_S = 0.2
+URL_PATIENCE_S = 30.0
+
+
+def installed_services() -> dict[str, str]:
+    """The packages of the installed services, by the service's name."""
+    found = {entry.name: entry.module for entry in entry_points(group=SERVICES)}
+    return {name: module.partition(".")[0] for name, module in sorted(found.items())}
+
+
+def find_settings() -> tuple[Path, RobotConfig]:
+    """The configuration file and what it says.
+
+    Raises:
+        ConfigError: There is none, or it cannot be used.
+    """
+    path = find_config(given("config"))
+    if path is None:
+        raise ConfigError(
+            "there is no robot.toml: give --config, set TROLLEY_CONFIG, or write one with "
+            "`trolley init`; `trolley demo` needs none"
+        )
+    return path, load_config(path)
+
+
+def port_of(endpoint: str) -> int | None:
+    """The port of a TCP endpoint on this host, None for any other endpoint."""
+    address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
+    host, _, port = address.rpartition(":")
+    return int(port) if host in LOOPBACK and port.isdigit() else None
+
+
+def check_port(port: int, option: str) -> None:
+    """Refuse a port that is taken.
+
+    Raises:
+        ConfigError: Saying who has it and what to do.
+    """
+    if not ports.is_free(port):
+        who = ports.owner(port) or "another program"
+        raise ConfigError(f"port {port} is taken by {who}; {option}")
+
+
+@contextmanager
+def stopped_by_signals() -> Generator[threading.Event]:
+    """An event that SIGINT and SIGTERM set, instead of ending the process."""
+    stop = threading.Event()
+
+    def end(_number: int, _frame: object) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def supervised(
+    modules: Mapping[str, str],
+    environment: Mapping[str, str],
+    router: str | None,
+    uplink: list[str] | None = None,
+) -> Generator[Supervisor]:
+    """A router at the endpoint `router` (None: somebody else's) and the services as children."""
+    with ExitStack() as stack:
+        if router is not None:
+            try:
+                stack.enter_context(open_router([router], uplink or []))
+            except NotConnected as error:
+                raise ConfigError(str(error)) from error
+        yield stack.enter_context(
+            Supervisor(modules, environment, lambda text: click.secho(text, err=True, fg="yellow"))
+        )
+
+
+def announce_viewer(config: RobotConfig, stop: threading.Event) -> None:
+    """Print the viewer's URL once it answers there."""
+    deadline_s = time.monotonic() + URL_PATIENCE_S
+    host = "127.0.0.1" if config.viz.host in ("0.0.0.0", "") else config.viz.host
+    while not ports.is_answering(config.viz.port, host):
+        if stop.wait(CHECK_PERIOD_S):
+            return
+        if time.monotonic() > deadline_s:
+            click.secho("The viewer has not come up.", err=True, fg="yellow")
+            return
+    click.echo(f"Viewer: http://{host}:{config.viz.port}")
+
+
+@click.command(name="up")
+@click.option("--no-viz", is_flag=True, help="Without the viewer.")
+@click.option("--no-router", is_flag=True, help="A router runs already.")
+@click.option("-q", "--quiet", is_flag=True, help="Show warnings only.")
+@where_options
+@reports_errors
+def up_command(no_viz: bool, no_router: bool, quiet: bool) -> None:
+    """Run the router and all installed services of a robot until Ctrl-C.
+
+    Needs a configuration file. A service that ends is started again.
+    """
+    path, config = find_settings()
+    modules = installed_services()
+    if no_viz:
+        modules.pop(VIEWER, None)
+    endpoint = config.zenoh.connect[0]
+    port = port_of(endpoint)
+    router = None if no_router or port is None else endpoint
+    if port is not None and router is not None:
+        check_port(port, "use it with --no-router, or change `[zenoh] connect`")
+    environment = {"TROLLEY_CONFIG": str(path.resolve())}
+    if quiet:
+        environment["TROLLEY_LOG"] = "warning"
+    with stopped_by_signals() as stop:
+        click.echo(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
+        with supervised(modules, environment, router, config.zenoh.uplink) as supervisor:
+            if VIEWER in modules:
+                announce_viewer(config, stop)
+            while not stop.wait(CHECK_PERIOD_S):
+                if supervisor.failure is not None:
+                    raise ConfigError(supervisor.failure)
+        click.echo("All services have ended.")
+
+
+@click.command(name="router")
+@click.option("--listen", multiple=True, metavar="ENDPOINT", help="Where (may be repeated).")
+@click.option("--uplink", multiple=True, metavar="ENDPOINT", help="A home router to link to.")
+@where_options
+@reports_errors
+def router_command(listen: tuple[str, ...], uplink: tuple[str, ...]) -> None:
+    """Run the router that services and tools connect to.
+
+    It listens where the configuration file's services connect, else at port 7447 of this host only.
+    """
+    path = find_config(given("config"))
+    config = None if path is None else load_config(path)
+    local = [DEFAULT_ENDPOINT]
+    if config is not None:
+        local = [one for one in config.zenoh.connect if port_of(one) is not None]
+    endpoints = list(listen) or local
+    if not endpoints:
+        raise ConfigError("`[zenoh] connect` names no endpoint of this host: give --listen")
+    for endpoint in endpoints:
+        port = port_of(endpoint)
+        if port is not None:
+            check_port(port, "listen elsewhere with --listen tcp/127.0.0.1:PORT")
+    links = list(uplink) or (config.zenoh.uplink if config is not None else [])
+    try:
+        run_router(endpoints, links)
+    except NotConnected as error:
+        raise ConfigError(str(error)) from error
+
+
+def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
+    return [name for name in installed_services() if name.startswith(typed)]
+
+
+@click.command(name="run")
+@click.argument("service", shell_complete=_complete)
+@where_options
+@reports_errors
+def run_command(service: str) -> None:
+    """Run one SERVICE (base, localizer, planner, tour, viz) in the foreground.
+
+    Needs a configuration file and a router. Exit code 3: it runs already somewhere.
+    """
+    path, _ = find_settings()
+    entries = {entry.name: entry for entry in entry_points(group=SERVICES)}
+    if service not in entries:
+        known = ", ".join(sorted(entries)) or "none"
+        raise click.BadParameter(f"{service!r} is not installed; there are: {known}")
+    run_process(entries[service].load(), ["--config", str(path)])

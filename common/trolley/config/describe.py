@@ -1,0 +1,164 @@
+"""The settings in words: every key with meaning, what is allowed, and its default.
+
+`trolley init` writes a commented file from it, `docs/configuration.md` is generated from it; the
+words are the docstrings of the settings' structs.
+"""
+
+import ast
+import inspect
+import itertools
+import json
+import textwrap
+from typing import Any, NamedTuple, cast
+
+import msgspec
+from msgspec import inspect as shapes
+
+from trolley.config.load import RobotConfig
+from trolley.config.robot import FootprintConfig, PoseConfig
+
+INLINE: dict[type[msgspec.Struct], str] = {
+    FootprintConfig: "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}",
+    PoseConfig: "{x, y, yaw} or {x, y, orientation = [x, y, z, w]}",
+}
+"""Structs that stand on one line of the file, and how."""
+_LARGE = 1e30
+
+
+class Key(NamedTuple):
+    """One setting."""
+
+    name: str
+    meaning: str
+    allowed: str
+    default: str | None
+    """As TOML writes it; None: it may be left out and then there is none."""
+    is_required: bool
+
+
+class Section(NamedTuple):
+    """One table of the file."""
+
+    name: str
+    """With its dots, such as `base.limits`."""
+    meaning: str
+    keys: list[Key]
+
+
+def sections() -> list[Section]:
+    """All tables in the order of the file."""
+    return _sections(RobotConfig, "")
+
+
+def _sections(struct: type[msgspec.Struct], name: str) -> list[Section]:
+    words = attribute_docs(struct)
+    keys: list[Key] = []
+    below: list[Section] = []
+    shape = cast("shapes.StructType", shapes.type_info(struct))
+    for field in shape.fields:
+        table = _table(field.type)
+        if table is not None:
+            below += _sections(table, f"{name}.{field.name}".lstrip("."))
+        elif name:
+            meaning = words.get(field.name, "")
+            keys.append(
+                Key(field.name, meaning, allowed(field.type), _default(field), field.required)
+            )
+    meaning = inspect.cleandoc(struct.__doc__ or "").split("\n\n", 1)[0].replace("\n", " ")
+    meaning = meaning.removeprefix(f"`[{name}]`: ")
+    meaning = meaning[:1].upper() + meaning[1:]
+    own = [Section(name, meaning, keys)] if name else []
+    return own + below
+
+
+def attribute_docs(struct: type[msgspec.Struct]) -> dict[str, str]:
+    """The string below each field of a class, on one line; its base classes' too."""
+    found: dict[str, str] = {}
+    for cls in reversed(struct.__mro__):
+        if cls is msgspec.Struct or not issubclass(cls, msgspec.Struct):
+            continue
+        tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
+        body = cast("ast.ClassDef", tree.body[0]).body
+        for field, text in itertools.pairwise(body):
+            match field, text:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str() as words)),
+                ):
+                    found[name] = " ".join(words.split())
+                case _:
+                    pass
+    return found
+
+
+def _table(shape: shapes.Type) -> type[msgspec.Struct] | None:
+    """The struct behind a field that is a table of its own."""
+    options = shape.types if isinstance(shape, shapes.UnionType) else (shape,)
+    for option in options:
+        if isinstance(option, shapes.StructType) and option.cls not in INLINE:
+            return option.cls
+    return None
+
+
+def _default(field: shapes.Field) -> str | None:
+    if field.default_factory is not msgspec.NODEFAULT:
+        return to_toml(field.default_factory())
+    if field.default is msgspec.NODEFAULT or field.default is None:
+        return None
+    return to_toml(field.default)
+
+
+def to_toml(value: Any) -> str:
+    """A value as it stands behind `key = ` in the file."""
+    plain = msgspec.to_builtins(value)
+    if isinstance(plain, dict):
+        items = cast("dict[str, Any]", plain).items()
+        known = [f"{key} = {to_toml(one)}" for key, one in items if one is not None]
+        return "{ " + ", ".join(known) + " }"
+    if isinstance(plain, list):
+        return "[" + ", ".join(map(to_toml, cast("list[Any]", plain))) + "]"
+    return json.dumps(plain, ensure_ascii=False)
+
+
+def allowed(shape: shapes.Type) -> str:
+    """What a value of this type may be, in words."""
+    match shape:
+        case shapes.FloatType() | shapes.IntType():
+            kind = "whole number" if isinstance(shape, shapes.IntType) else "number"
+            return f"{kind} {_bounds(shape)}".rstrip()
+        case shapes.StrType():
+            most = shape.max_length
+            return "text" if most is None else f"text of {most} characters at most"
+        case shapes.LiteralType():
+            return " or ".join(f"`{to_toml(value)}`" for value in shape.values)
+        case shapes.UnionType():
+            some = [one for one in shape.types if not isinstance(one, shapes.NoneType)]
+            return " or ".join(map(allowed, some))
+        case _:
+            return _allowed_inside(shape)
+
+
+def _allowed_inside(shape: shapes.Type) -> str:
+    match shape:
+        case shapes.BoolType():
+            return "`true` or `false`"
+        case shapes.ListType():
+            return f"list of {allowed(shape.item_type)}"
+        case shapes.TupleType():
+            return f"{len(shape.item_types)} numbers"
+        case shapes.DictType():
+            return f"table of {allowed(shape.value_type)}"
+        case shapes.StructType():
+            return INLINE[shape.cls]
+        case _:
+            raise TypeError(f"a setting of the type {shape} has no words yet")
+
+
+def _bounds(shape: shapes.FloatType | shapes.IntType) -> str:
+    upper = "to" if shape.ge is not None else "and at most"
+    bounds = {"above": shape.gt, "from": shape.ge, "and below": shape.lt, upper: shape.le}
+    return " ".join(
+        f"{word} {bound:g}" if abs(bound) < 1e6 else f"{word} {bound}"
+        for word, bound in bounds.items()
+        if bound is not None and abs(bound) < _LARGE
+    )

@@ -1,0 +1,61 @@
+"""Compile every kernel once: `python -m trolley.warmup`, part of `make setup`.
+
+Each service with kernels has a module `<package>.warmup` with a function `warm_up()` that calls
+them with the kinds of arguments that the service uses. Those of `trolley` itself are called here.
+"""
+
+import importlib
+import importlib.util
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import entry_points
+
+import numpy as np
+
+SERVICES = "trolley.services"
+
+
+def warm_up() -> None:
+    """Compile the kernels of `trolley.gridmap`."""
+    from trolley.gridmap import cast_rays, distance_transform
+
+    occupied = np.zeros((8, 8), dtype=np.bool_)
+    occupied[4, 6] = True
+    distance_transform(occupied, 0.05)
+    cast_rays(occupied, 0.05, (0.1, 0.1), np.zeros(3), 1.0)
+
+
+def warm_ups() -> dict[str, Callable[[], None]]:
+    """What there is to compile, by who needs it: `trolley` itself and every installed service."""
+    found: dict[str, Callable[[], None]] = {"common": warm_up}
+    for entry in sorted(entry_points(group=SERVICES), key=lambda entry: entry.name):
+        package = entry.module.partition(".")[0]
+        # A service without kernels has no such module.
+        if importlib.util.find_spec(f"{package}.warmup") is not None:
+            found[entry.name] = importlib.import_module(f"{package}.warmup").warm_up
+    return found
+
+
+def main() -> None:
+    """Compile everything, a line for each part."""
+    started_s = time.monotonic()
+    if importlib.util.find_spec("numba") is None:
+        _say("numba is not installed here: no kernels to compile.\n")
+        return
+    parts = warm_ups()
+    for number, (name, compile_all) in enumerate(parts.items(), start=1):
+        _say(f"[{number}/{len(parts)}] {name} ...")
+        part_s = time.monotonic()
+        compile_all()
+        _say(f" {time.monotonic() - part_s:.1f} s\n")
+    _say(f"All kernels are compiled ({time.monotonic() - started_s:.1f} s).\n")
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text)
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
