@@ -21,7 +21,7 @@ MAX_GOALS = 1000
 _OPENERS, _CLOSERS = "([{", ")]}"
 
 
-class BadGoalPoints(ValueError):
+class GoalPointsError(ValueError):
     """The text holds no list of goals that could be read; the sentence says why."""
 
 
@@ -37,23 +37,22 @@ def read_goal_points(text: str) -> list[GoalPoint]:
     """Read a script that assigns `GoalPoints`, or just the list.
 
     Raises:
-        BadGoalPoints: With a sentence for people.
+        GoalPointsError: With a sentence for people.
     """
     if len(text) > MAX_CHARACTERS:
-        raise BadGoalPoints(f"The file is longer than {MAX_CHARACTERS} characters.")
-    lists = [(name, start) for name, start in _lists(text)]
-    named = [start for name, start in lists if name == "GoalPoints"]
-    if not named and len(lists) == 1:
-        named = [lists[0][1]]
-    if not named:
-        raise BadGoalPoints("There is no list called GoalPoints in the file.")
-    source = _enclosed(text, named[-1])
+        raise GoalPointsError(f"The file is longer than {MAX_CHARACTERS} characters.")
+    text = text.removeprefix("\ufeff").lstrip()
+    lists = list(_lists(text))
+    wanted = [found for found in lists if found[0] == "GoalPoints"] or lists
+    if not wanted or (len(wanted) > 1 and wanted is lists):
+        raise GoalPointsError("There is no list called GoalPoints in the file.")
+    start, source = wanted[-1][1:]
     elements = _elements(source)
     if not 1 <= len(elements) <= MAX_GOALS:
-        raise BadGoalPoints(
+        raise GoalPointsError(
             f"GoalPoints holds {len(elements)} goals; 1 to {MAX_GOALS} can be read."
         )
-    names = _names(elements, _comments(text, named[-1], source))
+    names = _names(elements, _comments(text, start, source))
     return [
         GoalPoint(name, _pose(element, f"Goal {number} ({name})"))
         for number, (name, element) in enumerate(zip(names, elements, strict=True), start=1)
@@ -65,10 +64,15 @@ def tour_of(points: list[GoalPoint], name: str) -> Tour:
     return Tour(name=name, stops=[Stop(name=point.name) for point in points])
 
 
-def _lists(text: str) -> Iterator[tuple[str, int]]:
-    """Each list that begins a line or is assigned there: the variable's name, and where `[` stands."""
-    for match in re.finditer(r"^(?:([A-Za-z_]\w*)[ \t]*=[ \t]*)?(\[)", text, re.MULTILINE):
-        yield match.group(1) or "", match.start(2)
+def _lists(text: str) -> Iterator[tuple[str, int, str]]:
+    """Each list that is assigned or begins a line: the variable's name, its start and its text."""
+    end = 0
+    for match in re.finditer(r"^(?:[ \t]*([A-Za-z_]\w*)[ \t]*=[ \t]*)?(\[)", text, re.MULTILINE):
+        start = match.start(2)
+        if start >= end:
+            source = _enclosed(text, start)
+            end = start + len(source)
+            yield match.group(1) or "", start, source
 
 
 def _enclosed(text: str, start: int) -> str:
@@ -84,18 +88,18 @@ def _enclosed(text: str, start: int) -> str:
         position += 1
         if depth == 0:
             return text[start:position]
-    raise BadGoalPoints("The list of goals is not closed: a bracket is missing.")
+    raise GoalPointsError("The list of goals is not closed: a bracket is missing.")
 
 
 def _elements(source: str) -> list[ast.expr]:
     try:
         tree = ast.parse(source, mode="eval")
     except SyntaxError as error:
-        raise BadGoalPoints(
+        raise GoalPointsError(
             f"The list of goals is no Python: {error.msg}, line {error.lineno} of the list."
         ) from error
     except (RecursionError, MemoryError, ValueError) as error:
-        raise BadGoalPoints("The list of goals is nested too deeply or holds bytes.") from error
+        raise GoalPointsError("The list of goals is nested too deeply or holds bytes.") from error
     return tree.body.elts if isinstance(tree.body, ast.List) else []
 
 
@@ -143,27 +147,27 @@ def _pose(element: ast.expr, title: str) -> Pose2D:
     try:
         value = ast.literal_eval(element)
     except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
-        raise BadGoalPoints(f"{title}: only numbers are read, no expressions.") from error
+        raise GoalPointsError(f"{title}: only numbers are read, no expressions.") from error
     pair = _sequence(value, (2,), title)
     position = [_number(one, title) for one in _sequence(pair[0], (2, 3), title)]
     turn = [_number(one, title) for one in _sequence(pair[1], (4,), title)]
     try:
         return pose_from_quaternion(position[0], position[1], turn)
     except ValueError as error:
-        raise BadGoalPoints(f"{title}: {error}.") from error
+        raise GoalPointsError(f"{title}: {error}.") from error
 
 
 def _sequence(value: object, lengths: tuple[int, ...], title: str) -> list[Any]:
     items = cast("list[Any]", list(value)) if isinstance(value, list | tuple) else []  # pyright: ignore[reportUnknownArgumentType]
     if len(items) not in lengths:
-        raise BadGoalPoints(f"{title}: a goal is written [(x, y, z), (x, y, z, w)].")
+        raise GoalPointsError(f"{title}: a goal is written [(x, y, z), (x, y, z, w)].")
     return items
 
 
 def _number(value: object, title: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise BadGoalPoints(f"{title}: {value!r} is no number.")
+        raise GoalPointsError(f"{title}: {value!r} is no number.")
     try:
         return float(value)
     except OverflowError as error:
-        raise BadGoalPoints(f"{title}: a number is too large.") from error
+        raise GoalPointsError(f"{title}: a number is too large.") from error

@@ -4,7 +4,7 @@ import contextlib
 import datetime
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 import msgspec
@@ -19,7 +19,7 @@ DAY_S = 86_400.0
 _CREATE = """
 CREATE TABLE IF NOT EXISTS trips (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
-    trip TEXT NOT NULL,
+    trip TEXT NOT NULL UNIQUE,
     name TEXT,
     state TEXT NOT NULL,
     started_at TEXT,
@@ -30,7 +30,7 @@ CREATE TABLE IF NOT EXISTS trips (
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+def _opened(path: Path) -> Generator[sqlite3.Connection]:
     path.parent.mkdir(parents=True, exist_ok=True)
     with contextlib.closing(sqlite3.connect(path, timeout=BUSY_S)) as connection, connection:
         connection.execute(_CREATE)
@@ -45,7 +45,8 @@ def _unix(text: str | None) -> float | None:
 def keep_trip(folder: Path, trip: PastTrip, days: float) -> str | None:
     """Add a trip and drop those older than `days` before it; returns what kept it from being saved.
 
-    A file that is no database is kept aside, and a new one begun.
+    A trip that is there already stays as it is. A file that is no database is kept aside, and a new
+    one begun.
     """
     path = folder / FILE
     try:
@@ -73,7 +74,7 @@ def _insert(path: Path, trip: PastTrip, days: float) -> None:
     )
     with _opened(path) as connection:
         connection.execute(
-            "INSERT INTO trips (trip, name, state, started_at, started, document)"
+            "INSERT OR IGNORE INTO trips (trip, name, state, started_at, started, document)"
             " VALUES (?, ?, ?, ?, ?, ?)",
             row,
         )
@@ -87,7 +88,7 @@ def _insert(path: Path, trip: PastTrip, days: float) -> None:
 def read_trips(
     folder: Path, since: datetime.datetime | None, limit: int, max_bytes: int
 ) -> list[PastTrip] | str:
-    """The newest `limit` trips that began at or after `since`, oldest first; or why they cannot be read.
+    """The newest `limit` trips that began at or after `since`, oldest first; or what went wrong.
 
     Where they would not fit into `max_bytes` of JSON, the older ones are left out. Trips that began
     without a known time count only where no `since` is asked for.

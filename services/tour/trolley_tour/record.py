@@ -61,6 +61,13 @@ class TripRecord(Struct, kw_only=True):
     visit_seconds: float = 0.0
     """Robot seconds of driving on this visit."""
 
+    def __post_init__(self) -> None:
+        """Refuse a file whose parts do not fit together."""
+        if len(self.tries) != len(self.tour.stops) or self.state == "idle":
+            raise ValueError("TripRecord: tries or state do not fit the tour")
+        if self.lap < 0 or not 0 <= self.position < len(self.visits):
+            raise ValueError("TripRecord: there is no such lap and position")
+
     @property
     def is_under_way(self) -> bool:
         """Whether it goes on by itself."""
@@ -70,6 +77,11 @@ class TripRecord(Struct, kw_only=True):
     def is_over(self) -> bool:
         """Whether it ended."""
         return self.state not in UNDER_WAY and self.state != "paused"
+
+    @property
+    def num_results(self) -> int:
+        """How many visits ended, those included whose results were dropped."""
+        return self.reached + self.missed
 
     @property
     def stop_index(self) -> int:
