@@ -148,8 +148,10 @@ class Costmap:
         return True
 
     def costs(self) -> NDArray[np.int8]:
-        """Return (rows, cols) as on the wire: 100 something stands there, 99 too near for the centre,
-        0 to 98 falling with the distance, -1 unknown.
+        """Return (rows, cols) as on the wire.
+
+        100 something stands there, 99 too near for the centre, 0 to 98 falling with the
+        distance, -1 unknown.
         """
         extra = (self.weights.astype(np.float32) / WEIGHT_UNIT - 1.0).clip(0.0)
         highest = max(float(self._table.max()) / WEIGHT_UNIT - 1.0, 1e-6)
@@ -164,7 +166,7 @@ class Costmap:
         return self.frame_T_grid.inverse() @ pose
 
     def contains(self, x_grid: float, y_grid: float) -> bool:
-        """Say whether a point of frame `grid` [m] lies on the costmap, but for its outermost cells."""
+        """Say whether a point of `grid` [m] lies on the costmap and not on its outermost cells."""
         rows, cols = self.shape
         edge = self.resolution_m
         return edge <= x_grid < edge * (cols - 1) and edge <= y_grid < edge * (rows - 1)

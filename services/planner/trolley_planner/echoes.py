@@ -128,7 +128,7 @@ class Echoes:
         self.beams = np.empty((0, 6), dtype=np.float64)
 
     def take_dirty(self) -> tuple[int, int, int, int] | None:
-        """Return first row, last row, first column, last column that changed since the last call."""
+        """Return first and last row, first and last column of what changed since the last call."""
         first_row, last_row, first_col, last_col = self.layer.dirty.tolist()
         self.layer.dirty[:] = NOTHING_DIRTY
         return None if last_row < first_row else (first_row, last_row, first_col, last_col)

@@ -14,7 +14,7 @@ from trolley_planner.kernels.search import (
     Queue,
     cost_to_go_into,
     descend_into,
-    segment_cost,
+    polyline_cost,
     shortcut_into,
     smooth,
 )
@@ -91,13 +91,10 @@ class GlobalPlanner:
         return PlannedPath.join(legs, cost)
 
     def cost_of(self, points: NDArray[np.float64], weights: NDArray[np.uint8]) -> float:
-        """Return the price of a path (n, 2) over weights [m of free floor]; +inf if it is blocked."""
+        """Return the price of a path (n, 2) [m of free floor]; lethal cells are very dear."""
         cells = points / self._costmap.resolution_m
-        total = sum(
-            segment_cost(weights, *map(float, start), *map(float, end))
-            for start, end in zip(cells[:-1], cells[1:], strict=True)
-        )
-        return total * self._costmap.resolution_m / WEIGHT_UNIT
+        cost = polyline_cost(weights, cells, float(ESCAPE_WEIGHT))
+        return cost * self._costmap.resolution_m / WEIGHT_UNIT
 
     def hopeful_weights(self) -> NDArray[np.uint8]:
         """Return weights in which what the lidar saw in the way is dear, but not impassable."""
@@ -123,7 +120,9 @@ class GlobalPlanner:
         rows, cols = self._costmap.shape
         cells = np.empty(4 * (rows + cols) + rows * cols // 4, dtype=np.int32)
         count = descend_into(cells, field, softened.reshape(-1), start_cell, cols)
-        points = np.stack([cells[:count] % cols, cells[:count] // cols], axis=1) + 0.5
+        points = np.empty((count, 2), dtype=np.float64)
+        points[:, 0] = cells[:count] % cols + 0.5
+        points[:, 1] = cells[:count] // cols + 0.5
         scale = 1.0 / self._costmap.resolution_m
         points[0] = (start[0] * scale, start[1] * scale)
         points[-1] = (target[0] * scale, target[1] * scale)

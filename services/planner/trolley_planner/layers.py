@@ -47,7 +47,8 @@ def draw_segments(
     off a corner of less than that.
     """
     rows, cols = grid.shape
-    for x1, y1, x2, y2 in segments / resolution_m:
+    for segment in segments / resolution_m:
+        x1, y1, x2, y2 = (float(value) for value in segment)
         count = max(2, math.ceil(4.0 * math.hypot(x2 - x1, y2 - y1)) + 1)
         along_cols = np.floor(np.linspace(x1, x2, count)).astype(np.int64)
         along_rows = np.floor(np.linspace(y1, y2, count)).astype(np.int64)

@@ -30,8 +30,9 @@ class PlannedPath:
     def join(cls, legs: list[NDArray[np.float64]], cost: float) -> "PlannedPath":
         """Make a path of legs (n, 2) [m], each of which begins where the one before ended."""
         points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-        steps = np.hypot(*np.diff(points, axis=0).T) if len(points) > 1 else np.empty(0)
-        remaining = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+        steps = np.diff(points, axis=0)
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        remaining = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
         ends = np.cumsum([len(leg) - 1 for leg in legs])[:-1]
         return cls(points, remaining, tuple(int(end) for end in ends), cost)
 
@@ -40,8 +41,12 @@ class PlannedPath:
         """Length of the whole path [m]."""
         return float(self.remaining_m[0])
 
+    def without_first_via(self) -> "PlannedPath":
+        """Return the same path after its first via point was passed."""
+        return PlannedPath(self.points, self.remaining_m, self.vias[1:], self.cost)
+
     def nearest(self, x: float, y: float, first: int, reach_m: float) -> int:
-        """Return the index of the nearest point among those at most `reach_m` on from index `first`."""
+        """Return the index of the nearest point among those up to `reach_m` on from `first`."""
         last = self.ahead(first, reach_m)
         part = self.points[first : last + 1]
         return first + int(np.argmin(np.hypot(part[:, 0] - x, part[:, 1] - y)))
@@ -62,8 +67,11 @@ class PlannedPath:
 
 def resample(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """Return points (m, 2) evenly spaced along a polyline (n, 2), ends kept."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    along = np.insert(np.cumsum(steps), 0, 0.0)
-    count = max(2, math.ceil(along[-1] / spacing) + 1)
-    wanted = np.linspace(0.0, along[-1], count)
-    return np.stack([np.interp(wanted, along, axis) for axis in points.T], axis=1)
+    steps = np.diff(points, axis=0)
+    along = np.insert(np.cumsum(np.hypot(steps[:, 0], steps[:, 1])), 0, 0.0)
+    length = float(along[-1])
+    count = max(2, math.ceil(length / spacing) + 1)
+    wanted = length * np.arange(count) / (count - 1)
+    xs = np.interp(wanted, along, points[:, 0])
+    ys = np.interp(wanted, along, points[:, 1])
+    return np.stack([xs, ys], axis=1)

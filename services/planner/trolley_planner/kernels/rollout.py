@@ -20,7 +20,7 @@ class Field(NamedTuple):
     cost_m: NDArray[np.float32]
     """(rows, cols) coarse cells: cost-to-go in metres of free floor."""
     speed_mps: NDArray[np.float32]
-    """(rows, cols) cells of the whole costmap: limit of the speed zones; (1, 1) if there are none."""
+    """(rows, cols) of the whole costmap: limits of the speed zones; (1, 1) if there are none."""
     x: float
     """Corner of the window [m]."""
     y: float
@@ -142,7 +142,7 @@ def zone_speed(field: Field, x: float, y: float) -> float:
 
 @kernel
 def allowed_speed(field: Field, limits: Limits, x: float, y: float, clearance_m: float) -> float:
-    """Return the least of the speed limits at a point: own, zone, caution beside obstacles [m/s]."""
+    """Return the least speed limit at a point: own, zone, caution beside obstacles [m/s]."""
     share = (clearance_m - limits.clearance_m) / (limits.caution_m - limits.clearance_m)
     share = min(max(share, 0.0), 1.0)
     slow = min(limits.slow_speed, limits.max_speed)

@@ -25,7 +25,7 @@ NONE = -1
 
 
 class Queue(NamedTuple):
-    """A ring of buckets, each a doubly linked list of cells of one cost; made once per grid size."""
+    """A ring of buckets, each a doubly linked list of cells of one cost."""
 
     heads: NDArray[np.int32]
     """(NUM_BUCKETS,)."""
@@ -80,13 +80,17 @@ def enter_seeds(
     first: int,
     cost: int,
 ) -> tuple[int, int]:
-    """Put the seeds of at most this cost into the queue; return the next seed, and how many went in."""
+    """Put the seeds of at most this cost into the queue.
+
+    Returns:
+        The next seed, and how many more cells the queue holds.
+    """
     entered = 0
     while first < seeds.shape[0] and seeds[first, 1] <= cost:
-        cell = seeds[first, 0]
+        cell = int(seeds[first, 0])
         if weights[cell] != 0 and out_cost[cell] > cost:
             if out_cost[cell] != UNREACHED:
-                unlink(queue.heads, queue.nexts, queue.previous, cell, out_cost[cell])
+                unlink(queue.heads, queue.nexts, queue.previous, cell, int(out_cost[cell]))
                 entered -= 1
             out_cost[cell] = cost
             push(queue.heads, queue.nexts, queue.previous, cell, cost)
@@ -96,7 +100,7 @@ def enter_seeds(
 
 
 @kernel
-def spread(
+def spread(  # noqa: C901 - see its docstring
     cost_to_go: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, cost: int
 ) -> tuple[int, int]:
     """Settle the cells of one cost; return how many, and how many came newly into the queue.
@@ -254,6 +258,28 @@ def segment_cost(weights: NDArray[np.uint8], x1: float, y1: float, x2: float, y2
             return math.inf
         total += weight
     return total * length / count
+
+
+@kernel
+def polyline_cost(weights: NDArray[np.uint8], points: NDArray[np.float64], blocked: float) -> float:
+    """Return the cost of a polyline (n, 2) [cells], in weights times cells.
+
+    Args:
+        weights: (rows, cols).
+        points: (n, 2) x, y.
+        blocked: cost of a cell's length over lethal cells; may be infinite.
+    """
+    total = 0.0
+    for index in range(1, points.shape[0]):
+        x1, y1, x2, y2 = (
+            points[index - 1, 0],
+            points[index - 1, 1],
+            points[index, 0],
+            points[index, 1],
+        )
+        part = segment_cost(weights, x1, y1, x2, y2)
+        total += math.hypot(x2 - x1, y2 - y1) * blocked if math.isinf(part) else part
+    return total
 
 
 @kernel

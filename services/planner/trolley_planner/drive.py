@@ -1,0 +1,302 @@
+"""Driving to one goal: along the route, onto the goal, and free again from what is in the way."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from trolley import codes
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley_planner.approach import START_M, Approach, Tolerances, limited_change
+from trolley_planner.controller import Motion, safe_command
+from trolley_planner.escape import BackUp, TurnRound
+from trolley_planner.goal import Goal, free_pose_near
+from trolley_planner.kernels.rollout import Limits, Target, allowed_speed
+from trolley_planner.path import PlannedPath
+from trolley_planner.progress import ProgressChecker
+from trolley_planner.recovery import Recovery, Trail, Try
+from trolley_planner.rig import Rig
+from trolley_planner.route import PASS_M, Route
+from trolley_planner.timing import seconds_along
+
+BLOCKED_S = 0.7
+"""So long no way must be found before the robot begins to try things."""
+FORGET_M = 1.5
+"""How far around the robot what the lidar saw is forgotten in the try to look again."""
+GOAL_CLEARANCE_M = 0.005
+"""More than this is left of the clearance at a tight goal."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a command is computed from.
+
+    Attributes:
+        now_ns: robot time.
+        motion: in `grid`, with the velocity that was commanded last.
+        steady: the pose in `grid` without the noise of the localizer, for the final approach.
+        odom_T_base: by the wheels alone.
+        limits: of the robot at the moment.
+        elapsed_s: since the last command.
+    """
+
+    now_ns: int
+    motion: Motion
+    steady: Pose2D
+    odom_T_base: Pose2D
+    limits: Limits
+    elapsed_s: float
+
+
+class Drive:
+    """One goal on its way.
+
+    Args:
+        goal: where to, in the frame of the goals.
+        rig: costmap, planners.
+        config: of the planner.
+        path: the first plan, in `grid`.
+        now_ns: robot time.
+    """
+
+    def __init__(
+        self, goal: Goal, rig: Rig, config: PlannerConfig, path: PlannedPath, now_ns: int
+    ) -> None:
+        self.goal = goal
+        self.started_ns = now_ns
+        self.rig = rig
+        self._config = config
+        self.goal_grid = rig.costmap.to_grid(goal.pose)
+        self._aim = self.goal_grid
+        vias = [rig.costmap.to_grid(via) for via in goal.vias]
+        self.route = Route(rig, config, [*vias, self.goal_grid], path)
+        self.recovery = Recovery(config)
+        self._progress = ProgressChecker(config)
+        self._approach: Approach | None = None
+        self._trail = Trail()
+        self._maneuver: BackUp | TurnRound | None = None
+        self._no_way_s = 0.0
+        self._has_way = True
+        self._replan_now = False
+        self._timed: tuple[int, float] | None = None
+        self._seconds = np.zeros(1)
+        self.outcome: Literal["arrived", "failed"] | None = None
+        self.trouble = ""
+        """Code of what is wrong while it tries to get free, and of why it failed."""
+        rig.controller.reset()
+
+    def rest(self) -> Goal:
+        """Return the goal without the via points that were passed."""
+        left = self.route.vias_left
+        return replace(self.goal, vias=self.goal.vias[len(self.goal.vias) - left :])
+
+    def replan(self) -> None:
+        """Plan anew at the next opportunity, as after a jump of the pose."""
+        self._replan_now = True
+
+    def seconds_left(self, pose: Pose2D, limits: Limits) -> float:
+        """Return how long the way that is left will take [s]."""
+        route = self.route
+        key = (route.changes, limits.max_speed)
+        if key != self._timed:
+            self._timed = key
+            self._seconds = seconds_along(route.path.points, pose.yaw, self.rig.costmap, limits)
+        turn = 0.0
+        if not self.goal.tolerances.any_heading:
+            points = route.path.points
+            arrival = points[-1] - points[route.path.ahead(0, max(route.path.length_m - 0.3, 0.0))]
+            bearing = math.atan2(float(arrival[1]), float(arrival[0]))
+            turn = abs(wrap_angle(self.goal_grid.yaw - bearing)) / limits.max_turn
+        return float(self._seconds[-1] - self._seconds[route.index]) + turn
+
+    def look(self, motion: Motion) -> None:
+        """Take in a new scan: distances in the window, and the way through it."""
+        pose, window = motion.pose, self.rig.window
+        window.look(pose.x, pose.y)
+        self.route.follow(pose)
+        self._adjust_aim(pose)
+        stretch = self.route.stretch(1.5 * self.rig.half_m)
+        path = self.route.path
+        part = slice(stretch.first, stretch.last + 1)
+        self._has_way = window.lead(
+            path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
+        )
+
+    def maintain(self, now: Situation) -> None:
+        """Do what takes longer and need not come before the command: look for a better path."""
+        self.route.maintain(now.motion.pose, now.now_ns, self._replan_now)
+        if self._replan_now:
+            self.recovery.note_detour(self.route.remaining_m(now.motion.pose))
+            self._replan_now = False
+
+    def command(self, now: Situation) -> Twist2D:
+        """Return the velocity to drive now; sets `outcome` when the drive is over."""
+        self.route.follow(now.motion.pose)
+        if self.recovery.current is not None:
+            return self._get_free(now)
+        self._trail.drop(now.odom_T_base)
+        remaining = self.remaining_m(now.motion.pose)
+        self.recovery.note_remaining(remaining)
+        wanted = self._wanted(now)
+        if self.outcome is not None:
+            return Twist2D.zero()
+        self._check(now, remaining)
+        return wanted
+
+    def remaining_m(self, pose: Pose2D) -> float:
+        """Return the length of the way that is left [m]."""
+        if self._approach is not None:
+            return pose.distance_to(self._aim)
+        return self.route.remaining_m(pose)
+
+    def _wanted(self, now: Situation) -> Twist2D:
+        """Return the velocity of the approach or of the controller, made safe."""
+        steady = Motion(now.steady, now.motion.twist)
+        if self._is_near(steady.pose):
+            if self._approach is None:
+                offset = self._aim.distance_to(self.goal_grid)
+                tolerances = self.goal.tolerances
+                self._approach = Approach(
+                    Tolerances(max(tolerances.xy - offset, 0.3 * tolerances.xy), tolerances.yaw)
+                )
+            return self._come_near(now, steady, self._approach)
+        self._approach = None
+        stretch = self.route.stretch(1.5 * self.rig.half_m)
+        target = Target(
+            stretch.target.x,
+            stretch.target.y,
+            0.5 * self.goal.tolerances.xy if stretch.is_goal else PASS_M,
+            not stretch.is_goal,
+        )
+        controller = self.rig.controller
+        found = controller.command(now.motion, self.rig.window, now.limits, target, now.elapsed_s)
+        if found is None:
+            return Twist2D.zero()
+        return safe_command(now.motion, found, self.rig.window, now.limits)
+
+    def _come_near(self, now: Situation, steady: Motion, approach: Approach) -> Twist2D:
+        """Return the velocity of the final approach."""
+        room = self.rig.seen_clearance(self._aim, now.limits.caution_m)
+        here = self.rig.seen_clearance(now.motion.pose, now.limits.caution_m)
+        field = self.rig.window.field
+        speed = allowed_speed(field, now.limits, now.motion.pose.x, now.motion.pose.y, here)
+        # A goal that was taught beside a wall must be reachable, too.
+        tight = min(now.limits.clearance_m, max(GOAL_CLEARANCE_M, room - 0.01))
+        limits = now.limits._replace(
+            max_speed=speed, max_reverse=min(now.limits.max_reverse, speed), clearance_m=tight
+        )
+        wanted = approach.command(steady, self._aim, limits, now.elapsed_s)
+        if wanted is None:
+            self.outcome = "arrived"
+            return Twist2D.zero()
+        wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
+        return safe_command(now.motion, wanted, self.rig.window, limits)
+
+    def _is_near(self, pose: Pose2D) -> bool:
+        """Say whether the final approach drives: near, and nothing between."""
+        if self.route.vias_left:
+            return False
+        distance = pose.distance_to(self._aim)
+        if self._approach is not None:
+            return distance < 2.0 * START_M
+        if distance > START_M or self.route.remaining_m(pose) > 2.0 * START_M:
+            return False
+        bearing = math.atan2(self._aim.y - pose.y, self._aim.x - pose.x)
+        for share in (0.25, 0.5, 0.75):
+            x = pose.x + share * (self._aim.x - pose.x)
+            y = pose.y + share * (self._aim.y - pose.y)
+            clearance = self.rig.seen_clearance(Pose2D(x, y, bearing), 0.1)
+            if clearance < self._config.clearance_m and distance > 0.1:
+                return False
+        return True
+
+    def _adjust_aim(self, pose: Pose2D) -> None:
+        """Aim beside the goal, within its tolerance, where something stands on it."""
+        if self.route.vias_left or pose.distance_to(self.goal_grid) > self.rig.half_m - 0.6:
+            return
+        enough = self._config.clearance_m + 0.01
+        clearance = self.rig.seen_clearance(self._aim, enough)
+        if clearance >= GOAL_CLEARANCE_M + 0.01:
+            return
+        found = free_pose_near(
+            self.goal_grid,
+            self.goal.tolerances,
+            lambda candidate: self.rig.seen_clearance(candidate, enough),
+            enough,
+        )
+        if found is not None and found != self._aim:
+            self._aim = found
+            self._approach = None
+            self.route.retarget(found)
+            self._replan_now = True
+
+    def _check(self, now: Situation, remaining: float) -> None:
+        """Begin to try things when there is no way, or the robot does not get nearer."""
+        self._no_way_s = 0.0 if self._has_way else self._no_way_s + now.elapsed_s
+        trouble = self._progress.check(now.now_ns, remaining, now.motion.pose, now.odom_T_base)
+        stands = abs(now.motion.twist.vx) < 0.03 and abs(now.motion.twist.wz) < 0.1
+        if trouble is None and self._no_way_s > BLOCKED_S and stands:
+            trouble = codes.BLOCKED
+        if trouble is not None:
+            self.trouble = trouble
+            self._begin_try(now)
+
+    def _begin_try(self, now: Situation) -> None:
+        """Begin the next try to get free, or give up."""
+        self._maneuver = None
+        chosen = self.recovery.begin(now.now_ns)
+        if chosen is None:
+            self.recovery.end()
+            self.outcome = "failed"
+        elif chosen is Try.CLEAR:
+            pose = now.motion.pose
+            self.rig.costmap.echoes.forget_around(pose.x, pose.y, FORGET_M)
+        elif chosen is Try.BACK_UP:
+            self._maneuver = BackUp(now.odom_T_base, self._config.back_up_m)
+        elif chosen is Try.TURN:
+            self._maneuver = TurnRound(now.odom_T_base, self._turn_to_way(now.motion.pose))
+
+    def _turn_to_way(self, pose: Pose2D) -> float:
+        """Return a full turn, begun towards the way that is left."""
+        ahead = self.route.path.points[self.route.path.ahead(self.route.index, 0.5)]
+        bearing = math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x)
+        return math.copysign(2.0 * math.pi, wrap_angle(bearing - pose.yaw))
+
+    def _get_free(self, now: Situation) -> Twist2D:
+        """Return the velocity of the present try, and end it when it is over."""
+        current = self.recovery.current
+        lasted = self.recovery.elapsed_s(now.now_ns)
+        wanted: Twist2D | None = Twist2D.zero()
+        if current in (Try.WAIT, Try.WAIT_LONGER):
+            is_free = self._has_way and not self.route.is_blocked and lasted > 0.5
+            if is_free:
+                self._end_try()
+            elif not self.recovery.is_patient(now.now_ns):
+                self._begin_try(now)
+        elif current is Try.CLEAR:
+            # Two scans or so show again what is really there.
+            if lasted > 0.5:
+                self._end_try()
+        elif isinstance(self._maneuver, BackUp):
+            wanted = self._maneuver.command(now.odom_T_base, self._trail, now.limits)
+        elif isinstance(self._maneuver, TurnRound):
+            wanted = self._maneuver.command(now.odom_T_base, now.limits)
+        if wanted is None:
+            self._end_try()
+            wanted = Twist2D.zero()
+        wanted = limited_change(now.motion.twist, wanted, now.limits, now.elapsed_s)
+        driven = safe_command(now.motion, wanted, self.rig.window, now.limits)
+        if self._maneuver is not None:
+            self._maneuver.note(driven, now.elapsed_s)
+        return driven
+
+    def _end_try(self) -> None:
+        self.recovery.end()
+        self._maneuver = None
+        self._approach = None
+        self._progress.reset()
+        self._no_way_s = 0.0
+        self._replan_now = True
+        self.rig.controller.reset()

@@ -1,0 +1,74 @@
+"""How the robot moves while it tries to get free: back along its trail, and round in place."""
+
+import math
+
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley_planner.kernels.rollout import Limits
+from trolley_planner.recovery import Trail
+
+BACK_SPEED = 0.12
+TURN_RATE = 0.7
+LOOKBACK_M = 0.12
+STUCK_S = 1.0
+"""A try that was held up for this long is over."""
+
+
+class BackUp:
+    """Drives backwards the way the robot came.
+
+    Args:
+        start: odom_T_base at the beginning.
+        length_m: how far at most.
+    """
+
+    def __init__(self, start: Pose2D, length_m: float) -> None:
+        self._start = start
+        self._length_m = length_m
+        self._held_s = 0.0
+
+    def command(self, odom_T_base: Pose2D, trail: Trail, limits: Limits) -> Twist2D | None:
+        """Return the velocity to drive now, None when it is over."""
+        if odom_T_base.distance_to(self._start) >= self._length_m or self._held_s > STUCK_S:
+            return None
+        crumb = trail.back(odom_T_base, LOOKBACK_M)
+        if crumb is None:
+            return None
+        behind = odom_T_base.inverse() @ crumb
+        bearing = wrap_angle(math.atan2(behind.y, behind.x) + math.pi)
+        if abs(bearing) > 0.5 * math.pi:
+            return None  # The trail lies ahead: there is no way back along it.
+        turn = min(max(1.5 * bearing, -0.5), 0.5)
+        return Twist2D(-min(BACK_SPEED, limits.max_reverse), 0.0, turn)
+
+    def note(self, driven: Twist2D, elapsed_s: float) -> None:
+        """Take what of the command was safe to drive."""
+        self._held_s = self._held_s + elapsed_s if driven.is_zero else 0.0
+
+
+class TurnRound:
+    """Turns in place by a given angle.
+
+    Args:
+        start: odom_T_base at the beginning.
+        angle: to turn by [rad], positive to the left.
+    """
+
+    def __init__(self, start: Pose2D, angle: float) -> None:
+        self._last_yaw = start.yaw
+        self._angle = angle
+        self._turned = 0.0
+        self._held_s = 0.0
+
+    def command(self, odom_T_base: Pose2D, limits: Limits) -> Twist2D | None:
+        """Return the velocity to drive now, None when it is over."""
+        self._turned += wrap_angle(odom_T_base.yaw - self._last_yaw)
+        self._last_yaw = odom_T_base.yaw
+        left = abs(self._angle) - math.copysign(1.0, self._angle) * self._turned
+        if left <= 0.05 or self._held_s > STUCK_S:
+            return None
+        rate = min(TURN_RATE, limits.max_turn, max(0.15, 1.5 * left))
+        return Twist2D(0.0, 0.0, math.copysign(rate, self._angle))
+
+    def note(self, driven: Twist2D, elapsed_s: float) -> None:
+        """Take what of the command was safe to drive."""
+        self._held_s = self._held_s + elapsed_s if driven.is_zero else 0.0

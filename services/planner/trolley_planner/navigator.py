@@ -1,0 +1,440 @@
+"""The goal's state machine: what is asked and sensed goes in, velocities and statuses come out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import BaseState, GoalStatus, OccupancyGrid, Odometry, Path, Scan
+from trolley.messages.asking import SendGoal, WhichGoal
+from trolley.messages.types import floats_to_bytes
+from trolley_planner import wire
+from trolley_planner.admission import Admitted, admit, check_ready, check_state, goal_pose
+from trolley_planner.approach import Tolerances
+from trolley_planner.controller import Motion, limits_of
+from trolley_planner.drive import Drive, Situation
+from trolley_planner.goal import Goal
+from trolley_planner.kernels.rollout import Limits
+from trolley_planner.looking import LookRound
+from trolley_planner.rig import Rig
+from trolley_planner.senses import Senses
+from trolley_planner.status import StatusBoard
+from trolley_planner.surroundings import Surroundings
+from trolley_planner.timing import seconds_along, timed_poses
+
+MAX_ELAPSED_S = 0.1
+SETTLED_S = 1.5
+"""A source that drove already when the goal came may fall silent within this time."""
+STOPPING_S = 0.5
+"""Zero is commanded for so long after a goal is over."""
+UNSURE_SPEED = 0.15
+IDLE_SCAN_S = 0.4
+"""Without a goal one scan in so long keeps the costmap up to date."""
+OWN_SOURCE = "planner"
+
+
+class Navigator:
+    """Takes goals and drives to them.
+
+    Robot time is an argument everywhere, and requests come in as messages; nothing here knows of
+    clocks or the wire.
+
+    Args:
+        config: of the planner.
+    """
+
+    def __init__(self, config: PlannerConfig) -> None:
+        self._config = config
+        self.senses = Senses(config)
+        self.board = StatusBoard(config.frame)
+        self.surroundings = Surroundings(config, self.senses)
+        self.drive: Drive | None = None
+        self._look_round = LookRound(config)
+        self._last_twist = Twist2D.zero()
+        self._commanded_ns: int | None = None
+        self._over_ns: int | None = None
+        self._trouble_since_ns: int | None = None
+        self._scanned_ns = 0
+        self._num_jumps = 0
+
+    # What is sensed.
+
+    def take_scan(self, scan: Scan, history: Sequence[Odometry], now_ns: int) -> bool:
+        """Put a scan into the costmap; True if a command computed now would be based on it.
+
+        Args:
+            scan: the newest.
+            history: odometry around its time, oldest first.
+            now_ns: robot time.
+        """
+        self.senses.scan = scan
+        self._rebuild(now_ns)
+        if self.drive is None and now_ns - self._scanned_ns < IDLE_SCAN_S * 1e9:
+            return False
+        self._scanned_ns = now_ns
+        if not self.surroundings.add_scan(scan, history, now_ns):
+            return False
+        motion = self._motion()
+        if motion is None or self.drive is None:
+            return False
+        self.drive.look(motion)
+        return True
+
+    def take_base(self, base: BaseState, now_ns: int) -> None:
+        """Take what the base does: a stop or somebody else's hand pauses the goal."""
+        before = self.senses.base
+        self.senses.base = base
+        goal = self.board.goal
+        if not self.board.is_active or goal is None or self.board.state == "paused":
+            return
+        if base.mode in ("stopped", "fault"):
+            reason = codes.STOPPED if base.mode == "stopped" else base.reason
+            self._pause(reason or codes.STOPPED, now_ns, base.message or None)
+        elif base.source not in (None, OWN_SOURCE):
+            is_old = before is not None and before.source == base.source
+            if not is_old or now_ns - goal.sent_ns > SETTLED_S * 1e9:
+                self._pause(
+                    codes.TAKEN_OVER,
+                    now_ns,
+                    f"{base.source} drives the robot; resume the goal to go on.",
+                )
+
+    def begin_epoch(self, now_ns: int) -> None:
+        """Take note that the base began anew: what was measured before counts no more."""
+        self.senses.begin_epoch()
+        self.surroundings.forget()
+        self._last_twist = Twist2D.zero()
+        self._commanded_ns = None
+        if self.board.is_active and self.board.state != "paused":
+            self._pause(
+                codes.RESTARTED, now_ns, "The base was restarted; resume the goal to go on."
+            )
+
+    # What is asked.
+
+    def send(self, params: SendGoal, new_id: str, now_ns: int | None) -> GoalStatus:
+        """Take a goal, in place of the one before.
+
+        Args:
+            params: the request.
+            new_id: for a goal that brings none.
+            now_ns: robot time, None while unknown.
+
+        Raises:
+            Refused: the goal that was driven to is then untouched.
+        """
+        known = None if params.id is None else self.status_of(params.id, now_ns or 0)
+        if known is not None:
+            return known
+        check_ready(self.senses, now_ns)
+        now = now_ns or 0
+        admitted, rig = self._admit(params, new_id, now)
+        if self.board.is_active:
+            self._end("canceled", codes.REPLACED, now)
+        self.board.begin(admitted.goal)
+        self.board.set("planning", "", now)
+        self._set_off(admitted, rig, now)
+        return self.status(now)
+
+    def preview(self, params: SendGoal, now_ns: int | None) -> Path:
+        """Return the way to a goal with its times, without driving.
+
+        Raises:
+            Refused: as `send`.
+        """
+        check_ready(self.senses, now_ns)
+        now = now_ns or 0
+        admitted, rig = self._admit(params, "preview", now)
+        motion = self._motion()
+        if motion is None:
+            raise Refused(codes.NOT_LOCALIZED)
+        limits = self._limits(admitted.goal)
+        points = admitted.path.points
+        seconds = seconds_along(points, motion.pose.yaw, rig.costmap, limits)
+        free = admitted.goal.tolerances.any_heading
+        goal_yaw = None if free else rig.costmap.to_grid(admitted.goal.pose).yaw
+        poses, dt = timed_poses(points, seconds, goal_yaw)
+        return wire.path_message(poses, rig.costmap.frame_T_grid, self.senses.frame, now, dt)
+
+    def cancel(self, params: WhichGoal, now_ns: int) -> GoalStatus:
+        """End the current goal.
+
+        Raises:
+            Refused: `not_current`.
+        """
+        self.board.check_current(params.id)
+        self._end("canceled", codes.CANCELED, now_ns)
+        return self.status(now_ns)
+
+    def pause(self, params: WhichGoal, now_ns: int) -> GoalStatus:
+        """Stop, and keep the goal.
+
+        Raises:
+            Refused: `not_current`.
+        """
+        self.board.check_current(params.id)
+        self._pause(codes.PAUSED, now_ns)
+        return self.status(now_ns)
+
+    def resume(self, params: WhichGoal, now_ns: int | None) -> GoalStatus:
+        """Drive on to the goal that was paused.
+
+        Raises:
+            Refused: `not_current`, or whatever a new goal would be refused for.
+        """
+        self.board.check_current(params.id)
+        goal, now = self.board.goal, now_ns or 0
+        if goal is None or self.board.state != "paused":
+            return self.status(now)
+        check_ready(self.senses, now_ns)
+        check_state(self.senses, now)
+        rig, here = self._place(now)
+        left = goal if self.drive is None else self.drive.rest()
+        self._set_off(admit(left, rig, here, self._config), rig, now)
+        return self.status(now)
+
+    def status_of(self, goal_id: str, now_ns: int) -> GoalStatus | None:
+        """Return the status of one of the last goals, None if it is not known."""
+        if self.board.goal is not None and goal_id == self.board.goal.id:
+            return self.status(now_ns)
+        return self.board.book.read(goal_id)
+
+    def status(self, now_ns: int) -> GoalStatus:
+        """Return the status of the current goal."""
+        return self.board.snapshot(now_ns, self._details(now_ns))
+
+    # What is driven.
+
+    def command(self, now_ns: int) -> Twist2D | None:
+        """Return the velocity to command now, None for silence."""
+        elapsed_s = MAX_ELAPSED_S
+        if self._commanded_ns is not None:
+            elapsed_s = min((now_ns - self._commanded_ns) * 1e-9, MAX_ELAPSED_S)
+        twist = self._choose(now_ns, max(elapsed_s, 0.0))
+        self._commanded_ns = None if twist is None else now_ns
+        self._last_twist = Twist2D.zero() if twist is None else twist
+        return twist
+
+    def maintain(self, now_ns: int) -> None:
+        """Do what may take longer, after the command is out: forget, look for a better path."""
+        self.surroundings.maintain(now_ns)
+        if self.drive is None or self.board.state not in ("driving", "recovering"):
+            return
+        now = self._situation(self.drive.goal, now_ns, 0.0)
+        if now is None or self.senses.pose_trouble(now_ns) is not None:
+            return
+        if self._num_jumps != self.senses.num_jumps:
+            self._num_jumps = self.senses.num_jumps
+            self.drive.replan()
+        self.surroundings.note_position(self.senses.base_pose())
+        self.drive.maintain(now)
+
+    @property
+    def path_key(self) -> tuple[str | None, int]:
+        """What changes when the path does."""
+        if self.drive is None or not self.board.is_active:
+            return None, 0
+        return f"{self.drive.goal.id}/{self.drive.started_ns}", self.drive.route.changes
+
+    def costmaps(self, now_ns: int) -> tuple[OccupancyGrid | None, OccupancyGrid | None]:
+        """Return the whole costmap and the part around the robot, as far as they are known."""
+        rig, here = self.surroundings.rig, self.senses.base_pose()
+        if rig is None:
+            return None, None
+        rig.costmap.refresh()
+        whole = wire.costmap_message(rig, self.senses.frame, now_ns)
+        if here is None:
+            return whole, None
+        return whole, wire.window_message(whole, rig.costmap.to_grid(here), rig.half_m)
+
+    @property
+    def trajectory(self) -> Path | None:
+        """What the newest command leads to, None while nothing is driven."""
+        if self.drive is None or self.board.state != "driving":
+            return None
+        return wire.trajectory_message(self.drive.rig, self.senses.frame, self._commanded_ns or 0)
+
+    def path(self, now_ns: int) -> Path:
+        """Return the path that is left, an empty one without a goal."""
+        if self.drive is None or not self.board.is_active:
+            return Path(
+                stamp_ns=now_ns, frame=self.senses.frame, poses=floats_to_bytes(np.empty(0))
+            )
+        return wire.route_message(self.drive, self.senses.frame, now_ns)
+
+    # Inside.
+
+    def _choose(self, now_ns: int, elapsed_s: float) -> Twist2D | None:
+        """Return what to command: the drive's wish, zero while it may not, None for silence."""
+        turn = self._look_round.command(self.senses, self._turn_limits(), now_ns)
+        if turn is not None:
+            return turn
+        drive = self.drive
+        if drive is None or self.board.state not in ("driving", "recovering"):
+            is_over = self._over_ns is not None and now_ns - self._over_ns < STOPPING_S * 1e9
+            return Twist2D.zero() if is_over else None
+        if self._must_wait(now_ns):
+            return Twist2D.zero()
+        now = self._situation(drive.goal, now_ns, elapsed_s)
+        if now is None:
+            return Twist2D.zero()
+        twist = drive.command(now)
+        if drive.outcome == "arrived":
+            self._end("arrived", "", now_ns, "The robot has arrived.")
+        elif drive.outcome == "failed":
+            self._end("failed", drive.trouble, now_ns)
+        elif drive.recovery.current is not None:
+            self.board.set(
+                "recovering", drive.trouble, now_ns, wire.trying(drive), self._details(now_ns)
+            )
+        else:
+            self.board.set("driving", "", now_ns, None, self._details(now_ns))
+        return twist
+
+    def _must_wait(self, now_ns: int) -> bool:
+        """Say whether the robot must stand because it does not know enough; fail if that lasts."""
+        trouble = self.senses.pose_trouble(now_ns)
+        if trouble is None and self.senses.is_blind(now_ns):
+            trouble = codes.SCAN_LOST
+        if trouble is None:
+            self._trouble_since_ns = None
+            return False
+        if self._trouble_since_ns is None:
+            self._trouble_since_ns = now_ns
+        if now_ns - self._trouble_since_ns > self._config.give_up_s * 1e9:
+            self._end("failed", trouble, now_ns)
+        else:
+            self.board.set("recovering", trouble, now_ns, None, self._details(now_ns))
+        return True
+
+    def _admit(self, params: SendGoal, new_id: str, now_ns: int) -> tuple[Admitted, Rig]:
+        """Check a goal against everything that is known.
+
+        Raises:
+            Refused: see `admission`.
+        """
+        pose = goal_pose(params, self.senses)
+        check_state(self.senses, now_ns)
+        rig, here = self._place(now_ns)
+        goal = Goal(
+            params.id or new_id,
+            pose,
+            tuple(via.wrapped() for via in params.via),
+            Tolerances(params.xy_tolerance, params.yaw_tolerance),
+            params.speed,
+            now_ns,
+        )
+        return admit(goal, rig, here, self._config), rig
+
+    def _place(self, now_ns: int) -> tuple[Rig, Pose2D]:
+        """Return the costmap and where the robot is.
+
+        Raises:
+            Refused: either is not known.
+        """
+        here = self.senses.base_pose()
+        if here is None:
+            raise Refused(codes.NOT_LOCALIZED)
+        self._rebuild(now_ns)
+        return self.surroundings.need_rig(), here
+
+    def _set_off(self, admitted: Admitted, rig: Rig, now_ns: int) -> None:
+        """Begin to drive along a first path."""
+        self.drive = Drive(admitted.goal, rig, self._config, admitted.path, now_ns)
+        self._over_ns = None
+        self._trouble_since_ns = None
+        motion = self._motion()
+        if motion is not None:
+            self.drive.look(motion)
+        self.board.set("driving", "", now_ns, None, self._details(now_ns))
+
+    def _rebuild(self, now_ns: int) -> None:
+        """Make the costmap anew if map, zones or robot changed, and plan on it."""
+        if not self.surroundings.rebuild():
+            return
+        drive, rig = self.drive, self.surroundings.rig
+        if drive is None or rig is None or not self.board.is_active:
+            self.drive = None
+            return
+        here = self.senses.base_pose()
+        if self.surroundings.is_other_map:
+            self._end("failed", codes.WRONG_MAP, now_ns, "Another map was loaded.")
+        elif here is not None:
+            try:
+                admitted = admit(drive.rest(), rig, here, self._config)
+            except Refused as refusal:
+                self._end("failed", refusal.code, now_ns, refusal.message)
+            else:
+                self.drive = Drive(admitted.goal, rig, self._config, admitted.path, now_ns)
+
+    def _pause(self, reason: str, now_ns: int, message: str | None = None) -> None:
+        self._over_ns = now_ns
+        self._look_round.stop()
+        self.board.set("paused", reason, now_ns, message, self._details(now_ns))
+
+    def _end(
+        self, state: wire.Ending, reason: str, now_ns: int, message: str | None = None
+    ) -> None:
+        """Close the current goal."""
+        details = self._details(now_ns)
+        self.board.set(state, reason, now_ns, message, details)
+        self._over_ns = now_ns
+        self.drive = None
+
+    def _details(self, now_ns: int) -> GoalStatus | None:
+        """Return distance, time and obstacles of the drive for a status."""
+        motion = self._motion()
+        if self.drive is None or motion is None or self.board.goal is None:
+            return None
+        return wire.details(self.drive, motion, self._limits(self.drive.goal))
+
+    def _motion(self) -> Motion | None:
+        """Return pose and velocity in `grid`."""
+        here, rig = self.senses.base_pose(), self.surroundings.rig
+        if here is None or rig is None:
+            return None
+        return Motion(rig.costmap.to_grid(here), self._velocity())
+
+    def _velocity(self) -> Twist2D:
+        """Return the velocity to start from: the last command, or the wheels' where they differ."""
+        measured, last = self.senses.twist(), self._last_twist
+        return Twist2D(
+            last.vx if abs(measured.vx - last.vx) < 0.15 else measured.vx,
+            0.0,
+            last.wz if abs(measured.wz - last.wz) < 0.5 else measured.wz,
+        )
+
+    def _situation(self, goal: Goal, now_ns: int, elapsed_s: float) -> Situation | None:
+        motion, steady = self._motion(), self.senses.base_pose(steady=True)
+        rig, odometry = self.surroundings.rig, self.senses.odometry
+        if motion is None or steady is None or rig is None or odometry is None:
+            return None
+        return Situation(
+            now_ns,
+            motion,
+            rig.costmap.to_grid(steady),
+            odometry.pose,
+            self._limits(goal),
+            elapsed_s,
+        )
+
+    def _limits(self, goal: Goal) -> Limits:
+        """Return what the robot may do now: the least of all limits but those of the place."""
+        config, robot = self._config, self.senses.robot
+        if robot is None:
+            raise Refused(codes.NOT_READY)
+        speed = min(config.max_speed_mps, robot.max_speed)
+        if goal.speed is not None:
+            speed = min(speed, goal.speed)
+        if self.senses.is_unsure:
+            speed = min(speed, UNSURE_SPEED)
+        return limits_of(config, speed, robot.max_wz, robot.deceleration)
+
+    def _turn_limits(self) -> Limits | None:
+        robot = self.senses.robot
+        if robot is None:
+            return None
+        return limits_of(self._config, 0.15, robot.max_wz, robot.deceleration)

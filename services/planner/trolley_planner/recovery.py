@@ -1,0 +1,104 @@
+"""Getting free: tries in rising order, each bounded; the robot gives up when none has helped."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+
+CRUMB_M = 0.03
+TRAIL_M = 3.0
+FREE_AFTER_M = 0.5
+"""Who got this much nearer than ever before is free, and the tries begin anew."""
+
+
+class Try(Enum):
+    """The rungs of the ladder."""
+
+    WAIT = "waits for the way to clear"
+    CLEAR = "looks again at what stands around it"
+    BACK_UP = "backs up the way it came"
+    TURN = "turns to look around"
+    WAIT_LONGER = "waits for the way to clear"
+
+
+LADDER = (Try.WAIT, Try.CLEAR, Try.BACK_UP, Try.TURN, Try.WAIT_LONGER)
+
+
+@dataclass(slots=True)
+class Trail:
+    """The way that the robot came, as odometry poses: it was free a moment ago."""
+
+    crumbs: deque[Pose2D] = field(
+        default_factory=lambda: deque[Pose2D](maxlen=round(TRAIL_M / CRUMB_M))
+    )
+
+    def drop(self, odom_T_base: Pose2D) -> None:
+        """Remember where the robot is."""
+        if not self.crumbs or self.crumbs[-1].distance_to(odom_T_base) >= CRUMB_M:
+            self.crumbs.append(odom_T_base)
+
+    def back(self, odom_T_base: Pose2D, ahead_m: float) -> Pose2D | None:
+        """Return the crumb to steer for on the way back, None at the trail's end.
+
+        Crumbs that were passed again are picked up.
+        """
+        while self.crumbs and self.crumbs[-1].distance_to(odom_T_base) < ahead_m:
+            self.crumbs.pop()
+        return self.crumbs[-1] if self.crumbs else None
+
+
+class Recovery:
+    """Which try comes next, and when to give up."""
+
+    def __init__(self, config: PlannerConfig) -> None:
+        self._give_up_ns = round(config.give_up_s * 1e9)
+        self._patience_ns = round(config.patience_s * 1e9)
+        self._rung = -1
+        self._since_ns: int | None = None
+        self._began_ns = 0
+        self._best_m = float("inf")
+        self.count = 0
+        """Tries since the goal was sent."""
+        self.current: Try | None = None
+        """What is being tried."""
+
+    def note_remaining(self, remaining_m: float) -> None:
+        """Take what is left of the way: whoever gets on is free."""
+        if remaining_m < self._best_m - FREE_AFTER_M:
+            self._rung, self._since_ns = -1, None
+            self._best_m = remaining_m
+        elif self._best_m == float("inf"):
+            self._best_m = remaining_m
+
+    def note_detour(self, remaining_m: float) -> None:
+        """Take the length of a new way, which may be longer than what was left of the old one."""
+        self._best_m = (
+            max(self._best_m, remaining_m) if self._best_m < float("inf") else remaining_m
+        )
+
+    def begin(self, now_ns: int) -> Try | None:
+        """Begin the next try; None when it is time to give up."""
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        if now_ns - self._since_ns > self._give_up_ns:
+            return None
+        self._rung = min(self._rung + 1, len(LADDER) - 1)
+        self._began_ns = now_ns
+        self.count += 1
+        self.current = LADDER[self._rung]
+        return self.current
+
+    def end(self) -> None:
+        """End the current try."""
+        self.current = None
+
+    def elapsed_s(self, now_ns: int) -> float:
+        """Return how long the current try has lasted [s]."""
+        return (now_ns - self._began_ns) * 1e-9
+
+    def is_patient(self, now_ns: int) -> bool:
+        """Say whether the current wait goes on."""
+        factor = 2 if self.current is Try.WAIT_LONGER else 1
+        return now_ns - self._began_ns < factor * self._patience_ns

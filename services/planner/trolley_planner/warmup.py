@@ -1,0 +1,127 @@
+"""Compiles every kernel of the planner by driving a few steps through a small room."""
+
+import functools
+import math
+
+import numpy as np
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import (
+    OccupancyGrid,
+    Odometry,
+    PoseEstimate,
+    Robot,
+    Scan,
+    Transform,
+    Zone,
+    Zones,
+)
+from trolley.messages.asking import SendGoal
+from trolley.messages.types import floats_to_bytes
+from trolley_planner.navigator import Navigator
+
+CELLS = 60
+EDGE_M = 0.05
+STEP_NS = 100_000_000
+STEPS = 30
+
+
+@functools.cache
+def warm_up() -> None:
+    """Compile all, or load it where it was compiled before; once in a process."""
+    navigator = _navigator()
+    pose, now_ns = Pose2D(0.8, 0.8, 0.0), 0
+    for step in range(STEPS):
+        now_ns += STEP_NS
+        odometry = _feel(navigator, pose, now_ns)
+        navigator.take_scan(_scan(now_ns), [odometry], now_ns)
+        if step == 0:
+            navigator.preview(SendGoal(pose=Pose2D(2.0, 2.0, 1.0)), now_ns)
+            navigator.send(
+                SendGoal(pose=Pose2D(1.3, 0.8, 1.0), via=[Pose2D(1.1, 0.8, 0.0)]), "warm", now_ns
+            )
+        twist = navigator.command(now_ns) or Twist2D.zero()
+        navigator.maintain(now_ns)
+        pose = Pose2D(
+            pose.x + 0.1 * twist.vx * math.cos(pose.yaw),
+            pose.y + 0.1 * twist.vx * math.sin(pose.yaw),
+            pose.yaw + 0.1 * twist.wz,
+        )
+    navigator.costmaps(now_ns)
+    rig = navigator.surroundings.need_rig()
+    rig.costmap.echoes.forget_around(1.0, 1.0, 0.5)
+    rig.planner.hopeful_weights()
+
+
+def _navigator() -> Navigator:
+    """Return a planner in a square room with a mirror and a speed zone."""
+    navigator = Navigator(PlannerConfig())
+    senses = navigator.senses
+    cells = np.zeros((CELLS, CELLS), dtype=np.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    senses.robot = Robot(
+        stamp_ns=0,
+        name="warm",
+        title="",
+        footprint=[(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)],
+        drive="differential",
+        max_speed=0.5,
+        max_wz=1.5,
+        deceleration=1.0,
+    )
+    senses.map = OccupancyGrid(
+        stamp_ns=0,
+        name="room",
+        frame="map",
+        resolution=EDGE_M,
+        width=CELLS,
+        height=CELLS,
+        origin=Pose2D.identity(),
+        cells=memoryview(cells.tobytes()),
+    )
+    corners = [(1.0, 1.0), (1.5, 1.0), (1.5, 1.5)]
+    zones = [
+        Zone(name="mirror", kind="mirror", points=[(2.9, 1.0), (2.9, 2.0)]),
+        Zone(name="slow", kind="speed", points=corners, speed=0.3),
+    ]
+    senses.zones = Zones(stamp_ns=0, map="room", zones=zones)
+    senses.base_T_laser = Pose2D.identity()
+    return navigator
+
+
+def _feel(navigator: Navigator, pose: Pose2D, now_ns: int) -> Odometry:
+    """Tell the planner where it is."""
+    senses = navigator.senses
+    odometry = Odometry(stamp_ns=now_ns, pose=pose, twist=Twist2D.zero())
+    senses.odometry = odometry
+    senses.take_correction(
+        Transform(stamp_ns=now_ns, parent="map", child="odom", pose=Pose2D.identity())
+    )
+    senses.pose = PoseEstimate(
+        stamp_ns=now_ns,
+        map="room",
+        pose=pose,
+        covariance=[0.0] * 9,
+        state="localized",
+        match=1.0,
+        spread=0.0,
+    )
+    return odometry
+
+
+def _scan(now_ns: int) -> Scan:
+    """Return a scan with echoes near and far, and none."""
+    ranges = np.full(360, 1.2, dtype=np.float32)
+    ranges[90:180] = np.inf
+    ranges[200] = 0.0
+    return Scan(
+        stamp_ns=now_ns,
+        frame="laser",
+        angle_min=0.0,
+        angle_increment=math.pi / 180.0,
+        time_increment=0.0,
+        range_min=0.1,
+        range_max=8.0,
+        ranges=floats_to_bytes(ranges),
+    )
