@@ -106,10 +106,11 @@ class Supervisor:
             name: Child(name, [sys.executable, "-m", module]) for name, module in modules.items()
         }
         self.failure: str | None = None
-        """Why one cannot run at all."""
+        """Why one cannot run at all; the main thread then gets a SIGINT."""
         self._environment = {**os.environ, **environment, parent.VARIABLE: str(os.getpid())}
         self._report = report
         self._stop = threading.Event()
+        self._main_thread = threading.main_thread().ident or 0
         # The kernel counts the end of the thread that started a child as the end of its parent, so
         # one thread does it all along.
         self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
@@ -143,8 +144,10 @@ class Supervisor:
 
     def _note_end(self, child: Child, code: int) -> None:
         if code == EXIT_CONFIG:
+            # The child has said why. Whoever waits for the services in the main thread is called
+            # back from there, as by Ctrl-C.
             self.failure = f"{child.name} cannot run with this configuration"
-            self._report(self.failure)
+            signal.pthread_kill(self._main_thread, signal.SIGINT)
         else:
             self._report(f"{child.name} {_how_it_ended(code)}; starting it again")
 

@@ -1,12 +1,12 @@
 """`trolley up`, `trolley router` and `trolley run`: the processes themselves."""
 
 import signal
-import threading
 import time
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import NoReturn
 
 import click
 
@@ -67,16 +67,18 @@ def check_port(port: int, option: str) -> None:
 
 
 @contextmanager
-def stopped_by_signals() -> Generator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, instead of ending the process."""
-    stop = threading.Event()
+def interruptible() -> Generator[None]:
+    """Let SIGTERM end this process as Ctrl-C does: by KeyboardInterrupt, once."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
 
-    def end(_number: int, _frame: object) -> None:
-        stop.set()
+    def interrupt(_number: int, _frame: object) -> None:
+        for number in numbers:  # nothing disturbs the tidying up
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, interrupt) for number in numbers}
     try:
-        yield stop
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -89,29 +91,44 @@ def supervised(
     router: str | None,
     uplink: list[str] | None = None,
 ) -> Generator[Supervisor]:
-    """A router at the endpoint `router` (None: somebody else's) and the services as children."""
+    """A router at the endpoint `router` (None: somebody else's) and the services as children.
+
+    Raises:
+        ConfigError: The port is taken, or a service cannot run with this configuration.
+    """
     with ExitStack() as stack:
         if router is not None:
             try:
                 stack.enter_context(open_router([router], uplink or []))
             except NotConnected as error:
                 raise ConfigError(str(error)) from error
-        yield stack.enter_context(
+        supervisor = stack.enter_context(
             Supervisor(modules, environment, lambda text: click.secho(text, err=True, fg="yellow"))
         )
+        try:
+            yield supervisor
+        except KeyboardInterrupt:
+            if supervisor.failure is not None:
+                raise ConfigError(supervisor.failure) from None
+            raise
 
 
-def announce_viewer(config: RobotConfig, stop: threading.Event) -> None:
+def announce_viewer(config: RobotConfig) -> None:
     """Print the viewer's URL once it answers there."""
     deadline_s = time.monotonic() + URL_PATIENCE_S
     host = "127.0.0.1" if config.viz.host in ("0.0.0.0", "") else config.viz.host
     while not ports.is_answering(config.viz.port, host):
-        if stop.wait(CHECK_PERIOD_S):
-            return
         if time.monotonic() > deadline_s:
             click.secho("The viewer has not come up.", err=True, fg="yellow")
             return
+        time.sleep(CHECK_PERIOD_S)
     click.echo(f"Viewer: http://{host}:{config.viz.port}")
+
+
+def wait_for_interrupt() -> NoReturn:
+    """Wait for Ctrl-C or SIGTERM, which come as KeyboardInterrupt."""
+    while True:
+        signal.pause()
 
 
 @click.command(name="up")
@@ -137,14 +154,13 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool) -> None:
     environment = {"TROLLEY_CONFIG": str(path.resolve())}
     if quiet:
         environment["TROLLEY_LOG"] = "warning"
-    with stopped_by_signals() as stop:
-        click.echo(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
-        with supervised(modules, environment, router, config.zenoh.uplink) as supervisor:
+    click.echo(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
+    try:
+        with interruptible(), supervised(modules, environment, router, config.zenoh.uplink):
             if VIEWER in modules:
-                announce_viewer(config, stop)
-            while not stop.wait(CHECK_PERIOD_S):
-                if supervisor.failure is not None:
-                    raise ConfigError(supervisor.failure)
+                announce_viewer(config)
+            wait_for_interrupt()
+    except KeyboardInterrupt:
         click.echo("All services have ended.")
 
 

@@ -1,0 +1,176 @@
+"""`trolley demo`: all services on a simulated robot, or on a recorded drive."""
+
+import os
+import tempfile
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trolley import ports
+from trolley.cli import exits
+from trolley.cli.demo_robot import NAME, TOUR_NAME, Choices, parse_pose, write_settings
+from trolley.cli.demo_run import (
+    LOCALIZED_WITHIN_S,
+    describe_localized,
+    drive_tour,
+    play_recording,
+    store_places,
+    wait_for_localized,
+)
+from trolley.cli.robots import reports_errors
+from trolley.cli.running import (
+    VIEWER,
+    announce_viewer,
+    check_port,
+    installed_services,
+    interruptible,
+    supervised,
+    wait_for_interrupt,
+)
+from trolley.client import Robot
+from trolley.config import ConfigError, load_config
+from trolley.connection import Connection
+
+DEFAULT_PORT = 7447
+DEFAULT_VIZ_PORT = 8080
+
+
+def _pose_option(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Any:
+    try:
+        return None if text is None else parse_pose(text)
+    except ValueError as error:
+        raise click.BadParameter("give X,Y,YAW in metres and radians") from error
+
+
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+@click.command(name="demo")
+@click.option("--headless", is_flag=True, help="Without the viewer.")
+@click.option("--tour", is_flag=True, help="Drive the tour, then end.")
+@click.option(
+    "--speed", type=click.FloatRange(0.1, 20.0), default=1.0, help="Simulated seconds per second."
+)
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Fixes the world.")
+@click.option("--name", default=NAME, show_default=True, help="The robot's name.")
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=DEFAULT_PORT,
+    show_default=True,
+    help="The router's port.",
+)
+@click.option(
+    "--viz-port",
+    type=click.IntRange(1, 65535),
+    help=f"The viewer's port [default: the first free from {DEFAULT_VIZ_PORT} on].",
+)
+@click.option("--state", type=click.Path(path_type=Path), help="Keep the state in this folder.")
+@click.option("--world", help="A world file, or the name of one that ships with Trolley.")
+@click.option("--recording", type=FILE, help="Play a recorded drive (npz) instead.")
+@click.option("--map", "map_file", type=FILE, help="The map of the recorded drive.")
+@click.option("--start", callback=_pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
+@click.option("-v", "--verbose", is_flag=True, help="Show all that the services log.")
+@reports_errors
+def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> None:
+    """Run all services on a simulated robot in an apartment, until Ctrl-C.
+
+    With --tour it drives corridor, entrance and kitchen, and ends: exit code 0 only when all stops
+    were reached without a collision. With --recording it plays a recorded drive; with --headless it
+    ends with that.
+    """
+    state: Path | None = options.pop("state")
+    viz_port: int | None = options.pop("viz_port")
+    if not headless and VIEWER not in installed_services():
+        click.secho("The viewer is not installed; going on without it.", err=True, fg="yellow")
+        headless = True
+    choices = Choices(viz_port=None if headless else _viz_port(viz_port), **options)
+    if tour and not choices.has_places:
+        raise ConfigError(f"--tour drives the tour {TOUR_NAME}, which belongs to the apartment")
+    check_port(choices.port, "choose another one with --port (and --name for a second robot)")
+    try:
+        with interruptible(), _scene(choices, state, verbose=verbose) as (environment, config):
+            _run(choices, environment, config, tour=tour, headless=headless)
+    except KeyboardInterrupt:
+        click.echo("The demo has ended.")
+        if tour:
+            raise
+
+
+def _viz_port(wanted: int | None) -> int:
+    if wanted is None:
+        return ports.first_free(DEFAULT_VIZ_PORT)
+    check_port(wanted, "choose another one with --viz-port")
+    return wanted
+
+
+@contextmanager
+def _scene(
+    choices: Choices, state: Path | None, *, verbose: bool
+) -> Generator[tuple[dict[str, str], Path]]:
+    """A folder for the demo's robot.toml and, where none is named, its state."""
+    with tempfile.TemporaryDirectory(prefix="trolley-demo-") as name:
+        folder = Path(name)
+        named = state or (Path(os.environ["TROLLEY_STATE"]) if _names_state() else None)
+        kept = (named or folder / "state").resolve()
+        config = write_settings(choices, folder)
+        load_config(config)
+        environment = {
+            "TROLLEY_CONFIG": str(config),
+            "TROLLEY_STATE": str(kept),
+            "TROLLEY_LOG": "info" if verbose else "warning",
+        }
+        yield environment, config
+
+
+def _names_state() -> bool:
+    return bool(os.environ.get("TROLLEY_STATE"))
+
+
+def _run(
+    choices: Choices, environment: dict[str, str], config: Path, *, tour: bool, headless: bool
+) -> None:
+    modules = installed_services()
+    if headless:
+        modules.pop(VIEWER, None)
+    settings = load_config(config)
+    click.echo(f"Starting robot {choices.name}: {', '.join(modules)} ...")
+    with supervised(modules, environment, choices.endpoint):
+        if not headless:
+            announce_viewer(settings)
+        started_s = time.monotonic()
+        with Connection([choices.endpoint]) as connection:
+            robot = Robot.over(connection, choices.name)
+            assert settings.map.file is not None
+            code = _show(choices, robot, Path(settings.map.file).stem, started_s, tour=tour)
+            if code is not None:
+                raise SystemExit(code)
+            if choices.recording is not None:
+                play_recording(robot, choices.recording)
+                if headless:
+                    return
+        if choices.has_places:
+            at = "" if choices.port == DEFAULT_PORT else f" --connect {choices.endpoint}"
+            click.echo(f"Start the tour in the viewer, or: trolley tour start {TOUR_NAME}{at}")
+        click.echo("Ctrl-C ends the demo.")
+        wait_for_interrupt()
+
+
+def _show(
+    choices: Choices, robot: Robot, map_name: str, started_s: float, *, tour: bool
+) -> int | None:
+    """Localize, store the places, drive the tour if asked: then its exit code."""
+    if choices.has_places:
+        store_places(robot, map_name)
+    if choices.recording is not None:
+        return None
+    estimate = wait_for_localized(robot, LOCALIZED_WITHIN_S if tour else None)
+    if estimate is None:
+        click.secho("The robot has not found out where it is.", err=True, fg="red")
+        return exits.FAILED
+    click.echo(describe_localized(estimate, started_s))
+    return drive_tour(robot) if tour else None

@@ -1,0 +1,162 @@
+"""The built-in robot of the demo: its settings, its places and its tour."""
+
+import dataclasses
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from trolley import worlds
+from trolley.config import ConfigError
+from trolley.geometry import Pose2D, pose_from_quaternion
+from trolley.messages import Stop, Tour
+
+WORLD = "apartment.toml"
+NAME = "trolley"
+TOUR_NAME = "article"
+TITLE = "Demo robot"
+FOOTPRINT = {"length_m": 0.30, "width_m": 0.24}
+
+
+def _about_z(x: float, y: float, z: float, w: float) -> Pose2D:
+    return pose_from_quaternion(x, y, (0.0, 0.0, z, w))
+
+
+START = _about_z(0.549, 0.218, 0.12859, 0.99170)
+PLACES = {
+    "corridor": _about_z(5.315, 1.366, -0.49845, 0.86692),
+    "entrance": _about_z(5.775, -1.246, -0.95949, 0.28175),
+    "kitchen": _about_z(2.149, -2.706, -0.99147, 0.13033),
+}
+"""The goals of the article's robot, in the apartment's frame `map`."""
+TOUR = Tour(name=TOUR_NAME, stops=[Stop(name=name) for name in PLACES])
+
+
+@dataclasses.dataclass(frozen=True)
+class Choices:
+    """What the command line says about a demo."""
+
+    name: str = NAME
+    port: int = 7447
+    viz_port: int | None = None
+    """None: no viewer."""
+    seed: int = 0
+    speed: float = 1.0
+    world: str | None = None
+    recording: Path | None = None
+    map_file: Path | None = None
+    start: Pose2D | None = None
+
+    @property
+    def endpoint(self) -> str:
+        """Where its router listens."""
+        return f"tcp/127.0.0.1:{self.port}"
+
+    @property
+    def has_places(self) -> bool:
+        """Whether the article's places lie in its world."""
+        return self.recording is None and self.world is None and self.map_file is None
+
+
+def settings(choices: Choices) -> dict[str, Any]:
+    """The demo's robot.toml.
+
+    Raises:
+        ConfigError: A file is missing or does not hold what is needed.
+    """
+    if choices.recording is not None:
+        base, map_file, start = _recorded(choices, choices.recording)
+    else:
+        base, map_file, start = _simulated(choices)
+    robot = {"name": choices.name, "title": TITLE, "footprint": FOOTPRINT}
+    plain: dict[str, Any] = {
+        "robot": robot,
+        "map": {"file": str(map_file)},
+        "zenoh": {"connect": [choices.endpoint]},
+        "base": base,
+    }
+    if start is not None:
+        # A recording begins where it begins, whatever was the last pose of another run.
+        always = choices.recording is not None
+        plain["start"] = {"pose": _plain(start), "always": always}
+    if choices.viz_port is not None:
+        plain["viz"] = {"port": choices.viz_port}
+    return plain
+
+
+def write_settings(choices: Choices, folder: Path) -> Path:
+    """Write the demo's robot.toml into a folder."""
+    path = folder / "robot.toml"
+    path.write_text(tomli_w.dumps(settings(choices)), encoding="utf-8")
+    return path
+
+
+def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
+    try:
+        world = worlds.find(choices.world or WORLD)
+        plain = tomllib.loads(world.read_text(encoding="utf-8"))
+        map_file = choices.map_file or worlds.find(str(plain["map"]), beside=world.parent)
+    except (FileNotFoundError, KeyError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"--world: {error}") from error
+    simulated: dict[str, Any] = {"world": str(world), "seed": choices.seed, "rate": choices.speed}
+    start = choices.start
+    if start is not None:
+        simulated["start"] = _plain(start)
+    elif isinstance(plain.get("start"), dict):
+        start = _pose(plain["start"])
+    return {"driver": "simulated", "simulated": simulated}, map_file.resolve(), start
+
+
+def _recorded(choices: Choices, recording: Path) -> tuple[dict[str, Any], Path, Pose2D | None]:
+    if choices.map_file is None:
+        raise ConfigError("--recording needs --map: the map that was driven on")
+    file, map_file = recording.resolve(), choices.map_file.resolve()
+    for path in (file, map_file):
+        if not path.is_file():
+            raise ConfigError(f"{path}: there is no such file")
+    start = choices.start or first_reference(file)
+    play = {"file": str(file), "rate": choices.speed}
+    return {"driver": "recording", "recording": play}, map_file, start
+
+
+def first_reference(recording: Path) -> Pose2D | None:
+    """The first reference pose of a recorded drive, None if it has none."""
+    try:
+        with np.load(recording, allow_pickle=False) as archive:
+            rows = archive["reference"] if "reference" in archive.files else None
+            return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{recording}: is no recorded drive: {error}") from error
+
+
+def duration_s(recording: Path) -> tuple[float, int]:
+    """How long a recorded drive is [s] and how many scans it has."""
+    with np.load(recording, allow_pickle=False) as archive:
+        stamps = archive["stamps"]
+    return float(stamps[-1] - stamps[0]), len(stamps)
+
+
+def _plain(pose: Pose2D) -> dict[str, float]:
+    return {"x": pose.x, "y": pose.y, "yaw": pose.yaw}
+
+
+def _pose(plain: dict[str, Any]) -> Pose2D:
+    """A pose as world files write it."""
+    if "orientation" in plain:
+        return pose_from_quaternion(plain["x"], plain["y"], plain["orientation"])
+    return Pose2D.from_array((plain["x"], plain["y"], plain.get("yaw", 0.0)))
+
+
+def parse_pose(text: str) -> Pose2D:
+    """Read `X,Y,YAW` of the command line.
+
+    Raises:
+        ValueError: It is not three finite numbers.
+    """
+    numbers = [float(part) for part in text.split(",")]
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise ValueError(text)
+    return Pose2D.from_array(numbers)
