@@ -333,7 +333,8 @@ class Localizer:
             self._searched = True
             self._hypotheses.start(places)
             return
-        self._judge.vouch(value)
+        if value >= self._config.poor_support:
+            self._judge.vouch(value)
         if here and here[0].support.value > support.value + NEAR_LEAD:
             deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
             self._follower.reset(

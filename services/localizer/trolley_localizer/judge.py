@@ -102,13 +102,13 @@ class Judge:
             self._good_scans += 1
         elif evidence.support < config.poor_support:
             self._good_scans = 0
-        if self.state == "localized":
-            self._usual += min(1.0, step_s / _USUAL_S) * (self.support - self._usual)
         is_doubtful = (
             self.support < max(self._wanted, self._usual - _SUDDEN_DROP)
             or evidence.spread_m > config.max_spread_m
         )
         self._doubt_s = self._doubt_s + step_s if is_doubtful else 0.0
+        if self.state == "localized" and not is_doubtful:
+            self._usual += min(1.0, step_s / _USUAL_S) * (self.support - self._usual)
         is_poor = self.support < config.poor_support and self._vouched_s <= 0.0
         self._poor_s = self._poor_s + step_s if is_poor else 0.0
 
@@ -123,10 +123,12 @@ class Judge:
     def _decide(self, evidence: Evidence) -> State:
         """Choose the state from the sums."""
         narrow = evidence.spread_m <= self._config.max_spread_m
+        is_good = narrow and self.support >= self._wanted
         if self._poor_s >= self._config.lost_after_s:
             self.state = "lost"
-        elif narrow and self.support >= self._wanted and self._good_scans >= _SCANS_TO_BELIEVE:
-            self.state = "localized"
-        else:
+        elif not is_good:
             self.state = "unsure"
+        elif self.state != "localized" and self._good_scans >= _SCANS_TO_BELIEVE:
+            self.state = "localized"
+            self._usual = self.support
         return self.state

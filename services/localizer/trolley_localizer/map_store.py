@@ -10,7 +10,7 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.gridmap import MapError, load_map
 from trolley.messages import Zone
 from trolley_localizer.core import Localizer
-from trolley_localizer.warm_up import warm_up
+from trolley_localizer.warmup import warm_up
 from trolley_localizer.zone_store import read_seeds
 
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")

@@ -1,0 +1,134 @@
+"""A flat with rooms of different shapes, and scans of it without errors."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D, Twist2D, integrate_twist
+from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
+from trolley_localizer.core import Localizer
+from trolley_localizer.estimate import Estimate
+from trolley_localizer.scan import ScanInput
+
+BEAMS = 360
+RESOLUTION = 0.05
+RANGE_MAX = 8.0
+INCREMENT = 2.0 * math.pi / BEAMS
+# The lidar sits in front of the centre and looks to the left.
+BASE_T_LASER = Pose2D(0.1, 0.0, 0.5 * math.pi)
+
+
+def make_flat() -> GridMap:
+    """A flat of 8 x 6 m that looks different from everywhere; its origin is turned."""
+    cells = np.full((124, 164), OCCUPIED, np.int8)
+    cells[2:-2, 2:-2] = FREE
+    cells[2:70, 80:82] = OCCUPIED
+    cells[70:72, 40:82] = OCCUPIED
+    cells[90:104, 120:150] = OCCUPIED
+    cells[20:34, 20:26] = OCCUPIED
+    cells[40:44, 110:114] = OCCUPIED
+    return GridMap("flat", RESOLUTION, Pose2D(1.0, -2.0, 0.3), cells)
+
+
+def at(grid: GridMap, x: float, y: float, yaw: float) -> Pose2D:
+    """A pose given in the grid's own frame [m], in `map`."""
+    return grid.origin @ Pose2D(x, y, yaw)
+
+
+def cast(grid: GridMap, map_T_laser: Pose2D, angle: float) -> float:
+    """The range of one beam, to the border of the cell that it hits."""
+    pose = grid.origin.inverse() @ map_T_laser
+    return float(
+        cast_rays(
+            grid.occupied_mask(),
+            grid.resolution,
+            (pose.x, pose.y),
+            np.array([pose.yaw + angle]),
+            RANGE_MAX,
+        )[0]
+    )
+
+
+def make_scan(
+    grid: GridMap,
+    map_T_base: Pose2D,
+    odom_T_base: Pose2D,
+    stamp_ns: int = 1,
+    twist: Twist2D | None = None,
+    sweep_s: float = 0.1,
+) -> ScanInput:
+    """A scan without noise, taken from a moving robot if a twist is given.
+
+    A negative `sweep_s` is a lidar that turns clockwise: its last beam is the earliest.
+    """
+    twist = twist or Twist2D.zero()
+    ranges = np.empty(BEAMS, np.float32)
+    for i in range(BEAMS):
+        moved = integrate_twist(map_T_base, twist, sweep_s * i / (BEAMS - 1))
+        ranges[i] = cast(grid, moved @ BASE_T_LASER, -math.pi + i * INCREMENT)
+    ranges.setflags(write=False)
+    return ScanInput(
+        stamp_ns=stamp_ns,
+        ranges=ranges,
+        angle_min=-math.pi,
+        angle_increment=INCREMENT,
+        range_min=0.1,
+        range_max=RANGE_MAX,
+        base_T_laser=BASE_T_LASER,
+        odom_T_base=odom_T_base,
+        odom_T_base_end=integrate_twist(odom_T_base, twist, sweep_s),
+    )
+
+
+class Drive:
+    """A robot that drives through the flat at 10 scans a second, with a localizer on board."""
+
+    def __init__(self, grid: GridMap, localizer: Localizer, start: Pose2D) -> None:
+        self.grid = grid
+        self.localizer = localizer
+        self.pose = start
+        self.odom = Pose2D.identity()
+        self.stamp_ns = 0
+        self.odometry_scale = 1.0
+        self.alter: Callable[[np.ndarray], None] = lambda ranges: None
+
+    def scan(self, vx: float = 0.0, wz: float = 0.0, seconds: float = 0.1) -> Estimate:
+        """Move on, take a scan, run the search if one is wanted, and return the estimate."""
+        self.pose = integrate_twist(self.pose, Twist2D(vx, 0.0, wz), seconds)
+        measured = Twist2D(self.odometry_scale * vx, 0.0, self.odometry_scale * wz)
+        self.odom = integrate_twist(self.odom, measured, seconds)
+        self.stamp_ns += int(seconds * 1e9)
+        scan = make_scan(self.grid, self.pose, self.odom, self.stamp_ns)
+        ranges = scan.ranges.copy()
+        self.alter(ranges)
+        object.__setattr__(scan, "ranges", ranges)
+        estimate = self.localizer.step(scan)
+        assert isinstance(estimate, Estimate)
+        job = self.localizer.take_job()
+        if job is not None:
+            self.localizer.finish(job.run())
+        return estimate
+
+    def error_m(self, estimate: Estimate) -> float:
+        """Distance of an estimate from the truth."""
+        return (
+            math.inf if estimate.map_T_base is None else estimate.map_T_base.distance_to(self.pose)
+        )
+
+
+@pytest.fixture(scope="session")
+def flat() -> GridMap:
+    return make_flat()
+
+
+@pytest.fixture
+def make_drive(flat: GridMap) -> Callable[..., Drive]:
+    """A drive that begins at x, y, yaw in the grid's frame."""
+
+    def make(x: float = 5.5, y: float = 3.0, yaw: float = 0.4, seed: int = 0) -> Drive:
+        return Drive(flat, Localizer(flat, [], LocalizerConfig(), seed), at(flat, x, y, yaw))
+
+    return make

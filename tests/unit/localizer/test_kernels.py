@@ -1,0 +1,199 @@
+"""The compiled loops against slow, obvious twins."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trolley_localizer.kernels import beams as beam_kernels
+from trolley_localizer.kernels.layout import Cloud, Lines, Points
+from trolley_localizer.kernels.random import normal, uniform
+from trolley_localizer.kernels.refine import refine_pose, solve_spd
+from trolley_localizer.kernels.resample import (
+    count_bins,
+    draw_systematic,
+    normalise_weights,
+    weighted_moments,
+)
+from trolley_localizer.kernels.search import Pyramid, bound_block, reduce_level
+from trolley_localizer.kernels.weights import sample_field, score_particles
+
+
+def make_cloud(rng: np.random.Generator, count: int, cols: float, rows: float) -> Cloud:
+    return Cloud(
+        rng.uniform(-5, cols + 5, count).astype(np.float32),
+        rng.uniform(-5, rows + 5, count).astype(np.float32),
+        rng.uniform(-4, 4, count).astype(np.float32),
+    )
+
+
+def test_scores_equal_one_look_up_per_beam() -> None:
+    rng = np.random.default_rng(1)
+    table = rng.integers(0, 65536, (42, 62)).astype(np.uint16)
+    cloud = make_cloud(rng, 50, 60, 40)
+    points = Points(*(rng.uniform(-30, 30, 33).astype(np.float32) for _ in range(2)))
+    score = np.empty(50, np.float32)
+    score_particles(score, cloud, points, table, np.empty(33, np.int32))
+    for i in range(50):
+        cos, sin = np.float32(math.cos(cloud.yaw[i])), np.float32(math.sin(cloud.yaw[i]))
+        total = 0
+        for x, y in zip(points.x, points.y, strict=True):
+            col = math.floor(cloud.x[i] + cos * x - sin * y)
+            row = math.floor(cloud.y[i] + sin * x + cos * y)
+            total += int(table[min(max(row + 1, 0), 41), min(max(col + 1, 0), 61)])
+        # Rounding at a cell's border may move single beams to the next cell.
+        assert score[i] == pytest.approx(total, abs=2 * 65535)
+
+
+def test_random_numbers_are_normal_enough() -> None:
+    numbers = np.array([normal(np.uint64(i)) for i in range(20_000)])
+    assert abs(numbers.mean()) < 0.02
+    assert abs(numbers.std() - 1.0) < 0.02
+    assert abs(np.corrcoef(numbers[:-1], numbers[1:])[0, 1]) < 0.02
+    shares = np.array([uniform(np.uint64(i)) for i in range(20_000)])
+    assert shares.min() >= 0.0
+    assert shares.max() < 1.0
+    assert abs(shares.mean() - 0.5) < 0.01
+
+
+@given(
+    weights=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=60).filter(lambda w: sum(w) > 0.01),
+    count=st.integers(1, 200),
+    offset=st.floats(0.0, 0.999),
+)
+def test_systematic_draws_differ_from_expectation_by_less_than_one(
+    weights: list[float], count: int, offset: float
+) -> None:
+    shares = np.array(weights, np.float32)
+    shares /= shares.sum()
+    index = np.empty(count, np.int32)
+    draw_systematic(index, shares, offset)
+    drawn = np.bincount(index, minlength=shares.size)
+    assert np.abs(drawn - count * shares).max() < 1.0 + 1e-3 * count
+
+
+def test_weights_survive_evidence_that_excludes_them() -> None:
+    weights = np.array([1.0, 0.0], np.float32)
+    effective = normalise_weights(weights, np.array([0.0, 1e6], np.float32), 1.0)
+    assert weights.tolist() == [0.0, 1.0]
+    assert effective == pytest.approx(1.0)
+
+
+def test_bins_are_counted_once() -> None:
+    cloud = Cloud(
+        np.array([1, 2, 15, -3], np.float32),
+        np.array([1, 2, 1, 1], np.float32),
+        np.array([0.1, 0.1 + 2 * math.pi, 0.1, 0.1], np.float32),
+    )
+    scratch = np.empty(16, np.uint64)
+    everybody = np.arange(4, dtype=np.int32)
+    assert count_bins(scratch, cloud, everybody, 10.0, 36) == 3
+    assert count_bins(scratch, cloud, np.array([2, 2, 2], np.int32), 10.0, 36) == 1
+
+
+def test_moments_unwrap_headings_about_the_centre() -> None:
+    cloud = Cloud(
+        np.array([1.0, 3.0, 900.0], np.float32),
+        np.array([0.0, 0.0, 0.0], np.float32),
+        np.array([math.pi - 0.1, -math.pi + 0.1, 0.0], np.float32),
+    )
+    mean, covariance = np.empty(3), np.empty((3, 3))
+    weights = np.array([0.25, 0.25, 0.5], np.float32)
+    share = weighted_moments(
+        mean, covariance, cloud, weights, np.array([2.0, 0.0, math.pi]), np.array([10.0, 1.0])
+    )
+    assert share == pytest.approx(0.5)
+    assert mean == pytest.approx([2.0, 0.0, math.pi], abs=1e-5)
+    assert covariance[0, 0] == pytest.approx(1.0)
+    assert covariance[2, 2] == pytest.approx(0.01, rel=1e-3)
+
+
+def test_a_field_is_interpolated_between_cell_centres() -> None:
+    field = np.zeros((4, 4), np.float32)
+    field[1:3, 1] = 1.0
+    field[1:3, 2] = 3.0
+    assert sample_field(field, 0.5, 0.5) == pytest.approx(1.0)
+    assert sample_field(field, 1.0, 0.5) == pytest.approx(2.0)
+    assert math.isfinite(sample_field(field, -1e6, 1e6))
+
+
+def test_solving_refuses_what_is_not_positive_definite() -> None:
+    x = np.zeros(3)
+    assert not solve_spd(np.zeros((3, 3)), np.ones(3), x)
+    a = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]])
+    assert solve_spd(a, np.array([1.0, 2.0, 3.0]), x)
+    assert a @ x == pytest.approx([1.0, 2.0, 3.0])
+
+
+def test_refinement_slides_along_a_bare_wall_only_as_the_prior_says() -> None:
+    rows, cols = 60, 80
+    row = np.arange(rows + 2, dtype=np.float32) - 1
+    field = np.repeat(np.abs(row - 10.0)[:, None], cols + 2, axis=1).astype(np.float32)
+    # A wall along row 10, seen from 20 cells above it; the estimate is 2 cells too low.
+    points = Points(np.linspace(-20, 20, 41).astype(np.float32), np.full(41, -20.0, np.float32))
+    pose = np.array([40.0, 28.5, 0.03])
+    prior = pose.copy()
+    information = np.zeros((3, 3))
+    for sigma in (5.0, 2.0):
+        refine_pose(
+            pose,
+            information,
+            field,
+            points,
+            prior,
+            np.diag([1.0, 1e-6, 1e-3]),
+            np.array([sigma, 1.0]),
+            20,
+        )
+    assert pose[1] == pytest.approx(30.5, abs=0.05)
+    assert pose[2] == pytest.approx(0.0, abs=2e-3)
+    assert pose[0] == pytest.approx(40.0, abs=0.2)
+    assert information[0, 0] < 1e-3 * information[1, 1]
+
+
+def test_only_what_ends_behind_a_line_is_marked() -> None:
+    end = Points(np.array([10, 4.9, 10, -10], np.float32), np.array([0, 0, 9, 0], np.float32))
+    start = Points(np.zeros(4, np.float32), np.zeros(4, np.float32))
+    line = Lines(*(np.array([v]) for v in (5.0, -2.0, 5.0, 2.0)))
+    classes = np.full(4, beam_kernels.NOT_ON_MAP, np.uint8)
+    marked = beam_kernels.mark_crossing(classes, np.zeros(3), end, start, line, 1.0)
+    assert marked == 1
+    assert classes.tolist() == [2, 1, 1, 1]
+
+
+def test_a_ray_that_goes_on_behind_a_wall_contradicts_the_map() -> None:
+    cols = np.arange(62, dtype=np.float32) - 1
+    field = np.repeat(np.minimum(np.abs(cols - 30), 10)[None, :], 42, axis=0).astype(np.float32)
+    assert beam_kernels.passes_wall(field, 10.5, 20.5, 0.0, 40.0, 4.0)
+    assert not beam_kernels.passes_wall(field, 10.5, 20.5, 0.0, 21.0, 4.0)
+    assert not beam_kernels.passes_wall(field, 10.5, 20.5, math.pi, 40.0, 4.0)
+
+
+def test_a_block_bounds_every_pose_in_it() -> None:
+    rng = np.random.default_rng(3)
+    rows, cols = [37, 19, 10], [53, 27, 14]
+    sizes = [r * c for r, c in zip(rows, cols, strict=True)]
+    pyramid = Pyramid(
+        np.zeros(sum(sizes), np.uint8),
+        np.ones(sum(sizes), np.uint8),
+        np.array([0, sizes[0], sizes[0] + sizes[1]]),
+        np.array(rows),
+        np.array(cols),
+    )
+    cells = (rng.random(sizes[0]) ** 4 * 255).astype(np.uint8)
+    pyramid.score[: sizes[0]] = cells
+    blocks = cells.copy()
+    for level in (1, 2):
+        reduce_level(pyramid, blocks, level)
+    beams = [rng.integers(-30, 30, 12).astype(np.int32) for _ in range(2)]
+    for row in range(rows[2]):
+        for col in range(cols[2]):
+            bound = bound_block(pyramid, 2, row, col, *beams)
+            inside = [
+                bound_block(pyramid, 0, r, c, *beams)
+                for r in range(4 * row, min(4 * row + 4, rows[0]))
+                for c in range(4 * col, min(4 * col + 4, cols[0]))
+            ]
+            assert bound >= max(inside)

@@ -1,0 +1,74 @@
+"""The particle filter alone."""
+
+import numpy as np
+import pytest
+
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley_localizer.field import build_field
+from trolley_localizer.motion import split_step
+from trolley_localizer.particles import ParticleFilter, kld_number, lower_root
+from trolley_localizer.scan import read_beams
+
+from .conftest import at, make_scan
+
+CONFIG = LocalizerConfig()
+
+
+def test_kld_asks_for_more_particles_in_more_bins() -> None:
+    numbers = [kld_number(bins, 0.05, 2.33) for bins in (1, 2, 10, 100)]
+    assert numbers == sorted(numbers)
+    # Fox (2003), equation 7, computed by hand for 100 bins.
+    assert numbers[-1] == pytest.approx(1347, abs=3)
+
+
+def test_a_root_times_its_transpose_is_the_covariance() -> None:
+    covariance = np.array([[2.0, 0.5, 0.1], [0.5, 1.0, -0.2], [0.1, -0.2, 0.3]])
+    root = lower_root(covariance)
+    assert root @ root.T == pytest.approx(covariance)
+    assert np.allclose(np.triu(root, 1), 0.0)
+
+
+def test_particles_are_drawn_as_asked(flat: GridMap) -> None:
+    particles = ParticleFilter(build_field(flat, CONFIG), CONFIG, 1)
+    mean = np.array([80.0, 60.0, 1.0])
+    covariance = np.array([[16.0, 4.0, 0.0], [4.0, 9.0, 0.1], [0.0, 0.1, 0.04]])
+    particles.reset(mean, covariance)
+    share, found, spread = particles.moments(mean, 100.0, 3.0)
+    assert share == pytest.approx(1.0, abs=1e-4)
+    assert found == pytest.approx(mean, abs=0.3)
+    assert spread == pytest.approx(covariance, abs=1.0)
+
+
+def test_scans_gather_the_particles_and_fewer_suffice(flat: GridMap) -> None:
+    field = build_field(flat, CONFIG)
+    particles = ParticleFilter(field, CONFIG, 1)
+    pose = at(flat, 5.5, 3.0, 0.4)
+    beams = read_beams(make_scan(flat, pose, Pose2D.identity()), field.resolution, 60.0)
+    cells = np.diag([10.0, 10.0, 0.2]) ** 2
+    particles.reset(field.to_cells(pose) + np.array([4.0, -3.0, 0.1]), cells)
+    many, wide = particles.count, particles.spread_m()
+    for _ in range(15):
+        particles.move(split_step(Pose2D(0.0, 0.0, 0.0), CONFIG))
+        particles.weigh(beams.spread(CONFIG.num_beams))
+        _, mean, _ = particles.cluster()
+        particles.resample(None)
+    assert particles.count < many
+    assert particles.spread_m() < 0.3 * wide
+    assert field.to_map(mean).distance_to(pose) < 0.08
+
+
+def test_trying_poses_finds_a_better_one_and_never_a_worse(flat: GridMap) -> None:
+    field = build_field(flat, CONFIG)
+    particles = ParticleFilter(field, CONFIG, 1)
+    pose = at(flat, 5.5, 3.0, 0.4)
+    points = read_beams(make_scan(flat, pose, Pose2D.identity()), 0.05, 60.0).spread(100)
+    true = field.to_cells(pose)
+    best = particles.best_of(
+        true + np.array([4.0, 4.0, 0.1]), np.diag([4.0, 4.0, 0.1]), points, 3000
+    )
+    assert np.hypot(*(best - true)[:2]) < 2.5
+    assert particles.best_of(true, np.diag([60.0, 60.0, 2.0]), points, 5)[:2] == pytest.approx(
+        true[:2], abs=1e-3
+    )

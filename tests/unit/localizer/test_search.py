@@ -1,0 +1,47 @@
+"""Searching the whole map with one scan."""
+
+import math
+
+import numpy as np
+import pytest
+
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley_localizer.core import make_lines
+from trolley_localizer.field import build_field
+from trolley_localizer.scan import read_beams
+from trolley_localizer.search import build_pyramid, find_places
+from trolley_localizer.verify import Verifier
+
+from .conftest import at, make_scan
+
+CONFIG = LocalizerConfig()
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "yaw"), [(5.5, 3.0, 0.4), (1.5, 1.5, 2.0), (2.5, 5.0, -3.0), (7.3, 0.8, 1.5)]
+)
+def test_the_place_is_the_first_of_those_found(
+    flat: GridMap, x: float, y: float, yaw: float
+) -> None:
+    field = build_field(flat, CONFIG)
+    verifier = Verifier(field, make_lines(field, []), CONFIG)
+    pose = at(flat, x, y, yaw)
+    beams = read_beams(make_scan(flat, pose, Pose2D.identity()), 0.05, 60.0)
+    places = find_places(field, build_pyramid(field), beams, verifier)
+    found = field.to_map(places[0].pose)
+    assert found.distance_to(pose) < 0.06
+    assert abs((found.inverse() @ pose).yaw) < math.radians(1.0)
+    values = [place.support.value for place in places]
+    assert values == sorted(values, reverse=True)
+    assert len(values) == 1 or values[0] > values[1] + CONFIG.search_margin
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 200), (40, 40)])
+def test_maps_that_say_nothing_give_no_place_and_no_error(shape: tuple[int, int]) -> None:
+    blank = GridMap("blank", 0.05, Pose2D.identity(), np.full(shape, -1, np.int8))
+    field = build_field(blank, CONFIG)
+    verifier = Verifier(field, make_lines(field, []), CONFIG)
+    beams = read_beams(make_scan(blank, Pose2D(0.02, 0.02, 0.0), Pose2D.identity()), 0.05, 60.0)
+    assert find_places(field, build_pyramid(field), beams, verifier) == []
