@@ -1,4 +1,4 @@
-"""The one table of requests: key under `@do/`, parameters, reply, who answers, and what it may refuse."""
+"""The one table of requests: key under `@do/`, parameters, reply, who answers, refusals."""
 
 import dataclasses
 from typing import Any, Generic, TypeVar

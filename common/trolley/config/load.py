@@ -38,12 +38,12 @@ class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Where the file lies (set on loading): paths in it are relative to this."""
 
     def path(self, name: str) -> Path:
-        """A file named in the configuration: absolute, or relative to the configuration's folder."""
+        """A file named in the configuration; a relative name counts from the file's folder."""
         return Path(self.folder) / Path(name).expanduser()
 
 
 def find_config(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path | None:
-    """The configuration file to use: `given`, then `TROLLEY_CONFIG`, then /etc; None if there is none."""
+    """The file to use: `given`, then `TROLLEY_CONFIG`, then /etc; None if there is none."""
     if given is not None:
         return given
     if environment.get("TROLLEY_CONFIG"):

@@ -33,7 +33,8 @@ class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         ]
         if sum(ways) != 1 or (ways[0] and (self.length_m is None or self.width_m is None)):
             raise ValueError(
-                "give the footprint as {length_m, width_m}, as {radius_m} or as {polygon_m = [[x, y], ...]}"
+                "give the footprint as {length_m, width_m}, as {radius_m} "
+                "or as {polygon_m = [[x, y], ...]}"
             )
 
 
@@ -75,7 +76,7 @@ class PoseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """The pose, its yaw wrapped."""
         if self.orientation is not None:
             return pose_from_quaternion(self.x, self.y, self.orientation)
-        return Pose2D.from_array((self.x, self.y, self.yaw))
+        return Pose2D(self.x, self.y, self.yaw or 0.0).wrapped()
 
 
 class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

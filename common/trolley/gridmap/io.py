@@ -1,13 +1,12 @@
 """Reading and writing maps as ROS's `map_server` does: a YAML file and an image."""
 
 import io
-import os
-import tempfile
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from trolley.files import write_atomically
 from trolley.gridmap.description import (
     FREE_THRESH,
     OCCUPIED_THRESH,
@@ -98,30 +97,10 @@ def save_map(
     image_file = file.with_name(description.image)
     try:
         # The image first: a YAML file never names an image that is not there.
-        _write_atomically(image_file, content.getvalue())
-        _write_atomically(file, render_description(description).encode())
+        write_atomically(image_file, content.getvalue())
+        write_atomically(file, render_description(description).encode())
     except OSError as error:
         raise MapError(
             file, f"it cannot be written ({error.strerror})", "check the folder and its rights"
         ) from error
     return image_file
-
-
-def _write_atomically(file: Path, content: bytes) -> None:
-    """Replace a file by way of a temporary one, so that it is never seen half written."""
-    handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            os.fchmod(handle, 0o644)
-            stream.write(content)
-            stream.flush()
-            os.fsync(handle)
-        Path(temporary).replace(file)
-    except OSError:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    folder = os.open(file.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the new name itself must survive a power cut, too
-    finally:
-        os.close(folder)

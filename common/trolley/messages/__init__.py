@@ -1,7 +1,8 @@
 """Every message of the wire: msgspec structs, sent as maps with field names.
 
 One module per subject; numbers are SI, angles counter-clockwise in radians, frames after REP-105.
-Decoding checks bounds; arrays travel as little-endian bytes (`floats_to_bytes`, `floats_from_bytes`).
+Decoding checks bounds; arrays travel as little-endian bytes (`floats_to_bytes`,
+`floats_from_bytes`).
 """
 
 from trolley.geometry.pose import Pose2D, Twist2D

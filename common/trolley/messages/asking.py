@@ -1,4 +1,4 @@
-"""Parameters of the requests: one struct per request, decoded strictly (unknown fields are refused)."""
+"""Parameters of the requests, one struct each, decoded strictly: unknown fields are refused."""
 
 from typing import Annotated
 

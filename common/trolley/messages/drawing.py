@@ -1,4 +1,4 @@
-"""What programs draw into the viewer: markers in the scene, overlays over it, and clicks on menus."""
+"""What programs draw into the viewer: markers, overlays over the scene, and clicks on menus."""
 
 from typing import Literal
 
@@ -32,7 +32,7 @@ class Marker(Struct, frozen=True, kw_only=True):
 
 
 class OverlayRule(Struct, frozen=True, kw_only=True):
-    """A text and colour for an overlay while distance [m] and bearing [rad] lie within the bounds."""
+    """Text and colour of an overlay while distance [m] and bearing [rad] lie within the bounds."""
 
     distance_min: Finite | None = None
     distance_max: Finite | None = None

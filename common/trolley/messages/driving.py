@@ -17,7 +17,8 @@ class GoalStatus(Struct, frozen=True, kw_only=True):
     """How the current goal goes. Owned by `planner`, on change and at 5 Hz while it drives.
 
     `pose` is the goal in `frame`; `distance_remaining` [m] along the path, `eta` and `elapsed` [s];
-    `recoveries` counts tries to get free; `blocked` are the points [m] in `frame` that are in the way.
+    `recoveries` counts tries to get free; `blocked` are the points [m] in `frame` that are in the
+    way.
     """
 
     stamp_ns: StampNs

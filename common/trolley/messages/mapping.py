@@ -44,7 +44,8 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
         """Refuse cells that do not fill width x height."""
         if len(self.cells) != self.width * self.height:
             raise ValueError(
-                f"OccupancyGrid.cells: {len(self.cells)} bytes for {self.width} x {self.height} cells"
+                f"OccupancyGrid.cells: {len(self.cells)} bytes "
+                f"for {self.width} x {self.height} cells"
             )
 
 

@@ -1,4 +1,4 @@
-"""Messages of `base`: the robot itself, its clock, odometry, inertial readings, transforms and commands."""
+"""Messages of `base`: the robot, its clock, odometry, inertia, transforms and commands."""
 
 from typing import Annotated, Literal
 
@@ -56,7 +56,10 @@ class Clock(Struct, frozen=True, kw_only=True):
 
 
 class Odometry(Struct, frozen=True, kw_only=True):
-    """Where the wheels say the robot is: `pose` is odom_T_base, `twist` in `base_link`. `base`, 20-50 Hz."""
+    """Where the wheels say the robot is. Owned by `base`, 20-50 Hz.
+
+    `pose` is odom_T_base, `twist` is in `base_link`.
+    """
 
     stamp_ns: StampNs
     pose: Pose2D
@@ -64,7 +67,10 @@ class Odometry(Struct, frozen=True, kw_only=True):
 
 
 class Imu(Struct, frozen=True, kw_only=True):
-    """Inertial readings turned into `base_link`: angular velocity [rad/s], linear acceleration [m/s^2]."""
+    """Inertial readings turned into `base_link`.
+
+    `angular_velocity` [rad/s], `linear_acceleration` [m/s^2], each about or along x, y, z.
+    """
 
     stamp_ns: StampNs
     angular_velocity: Point3
@@ -82,7 +88,7 @@ class Transform(Struct, frozen=True, kw_only=True):
 
 
 class VelocityCommand(Struct, frozen=True, kw_only=True):
-    """A wanted velocity of `base_link`, good for `valid_for` seconds from its arrival (at most 0.5).
+    """A wanted velocity of `base_link`, good for `valid_for` seconds (at most 0.5) from arrival.
 
     `scan_ns` is the stamp of the scan it was computed with, 0 if none. On `cmd_vel/<source>` it is
     a wish of the source, on `cmd_vel` what `base` drives. Whether `valid_for` is usable is for

@@ -19,7 +19,7 @@ class Health(Struct, frozen=True, kw_only=True):
 
 
 class Alive(Struct, frozen=True, kw_only=True):
-    """The liveliness token `alive/<service>/<run>` carries no payload; this is its place in the table."""
+    """The liveliness token `alive/<service>/<run>`: no payload, only a place in the table."""
 
 
 class ErrorReply(Struct, frozen=True, kw_only=True):

@@ -1,4 +1,4 @@
-"""Field types that the messages share: stamps, finite numbers, names, and numeric arrays as bytes."""
+"""Field types that messages share: stamps, finite numbers, names, numeric arrays as bytes."""
 
 import unicodedata
 from typing import Annotated, Any
@@ -42,7 +42,7 @@ _NAME_EXTRAS = "_-."
 
 
 def name_problem(name: str) -> str | None:
-    """Tell in one sentence what keeps `name` from naming a place, tour, zone or marker; None if nothing.
+    """Tell in one sentence what keeps `name` from naming a place or marker; None if nothing does.
 
     Names are 1 to 64 characters after NFC: letters, combining marks and digits of any script,
     inner single spaces, `_`, `-` and `.`, with no leading dot.
@@ -72,13 +72,17 @@ def floats_to_bytes(values: NDArray[Any]) -> memoryview:
 
 
 def floats_from_bytes(data: memoryview | bytes, columns: int = 1) -> NDArray[np.float32]:
-    """View array bytes as float32: shape (N,), or (N, columns) when `columns` > 1. Read-only, no copy."""
+    """View array bytes as float32, read-only: (N,), or (N, columns) when `columns` > 1."""
     values = np.frombuffer(data, dtype="<f4")
     return values if columns == 1 else values.reshape(-1, columns)
 
 
 def check_floats(owner: str, field: str, data: memoryview | bytes, columns: int = 1) -> int:
-    """Return the number of rows in array bytes; raise ValueError where the length does not fit float32 rows."""
+    """Return the number of rows in array bytes.
+
+    Raises:
+        ValueError: The length is no whole number of rows of float32.
+    """
     rows, rest = divmod(len(data), 4 * columns)
     if rest:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""What a runtime's transport offers: put, delete, subscribe, serve, get. Zenoh is one, memory another."""
+"""What a runtime's transport offers: put, delete, subscribe, serve, get (Zenoh, or memory)."""
 
 import dataclasses
 from collections.abc import Callable
@@ -28,7 +28,7 @@ class Reply:
 
 
 class Query(Protocol):
-    """A get that waits for answers; it ends when the last reference to it goes or `finish` is called."""
+    """A get that waits for answers until `finish` is called or the last reference to it goes."""
 
     @property
     def key(self) -> str:
@@ -109,7 +109,10 @@ def has_wildcard(key: str) -> bool:
 
 
 def matches(key_expr: str, other: str) -> bool:
-    """Whether two key expressions have a key in common: `*` one chunk, `**` any number, none with `@`."""
+    """Whether two key expressions have a key in common.
+
+    `*` stands for one chunk, `**` for any number, neither for a chunk that begins with `@`.
+    """
     return _meet(tuple(key_expr.split("/")), tuple(other.split("/")))
 
 
@@ -136,7 +139,7 @@ def _chunks_meet(one: str, other: str) -> bool:
 
 
 def _match_inside(pieces: list[str], chunk: str) -> bool:
-    """Match `a$*b` against one chunk: pieces in order, the first at the start, the last at the end."""
+    """Match `a$*b`: pieces in order, the first at the start of the chunk, the last at its end."""
     if not chunk.startswith(pieces[0]):
         return False
     at = len(pieces[0])

@@ -1,6 +1,7 @@
 """Messages to bytes and back: msgpack or JSON, with everything that arrives validated.
 
-Broken input of any kind (truncated, wrong type, out of range, nested too deeply) ends in `BadPayload`.
+Broken input of any kind (truncated, wrong type, out of range, nested too deeply) ends in
+`BadPayload`.
 """
 
 import json
@@ -21,7 +22,7 @@ _POSE_FIELDS = ("x", "y", "yaw")
 
 
 class BadPayload(ValueError):
-    """Bytes that are no valid message of the expected type; the text says what is wrong and where."""
+    """Bytes that are no valid message of the expected type; the text says what and where."""
 
 
 def encode(message: Any, fmt: Format) -> bytes:
@@ -30,7 +31,7 @@ def encode(message: Any, fmt: Format) -> bytes:
 
 
 def detect_format(payload: bytes, encoding: str) -> Format:
-    """Tell the format by the encoding (a schema suffix is ignored), else by the first non-blank byte."""
+    """Tell the format by the encoding without schema suffix, else by the first non-blank byte."""
     mime = encoding.partition(";")[0].strip()
     for fmt, name in MIME.items():
         if mime == name:
@@ -83,7 +84,7 @@ def decode_parameters(kind: type[T], parameters: dict[str, str]) -> T:
 
 
 def parse_parameters(text: str) -> dict[str, str]:
-    """Split a selector's parameters at `;` (or `&`), percent-decoded; Zenoh's own (`_…`) are left out."""
+    """Split a selector's parameters at `;` or `&`, percent-decoded, without Zenoh's own (`_…`)."""
     found: dict[str, str] = {}
     for item in text.replace("&", ";").split(";"):
         name, _, value = item.partition("=")
@@ -104,7 +105,7 @@ def to_plain(message: Any) -> Any:
 
 
 def _refuse_unknown(raw: Any, kind: Any, path: str = "") -> None:
-    """Raise BadPayload at the first field of `raw` that the struct `kind` does not have, at any depth."""
+    """Raise BadPayload at the first field that the struct `kind` does not have, at any depth."""
     shape = msgspec.inspect.type_info(kind)
     problem = _unknown_field(raw, shape, path)
     if problem is not None:

@@ -1,6 +1,7 @@
 """Collecting the replies to a get, whose callbacks come on any thread."""
 
 from collections.abc import Callable
+from typing import Any
 
 from trolley import codes
 from trolley.codes import Refused
@@ -12,7 +13,7 @@ from trolley.runtime.inbox import Inbox
 
 
 class Gathering:
-    """Hands the replies to `finish` on the service's thread, once: when all are in or time is up."""
+    """Hands the replies to `finish` once, on the service's thread: all are in, or time is up."""
 
     def __init__(self, inbox: Inbox, finish: Callable[[list[Reply], bool], None]) -> None:
         self._inbox = inbox
@@ -34,7 +35,7 @@ class Gathering:
             finish(list(self._replies), timed_out)
 
 
-def outcome(request: Request[object, object], replies: list[Reply], timed_out: bool) -> object:
+def outcome(request: Request[Any, Any], replies: list[Reply], timed_out: bool) -> object:
     """What a request came to: the decoded reply, or a `Refused`."""
     if not replies:
         code = codes.TIMEOUT if timed_out else codes.NOT_READY

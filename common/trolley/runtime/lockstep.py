@@ -172,6 +172,7 @@ class Lockstep:
         self.bus = MemoryBus()
         self.nodes: dict[str, Node] = {}
         self._seed = seed
+        self._num_added = 0
         self._folder = tempfile.TemporaryDirectory(prefix="trolley-") if state is None else None
         self.state = Path(self._folder.name) if self._folder is not None else state or Path()
 
@@ -182,7 +183,8 @@ class Lockstep:
 
     def add(self, service: S) -> S:
         """Start a service now."""
-        host = _LockstepHost(self, _service_seed(self._seed, service.name, len(self.nodes)))
+        host = _LockstepHost(self, _service_seed(self._seed, service.name, self._num_added))
+        self._num_added += 1  # a restarted service must not give its old ids again
         node = Node(service, self.robot, self.bus, host)
         self.nodes[service.name] = node
         node.open()
@@ -282,7 +284,8 @@ class Lockstep:
 
     def _settle(self) -> None:
         for _ in range(MAX_ROUNDS):
-            if not any([node.step() for node in tuple(self.nodes.values())]):
+            busy = [node.step() for node in tuple(self.nodes.values())]  # all, not up to the first
+            if not any(busy):
                 return
         raise RuntimeError(
             f"services kept answering each other for {MAX_ROUNDS} rounds without time passing"

@@ -64,7 +64,8 @@ class _TerminalFormatter(logging.Formatter):
         tail = "".join(f"  {name}={value}" for name, value in fields.items())
         level = "" if record.levelno < logging.WARNING else f"{record.levelname.lower()}: "
         service = record.name.removeprefix("trolley.")
-        line = f"{self.formatTime(record, '%H:%M:%S')} {service:<10} {level}{record.getMessage()}{tail}"
+        at = self.formatTime(record, "%H:%M:%S")
+        line = f"{at} {service:<10} {level}{record.getMessage()}{tail}"
         if record.exc_info:
             line += "\n" + self.formatException(record.exc_info)
         colour = _COLOURS.get(record.levelno) if self._colour else None

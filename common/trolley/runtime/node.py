@@ -1,4 +1,4 @@
-"""The engine between a bus and a service: it turns what arrives into calls, and calls into messages.
+"""The engine between a bus and a service: arrivals become calls, and calls messages.
 
 Both runtimes use it. Bus callbacks (on any thread) only store in the inbox; `step` runs on the one
 thread that calls the service's methods.
@@ -69,7 +69,7 @@ class Host(Protocol):
 
 
 class Node:
-    """One service on a bus; see `trolley.runtime.service.Service` for what the service can ask of it."""
+    """One service on a bus; `trolley.runtime.service.Service` says what it can ask of it."""
 
     def __init__(
         self, service: Service, robot: str, bus: Bus, host: Host, label: str | None = None
@@ -249,9 +249,12 @@ class Node:
     def work(self, fn: Callable[[], Any], then: Callable[[Any], None] | None) -> None:
         """Run `fn` aside, then `then` on the service's thread."""
 
-        def done(result: Any) -> None:
+        def hand_over(result: Any) -> None:
             if then is not None:
-                self.inbox.push(lambda _: then(result))
+                then(result)
+
+        def done(result: Any) -> None:
+            self.inbox.push(lambda _: hand_over(result))
 
         self._host.work(fn, done)
 

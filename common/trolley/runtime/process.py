@@ -156,7 +156,7 @@ class ServiceProcess:
     def main(self) -> int:
         """Connect, settle who stays, serve; the exit code."""
         for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: self._request_stop())
+            signal.signal(number, self._request_stop)
         bus = open_bus_or_stop(self._config.zenoh.connect, self._stop)
         if bus is None:
             # Zenoh's thread still waits for the router and cannot be interrupted.
@@ -243,7 +243,7 @@ class ServiceProcess:
             return False
         return True
 
-    def _request_stop(self) -> None:
+    def _request_stop(self, _number: int, _frame: object) -> None:
         self._stop.set()
         if self._node is not None:
             self._node.inbox.wake()
@@ -262,15 +262,14 @@ def main(
     set_up_logging()
     path = find_config(options.config)
     if path is None:
-        print(
-            "No robot.toml: give --config, set TROLLEY_CONFIG, or run `trolley init`.",
-            file=sys.stderr,
+        sys.stderr.write(
+            "No robot.toml: give --config, set TROLLEY_CONFIG, or run `trolley init`.\n"
         )
         sys.exit(EXIT_CONFIG)
     try:
         config = load_config(path)
         service = service_class(config)
     except ConfigError as error:
-        print(error, file=sys.stderr)
+        sys.stderr.write(f"{error}\n")
         sys.exit(EXIT_CONFIG)
     sys.exit(ServiceProcess(service, config).main())

@@ -45,7 +45,7 @@ class Watching:
 
     @property
     def is_wish(self) -> bool:
-        """Whether it takes wishes to store something, which have no latest value to catch up with."""
+        """Whether it takes wishes to store something: these have no latest value to read."""
         return self.watch.topic.kind is Kind.STORED
 
 

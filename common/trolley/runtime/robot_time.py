@@ -1,4 +1,4 @@
-"""Robot time: the one clock that every stamp counts, owned by `base` and followed by everybody else."""
+"""Robot time: the one clock that every stamp counts, owned by `base`, followed by all others."""
 
 from collections import deque
 from typing import Protocol
@@ -31,7 +31,8 @@ class FollowedTime:
     """Robot time from `clock` messages.
 
     The maximum, over the messages of the present epoch and rate in the last 10 s, of stamp + rate x
-    local time since arrival; it holds rather than goes back; without a message for 1 s there is none.
+    local time since arrival; it holds rather than goes back; without a message for 1 s there is
+    none.
     """
 
     def __init__(self) -> None:
@@ -63,7 +64,7 @@ class FollowedTime:
         return began
 
     def now(self, monotonic_ns: int) -> int | None:
-        """Robot time [ns] at local `monotonic_ns`, None without a clock message in the last second."""
+        """Robot time [ns] at local `monotonic_ns`, None without a message in the last second."""
         if self._heard_ns is None or monotonic_ns - self._heard_ns > SILENCE_NS:
             return None
         now = round(self._offset + self.rate * monotonic_ns)

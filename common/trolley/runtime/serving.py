@@ -2,7 +2,7 @@
 
 import unicodedata
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from trolley import codes
 from trolley.codes import Refused
@@ -122,7 +122,7 @@ class Server:
             settle(Refused(codes.INTERNAL))
             raise
         if isinstance(result, Later):
-            result.on_settled(settle)
+            cast("Later[Any]", result).on_settled(settle)
             self._context.after(ANSWER_WITHIN_S, lambda: settle(Refused(codes.TIMEOUT)))
         else:
             settle(result)

@@ -1,52 +1,28 @@
-"""Files that outlive a process: readable TOML, written whole or not at all, kept aside when broken."""
+"""State that outlives a process: readable TOML files, kept aside when broken."""
 
 import os
-import tempfile
 import time
 import tomllib
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import msgspec
 import tomli_w
 
+from trolley.files import write_atomically
 from trolley.runtime.log import Log
 
 T = TypeVar("T")
 
 
 def state_root() -> Path:
-    """The host's state folder: `TROLLEY_STATE`, systemd's `STATE_DIRECTORY`, else the XDG state folder."""
+    """The host's state folder: `TROLLEY_STATE`, systemd's `STATE_DIRECTORY`, else as XDG says."""
     for variable in ("TROLLEY_STATE", "STATE_DIRECTORY"):
         value = os.environ.get(variable, "").partition(":")[0]
         if value:
             return Path(value)
     base = os.environ.get("XDG_STATE_HOME")
     return (Path(base) if base else Path.home() / ".local" / "state") / "trolley"
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that after a crash either the old or the new content stands there, never a part.
-
-    Raises:
-        OSError: It cannot be written; the old content stands.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 class StateFolder:
@@ -85,25 +61,24 @@ class StateFolder:
             return None
 
     def write(self, name: str, value: msgspec.Struct) -> None:
-        """Write `value` atomically (call it through `Service.work`); unset (None) fields are left out.
+        """Write `value` whole or not at all; fields that are None are left out.
+
+        It waits for the disk, so call it through `Service.work`.
 
         Raises:
             OSError: It cannot be written; what stood there stands.
         """
         plain = _without_none(msgspec.to_builtins(value))
-        write_atomically(self.path / name, tomli_w.dumps(plain).encode())
+        path = self.path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, tomli_w.dumps(plain).encode())
 
 
-def _without_none(value: object) -> dict[str, object]:
+def _without_none(item: Any) -> Any:
     """TOML has no null: drop such entries at any depth."""
-
-    def clean(item: object) -> object:
-        if isinstance(item, dict):
-            return {str(k): clean(v) for k, v in item.items() if v is not None}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
-        if isinstance(item, list | tuple):
-            return [clean(v) for v in item]  # pyright: ignore[reportUnknownVariableType]
-        return item
-
-    cleaned = clean(value)
-    assert isinstance(cleaned, dict)
-    return cleaned  # pyright: ignore[reportUnknownVariableType]
+    if isinstance(item, dict):
+        entries = cast("dict[str, Any]", item)
+        return {name: _without_none(value) for name, value in entries.items() if value is not None}
+    if isinstance(item, list | tuple):
+        return [_without_none(value) for value in cast("list[Any]", item)]
+    return item

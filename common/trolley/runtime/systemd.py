@@ -5,7 +5,7 @@ import os
 
 
 class Supervision:
-    """Talks to systemd where it started this process and cysystemd is installed; else says nothing."""
+    """Talks to systemd where it started this process and cysystemd is installed."""
 
     def __init__(self) -> None:
         known = "NOTIFY_SOCKET" in os.environ and importlib.util.find_spec("cysystemd")

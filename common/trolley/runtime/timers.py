@@ -66,7 +66,7 @@ class Timers:
                 due = min(due, period.next_ns or monotonic_ns)
             elif robot_ns is not None:
                 left_ns = (period.next_ns or robot_ns) - robot_ns
-                # Rounded up, and never a busy wait while a simulated clock stands between two steps.
+                # Rounded up, and no busy wait while a simulated clock stands between two steps.
                 wait_ns = -int(-left_ns // time.rate) if left_ns > 0 else _SHORTEST_NS
                 due = min(due, monotonic_ns + wait_ns)
         return due

@@ -4,9 +4,12 @@ Settings and traps were measured with eclipse-zenoh 1.10: clients of a router re
 themselves within half a second, callbacks only store, and a session is always closed.
 """
 
+# Zenoh's stubs leave most of its results without a type.
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+
 import json
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 
 import zenoh
@@ -79,7 +82,7 @@ def router_config(listen: Sequence[str], uplink: Sequence[str] = ()) -> zenoh.Co
 
 
 @contextmanager
-def open_router(listen: Sequence[str], uplink: Sequence[str] = ()) -> Iterator[None]:
+def open_router(listen: Sequence[str], uplink: Sequence[str] = ()) -> Generator[None]:
     """Be the router while the context lasts.
 
     Raises:
@@ -241,7 +244,7 @@ class ZenohBus:
 
 
 @contextmanager
-def open_bus(endpoints: Sequence[str], timeout_s: float | None = None) -> Iterator[ZenohBus]:
+def open_bus(endpoints: Sequence[str], timeout_s: float | None = None) -> Generator[ZenohBus]:
     """Connect to the router; `timeout_s` None waits for it for ever.
 
     Raises:

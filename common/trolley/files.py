@@ -1,0 +1,30 @@
+"""Files that are written whole or not at all."""
+
+import os
+import tempfile
+from pathlib import Path
+
+READABLE_BY_ALL = 0o644
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace a file so that after a crash the old or the new content stands there, never a part.
+
+    Raises:
+        OSError: It cannot be written; the old content stands.
+    """
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            os.fchmod(handle, READABLE_BY_ALL)
+            file.write(content)
+            file.flush()
+            os.fsync(handle)
+        Path(temporary).replace(path)
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the new name itself must survive a power cut, too
+    finally:
+        os.close(folder)
