@@ -11,6 +11,8 @@ from trolley_base.odometry import OdometryTrack
 # robot comes nearer and the sensor goes blind for them [m].
 BLIND_MARGIN_M = 0.03
 MAX_REMEMBERED = 512
+# What is that near covers many beams; this many are judged together [rad].
+BLIND_WIDTH_RAD = 0.15
 
 Floats = NDArray[np.float64]
 
@@ -69,8 +71,18 @@ class NearEchoes:
         angles = np.arctan2(points_laser[near, 1], points_laser[near, 0])
         turned = (angles - scan.angle_min + 0.5 * scan.angle_increment) % (2.0 * np.pi)
         beams = np.floor(turned / scan.angle_increment).astype(np.int64)
-        inside = beams < len(scan.ranges)
         blind = np.zeros(len(beams), dtype=np.bool_)
-        # An invalid beam is 0: nothing measured, neither the thing nor anything behind it.
-        blind[inside] = scan.ranges[beams[inside]] == 0.0
+        inside = beams < len(scan.ranges)
+        blind[inside] = _blind_beams(scan)[beams[inside]]
         return self._points_odom[near][blind][-MAX_REMEMBERED:]
+
+
+def _blind_beams(scan: LidarScan) -> NDArray[np.bool_]:
+    """Return the beams (n,) around which most are invalid.
+
+    An invalid beam is 0: it measured neither the thing nor anything behind it. One that fails by
+    itself among many must not make a wall forgotten.
+    """
+    width = max(1, round(BLIND_WIDTH_RAD / scan.angle_increment))
+    invalid = (scan.ranges == 0.0).astype(np.float64)
+    return np.convolve(invalid, np.ones(width) / width, mode="same") > 0.5
