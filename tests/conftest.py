@@ -1,15 +1,21 @@
-"""What all tests share: hypothesis profiles and the folder of recorded drives."""
+"""What all tests share: hypothesis profiles, the folder of recorded drives, real processes."""
 
 import os
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from support.processes import Process, RouterProcess, find_free_port, write_config
+
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 # No deadline: the first call of a numba kernel compiles it.
 settings.register_profile("trolley", deadline=None)
 settings.register_profile("trolley-ci", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("trolley-ci" if os.environ.get("CI") else "trolley")
+
+StartService = Callable[..., Process]
 
 
 @pytest.fixture(scope="session")
@@ -21,3 +27,59 @@ def recordings() -> Path:
     if not Path(folder).is_dir():
         pytest.skip(f"TROLLEY_DATA names no folder: {folder}")
     return Path(folder)
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A port of the loopback interface that nobody listens on."""
+    return find_free_port()
+
+
+@pytest.fixture
+def router(free_port: int, tmp_path: Path) -> Generator[RouterProcess]:
+    """A router in a process of its own; `.endpoint`, `.stop()`, `.start()`."""
+    process = RouterProcess(free_port, tmp_path / "router.log")
+    process.start()
+    yield process
+    process.stop()
+
+
+@pytest.fixture
+def config_file(router: RouterProcess, tmp_path: Path) -> Path:
+    """A `robot.toml` for the robot `tester` at the router."""
+    return write_config(tmp_path / "robot.toml", router.endpoint)
+
+
+@pytest.fixture
+def bus(router: RouterProcess) -> Generator[ZenohBus]:
+    """A session of the test with the router."""
+    with open_bus([router.endpoint], timeout_s=10.0) as opened:
+        yield opened
+
+
+@pytest.fixture
+def service_process(config_file: Path, tmp_path: Path) -> Generator[StartService]:
+    """Start services as processes: `service_process("trolley_base")` or `("module:Class")`.
+
+    They read `config_file` (or `config=`), keep their state under `tmp_path` and are killed at the
+    end of the test; `environment=` adds variables.
+    """
+    started: list[Process] = []
+
+    def start(
+        service: str,
+        config: Path | None = None,
+        environment: dict[str, str] | None = None,
+    ) -> Process:
+        program = ["support.run_service", service] if ":" in service else [service]
+        process = Process(
+            ["-m", *program, "--config", str(config or config_file)],
+            tmp_path / f"{service.replace(':', '.')}-{len(started)}.log",
+            {"TROLLEY_STATE": str(tmp_path / "state"), **(environment or {})},
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in reversed(started):
+        process.kill()

@@ -35,7 +35,7 @@ class Inbox:
         """Arrivals overtaken by a newer one of their slot."""
 
     def push(self, task: Task, slot: Hashable = None, *, urgent: bool = False) -> bool:
-        """Add an arrival (at the front if `urgent`) and wake the reader. False: no room, dropped."""
+        """Add an arrival, in front if `urgent`, and wake the reader. False: no room, dropped."""
         arrived_ns = self.now_ns()
         with self._condition:
             waiting = self._slots.get(slot) if slot is not None else None
