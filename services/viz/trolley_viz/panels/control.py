@@ -1,0 +1,34 @@
+"""How a control's change reaches the service."""
+
+from collections.abc import Callable
+from typing import Any
+
+import viser
+
+Post = Callable[[Callable[[], None]], None]
+"""Hands a call to the service's thread."""
+
+
+def handler(
+    post: Post, act: Callable[[viser.ClientHandle, Any], None]
+) -> Callable[[viser.GuiEvent[Any]], Any]:
+    """Make a viser callback that calls `act(client, value)` on the service's thread.
+
+    Changes that the service makes itself come without a client and are nobody's wish.
+    """
+
+    # async: viser runs such callbacks in order and at once, not on a pool of threads.
+    async def handle(event: viser.GuiEvent[Any]) -> None:
+        client, value = event.client, event.target.value
+        if client is not None:
+            post(lambda: act(client, value))
+
+    return handle
+
+
+def set_options(dropdown: viser.GuiDropdownHandle[str], options: list[str], empty: str) -> None:
+    """Offer other choices and keep the chosen one; `empty` stands where there is none."""
+    wanted = tuple(options) or (empty,)
+    if dropdown.options != wanted:
+        dropdown.options = wanted
+    dropdown.disabled = not options

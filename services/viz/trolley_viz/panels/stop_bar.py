@@ -1,0 +1,93 @@
+"""Stop and Resume, always in sight: over the scene, whatever tab is open or scrolled.
+
+viser lays its controls out in a panel that can be scrolled and folded away. A style sheet, which
+finds the buttons by viser's own ids, takes these two out of it; it also hides the handles that fold
+the panel, since what is folded away is gone.
+"""
+
+import html
+from collections.abc import Callable
+from typing import Any, cast
+
+import viser
+
+from trolley_viz.stopping import StopLine
+
+STYLE = """<style>
+[id="{stop}"],[id="{resume}"]{{position:fixed;z-index:9000;bottom:18px;height:66px!important;
+ border-radius:12px;box-shadow:0 3px 12px rgba(0,0,0,.35)}}
+[id="{stop}"]{{left:18px;width:200px;font-size:27px;font-weight:700;letter-spacing:.02em}}
+[id="{resume}"]{{left:230px;width:120px;font-size:17px}}
+#trolley-stop{{position:fixed;z-index:9000;left:18px;bottom:96px;max-width:min(80vw,560px)}}
+#trolley-stop div{{padding:10px 16px;border-radius:10px;color:#fff;font-size:19px;font-weight:700;
+ line-height:1.3;box-shadow:0 3px 12px rgba(0,0,0,.35)}}
+#trolley-hint{{position:fixed;z-index:8000;left:366px;bottom:30px;max-width:40vw;padding:9px 16px;
+ border-radius:10px;background:#0b6b35;color:#fff;font-size:15px}}
+@keyframes trolley-flash{{50%{{opacity:.55}}}}
+.trolley-flash{{animation:trolley-flash .8s infinite}}
+[data-dock-region-collapse]{{display:none!important}}
+@media (max-width:760px){{
+ [id="{stop}"],[id="{resume}"]{{top:10px;bottom:auto;height:56px!important}}
+ [id="{stop}"]{{left:10px;width:150px}} [id="{resume}"]{{left:170px;width:100px}}
+ #trolley-stop{{left:10px;top:76px;bottom:auto}}
+ #trolley-hint{{left:10px;right:10px;top:76px;bottom:auto;max-width:none}}
+}}
+</style>"""
+
+RED, DARK_RED = "#d21f1f", "#8c0d0d"
+
+
+class StopBar:
+    """The two buttons and the line above them; the tool's hint over the scene, too."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        stop: Callable[[], None],
+        resume: Callable[[], None],
+    ) -> None:
+        self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
+        self._resume = gui.add_button("Resume", color="gray", icon=viser.Icon.PLAYER_PLAY)
+        gui.add_html(STYLE.format(stop=_element_id(self._stop), resume=_element_id(self._resume)))
+        self._line = gui.add_html("")
+        self._hint = gui.add_html("")
+
+        # async: viser runs such callbacks in order and at once, not on a pool of threads.
+        async def pressed(_: viser.GuiEvent[Any]) -> None:
+            stop()
+
+        async def resumed(_: viser.GuiEvent[Any]) -> None:
+            resume()
+
+        self._stop.on_click(pressed)
+        self._resume.on_click(resumed)
+        gui.add_command(
+            "Stop the robot", hotkey="S", modifier="shift", icon=viser.Icon.HAND_STOP
+        ).on_trigger(self._trigger(stop))
+
+    def show(self, line: StopLine | None, *, is_stopped: bool) -> None:
+        """Say what came of the last press. A stopped robot lights up Resume."""
+        text, is_alarm = (line.text, line.is_alarm) if line is not None else ("", False)
+        if line is None and is_stopped:
+            text = "Stopped"
+        colour, flash = (DARK_RED, "trolley-flash") if is_alarm else (RED, "")
+        content = f'<div class="{flash}" style="background:{colour}">{html.escape(text)}</div>'
+        self._line.content = f'<div id="trolley-stop">{content}</div>' if text else ""
+        self._resume.color = "green" if is_stopped else "gray"
+
+    def show_hint(self, text: str) -> None:
+        """Say what the armed tool waits for; "" says nothing."""
+        self._hint.content = f'<div id="trolley-hint">{html.escape(text)}</div>' if text else ""
+
+    @staticmethod
+    def _trigger(stop: Callable[[], None]) -> Callable[[Any], Any]:
+        async def trigger(_: Any) -> None:
+            stop()
+
+        return trigger
+
+
+def _element_id(button: viser.GuiButtonHandle) -> str:
+    """The id of a button in the page: viser's own, as nothing else tells two buttons apart."""
+    state = cast(Any, button)._impl
+    return str(state.uuid)

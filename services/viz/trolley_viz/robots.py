@@ -1,0 +1,37 @@
+"""The robots on the network, as their `robot` messages and clocks tell of them."""
+
+from collections.abc import Callable, Mapping
+
+from trolley.messages import Robot
+
+
+class Robots:
+    """Which robots there are, what they are called, and which one is shown."""
+
+    def __init__(self, own: str) -> None:
+        self.selected = own
+        self._own = own
+        self._known: dict[str, Robot] = {}
+
+    def update(self, heard: Mapping[tuple[str, ...], Robot]) -> None:
+        """Take over the `robot` messages by name."""
+        self._known = {parts[0]: robot for parts, robot in heard.items()}
+
+    @property
+    def robot(self) -> Robot | None:
+        """The selected robot, None while it has not been heard of."""
+        return self._known.get(self.selected)
+
+    def names(self) -> list[str]:
+        """All names, sorted; the robot of the own configuration and the selected one always."""
+        return sorted({*self._known, self._own, self.selected})
+
+    def labels(self, is_away: Callable[[str], bool]) -> dict[str, str]:
+        """What to call each robot in a list, to its name."""
+        labels: dict[str, str] = {}
+        for name in self.names():
+            known = self._known.get(name)
+            title = known.title if known is not None else ""
+            label = f"{title} ({name})" if title and title != name else name
+            labels[label + (" – away" if is_away(name) else "")] = name
+        return labels

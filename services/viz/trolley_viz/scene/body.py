@@ -1,0 +1,133 @@
+"""The robot: its body raised from the footprint, its outline on the floor, and its frames."""
+
+import numpy as np
+import viser
+
+from trolley import topics
+from trolley.geometry import Pose2D
+from trolley.geometry.frames import BASE
+from trolley.messages import PoseState, Robot
+from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Layer, View
+from trolley_viz.shapes import arrow_outline, closed_segments, flat, place, prism
+
+BODY_COLOURS: dict[PoseState, tuple[int, int, int]] = {
+    "localized": (38, 112, 224),
+    "mapping": (38, 112, 224),
+    "unsure": (236, 158, 22),
+    "searching": (132, 138, 148),
+    "lost": (206, 56, 56),
+}
+AWAY_COLOUR = (150, 152, 158)
+OUTLINE = (20, 70, 160)
+
+
+class RobotLayer(Layer):
+    """The robot where it is now; its colour says how sure that is."""
+
+    key, title = "robot", "Robot"
+    period_s = 0.05
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        super().__init__(server)
+        self._frame = self.scene.add_frame(self.path("base_link"), show_axes=False, visible=False)
+        self._body: viser.MeshHandle | None = None
+        self._parts: list[viser.SceneNodeHandle] = []
+
+    def draw(self, view: View) -> None:
+        """Move the body; build it anew when the robot says that it is another."""
+        if self.changed(view.robot, view.placement.tree.link("laser") is not None):
+            self._build(view)
+        pose = view.placement.world_T_base
+        self._frame.visible = pose is not None and view.robot is not None
+        if pose is not None:
+            with self.server.atomic():
+                place(self._frame, pose, 0.0)
+        if self._body is not None:
+            estimate = view.feeds.latest(topics.POSE)
+            fresh = not view.is_away and (view.is_fresh(topics.POSE) or estimate is None)
+            state: PoseState = "localized" if estimate is None else estimate.state
+            self._body.color = BODY_COLOURS[state] if fresh else AWAY_COLOUR
+
+    def _build(self, view: View) -> None:
+        for part in self._parts:
+            part.remove()
+        self._parts.clear()
+        self._body = None
+        robot = view.robot
+        if robot is None:
+            return
+        points = np.array(robot.footprint)
+        outline = self.scene.add_line_segments(
+            self.path("base_link/footprint"),
+            closed_segments(points, Z_FOOTPRINT),
+            OUTLINE,
+            thickness=2.5,
+            thickness_units="screen",
+        )
+        self._parts.append(outline)
+        if robot.mesh is not None:
+            self._parts.append(self.scene.add_glb(self.path("base_link/mesh"), robot.mesh))
+        else:
+            self._build_body(robot, view)
+
+    def _build_body(self, robot: Robot, view: View) -> None:
+        """Raise the footprint, with an arrow on top and the lidar's drum where it is mounted."""
+        points = np.array(robot.footprint)
+        size = float(np.ptp(points, axis=0).min())
+        height = float(np.clip(0.45 * size, 0.08, 0.4))
+        vertices, faces = prism(0.97 * points, 0.03, height)
+        self._body = self.scene.add_mesh_simple(
+            self.path("base_link/body"), vertices, faces, color=AWAY_COLOUR, flat_shading=True
+        )
+        length = 0.62 * float(np.ptp(points[:, 0]))
+        arrow = self.scene.add_mesh_simple(
+            self.path("base_link/heading"),
+            *flat(arrow_outline(length, 0.6 * size)),
+            color=(255, 255, 255),
+            side="double",
+            cast_shadow=False,
+        )
+        middle = 0.5 * (points[:, 0].max() + points[:, 0].min())
+        place(arrow, Pose2D(middle - 0.5 * length, 0.0, 0.0), height + 0.006)
+        self._parts += [self._body, arrow]
+        laser = view.placement.tree.link("laser")
+        if laser is not None and laser.parent == BASE:
+            radius = float(np.clip(0.16 * size, 0.02, 0.06))
+            drum = self.scene.add_cylinder(
+                self.path("base_link/laser"), radius, 0.04, color=(34, 36, 42)
+            )
+            place(drum, laser.pose, height + 0.025)
+            self._parts.append(drum)
+
+
+class FrameLayer(Layer):
+    """The axes of every frame that has a place in the world."""
+
+    key, title = "frames", "Frames"
+    on_by_default = False
+    period_s = 0.1
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        super().__init__(server)
+        self._axes: dict[str, viser.FrameHandle] = {}
+
+    def draw(self, view: View) -> None:
+        """Move the axes; frames that lost their place go."""
+        poses = {
+            frame: pose
+            for frame in view.placement.tree.frames()
+            if (pose := view.placement.world_T(frame)) is not None
+        }
+        for frame in self._axes.keys() - poses.keys():
+            self._axes.pop(frame).remove()
+        with self.server.atomic():
+            for frame, pose in poses.items():
+                if frame not in self._axes:
+                    path = self.path(frame.replace("/", "_"))
+                    self._axes[frame] = self.scene.add_frame(
+                        path, axes_length=0.3, axes_radius=0.012, origin_radius=0.02
+                    )
+                    self.scene.add_label(
+                        f"{path}/name", frame, position=(0.0, 0.0, Z_LABEL), font_screen_scale=0.8
+                    )
+                place(self._axes[frame], pose, Z_FOOTPRINT)

@@ -1,0 +1,189 @@
+"""Where the robot is going: path, trajectory, and the goal with the footprint there."""
+
+import numpy as np
+import viser
+
+from trolley import topics
+from trolley.geometry import Pose2D
+from trolley.messages import Path, floats_from_bytes
+from trolley_viz.scene.layer import (
+    Z_FOOTPRINT,
+    Z_LABEL,
+    Z_PATH,
+    Z_TRAJECTORY,
+    Layer,
+    View,
+)
+from trolley_viz.shapes import arrow_outline, closed_segments, flat, open_segments, place
+from trolley_viz.words import DRIVING, goal_name
+
+Colour = tuple[int, int, int]
+
+PATH_COLOUR: Colour = (40, 110, 245)
+PREVIEW_COLOUR: Colour = (120, 200, 140)
+TRAJECTORY_COLOUR: Colour = (20, 170, 80)
+GOAL_COLOUR: Colour = (20, 160, 75)
+FAILED_COLOUR: Colour = (215, 45, 45)
+BLOCKED_COLOUR: Colour = (215, 45, 45)
+
+
+class Line:
+    """A polyline on the floor; the node is kept and updated."""
+
+    def __init__(self, layer: Layer, name: str, colour: Colour, width: float) -> None:
+        self._layer, self._name, self._colour, self._width = layer, name, colour, width
+        self._node: viser.LineSegmentsHandle | None = None
+
+    def show(self, segments: np.ndarray) -> None:
+        """Draw segments (n, 2, 3) [m]; none: nothing."""
+        if not len(segments):
+            if self._node is not None:
+                self._node.visible = False
+            return
+        if self._node is None:
+            self._node = self._layer.scene.add_line_segments(
+                self._layer.path(self._name), segments, self._colour, thickness=self._width
+            )
+        self._node.points = segments
+        self._node.visible = True
+
+
+class PathLayer(Layer):
+    """The planned way."""
+
+    key, title = "path", "Path"
+    needs = (topics.PATH,)
+    width = 0.045
+    colour = PATH_COLOUR
+    height = Z_PATH
+    topic = topics.PATH
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        super().__init__(server)
+        self._line = Line(self, "line", self.colour, self.width)
+
+    def draw(self, view: View) -> None:
+        """Draw the newest path while there is somewhere to go."""
+        goal = view.feeds.latest(topics.GOAL)
+        is_going = goal is not None and goal.state in DRIVING and not view.is_away
+        path = view.feeds.latest(self.topic) if is_going else None
+        world_T_path = None if path is None else view.placement.world_T(path.frame)
+        if self.changed(path, world_T_path):
+            self._line.show(path_segments(path, world_T_path, self.height))
+
+
+class TrajectoryLayer(PathLayer):
+    """What the controller drives within the next seconds."""
+
+    key, title = "trajectory", "Trajectory"
+    needs = (topics.TRAJECTORY,)
+    period_s = 0.1
+    width = 0.06
+    colour = TRAJECTORY_COLOUR
+    height = Z_TRAJECTORY
+    topic = topics.TRAJECTORY
+
+
+class PreviewLayer(Layer):
+    """The way to where somebody points just now."""
+
+    key, title = "preview", "Preview"
+    period_s = 0.1
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        super().__init__(server)
+        self._line = Line(self, "line", PREVIEW_COLOUR, 0.035)
+
+    def draw(self, view: View) -> None:
+        """Draw it while it is asked for."""
+        path = view.preview
+        world_T_path = None if path is None else view.placement.world_T(path.frame)
+        if self.changed(path, world_T_path):
+            self._line.show(path_segments(path, world_T_path, Z_TRAJECTORY))
+
+
+class GoalLayer(Layer):
+    """The goal: an arrow, the footprint there, its name, and what is in the way."""
+
+    key, title = "goal", "Goal"
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        super().__init__(server)
+        self._frame = self.scene.add_frame(self.path("pose"), show_axes=False, visible=False)
+        self._arrow = self.scene.add_mesh_simple(
+            self.path("pose/arrow"),
+            *flat(arrow_outline(0.5, 0.32)),
+            color=GOAL_COLOUR,
+            side="double",
+            cast_shadow=False,
+        )
+        self._arrow.position = (0.0, 0.0, Z_FOOTPRINT)
+        self._label = self.scene.add_label(self.path("pose/name"), "", anchor="bottom-center")
+        self._label.position = (0.0, 0.0, Z_LABEL)
+        self._footprint: viser.LineSegmentsHandle | None = None
+        self._blocked: viser.PointCloudHandle | None = None
+
+    def draw(self, view: View) -> None:
+        """Draw the goal while the robot is on its way there, and red where it failed."""
+        goal = view.feeds.latest(topics.GOAL)
+        world_T_frame = None if goal is None else view.placement.world_T(goal.frame)
+        if not self.changed(goal, world_T_frame, view.robot, view.is_away):
+            return
+        shown = (
+            goal is not None
+            and goal.pose is not None
+            and world_T_frame is not None
+            and goal.state in (*DRIVING, "failed")
+            and not view.is_away
+        )
+        self._frame.visible = shown
+        blocked = goal.blocked if shown and goal is not None else []
+        self._show_blocked(blocked, world_T_frame)
+        if not shown or goal is None or goal.pose is None or world_T_frame is None:
+            return
+        poses = view.feeds.latest(topics.POSES)
+        self._label.text = goal_name(goal, [] if poses is None else poses.poses)
+        self._arrow.color = FAILED_COLOUR if goal.state == "failed" else GOAL_COLOUR
+        place(self._frame, world_T_frame @ goal.pose, 0.0)
+        if view.robot is not None:
+            self._show_footprint(np.array(view.robot.footprint))
+
+    def _show_footprint(self, points: np.ndarray) -> None:
+        segments = closed_segments(points, Z_FOOTPRINT)
+        if self._footprint is None:
+            self._footprint = self.scene.add_line_segments(
+                self.path("pose/footprint"),
+                segments,
+                GOAL_COLOUR,
+                thickness=2.0,
+                thickness_units="screen",
+            )
+        self._footprint.points = segments
+
+    def _show_blocked(self, points: list[tuple[float, float]], world_T: Pose2D | None) -> None:  # noqa: N803
+        if not points or world_T is None:
+            if self._blocked is not None:
+                self._blocked.visible = False
+            return
+        placed = world_T.transform_points(np.array(points))
+        raised = np.column_stack([placed, np.full(len(placed), Z_LABEL)]).astype(np.float32)
+        if self._blocked is None:
+            self._blocked = self.scene.add_point_cloud(
+                self.path("blocked"),
+                raised,
+                BLOCKED_COLOUR,
+                point_size=0.1,
+                point_shape="diamond",
+                point_shading="flat",
+                precision="float32",
+            )
+        self._blocked.points = raised
+        self._blocked.visible = True
+
+
+def path_segments(path: Path | None, world_T_path: Pose2D | None, z: float) -> np.ndarray:
+    """A path as line segments (n, 2, 3) [m] in the world; none where it cannot be placed."""
+    if path is None or world_T_path is None:
+        return np.zeros((0, 2, 3), np.float32)
+    poses = floats_from_bytes(path.poses, 3)
+    return open_segments(world_T_path.transform_points(poses[:, :2]), z)

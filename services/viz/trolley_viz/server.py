@@ -1,0 +1,62 @@
+"""The web server behind the viewer: viser, on one address and port, closed to everybody else.
+
+viser binds all interfaces, moves silently to the next port where its own is taken, and lets any
+visitor ask for a public tunnel; none of that is for a program that drives a robot.
+"""
+
+import contextlib
+import io
+import socket
+
+import viser
+
+from trolley.config.viz import VizConfig
+
+
+class PortTaken(RuntimeError):
+    """The viewer's port cannot be had."""
+
+
+class LocalServer(viser.ViserServer):
+    """A viser server that never opens a tunnel to the outside."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Refuse: a public address would let strangers drive the robot."""
+        del verbose
+        return None
+
+
+def open_server(config: VizConfig) -> LocalServer:
+    """Serve the viewer at exactly the configured address.
+
+    Raises:
+        PortTaken: Something else listens there, or the address is not this host's.
+    """
+    _check_port(config.host, config.port)
+    # viser prints a banner whatever it is told; what people need to know stands in the log.
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = LocalServer(host=config.host, port=config.port, verbose=False)
+    if server.get_port() != config.port:
+        server.stop()
+        raise PortTaken(f"port {config.port} on {config.host} was taken just now")
+    configure_look(server, dark=False)
+    server.gui.set_panel_label("Trolley")
+    server.gui.main_panel.dock_right()
+    server.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering
+    server.initial_camera.far = 1000.0
+    return server
+
+
+def configure_look(server: viser.ViserServer, *, dark: bool) -> None:
+    """Set the look of the page, without viser's own buttons."""
+    server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+
+
+def _check_port(host: str, port: int) -> None:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise PortTaken(f"cannot listen on {host}, port {port}: {error.strerror}") from error
