@@ -19,7 +19,7 @@ DAY_S = 86_400.0
 _CREATE = """
 CREATE TABLE IF NOT EXISTS trips (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
-    trip TEXT NOT NULL UNIQUE,
+    trip TEXT NOT NULL,
     name TEXT,
     state TEXT NOT NULL,
     started_at TEXT,
@@ -63,18 +63,21 @@ def keep_trip(folder: Path, trip: PastTrip, days: float) -> str | None:
 
 
 def _insert(path: Path, trip: PastTrip, days: float) -> None:
-    started = _unix(trip.started_at)
+    started, document = _unix(trip.started_at), msgspec.json.encode(trip)
     row = (
         trip.trip,
         trip.name,
         trip.state,
         trip.started_at,
         started,
-        msgspec.json.encode(trip),
+        document,
     )
     with _opened(path) as connection:
+        there = connection.execute("SELECT document FROM trips WHERE trip = ?", (trip.trip,))
+        if any(known == document for (known,) in there):
+            return
         connection.execute(
-            "INSERT OR IGNORE INTO trips (trip, name, state, started_at, started, document)"
+            "INSERT INTO trips (trip, name, state, started_at, started, document)"
             " VALUES (?, ?, ?, ?, ?, ?)",
             row,
         )

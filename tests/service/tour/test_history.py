@@ -1,0 +1,116 @@
+"""The history of trips, and the schedule."""
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from trolley import codes, requests
+from trolley.codes import Refused
+from trolley.messages import ScheduleEntry, Stop, Tour
+from trolley.messages.asking import AskHistory
+
+if TYPE_CHECKING:
+    from .conftest import Home, Plan
+
+
+def test_history_tells_results_and_survives_a_restart(home: "Home", plan: "type[Plan]"):
+    home.planner.script = [plan(), plan(state="failed", reason=codes.BLOCKED, message="Blocked.")]
+    home.start("corridor", "kitchen")
+    home.run_until("failed")
+    home.restart_tour()
+    (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert (past.state, past.reason) == ("failed", codes.ABORTED)
+    assert [(one.state, one.code) for one in past.results] == [
+        ("reached", ""),
+        ("failed", codes.BLOCKED),
+    ]
+    assert 8.0 < past.seconds < 12.0
+
+
+def test_history_gives_the_newest_oldest_first(home: "Home"):
+    trips = [home.start("kitchen").trip for _ in range(4)]
+    home.lockstep.ask(requests.TOUR_STOP)
+    past = home.lockstep.ask(requests.TOUR_HISTORY, AskHistory(limit=2))
+    assert [one.trip for one in past] == trips[-2:]
+
+
+def test_history_refuses_a_time_that_is_none(home: "Home"):
+    with pytest.raises(Refused) as caught:
+        home.lockstep.ask(requests.TOUR_HISTORY, AskHistory(since="yesterday"))
+    assert caught.value.code == codes.BAD_REQUEST
+
+
+def test_broken_history_is_kept_aside(home: "Home"):
+    folder = home.lockstep.state / "trolley"
+    (folder / "history.sqlite").write_bytes(b"this is no database, but a rather long text" * 100)
+    with pytest.raises(Refused) as caught:
+        home.lockstep.ask(requests.TOUR_HISTORY)
+    assert caught.value.code == codes.INTERNAL
+    home.start("kitchen")
+    home.run_until("done")
+    assert len(home.lockstep.ask(requests.TOUR_HISTORY)) == 1
+    assert len(list(folder.glob("history.sqlite.broken-*"))) == 1
+
+
+def test_times_are_told_where_the_clock_is_synchronised(home: "Home", monkeypatch):
+    monkeypatch.setattr(type(home.tour), "utc_now", lambda _: "2026-11-02T07:29:50Z")
+    home.start("kitchen")
+    home.run_until("done")
+    (past,) = home.lockstep.ask(requests.TOUR_HISTORY, AskHistory(since="2026-11-02T00:00:00"))
+    assert past.started_at == past.ended_at == "2026-11-02T07:29:50Z"
+    assert past.results[0].started_at == "2026-11-02T07:29:50Z"
+    later = AskHistory(since="2026-11-02T08:00:00+00:00")
+    assert home.lockstep.ask(requests.TOUR_HISTORY, later) == []
+
+
+@pytest.fixture
+def berlin(monkeypatch):
+    """Local time is that of Berlin."""
+    import time
+
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+def put_scheduled(home: "Home", at: str, *days: str) -> None:
+    schedule = [ScheduleEntry(days=list(days), at=at)]
+    tour = Tour(name="morning", stops=[Stop(name="kitchen")], schedule=schedule)
+    home.lockstep.ask(requests.TOURS_PUT, tour)
+
+
+def set_clock(home: "Home", monkeypatch, utc: str | None) -> None:
+    monkeypatch.setattr(type(home.tour), "utc_now", lambda _: utc)
+    home.lockstep.run(2.0)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_scheduled_tour_starts_once_in_its_minute_of_local_time(home: "Home", monkeypatch):
+    put_scheduled(home, "08:30", "mon")
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")  # a Monday, an hour behind Berlin
+    assert home.status.state == "idle"
+    set_clock(home, monkeypatch, "2026-11-02T07:30:05Z")
+    assert (home.status.state, home.status.name) == ("driving", "morning")
+    home.lockstep.run(40.0)
+    assert home.status.state == "done"
+    assert len(home.planner.ids) == 1
+
+
+@pytest.mark.usefixtures("berlin")
+def test_scheduled_tour_does_not_push_another_aside(home: "Home", monkeypatch):
+    put_scheduled(home, "08:30")
+    trip = home.start("corridor", "entrance").trip
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
+    set_clock(home, monkeypatch, "2026-11-02T07:30:05Z")
+    assert home.status.trip == trip
+    assert home.lockstep.counters("tour")["schedule/busy"] == 1
+
+
+@pytest.mark.usefixtures("berlin")
+def test_without_a_synchronised_clock_nothing_starts(home: "Home", monkeypatch):
+    put_scheduled(home, "08:30")
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
+    set_clock(home, monkeypatch, None)
+    assert home.status.state == "idle"
