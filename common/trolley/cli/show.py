@@ -113,9 +113,11 @@ def seconds_text(seconds: float | None) -> str:
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print columns as wide as they need to be; nothing but the heads if there are no rows."""
-    widths = [max(len(row[i]) for row in (heads, *rows)) for i in range(len(heads))]
-    for index, row in enumerate((heads, *rows)):
-        line = "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True))
+    lengths = [[len(click.unstyle(text)) for text in row] for row in (heads, *rows)]
+    widths = [max(column) for column in zip(*lengths, strict=True)]
+    for index, (row, length) in enumerate(zip((heads, *rows), lengths, strict=True)):
+        cells = zip(row, length, widths, strict=True)
+        line = "  ".join(text + " " * (width - used) for text, used, width in cells)
         click.echo(click.style(line.rstrip(), bold=True) if index == 0 else line.rstrip())
 
 
