@@ -13,4 +13,4 @@ MEANINGS = {
     UNREACHABLE: "no router, no such robot, or the service that answers is not running",
     INTERRUPTED: "interrupted (Ctrl-C)",
 }
-"""By code; `docs/cli.md` and `trolley --help` print this table."""
+"""By code; `docs/command-line.md` and `trolley --help` print this table."""

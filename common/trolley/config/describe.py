@@ -22,7 +22,7 @@ INLINE: dict[type[msgspec.Struct], str] = {
     PoseConfig: "{x, y, yaw} or {x, y, orientation = [x, y, z, w]}",
 }
 """Structs that stand on one line of the file, and how."""
-_LARGE = 1e30
+_LARGE = 1e15
 
 
 class Key(NamedTuple):
