@@ -23,6 +23,8 @@ _STALE_M = 0.5
 _STALE_RAD = 0.7
 # A place whose support falls this far behind the best is given up.
 _GIVE_UP = 0.3
+# How many times the usual lead a place needs that the scan supports only moderately.
+_DOUBTFUL_LEAD = 2.0
 # Places that drift together are one.
 _SAME_M = 0.3
 _SAME_RAD = 0.3
@@ -129,10 +131,10 @@ class Hypotheses:
         if not self.is_plausible:
             return None
         best = self.items[0]
+        margin = self._config.search_margin
         if best.latest < self._config.good_support:
-            return None
-        if len(self.items) == 1:
-            return best
+            # Where much has been moved about, only a place far ahead of all others will do.
+            margin *= _DOUBTFUL_LEAD
+        second = self.items[1].total if len(self.items) > 1 else 0.0
         # Supports of several views are summed: the wanted lead grows slower than their number.
-        lead = best.total - self.items[1].total
-        return best if lead >= self._config.search_margin * math.sqrt(self._views) else None
+        return best if best.total - second >= margin * math.sqrt(self._views) else None

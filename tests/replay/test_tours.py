@@ -1,0 +1,42 @@
+"""The demo's tour in lock-step: all services, simulated time, judged by the truth."""
+
+import pytest
+from drives import CORRIDOR, ENTRANCE, KITCHEN, WORLDS, Drive, drive_tour, simulated
+
+from trolley.geometry import Pose2D
+
+START = Pose2D(0.549, 0.218, 0.2579)
+STOPS = {"corridor": CORRIDOR, "entrance": ENTRANCE, "kitchen": KITCHEN}
+
+
+def drive(seed: int, without_zones: tuple[str, ...] = ()) -> Drive:
+    config = simulated(WORLDS / "apartment.toml", WORLDS / "apartment.yaml", START, seed)
+    return drive_tour(config, seed, STOPS, without_zones=without_zones)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 105))
+def test_tour_arrives_past_mirror_and_obstacles(seed: int) -> None:
+    found = drive(seed)
+    assert found.arrived, found.why
+    assert found.collisions == 0
+    assert found.closest > 0.05
+    assert found.localized_s is not None
+    assert found.localized_s < 10.0
+    assert found.position_errors.max() < 0.10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 103))
+def test_unmarked_mirror_causes_no_collision_and_no_hang(seed: int) -> None:
+    found = drive(seed, without_zones=("hall mirror",))
+    assert found.collisions == 0
+    assert found.state != "hung"
+    assert found.arrived or found.why
+
+
+def test_same_seed_gives_the_same_drive() -> None:
+    first, second = drive(7), drive(7)
+    assert first.seconds == second.seconds
+    assert first.closest == second.closest
+    assert first.position_errors.tolist() == second.position_errors.tolist()

@@ -1,0 +1,404 @@
+"""The localizer on the wire, in lock-step: messages in, messages and counters out."""
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.config import RobotConfig
+from trolley.geometry import Pose2D, Twist2D, integrate_twist
+from trolley.gridmap import GridMap, save_map
+from trolley.messages import (
+    Clock,
+    Odometry,
+    PoseEstimate,
+    SavedPose,
+    SavedPoses,
+    Scan,
+    Transform,
+    Zone,
+    floats_to_bytes,
+)
+from trolley.messages.asking import LoadMap, Named, SetPose
+from trolley.runtime.lockstep import Lockstep
+from trolley_localizer.service import LocalizerService
+
+from .conftest import BASE_T_LASER, at, make_scan
+
+STEP_NS = 50_000_000
+START = (5.5, 3.0, 0.4)
+
+
+class Robot:
+    """A base that drives as told, with a lidar, on a lock-step bus."""
+
+    def __init__(self, folder: Path, grid: GridMap, **config: Any) -> None:
+        self.grid = grid
+        self.folder = folder
+        self.config = msgspec.convert(
+            {
+                "robot": {"name": "trolley", "footprint": {"radius_m": 0.17}},
+                "map": {"file": str(folder / f"{grid.name}.yaml")},
+                **config,
+            },
+            RobotConfig,
+        )
+        self.pose = at(grid, *START)
+        self.odom = Pose2D.identity()
+        self.sends_odometry = True
+        self.begin()
+
+    def begin(self) -> None:
+        """Start the localizer's process on the state that lies there."""
+        self.bus = Lockstep(state=self.folder / "state")
+        self.poses = self.bus.record(topics.POSE)
+        self.maps = self.bus.record(topics.MAP)
+        self.zones = self.bus.record(topics.ZONES)
+        self.transforms = self.bus.record(topics.TF, "odom")
+        self.beams = self.bus.record(topics.BEAMS)
+        self.particles = self.bus.record(topics.PARTICLES)
+        self.bus.add(LocalizerService(self.config))
+        laser = Transform(stamp_ns=0, parent="base_link", child="laser", pose=BASE_T_LASER)
+        self.bus.publish(topics.TF, laser, "laser")
+
+    def drive(self, seconds: float, vx: float = 0.0, wz: float = 0.0) -> None:
+        """Send odometry at 20 Hz and scans at 10 Hz while time passes."""
+        twist = Twist2D(vx, 0.0, wz)
+        for step in range(round(seconds * 20)):
+            self.bus.run(STEP_NS * 1e-9)
+            self.pose = integrate_twist(self.pose, twist, STEP_NS * 1e-9)
+            self.odom = integrate_twist(self.odom, twist, STEP_NS * 1e-9)
+            now_ns = self.bus.now_ns
+            self.bus.publish(topics.CLOCK, Clock(stamp_ns=now_ns, rate=1.0, epoch=0))
+            if self.sends_odometry:
+                odometry = Odometry(stamp_ns=now_ns, pose=self.odom, twist=twist)
+                self.bus.publish(topics.ODOM, odometry)
+            if step % 2:
+                self.bus.publish(topics.SCAN, self.scan(now_ns))
+
+    def scan(self, stamp_ns: int) -> Scan:
+        taken = make_scan(self.grid, self.pose, self.odom)
+        return Scan(
+            stamp_ns=stamp_ns,
+            frame="laser",
+            angle_min=taken.angle_min,
+            angle_increment=taken.angle_increment,
+            time_increment=0.0,
+            range_min=taken.range_min,
+            range_max=taken.range_max,
+            ranges=floats_to_bytes(taken.ranges),
+        )
+
+    @property
+    def last(self) -> PoseEstimate:
+        return self.poses[-1]
+
+    def error_m(self) -> float:
+        assert self.last.pose is not None
+        return self.last.pose.distance_to(self.pose)
+
+
+MakeRobot = Callable[..., Robot]
+
+
+@pytest.fixture
+def make_robot(tmp_path: Path, flat: GridMap) -> Iterator[MakeRobot]:
+    robots: list[Robot] = []
+
+    def make(**config: Any) -> Robot:
+        save_map(flat, tmp_path / "flat.yaml")
+        robots.append(Robot(tmp_path, flat, **config))
+        return robots[-1]
+
+    yield make
+    for robot in robots:
+        robot.bus.close()
+
+
+def start_at(pose: Pose2D) -> dict[str, Any]:
+    return {"pose": {"x": pose.x, "y": pose.y, "yaw": pose.yaw}}
+
+
+def test_map_and_zones_are_published_at_the_start(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot()
+    assert [m.name for m in robot.maps] == ["flat"]
+    assert robot.maps[0].cells == flat.cells.tobytes()
+    assert (robot.maps[0].width, robot.maps[0].height) == (flat.cols, flat.rows)
+    assert robot.zones[-1].map == "flat"
+    assert robot.zones[-1].zones == []
+
+
+def test_each_scan_gives_a_pose_and_before_it_the_transform(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START) @ Pose2D(0.2, 0.1, 0.1)))
+    robot.drive(3.0, 0.3, 0.3)
+    assert len(robot.poses) == 30
+    assert robot.last.state == "localized"
+    assert robot.last.map == "flat"
+    assert robot.error_m() < 0.05
+    assert robot.transforms[-1].stamp_ns == robot.last.stamp_ns
+    joined = robot.transforms[-1].pose @ robot.odom
+    assert robot.last.pose is not None
+    assert joined.distance_to(robot.last.pose) < 1e-6
+    assert len(robot.beams) == 30
+    assert 14 <= len(robot.particles) <= 15
+    assert len(robot.beams[-1].classes) == 360
+    assert robot.bus.counters("localizer") == {}
+
+
+def test_without_a_start_it_searches_and_keeps_tf_back_until_it_knows(
+    make_robot: MakeRobot,
+) -> None:
+    robot = make_robot()
+    robot.drive(0.1)
+    assert robot.last.state == "searching"
+    assert robot.last.pose is None
+    assert robot.transforms == []
+    robot.drive(2.0, 0.2, 0.2)
+    assert robot.last.state == "localized"
+    assert robot.error_m() < 0.05
+
+
+def test_a_set_pose_is_a_hypothesis(make_robot: MakeRobot) -> None:
+    robot = make_robot()
+    robot.drive(2.0)
+    reply = robot.bus.ask(requests.POSE_SET, SetPose(pose=robot.pose @ Pose2D(0.2, 0.0, 0.1)))
+    assert reply.state == "unsure"
+    robot.drive(1.0)
+    assert robot.last.state == "localized"
+    assert robot.error_m() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "code"), [(-3.0, 1.0, codes.OUTSIDE_MAP), (0.05, 3.0, codes.IN_OBSTACLE)]
+)
+def test_a_pose_where_the_robot_cannot_be_is_refused(
+    make_robot: MakeRobot, flat: GridMap, x: float, y: float, code: str
+) -> None:
+    robot = make_robot()
+    with pytest.raises(Refused) as refused:
+        robot.bus.ask(requests.POSE_SET, SetPose(pose=at(flat, x, y, 0.0)))
+    assert refused.value.code == code
+
+
+@pytest.mark.parametrize("covariance", [[0.0] * 9, [-1e9] * 9, [1e300] * 9])
+def test_any_covariance_of_nine_numbers_is_survived(
+    make_robot: MakeRobot, covariance: list[float]
+) -> None:
+    robot = make_robot()
+    robot.drive(0.2)
+    robot.bus.ask(requests.POSE_SET, SetPose(pose=robot.pose, covariance=covariance))
+    robot.drive(1.0)
+    assert robot.last.covariance is not None
+    assert all(math.isfinite(value) for value in robot.last.covariance)
+    assert robot.last.state == "localized"
+
+
+def test_find_searches_the_whole_map(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(1.0)
+    robot.pose = at(flat, 1.6, 4.8, 2.5)
+    assert robot.bus.ask(requests.POSE_FIND).state == "searching"
+    robot.drive(1.5)
+    assert robot.last.state == "localized"
+    assert robot.error_m() < 0.05
+
+
+def test_it_comes_back_at_the_last_pose(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(4.0, 0.2)
+    robot.bus.close()
+    robot.odom = Pose2D.identity()
+    robot.begin()
+    robot.drive(0.1)
+    assert robot.last.state == "unsure"
+    assert robot.error_m() < 0.05
+    robot.drive(0.5)
+    assert robot.last.state == "localized"
+
+
+def test_a_kill_loses_two_seconds_at_most(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(5.0, 0.1)
+    robot.bus.kill("localizer")
+    saved = (robot.folder / "state" / "trolley" / "last_pose.toml").read_text()
+    assert 'map = "flat"' in saved
+    robot.begin()
+    robot.drive(0.5)
+    assert robot.last.state == "localized"
+
+
+def test_a_last_pose_on_another_map_is_not_used(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    file = robot.folder / "state" / "trolley" / "last_pose.toml"
+    robot.bus.close()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text('map = "elsewhere"\n[pose]\nx = 2.0\ny = 2.0\nyaw = 0.0\n')
+    robot.begin()
+    robot.drive(0.1)
+    assert robot.last.pose is not None
+    assert robot.error_m() < 0.1
+
+
+def test_a_start_pose_may_be_the_name_of_a_saved_pose(make_robot: MakeRobot) -> None:
+    robot = make_robot(start={"pose": "dock"})
+    saved = SavedPose(name="dock", map="flat", pose=robot.pose)
+    robot.bus.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=[saved]))
+    robot.drive(0.1)
+    assert robot.last.state == "unsure"
+    assert robot.error_m() < 0.05
+
+
+def test_zones_are_stored_published_and_deleted(make_robot: MakeRobot) -> None:
+    robot = make_robot()
+    body = json.dumps({"name": "hall", "kind": "mirror", "points": [[6.0, 1.0], [6.0, 2.0]]})
+    key = topics.ZONE.key("trolley", "hall")
+    robot.bus.put(key, body.encode(), "application/json")
+    assert [zone.name for zone in robot.zones[-1].zones] == ["hall"]
+    assert json.loads(robot.bus.get(key)[0].payload)["kind"] == "mirror"
+    stairs = Zone(name="stairs", kind="keepout", points=[(1.0, 1.0), (2.0, 1.0), (2.0, 2.0)])
+    assert robot.bus.ask(requests.ZONES_PUT, stairs) == stairs
+    robot.bus.close()
+    robot.begin()
+    assert [zone.name for zone in robot.zones[-1].zones] == ["hall", "stairs"]
+    robot.bus.delete(key)
+    assert robot.bus.ask(requests.ZONES_DELETE, Named(name="stairs")) == stairs
+    assert robot.zones[-1].zones == []
+
+
+def test_a_refused_zone_changes_nothing_and_is_counted(make_robot: MakeRobot) -> None:
+    robot = make_robot()
+    body = json.dumps({"name": "other", "kind": "mirror", "points": [[6.0, 1.0], [6.0, 2.0]]})
+    robot.bus.put(topics.ZONE.key("trolley", "hall"), body.encode(), "application/json")
+    assert robot.zones[-1].zones == []
+    assert robot.bus.counters("localizer") == {"zones/bad_request": 1}
+
+
+def test_zones_that_come_with_a_map_are_taken_over_once(make_robot: MakeRobot) -> None:
+    robot = make_robot()
+    robot.bus.close()
+    seeds = robot.folder / "flat.zones.toml"
+    seeds.write_text('[[zones]]\nname = "m"\nkind = "mirror"\npoints = [[6.0, 1.0], [6.0, 2.0]]\n')
+    robot.begin()
+    assert [zone.name for zone in robot.zones[-1].zones] == ["m"]
+    robot.bus.ask(requests.ZONES_DELETE, Named(name="m"))
+    robot.bus.close()
+    robot.begin()
+    assert robot.zones[-1].zones == []
+
+
+def test_maps_are_listed_and_changed_with_the_pose_kept(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(1.0)
+    cells = flat.cells.copy()
+    cells[110:112, 20:60] = 100
+    (robot.folder / "state" / "maps").mkdir(parents=True, exist_ok=True)
+    save_map(
+        GridMap("newer", flat.resolution, flat.origin, cells),
+        robot.folder / "state" / "maps" / "newer.yaml",
+    )
+    assert robot.bus.ask(requests.MAP_LIST) == ["flat", "newer"]
+    assert robot.bus.ask(requests.MAP_LOAD, LoadMap(name="newer")).width == flat.cols
+    assert robot.maps[-1].name == "newer"
+    robot.drive(0.1)
+    assert robot.last.map == "newer"
+    assert robot.error_m() < 0.05
+    robot.bus.close()
+    robot.begin()
+    assert robot.maps[-1].name == "newer"
+
+
+@pytest.mark.parametrize(
+    ("params", "code"),
+    [
+        (LoadMap(name="none"), codes.UNKNOWN_NAME),
+        (LoadMap(name="flat", pose=Pose2D(90.0, 0.0, 0.0)), codes.OUTSIDE_MAP),
+    ],
+)
+def test_a_map_that_cannot_be_used_changes_nothing(
+    make_robot: MakeRobot, params: LoadMap, code: str
+) -> None:
+    robot = make_robot()
+    with pytest.raises(Refused) as refused:
+        robot.bus.ask(requests.MAP_LOAD, params)
+    assert refused.value.code == code
+    assert len(robot.maps) == 1
+
+
+def test_without_a_map_it_says_so_and_refuses(make_robot: MakeRobot) -> None:
+    robot = make_robot(map={})
+    health = robot.bus.record(topics.HEALTH, "localizer")
+    robot.drive(1.1)
+    assert health[-1].state == "degraded"
+    assert "no map" in health[-1].message
+    with pytest.raises(Refused) as refused:
+        robot.bus.ask(requests.POSE_FIND)
+    assert refused.value.code == codes.NOT_READY
+    assert robot.bus.counters("localizer")["scan/no_map"] > 0
+
+
+def test_a_broken_map_is_reported_and_survived(make_robot: MakeRobot) -> None:
+    robot = make_robot()
+    robot.bus.close()
+    (robot.folder / "flat.yaml").write_text("image: nowhere.pgm\n")
+    robot.begin()
+    health = robot.bus.record(topics.HEALTH, "localizer")
+    robot.drive(1.1)
+    assert health[-1].state == "failed"
+    assert "flat.yaml" in health[-1].message
+
+
+def test_scans_without_odometry_are_counted(make_robot: MakeRobot) -> None:
+    robot = make_robot()
+    robot.sends_odometry = False
+    robot.drive(1.0)
+    assert robot.poses == []
+    assert robot.bus.counters("localizer")["scan/no_odometry"] >= 8
+
+
+def test_what_a_stranger_sends_as_scan_does_no_harm(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(1.0)
+    good = robot.scan(robot.bus.now_ns + 1)
+    for ranges in (np.full(3, np.nan), np.empty(0), np.full(2000, -1.0)):
+        robot.bus.run(0.05)
+        odd = msgspec.structs.replace(
+            good, stamp_ns=robot.bus.now_ns, ranges=floats_to_bytes(ranges)
+        )
+        robot.bus.publish(topics.SCAN, odd)
+    robot.bus.publish(topics.SCAN, good)
+    robot.drive(1.0)
+    assert robot.last.state == "localized"
+    assert robot.bus.counters("localizer")["scan/old_stamp"] >= 1
+    for pose in robot.poses:
+        assert pose.covariance is None or np.isfinite(pose.covariance).all()
+
+
+def test_a_restart_of_base_keeps_the_pose(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(2.0, 0.2, 0.3)
+    robot.odom = Pose2D.identity()
+    now_ns = robot.bus.now_ns
+    robot.bus.publish(topics.CLOCK, Clock(stamp_ns=now_ns, rate=1.0, epoch=now_ns))
+    before = len(robot.poses)
+    for _ in range(10):
+        robot.bus.run(0.1)
+        stamp_ns = robot.bus.now_ns
+        robot.bus.publish(topics.CLOCK, Clock(stamp_ns=stamp_ns, rate=1.0, epoch=now_ns))
+        robot.bus.publish(
+            topics.ODOM, Odometry(stamp_ns=stamp_ns, pose=robot.odom, twist=Twist2D.zero())
+        )
+        robot.bus.publish(topics.SCAN, robot.scan(stamp_ns))
+    assert len(robot.poses) == before + 10
+    assert {pose.state for pose in robot.poses[before:]} == {"localized"}
+    assert robot.error_m() < 0.05
