@@ -1,0 +1,103 @@
+"""The demo as a user runs it, and other programs that speak to it."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+from support.demo import Demo, Latest
+from support.waiting import wait_until
+
+from trolley import topics
+from trolley.client import Robot
+from trolley.runtime.zenoh_bus import open_bus
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize(("speed", "seed"), [(1, 1), (2, 2)])
+def test_demo_reaches_all_stops(tmp_path: Path, speed: int, seed: int) -> None:
+    demo = Demo(tmp_path, "--headless", "--tour", "--speed", str(speed), "--seed", str(seed))
+    try:
+        assert demo.process.wait(150.0) == 0, demo.process.log
+    finally:
+        demo.process.kill()
+    for stop in ("corridor", "entrance", "kitchen"):
+        assert f"{stop}: reached" in demo.process.log
+    assert "0 collisions" in demo.process.log
+
+
+def is_localized(robot: Robot) -> bool:
+    """Whether the newest pose says so."""
+    pose = robot.latest(topics.POSE)
+    return pose is not None and pose.state == "localized"
+
+
+@pytest.fixture
+def quiet_demo(tmp_path: Path) -> Generator[Demo]:
+    """A demo that stands and waits, with its places saved."""
+    demo = Demo(tmp_path, "--headless")
+    with Robot(demo.name, [demo.endpoint]) as robot:
+
+        def has_kitchen() -> bool:
+            poses = robot.latest(topics.POSES)
+            return poses is not None and any(pose.name == "kitchen" for pose in poses.poses)
+
+        wait_until(has_kitchen, 60.0, "the demo has saved its places")
+        wait_until(lambda: is_localized(robot), 30.0, "the robot is localized")
+    yield demo
+    demo.end()
+
+
+def zenoh_cli(demo: Demo, *arguments: str) -> str:
+    """Run the PyPI client `zenoh-cli`."""
+    program = Path(sys.executable).with_name("zenoh")
+    command = [str(program), "--mode", "client", "--connect", demo.endpoint, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=True).stdout
+
+
+def test_foreign_client_reads_and_stores(quiet_demo: Demo) -> None:
+    name = quiet_demo.name
+    kitchen = zenoh_cli(
+        quiet_demo, "get", "--decoder", "json", "-s", f"trolley/{name}/poses/kitchen"
+    )
+    assert '"kitchen"' in kitchen.replace("'", '"')
+    pose = zenoh_cli(quiet_demo, "get", "--decoder", "json", "-s", f"trolley/{name}/pose")
+    assert "localized" in pose
+    place = {"map": "apartment", "pose": {"x": 1.0, "y": 0.5, "yaw": 0.0}, "name": "sofa"}
+    zenoh_cli(quiet_demo, "put", "-k", f"trolley/{name}/poses/sofa", "-v", json.dumps(place))
+    with Robot(name, [quiet_demo.endpoint]) as robot:
+        wait_until(lambda: robot.get(topics.SAVED_POSE, "sofa"), 5.0, "the place is stored")
+
+
+def test_reading_everything_moves_nothing(quiet_demo: Demo) -> None:
+    with open_bus([quiet_demo.endpoint], 20.0) as bus:
+        latest = Latest(bus, quiet_demo.name)
+        wait_until(lambda: latest.truth, 10.0, "the truth arrives")
+        assert latest.truth is not None
+        before = latest.truth.pose
+        everything = zenoh_cli(quiet_demo, "get", "-s", f"trolley/{quiet_demo.name}/**")
+        # The client prints one value a line, without keys: at least these topics answer.
+        assert len(everything.splitlines()) >= 15
+        time.sleep(1.0)
+        assert latest.truth.pose.distance_to(before) < 0.001
+    assert set(quiet_demo.children()) == {"base", "localizer", "planner", "tour"}
+
+
+def test_recording_plays_as_real_processes(tmp_path: Path, recordings: Path) -> None:
+    demo = Demo(
+        tmp_path,
+        "--headless",
+        "--recording",
+        str(recordings / "create3-rplidar-mac.npz"),
+        "--map",
+        str(recordings / "mac_1st_floor_final.yaml"),
+    )
+    try:
+        with Robot(demo.name, [demo.endpoint]) as robot:
+            wait_until(lambda: is_localized(robot), 60.0, "localized on the recording")
+    finally:
+        demo.end()
