@@ -62,6 +62,7 @@ class Robot:
         name: Which robot; else the configuration file's, else the single one on the network.
         connect: Endpoints of its router, such as "tcp/192.168.1.5:7447"; else the file's.
         config: A `robot.toml`; else `TROLLEY_CONFIG`, else /etc/trolley/robot.toml.
+        connect_timeout: How long to wait for the router [s].
 
     Raises:
         RobotUnreachable: No router answers, or no robot is there.
@@ -74,9 +75,10 @@ class Robot:
         name: str | None = None,
         connect: str | Sequence[str] | None = None,
         config: Path | str | None = None,
+        connect_timeout: float = 5.0,
     ) -> None:
         target = find_target(name, [connect] if isinstance(connect, str) else connect, config)
-        self._connection = Connection(target.endpoints)
+        self._connection = Connection(target.endpoints, connect_timeout)
         self._connection.__enter__()
         try:
             self.name = pick_robot(self._connection, target)

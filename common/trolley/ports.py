@@ -1,5 +1,6 @@
 """Who listens on a TCP port of this host."""
 
+import contextlib
 import errno
 import socket
 from pathlib import Path
@@ -50,13 +51,21 @@ def owner(port: int) -> str | None:
         if not folder.name.isdigit():
             continue
         try:
-            links = {str(link.readlink()) for link in (folder / "fd").iterdir()}
-            if links & inodes:
+            if inodes & _open_files(folder):
                 words = (folder / "cmdline").read_bytes().split(b"\0")
                 return f"{_readable(words)} (pid {folder.name})"
         except OSError:  # another user's process, or one that has just ended
             continue
     return None
+
+
+def _open_files(process: Path) -> set[str]:
+    """What the descriptors of a process stand for."""
+    found: set[str] = set()
+    for link in (process / "fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+            found.add(str(link.readlink()))
+    return found
 
 
 def _listening_inodes(port: int) -> set[str]:

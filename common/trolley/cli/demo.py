@@ -43,7 +43,7 @@ def _pose_option(_context: click.Context, _parameter: click.Parameter, text: str
     try:
         return None if text is None else parse_pose(text)
     except ValueError as error:
-        raise click.BadParameter("give X,Y,YAW in metres and radians") from error
+        raise click.BadParameter(str(error)) from error
 
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)

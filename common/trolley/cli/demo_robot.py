@@ -156,7 +156,10 @@ def parse_pose(text: str) -> Pose2D:
     Raises:
         ValueError: It is not three finite numbers.
     """
-    numbers = [float(part) for part in text.split(",")]
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
     if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
-        raise ValueError(text)
+        raise ValueError(f"{text!r} is not X,Y,YAW in metres and radians")
     return Pose2D.from_array(numbers)

@@ -17,7 +17,7 @@ from trolley.messages.arrays import arrays_of
 
 @click.group(name="map")
 def map_command() -> None:
-    """The map."""
+    """Say what map the robot uses and which there are."""
 
 
 @map_command.command(name="info")

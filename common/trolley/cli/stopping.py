@@ -23,7 +23,7 @@ def stop_command(everybody: bool, as_json: bool) -> None:
         if as_json:
             print_json(stopped)
         else:
-            for name, state in stopped.items():
+            for name, state in sorted(stopped.items()):
                 click.echo(f"{name}: {state.mode}")
         if missing or not stopped:
             raise RobotUnreachable(f"NOT STOPPED: no connection to {', '.join(missing) or 'any'}")

@@ -1,0 +1,149 @@
+"""`trolley.Robot` against a scripted robot over real Zenoh."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+
+from trolley import Refused, Robot, RobotUnreachable, SeveralRobots, requests, topics
+from trolley.geometry import Pose2D
+from trolley.messages import GoalStatus, asking
+
+
+def script(*steps: tuple[str, str]) -> tuple[GoalStatus, ...]:
+    return tuple(
+        GoalStatus(stamp_ns=0, id=None, state=state, reason=reason)  # pyright: ignore[reportArgumentType]
+        for state, reason in steps
+    )
+
+
+def test_importing_trolley_loads_neither_zenoh_nor_numpy() -> None:
+    program = "import sys, trolley; print(sorted({'zenoh', 'numpy', 'msgspec'} & {*sys.modules}))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_single_robot_is_found_and_says_where_it_is(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        assert robot.name == "one"
+        estimate = robot.pose()
+        assert estimate.state == "localized"
+        assert estimate.pose == Pose2D(1.0, 2.0, 0.5)
+
+
+def test_several_robots_have_to_be_named(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    add_robot("two")
+    with pytest.raises(SeveralRobots) as several:
+        Robot(connect=endpoint)
+    assert several.value.names == ["one", "two"]
+    with Robot("two", connect=endpoint) as robot:
+        message = robot.latest(topics.ROBOT)
+        assert message is not None
+        assert message.name == "two"
+        assert robot.connection.stop_all().keys() == {"one", "two"}
+
+
+def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:
+    with pytest.raises(RobotUnreachable, match="no robot is on the network"):
+        Robot(connect=endpoint)
+    with pytest.raises(RobotUnreachable, match="no router answers"):
+        Robot(connect="tcp/127.0.0.1:1")
+    with Robot("nobody", connect=endpoint) as robot, pytest.raises(RobotUnreachable):
+        robot.cancel()
+
+
+@pytest.mark.parametrize("place", ["kitchen", Pose2D(1.0, 2.0, 0.3), (1.0, 2.0, 0.3), [1.0, 2.0]])
+def test_a_goal_is_followed_until_it_has_arrived(
+    add_robot: Callable, endpoint: str, place: object
+) -> None:
+    scripted = add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        assert robot.go_to(place, timeout=10.0).state == "arrived"  # pyright: ignore[reportArgumentType]
+    goal = scripted.sent[0]
+    assert goal.name == ("kitchen" if place == "kitchen" else None)
+    assert (goal.yaw_tolerance > 3.14) == (isinstance(place, list))
+
+
+def test_a_goal_that_fails_raises_its_reason(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one", script(("driving", ""), ("failed", "blocked")))
+    with Robot(connect=endpoint) as robot:
+        with pytest.raises(Refused) as refused:
+            robot.go_to("kitchen", timeout=10.0)
+        assert refused.value.code == "blocked"
+        with pytest.raises(Refused) as refused:
+            robot.go_to("nowhere")
+        assert refused.value.code == "unknown_name"
+        assert "nowhere" in refused.value.message
+
+
+def test_a_goal_that_takes_too_long_times_out_and_drives_on(
+    add_robot: Callable, endpoint: str
+) -> None:
+    scripted = add_robot("one", script(*[("driving", "")] * 100))
+    with Robot(connect=endpoint) as robot:
+        started_s = time.monotonic()
+        with pytest.raises(Refused) as refused:
+            robot.go_to("kitchen", timeout=0.5)
+        assert refused.value.code == "timeout"
+        assert time.monotonic() - started_s < 2.0
+    assert scripted.canceled == []
+
+
+def test_a_replaced_goal_ends_even_if_its_last_status_was_missed(
+    add_robot: Callable, endpoint: str
+) -> None:
+    scripted = add_robot("one", script(*[("driving", "")] * 100))
+    with Robot(connect=endpoint) as robot:
+        status = robot.go_to("kitchen", wait=False)
+        follow = robot.follow(status.id, timeout=10.0)
+        next(follow)
+        scripted.call_soon(scripted.replace_goal)
+        assert [status.reason for status in follow][-1] == "replaced"
+
+
+def test_a_goal_that_a_restarted_planner_forgot_is_over(add_robot: Callable, endpoint: str) -> None:
+    scripted = add_robot("one", script(*[("driving", "")] * 100))
+    with Robot(connect=endpoint) as robot:
+        status = robot.go_to("kitchen", wait=False)
+        follow = robot.follow(status.id, timeout=10.0)
+        next(follow)
+        scripted.call_soon(scripted.forget_goals)
+        with pytest.raises(Refused) as refused:
+            list(follow)
+        assert refused.value.code == "restarted"
+
+
+def test_stop_and_resume(add_robot: Callable, endpoint: str) -> None:
+    scripted = add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        assert robot.stop().mode == "stopped"
+        assert scripted.stopped
+        assert robot.resume().mode == "ok"
+
+
+def test_a_service_that_is_not_there_is_not_ready(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        with pytest.raises(Refused) as refused:
+            robot.tour("article")
+        assert refused.value.code == "not_ready"
+        assert "tour" in refused.value.message
+        with pytest.raises(Refused):
+            robot.ask(requests.TOUR_OFFER, asking.AskOffer(name="kitchen"), timeout=0.5)
+
+
+def test_subscribe_gives_messages_and_a_time_out(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        with robot.subscribe(topics.ODOM) as odometry:
+            stamps = [odometry.next(2.0).message.stamp_ns for _ in range(3)]  # pyright: ignore[reportOptionalMemberAccess]
+        assert stamps == sorted(stamps)
+        with robot.subscribe(topics.SCAN) as scans:
+            assert scans.next(0.2) is None
+        assert robot.get(topics.TF).keys() == {("laser",), ("odom",)}

@@ -1,0 +1,131 @@
+"""Commands as far as they need no robot."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from trolley.cli import COMMANDS, cli
+from trolley.cli.go import go_command
+from trolley.cli.init import render
+from trolley.config import load_config
+from trolley.config.describe import sections
+
+
+def walk(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The path of every command and group."""
+    yield path
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
+            yield from walk(below, (*path, name))
+
+
+@pytest.fixture
+def runner() -> CliRunner:
+    return CliRunner()
+
+
+@pytest.mark.parametrize("path", list(walk(cli)), ids=" ".join)
+def test_every_command_explains_itself(runner: CliRunner, path: tuple[str, ...]) -> None:
+    result = runner.invoke(cli, [*path, "--help"])
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert lines[0].startswith("Usage:")
+    assert len(lines[2].strip()) > 10
+
+
+def test_the_table_of_commands_has_the_words_of_the_help() -> None:
+    context = click.Context(cli)
+    assert [name for name in COMMANDS if cli.get_command(context, name) is None] == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_prints_a_script(runner: CliRunner, shell: str) -> None:
+    result = runner.invoke(cli, ["completion", shell])
+    assert result.exit_code == 0
+    assert "_TROLLEY_COMPLETE" in result.output
+
+
+def test_names_are_completed_in_the_shell(runner: CliRunner) -> None:
+    words = {"COMP_WORDS": "trolley topic echo cost", "COMP_CWORD": "3"}
+    result = runner.invoke(
+        cli, env={**words, "_TROLLEY_COMPLETE": "bash_complete"}, prog_name="trolley"
+    )
+    assert result.output.split() == ["plain,costmap", "plain,costmap/global"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["1"] * 4, "X Y YAW"),
+        (["1", "two"], "Y must be a number"),
+        (["1", "nan"], "Y must be a number"),
+        (["1", "--wiat", "2"], "No such option"),
+        (["-1", "-x"], "No such option"),
+        ([], "Missing argument"),
+    ],
+)
+def test_go_refuses_what_is_no_place(runner: CliRunner, arguments: list[str], problem: str) -> None:
+    result = runner.invoke(go_command, arguments)
+    assert result.exit_code == 2
+    assert problem in result.output
+
+
+def test_init_writes_a_file_that_loads_and_never_overwrites(
+    runner: CliRunner, tmp_path: Path
+) -> None:
+    path = tmp_path / "robot.toml"
+    arguments = ["init", str(path), "--name", "r2", "--length", "0.5", "--width", "0.4"]
+    assert runner.invoke(cli, [*arguments, "--map", "home.yaml"]).exit_code == 0
+    config = load_config(path)
+    assert (config.robot.name, config.robot.footprint.length_m) == ("r2", 0.5)
+    assert config.path(config.map.file or "") == tmp_path / "home.yaml"
+    before = path.read_bytes()
+    again = runner.invoke(cli, arguments)
+    assert again.exit_code == 2
+    assert "there already" in again.output
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["", "R2", "a b", "a/b", "x" * 33])
+def test_init_refuses_a_name_that_no_key_may_hold(
+    runner: CliRunner, tmp_path: Path, name: str
+) -> None:
+    result = runner.invoke(cli, ["init", str(tmp_path / "robot.toml"), "--name", name])
+    assert result.exit_code == 2
+    assert not (tmp_path / "robot.toml").exists()
+
+
+def test_init_explains_every_setting_with_its_default(tmp_path: Path) -> None:
+    text = render({"robot.name": '"a"', "robot.footprint": "{ radius_m = 0.2 }"})
+    for section in sections():
+        assert f"[{section.name}]" in text
+        for key in section.keys:
+            assert f"{key.name} =" in text
+    # Taking all comment signs from the defaults changes nothing.
+    path = tmp_path / "robot.toml"
+    path.write_text(text)
+    plain = load_config(path)
+    defaults = {f"# {k.name} = {k.default}" for s in sections() for k in s.keys if k.default}
+    # One table is left out: it has to be given in full.
+    parts = text.split("\n\n")
+    lines = [
+        line for part in parts if "# [base.recording]" not in part for line in part.split("\n")
+    ]
+    path.write_text(
+        "\n".join(line.removeprefix("# ") if line in defaults else line for line in lines)
+    )
+    assert load_config(path) == plain
+
+
+def test_every_setting_has_a_name_and_bounds_in_words() -> None:
+    found = {f"{s.name}.{k.name}": k for s in sections() for k in s.keys}
+    assert found["viz.port"].allowed == "whole number from 1 to 65535"
+    assert found["robot.name"].is_required
+    assert found["zenoh.connect"].default == '["tcp/127.0.0.1:7447"]'
+    assert found["planner.frame"].allowed == '`"map"` or `"odom"`'

@@ -1,0 +1,123 @@
+"""The demo's own robot."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trolley.cli.demo_robot import (
+    PLACES,
+    START,
+    TOUR,
+    Choices,
+    duration_s,
+    parse_pose,
+    settings,
+    write_settings,
+)
+from trolley.cli.demo_run import TruthWatch
+from trolley.config import ConfigError, load_config
+from trolley.geometry import Pose2D, Twist2D
+from trolley.gridmap import load_map
+from trolley.messages import Truth
+from trolley.runtime import codec
+from trolley.runtime.bus import Sample
+
+
+def test_the_settings_load_and_name_files_that_are_there(tmp_path: Path) -> None:
+    choices = Choices(name="second", port=7999, viz_port=8123, seed=7, speed=2.0)
+    config = load_config(write_settings(choices, tmp_path))
+    assert config.robot.name == "second"
+    assert config.zenoh.connect == ["tcp/127.0.0.1:7999"]
+    assert config.viz.port == 8123
+    assert (config.base.simulated.seed, config.base.simulated.rate) == (7, 2.0)
+    assert load_map(config.path(config.map.file or "")).name == "apartment"
+
+
+def test_the_robot_starts_where_the_article_s_robot_did(tmp_path: Path) -> None:
+    config = load_config(write_settings(Choices(), tmp_path))
+    pose = config.start.pose
+    assert pose is not None
+    assert not isinstance(pose, str)
+    assert pose.as_pose().distance_to(START) < 1e-9
+
+
+def test_the_tour_visits_the_three_places_in_order() -> None:
+    assert [stop.name for stop in TOUR.stops] == ["corridor", "entrance", "kitchen"]
+    assert list(PLACES) == [stop.name for stop in TOUR.stops]
+
+
+def test_a_chosen_start_is_where_the_robot_stands_and_thinks_it_stands() -> None:
+    plain = settings(Choices(start=Pose2D(1.0, 2.0, 0.5)))
+    assert plain["start"]["pose"] == {"x": 1.0, "y": 2.0, "yaw": 0.5}
+    assert plain["base"]["simulated"]["start"] == plain["start"]["pose"]
+
+
+def test_another_world_brings_its_own_map_and_start(tmp_path: Path) -> None:
+    (tmp_path / "hall.toml").write_text('map = "hall.yaml"\nstart = { x = 1, y = 2, yaw = 3 }\n')
+    (tmp_path / "hall.yaml").write_text("")
+    choices = Choices(world=str(tmp_path / "hall.toml"))
+    plain = settings(choices)
+    assert plain["map"]["file"] == str(tmp_path / "hall.yaml")
+    assert plain["start"]["pose"] == {"x": 1.0, "y": 2.0, "yaw": 3.0}
+    assert not choices.has_places
+    with pytest.raises(ConfigError, match="nowhere"):
+        settings(Choices(world="nowhere.toml"))
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    path = tmp_path / "drive.npz"
+    stamps = np.array([10.0, 10.1, 10.4])
+    np.savez(path, stamps=stamps, reference=np.array([[1.0, 2.0, 0.5]] * 3))
+    return path
+
+
+def test_a_recording_starts_at_its_first_reference(tmp_path: Path, drive: Path) -> None:
+    (tmp_path / "floor.yaml").write_text("")
+    choices = Choices(recording=drive, map_file=tmp_path / "floor.yaml", speed=4.0)
+    plain = settings(choices)
+    assert plain["base"] == {
+        "driver": "recording",
+        "recording": {"file": str(drive), "rate": 4.0},
+    }
+    assert plain["start"] == {"pose": {"x": 1.0, "y": 2.0, "yaw": 0.5}, "always": True}
+    assert tomllib.loads(write_settings(choices, tmp_path).read_text()) == plain
+    length_s, scans = duration_s(drive)
+    assert (length_s, scans) == (pytest.approx(0.4), 3)
+
+
+def test_a_recording_needs_a_map(drive: Path) -> None:
+    with pytest.raises(ConfigError, match="--map"):
+        settings(Choices(recording=drive))
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "floor.yaml").write_text("")
+    (tmp_path / "drive.npz").write_bytes(b"no npz at all")
+    with pytest.raises(ConfigError, match=r"drive\.npz"):
+        settings(Choices(recording=tmp_path / "drive.npz", map_file=tmp_path / "floor.yaml"))
+
+
+@pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan"])
+def test_a_pose_of_the_command_line_has_three_numbers(text: str) -> None:
+    with pytest.raises(ValueError, match="is not X,Y,YAW"):
+        parse_pose(text)
+    assert parse_pose("1,-2,0.5") == Pose2D(1.0, -2.0, 0.5)
+
+
+def test_collisions_are_counted_over_a_restart_of_base() -> None:
+    watch = TruthWatch()
+    for collisions, clearance in [(0, 0.5), (2, 0.0), (0, 0.4), (1, 0.3)]:
+        truth = Truth(
+            stamp_ns=1,
+            world="w",
+            pose=Pose2D.identity(),
+            twist=Twist2D.zero(),
+            collisions=collisions,
+            clearance=clearance,
+        )
+        watch.take(Sample("k", codec.encode(truth, "msgpack"), codec.MIME["msgpack"]))
+    watch.take(Sample("k", b"broken", ""))
+    assert (watch.collisions, watch.closest_m) == (3, 0.0)

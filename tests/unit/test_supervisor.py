@@ -1,0 +1,122 @@
+"""Children that end, hang, cannot run, or outlive their supervisor."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from trolley.supervisor import Supervisor
+
+OBEDIENT = "import time\nwhile True: time.sleep(1)\n"
+STUBBORN = "import signal\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + OBEDIENT
+WRONG = "import sys\nsys.exit(2)\n"
+
+
+@pytest.fixture
+def module(tmp_path: Path) -> Callable[[str, str], dict[str, str]]:
+    """Write modules and give the environment in which they can be imported."""
+
+    def write(name: str, text: str) -> dict[str, str]:
+        (tmp_path / f"{name}.py").write_text(text)
+        return {"PYTHONPATH": str(tmp_path)}
+
+    return write
+
+
+def wait_for(happened: Callable[[], object], seconds: float = 20.0) -> None:
+    deadline_s = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_killed_child_comes_back(module: Callable) -> None:
+    said: list[str] = []
+    environment = module("obedient", OBEDIENT)
+    with Supervisor({"one": "obedient"}, environment, said.append) as supervisor:
+        child = supervisor.children["one"]
+        wait_for(lambda: child.pid)
+        first = child.pid
+        assert first is not None
+        os.kill(first, signal.SIGKILL)
+        wait_for(lambda: child.pid not in (None, first))
+        second = child.pid
+        assert second is not None
+        assert child.restarts == 1
+        assert said == ["one was killed by SIGKILL; starting it again"]
+    assert not is_running(second)
+
+
+def test_a_child_that_keeps_ending_is_started_ever_more_rarely(module: Callable) -> None:
+    said: list[str] = []
+    environment = module("crash", "raise SystemExit(1)\n")
+    with Supervisor({"one": "crash"}, environment, said.append) as supervisor:
+        wait_for(lambda: supervisor.children["one"].restarts >= 3)
+        counted_s = time.monotonic()
+        wait_for(lambda: supervisor.children["one"].restarts >= 4)
+        assert time.monotonic() - counted_s > 0.8
+    assert said[0] == "one ended with exit code 1; starting it again"
+
+
+def test_a_child_that_cannot_run_interrupts_the_main_thread(module: Callable) -> None:
+    environment = module("wrong", WRONG)
+    with (
+        Supervisor({"one": "wrong"}, environment, lambda _: None) as supervisor,
+        pytest.raises(KeyboardInterrupt),
+    ):
+        time.sleep(20.0)
+    assert supervisor.failure == "one cannot run with this configuration"
+    assert supervisor.children["one"].restarts == 0
+
+
+def test_a_child_that_ignores_sigterm_is_killed(
+    module: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trolley.supervisor.GRACE_S", 0.5)
+    said: list[str] = []
+    environment = module("stubborn", STUBBORN)
+    with Supervisor({"one": "stubborn"}, environment, said.append) as supervisor:
+        wait_for(lambda: supervisor.children["one"].pid)
+        pid = supervisor.children["one"].pid
+        assert pid is not None
+        time.sleep(0.5)
+    assert not is_running(pid)
+    assert said == ["one does not end; killing it"]
+
+
+def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_path: Path) -> None:
+    polite = "from trolley.runtime.parent import end_with_parent\nend_with_parent()\n" + OBEDIENT
+    environment = module("polite", polite)
+    program = (
+        "import sys, time\nfrom trolley.supervisor import Supervisor\n"
+        "with Supervisor({'one': 'polite'}, {}, print) as s:\n"
+        "    while s.children['one'].pid is None: time.sleep(0.01)\n"
+        "    time.sleep(2.0)\n"
+        "    print(s.children['one'].pid, flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    supervisor = subprocess.Popen(
+        [sys.executable, "-c", program],
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert supervisor.stdout is not None
+    child = int(supervisor.stdout.readline())
+    assert is_running(child)
+    supervisor.kill()
+    supervisor.wait()
+    supervisor.stdout.close()
+    wait_for(lambda: not is_running(child))
