@@ -136,5 +136,4 @@ class Hypotheses:
             # Where much has been moved about, only a place far ahead of all others will do.
             margin *= _DOUBTFUL_LEAD
         second = self.items[1].total if len(self.items) > 1 else 0.0
-        # Supports of several views are summed: the wanted lead grows slower than their number.
-        return best if best.total - second >= margin * math.sqrt(self._views) else None
+        return best if best.total - second >= margin * self._views else None
