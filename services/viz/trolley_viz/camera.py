@@ -11,7 +11,9 @@ ELEVATION = math.radians(66.0)
 PANEL_PIXELS = 330
 NARROW_PIXELS = 760
 """Below this width viser puts its panel under the scene."""
-MARGIN = 1.06
+MARGIN = 1.1
+SHIFT = 0.05
+"""How far the map is moved up, by its height: Stop lies over the lower edge."""
 
 Bounds = tuple[float, float, float, float]
 """x and y of the lower left, then of the upper right corner [m]."""
@@ -38,7 +40,7 @@ def stand(bounds: Bounds, aspect: float) -> tuple[NDArray[np.float64], NDArray[n
     distance = (
         MARGIN * max(half_x / (tan_v * aspect), half_y * math.sin(ELEVATION) / tan_v) + nearer
     )
-    middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0])
+    middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1) - SHIFT * (y1 - y0), 0.0])
     away = np.array([0.0, -math.cos(ELEVATION), math.sin(ELEVATION)])
     return middle + distance * away, middle
 

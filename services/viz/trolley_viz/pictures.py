@@ -1,40 +1,37 @@
-"""Grids as pictures: RGBA images with row 0 at the top (+y), as the scene wants them."""
+"""Grids as pictures with row 0 at the top (+y), as the scene wants them."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 MAX_SIDE = 2048
-SHARP_SIDE = 768
-"""Smaller pictures are enlarged, since the browser blurs between pixels."""
 
 FLOOR = (246, 245, 240)
 WALL = (58, 66, 80)
-UNKNOWN = (148, 158, 172, 60)
+UNKNOWN = (176, 183, 194)
 
 
 def map_picture(cells: NDArray[np.int8]) -> tuple[NDArray[np.uint8], int]:
-    """Colour a map: floor light, walls dark, unknown a veil.
+    """Colour a map: floor light, walls dark, unknown grey.
 
     Args:
         cells: (rows, cols) 0 free ... 100 occupied, -1 unknown; row 0 at the bottom.
 
     Returns:
-        The picture (h, w, 4), and how many cells make one of its pixels where the map is too large
+        The picture (h, w, 3), and how many cells make one of its pixels where the map is too large
         to send whole (its size is then padded to a multiple).
     """
     small, factor = shrink(cells)
-    table = np.empty((256, 4), np.uint8)
+    table = np.empty((256, 3), np.uint8)
     table[:] = UNKNOWN
     share = np.linspace(0.0, 1.0, 101)[:, None]
-    table[:101, :3] = np.rint((1.0 - share) * np.array(FLOOR) + share * np.array(WALL))
-    table[:101, 3] = 255
-    return _enlarge(table[small[::-1].view(np.uint8)]), factor
+    table[:101] = np.rint((1.0 - share) * np.array(FLOOR) + share * np.array(WALL))
+    return table[np.ascontiguousarray(small[::-1]).view(np.uint8)], factor
 
 
 def costmap_picture(cells: NDArray[np.int8]) -> tuple[NDArray[np.uint8], int]:
     """Colour a costmap: clear where it costs nothing, red where the robot must not be.
 
-    Args and returns as `map_picture`; 100 forbidden, 99 inscribed.
+    Args and returns as `map_picture`, with a fourth channel; 100 forbidden, 99 inscribed.
     """
     small, factor = shrink(cells)
     table = np.zeros((256, 4), np.uint8)
@@ -45,7 +42,7 @@ def costmap_picture(cells: NDArray[np.int8]) -> tuple[NDArray[np.uint8], int]:
     table[1:99, 3] = np.rint(20 + 110 * share[1:])
     table[99] = (236, 72, 90, 150)
     table[100] = (190, 20, 70, 190)
-    return _enlarge(table[small[::-1].view(np.uint8)]), factor
+    return table[np.ascontiguousarray(small[::-1]).view(np.uint8)], factor
 
 
 def shrink(cells: NDArray[np.int8], max_side: int = MAX_SIDE) -> tuple[NDArray[np.int8], int]:
@@ -58,8 +55,3 @@ def shrink(cells: NDArray[np.int8], max_side: int = MAX_SIDE) -> tuple[NDArray[n
     padded[: cells.shape[0], : cells.shape[1]] = cells
     blocks = padded.reshape(rows // factor, factor, cols // factor, factor)
     return blocks.max(axis=(1, 3)), factor
-
-
-def _enlarge(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    times = min(SHARP_SIDE // max(picture.shape[:2]), 4)
-    return picture if times < 2 else picture.repeat(times, axis=0).repeat(times, axis=1)

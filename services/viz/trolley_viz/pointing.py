@@ -18,7 +18,7 @@ from trolley_viz.shapes import meet_floor
 PLANE_HALF_SIZE_M = 500.0
 MIN_DRAG_SCREEN = 0.012
 """A shorter drag (share of the screen) is a click: nobody means a direction by it."""
-ARROW_COLOUR = (0, 170, 60)
+ARROW_COLOUR = (0, 140, 40)
 Z_ARROW = 0.17
 
 Post = Callable[[Callable[[], None]], None]

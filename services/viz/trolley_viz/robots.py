@@ -32,6 +32,6 @@ class Robots:
         for name in self.names():
             known = self._known.get(name)
             title = known.title if known is not None else ""
-            label = f"{title} ({name})" if title and title != name else name
+            label = f"{title} ({name})" if title and title.lower() != name else title or name
             labels[label + (" – away" if is_away(name) else "")] = name
         return labels

@@ -37,7 +37,7 @@ def open_server(config: VizConfig) -> LocalServer:
     with contextlib.redirect_stdout(io.StringIO()):
         server = LocalServer(host=config.host, port=config.port, verbose=False)
     if server.get_port() != config.port:
-        server.stop()
+        close_server(server)
         raise PortTaken(f"port {config.port} on {config.host} was taken just now")
     configure_look(server, dark=False)
     server.gui.set_panel_label("Trolley")
@@ -45,6 +45,12 @@ def open_server(config: VizConfig) -> LocalServer:
     server.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering
     server.initial_camera.far = 1000.0
     return server
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Stop serving."""
+    with contextlib.redirect_stdout(io.StringIO()):  # its farewell, see above
+        server.stop()
 
 
 def configure_look(server: viser.ViserServer, *, dark: bool) -> None:

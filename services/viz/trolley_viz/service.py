@@ -23,7 +23,7 @@ from trolley_viz.robots import Robots
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.scene import Scene
-from trolley_viz.server import LocalServer, PortTaken, configure_look, open_server
+from trolley_viz.server import LocalServer, PortTaken, close_server, configure_look, open_server
 from trolley_viz.settings import FILE, ViewerSettings
 from trolley_viz.stopping import StopPresses
 from trolley_viz.words import Tone
@@ -90,7 +90,7 @@ class VizService(Service):
     def stop(self) -> None:
         """Close the web page."""
         if self._server is not None:
-            self._server.stop()
+            close_server(self._server)
 
     @every(0.05, clock="local")
     def look(self) -> None:

@@ -75,11 +75,6 @@ class Console:
     def __init__(self, gui: viser.GuiApi, viewer: Viewer, scene: Scene, *, dark: bool) -> None:
         self._viewer = viewer
         post = viewer.call_soon
-        self._stop_bar = StopBar(
-            gui,
-            lambda: viewer.call_soon(viewer.press_stop, urgent=True),
-            lambda: viewer.call_soon(viewer.press_resume),
-        )
         self._status = StatusPanel(gui, viewer.select_robot, post)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
@@ -90,6 +85,11 @@ class Console:
             ViewPanel(gui, viewer, post, scene.layers, dark=dark)
         with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
             self._details = DetailPanel(gui)
+        self._stop_bar = StopBar(
+            gui,
+            lambda: viewer.call_soon(viewer.press_stop, urgent=True),
+            lambda: viewer.call_soon(viewer.press_resume),
+        )
 
     def update(self, view: View) -> None:
         """Say what is."""

@@ -6,7 +6,7 @@ import viser
 
 from trolley.messages import GoalStatus, SavedPose
 from trolley_viz.actions import GO_TO, SET_POSE, Actions
-from trolley_viz.panels.control import Post, handler, set_options
+from trolley_viz.panels.control import GREEN, GREY, TEAL, Post, handler, set_options
 from trolley_viz.pointing import Pointing
 from trolley_viz.words import DRIVING
 
@@ -23,25 +23,25 @@ class DrivePanel:
         self._go = gui.add_button(
             POINT_GOAL,
             icon=viser.Icon.MAP_PIN,
-            color="green",
+            color=GREEN,
             hint="Press where to go, drag to where the robot shall look, release. "
             "A plain click: any direction.",
         )
         self._set = gui.add_button(
             POINT_POSE,
             icon=viser.Icon.CURRENT_LOCATION,
-            color="teal",
+            color=TEAL,
             hint="Press where the robot is, drag to where it looks, release. "
             "A plain click keeps its direction.",
         )
         self._find = gui.add_button(
-            "Find yourself", icon=viser.Icon.SEARCH, color="gray", hint="Search the whole map."
+            "Find yourself", icon=viser.Icon.SEARCH, color=GREY, hint="Search the whole map."
         )
         self._steer = gui.add_button_group("Goal", GOAL_ACTIONS)
         with gui.add_folder("Saved poses"):
             self._place = gui.add_dropdown("Place", (NO_PLACES,))
-            self._go_place = gui.add_button("Go there", icon=viser.Icon.ARROW_RIGHT, color="green")
-            self._delete = gui.add_button("Delete it", icon=viser.Icon.TRASH, color="gray")
+            self._go_place = gui.add_button("Go there", icon=viser.Icon.ARROW_RIGHT, color=GREEN)
+            self._delete = gui.add_button("Delete it", icon=viser.Icon.TRASH, color=GREY)
         with gui.add_folder("Save where it is"):
             self._name = gui.add_text("Name", "")
             self._replace = gui.add_checkbox("Replace", False)

@@ -9,6 +9,7 @@ from trolley_viz.panels.markup import row
 from trolley_viz.words import Words
 
 NO_ROBOT: str = "…"
+SPACE = '<div style="height:0.5em"></div>'
 
 
 class StatusPanel:
@@ -28,7 +29,7 @@ class StatusPanel:
             self._robot.options = options
         self._robot.value = next(label for label, name in labels.items() if name == selected)
         self._robot.visible = len(options) > 1
-        self._lines.content = "".join(map(row, lines))
+        self._lines.content = "".join(map(row, lines)) + SPACE
 
     def _chosen(self, label: str, select: Callable[[str], None]) -> None:
         name = self._names.get(label)

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import viser
 
+from trolley_viz.panels.control import GREEN, GREY, STOP_RED
 from trolley_viz.stopping import StopLine
 
 STYLE = """<style>
@@ -30,6 +31,7 @@ STYLE = """<style>
  [id="{stop}"],[id="{resume}"]{{top:10px;bottom:auto;height:56px!important}}
  [id="{stop}"]{{left:10px;width:150px}} [id="{resume}"]{{left:170px;width:100px}}
  #trolley-stop{{left:10px;top:76px;bottom:auto}}
+ .mantine-Notifications-root{{margin-top:70px}}
  #trolley-hint{{left:10px;right:10px;top:76px;bottom:auto;max-width:none}}
 }}
 </style>"""
@@ -46,8 +48,8 @@ class StopBar:
         stop: Callable[[], None],
         resume: Callable[[], None],
     ) -> None:
-        self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
-        self._resume = gui.add_button("Resume", color="gray", icon=viser.Icon.PLAYER_PLAY)
+        self._stop = gui.add_button("STOP", color=STOP_RED, icon=viser.Icon.HAND_STOP)
+        self._resume = gui.add_button("Resume", color=GREY, icon=viser.Icon.PLAYER_PLAY)
         gui.add_html(STYLE.format(stop=_element_id(self._stop), resume=_element_id(self._resume)))
         self._line = gui.add_html("")
         self._hint = gui.add_html("")
@@ -73,7 +75,7 @@ class StopBar:
         colour, flash = (DARK_RED, "trolley-flash") if is_alarm else (RED, "")
         content = f'<div class="{flash}" style="background:{colour}">{html.escape(text)}</div>'
         self._line.content = f'<div id="trolley-stop">{content}</div>' if text else ""
-        self._resume.color = "green" if is_stopped else "gray"
+        self._resume.color = GREEN if is_stopped else GREY
 
     def show_hint(self, text: str) -> None:
         """Say what the armed tool waits for; "" says nothing."""

@@ -6,7 +6,7 @@ import viser
 
 from trolley.messages import Tour, TourStatus
 from trolley_viz.actions import Actions
-from trolley_viz.panels.control import Post, handler, set_options
+from trolley_viz.panels.control import GREEN, Post, handler, set_options
 from trolley_viz.panels.markup import note, row
 from trolley_viz.words import UNDER_WAY, result_words, trip_words
 
@@ -20,7 +20,7 @@ class TourPanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions, post: Post) -> None:
         self._tour = gui.add_dropdown("Tour", (NO_TOURS,))
-        self._start = gui.add_button("Start", icon=viser.Icon.PLAYER_PLAY, color="green")
+        self._start = gui.add_button("Start", icon=viser.Icon.PLAYER_PLAY, color=GREEN)
         self._steer = gui.add_button_group("Trip", TRIP_ACTIONS)
         self._progress = gui.add_html("")
         self._start.on_click(handler(post, lambda _, __: actions.start_tour(self._tour.value)))

@@ -6,7 +6,7 @@ import viser
 
 from trolley.geometry.frames import BASE, LASER
 from trolley.messages import Health
-from trolley_viz.panels.control import Post, handler
+from trolley_viz.panels.control import GREY, Post, handler
 from trolley_viz.panels.markup import note, swatches, table
 from trolley_viz.placement import Placement
 from trolley_viz.scene.layer import Layer
@@ -51,9 +51,9 @@ class ViewPanel:
         *,
         dark: bool,
     ) -> None:
-        fit = gui.add_button("Show the whole map", icon=viser.Icon.MAXIMIZE, color="gray")
+        fit = gui.add_button("Show the whole map", icon=viser.Icon.MAXIMIZE, color=GREY)
         fit.on_click(handler(post, lambda client, _: choices.fit_view(client)))
-        for layer in layers:
+        for layer in (one for one in layers if one.is_listed):
             box = gui.add_checkbox(layer.title, layer.is_on)
             key = layer.key
             box.on_update(

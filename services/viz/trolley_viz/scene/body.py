@@ -11,13 +11,13 @@ from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Layer, View
 from trolley_viz.shapes import arrow_outline, closed_segments, flat, place, prism
 
 BODY_COLOURS: dict[PoseState, tuple[int, int, int]] = {
-    "localized": (38, 112, 224),
-    "mapping": (38, 112, 224),
-    "unsure": (236, 158, 22),
-    "searching": (132, 138, 148),
-    "lost": (206, 56, 56),
+    "localized": (20, 78, 190),
+    "mapping": (20, 78, 190),
+    "unsure": (214, 124, 0),
+    "searching": (96, 102, 112),
+    "lost": (190, 24, 24),
 }
-AWAY_COLOUR = (150, 152, 158)
+AWAY_COLOUR = (110, 112, 118)
 OUTLINE = (20, 70, 160)
 
 

@@ -9,7 +9,8 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM
 from trolley.messages import OccupancyGrid
 from trolley_viz.camera import Bounds, bounds_of
-from trolley_viz.pictures import WALL, costmap_picture, map_picture
+from trolley_viz.glb import floor_glb
+from trolley_viz.pictures import costmap_picture, map_picture
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_COSTMAP, Layer, View
 from trolley_viz.shapes import boxes, place, wall_rectangles
 
@@ -24,33 +25,8 @@ def flat_quaternion(yaw: float) -> tuple[float, float, float, float]:
     return 0.0, float(np.cos(0.5 * yaw)), float(np.sin(0.5 * yaw)), 0.0
 
 
-class Picture:
-    """A grid drawn as a picture on the floor; the node is kept and updated."""
-
-    def __init__(self, scene: viser.SceneApi, path: str, z: float) -> None:
-        self._scene, self._path, self._z = scene, path, z
-        self._node: viser.ImageHandle | None = None
-
-    def show(
-        self, image: NDArray[np.uint8], size: tuple[float, float], world_T_grid: Pose2D
-    ) -> None:
-        """Draw an image of `size` width, height [m], its lower left corner at `world_T_grid`."""
-        if self._node is None:
-            self._node = self._scene.add_image(
-                self._path, image, *size, format="png", cast_shadow=False, receive_shadow=False
-            )
-        else:
-            self._node.image = image
-            self._node.render_width, self._node.render_height = size
-        centre = world_T_grid @ Pose2D(0.5 * size[0], 0.5 * size[1], 0.0)
-        self._node.position = (centre.x, centre.y, self._z)
-        self._node.wxyz = flat_quaternion(centre.yaw)
-        self._node.visible = True
-
-    def hide(self) -> None:
-        """Draw nothing."""
-        if self._node is not None:
-            self._node.visible = False
+WALL_SIDE = (44, 50, 62)
+"""Darker than on the picture, as the scene is lit."""
 
 
 class MapLayer(Layer):
@@ -62,8 +38,7 @@ class MapLayer(Layer):
 
     def __init__(self, server: viser.ViserServer) -> None:
         super().__init__(server)
-        self._floor = Picture(self.scene, self.path("floor"), 0.0)
-        self._walls: viser.MeshHandle | None = None
+        self._nodes: list[viser.SceneNodeHandle] = []
 
     def draw(self, view: View) -> None:
         """Draw the map when another one arrived."""
@@ -71,30 +46,36 @@ class MapLayer(Layer):
         world_T_map = None if grid is None else view.placement.world_T(grid.frame)
         if not self.changed(grid, world_T_map):
             return
-        if self._walls is not None:
-            self._walls.remove()
-            self._walls = None
+        for node in self._nodes:
+            node.remove()
+        self._nodes.clear()
         if grid is None or world_T_map is None or grid.width * grid.height == 0:
-            self._floor.hide()
             return
         cells, world_T_grid = cells_of(grid), world_T_map @ grid.origin
         image, factor = map_picture(cells)
+        floor = floor_glb(image, *picture_size(grid, factor))
         with self.server.atomic():
-            self._floor.show(image, picture_size(grid, factor), world_T_grid)
+            self._nodes.append(
+                self.scene.add_glb(
+                    self.path("floor"), floor, cast_shadow=False, receive_shadow=False
+                )
+            )
             rectangles = wall_rectangles(cells >= OCCUPIED_FROM)
             if rectangles is not None and len(rectangles):
                 vertices, faces = boxes(rectangles, grid.resolution, WALL_HEIGHT)
-                self._walls = self.scene.add_mesh_simple(
+                walls = self.scene.add_mesh_simple(
                     self.path("walls"),
                     vertices,
                     faces,
-                    color=WALL,
+                    color=WALL_SIDE,
                     flat_shading=True,
                     side="double",
                     cast_shadow=False,
                     receive_shadow=False,
                 )
-                place(self._walls, world_T_grid, 0.0)
+                self._nodes.append(walls)
+            for node in self._nodes:
+                place(node, world_T_grid, 0.0)
 
 
 class CostmapLayer(Layer):
@@ -107,20 +88,38 @@ class CostmapLayer(Layer):
 
     def __init__(self, server: viser.ViserServer) -> None:
         super().__init__(server)
-        self._picture = Picture(self.scene, self.path("grid"), Z_COSTMAP)
+        self._node: viser.ImageHandle | None = None
 
     def draw(self, view: View) -> None:
         """Draw the newest costmap."""
-        grid = view.feeds.latest(topics.COSTMAP)
+        grid = view.feeds.latest(topics.COSTMAP) if not view.is_away else None
         world_T_frame = None if grid is None else view.placement.world_T(grid.frame)
         if not self.changed(grid, world_T_frame):
             return
         if grid is None or world_T_frame is None or grid.width * grid.height == 0:
-            self._picture.hide()
+            if self._node is not None:
+                self._node.visible = False
             return
         image, factor = costmap_picture(cells_of(grid))
+        width, height = picture_size(grid, factor)
+        centre = world_T_frame @ grid.origin @ Pose2D(0.5 * width, 0.5 * height, 0.0)
         with self.server.atomic():
-            self._picture.show(image, picture_size(grid, factor), world_T_frame @ grid.origin)
+            if self._node is None:
+                self._node = self.scene.add_image(
+                    self.path("grid"),
+                    image,
+                    width,
+                    height,
+                    format="png",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+            else:
+                self._node.image = image
+                self._node.render_width, self._node.render_height = width, height
+            self._node.position = (centre.x, centre.y, Z_COSTMAP)
+            self._node.wxyz = flat_quaternion(centre.yaw)
+            self._node.visible = True
 
 
 def picture_size(grid: OccupancyGrid, factor: int) -> tuple[float, float]:

@@ -54,6 +54,8 @@ class Layer:
     """The streams it needs besides those that are always there."""
     period_s: ClassVar[float] = 0.2
     on_by_default: ClassVar[bool] = True
+    is_listed: ClassVar[bool] = True
+    """Whether people may switch it."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self.server = server

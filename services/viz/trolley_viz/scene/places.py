@@ -10,7 +10,7 @@ from trolley.messages import SavedPose, Zone
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL, Z_PLACE, Z_ZONE, Layer, View
 from trolley_viz.shapes import arrow_outline, closed_segments, flat, open_segments, place
 
-PLACE_COLOUR = (124, 58, 190)
+PLACE_COLOUR = (92, 24, 150)
 ZONE_COLOURS = {
     "mirror": (0, 170, 205),
     "glass": (110, 190, 235),

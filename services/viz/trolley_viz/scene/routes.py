@@ -22,8 +22,8 @@ Colour = tuple[int, int, int]
 PATH_COLOUR: Colour = (40, 110, 245)
 PREVIEW_COLOUR: Colour = (120, 200, 140)
 TRAJECTORY_COLOUR: Colour = (20, 170, 80)
-GOAL_COLOUR: Colour = (20, 160, 75)
-FAILED_COLOUR: Colour = (215, 45, 45)
+GOAL_COLOUR: Colour = (0, 120, 45)
+FAILED_COLOUR: Colour = (190, 20, 20)
 BLOCKED_COLOUR: Colour = (215, 45, 45)
 
 
@@ -88,6 +88,7 @@ class PreviewLayer(Layer):
     """The way to where somebody points just now."""
 
     key, title = "preview", "Preview"
+    is_listed = False
     period_s = 0.1
 
     def __init__(self, server: viser.ViserServer) -> None:

@@ -70,4 +70,4 @@ class Scene:
 
     def choices(self) -> dict[str, bool]:
         """Which layers are shown, by key."""
-        return {layer.key: layer.is_on for layer in self.layers}
+        return {layer.key: layer.is_on for layer in self.layers if layer.is_listed}

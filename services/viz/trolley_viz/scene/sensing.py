@@ -16,9 +16,9 @@ BEAM_COLOURS = np.array(
 """By class: on the map, not on the map, behind a mirror or glass, suspected, unused."""
 PLAIN_SCAN = BEAM_COLOURS[0]
 
-MAX_PARTICLES = 1500
+MAX_PARTICLES = 1000
 PARTICLE_LENGTH_M = 0.12
-FAINT, STRONG = np.array((176, 226, 178)), np.array((0, 128, 40))
+FAINT, STRONG = np.array((150, 214, 150)), np.array((0, 110, 20))
 CANDIDATE = (240, 140, 0)
 
 
@@ -59,7 +59,7 @@ class ScanLayer(Layer):
                 self.path("points"),
                 raised,
                 colours,
-                point_size=0.035,
+                point_size=0.024,
                 point_shape="circle",
                 point_shading="flat",
                 precision="float32",

@@ -1,0 +1,208 @@
+"""A viewer in lock-step, a pretend robot that it watches, and pretend browsers that watch it."""
+
+import contextlib
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import viser
+
+from trolley import requests, topics
+from trolley.codes import Refused
+from trolley.config import FootprintConfig, RobotConfig, RobotSection, VizConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import (
+    BaseState,
+    Clock,
+    GoalStatus,
+    OccupancyGrid,
+    Odometry,
+    PoseEstimate,
+    Robot,
+    SavedPose,
+    SavedPoses,
+    Scan,
+    Transform,
+    floats_to_bytes,
+)
+from trolley.messages.asking import Nothing, SendGoal
+from trolley.runtime.lockstep import Lockstep
+from trolley.runtime.service import Service, answers, every
+from trolley_viz.server import open_server
+from trolley_viz.service import VizService
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class PretendRobot(Service):
+    """Stands still in the middle of an empty map and says all that a robot says."""
+
+    name = "base"
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self.mode = "ok"
+        self.deaf = False
+        self.stops = 0
+        self.goals: list[SendGoal] = []
+
+    def start(self) -> None:
+        name, square = self.robot, [(0.2, -0.2), (0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2)]
+        self.publish(
+            topics.ROBOT,
+            Robot(
+                stamp_ns=0,
+                name=name,
+                title=name.title(),
+                footprint=square,
+                drive="differential",
+                max_speed=0.6,
+                max_wz=1.5,
+                deceleration=0.8,
+            ),
+        )
+        cells = np.zeros((40, 60), np.int8)
+        cells[0] = 100
+        self.publish(
+            topics.MAP,
+            OccupancyGrid(
+                stamp_ns=0,
+                name="room",
+                frame="map",
+                resolution=0.1,
+                width=60,
+                height=40,
+                origin=Pose2D(-3.0, -2.0, 0.0),
+                cells=memoryview(cells.tobytes()),
+            ),
+        )
+        self.publish(topics.TF, transform("base_link", "laser", Pose2D(0.1, 0.0, 0.0)), "laser")
+        kitchen = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
+        elsewhere = SavedPose(name="attic", map="house", pose=Pose2D(0.0, 0.0, 0.0))
+        self.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=[kitchen, elsewhere]))
+
+    @every(0.1, clock="local")
+    def tick(self) -> None:
+        stamp = self.epoch + self.monotonic_ns
+        self.publish(topics.CLOCK, Clock(stamp_ns=stamp, rate=1.0, epoch=self.epoch))
+        link = transform("map", "odom", Pose2D(1.0, 0.0, 0.0), stamp)
+        self.publish(topics.TF, link, "odom")
+        still = Twist2D(0.0, 0.0, 0.0)
+        pose = Pose2D(0.5, 0.0, 0.0)
+        self.publish(topics.ODOM, Odometry(stamp_ns=stamp, pose=pose, twist=still))
+        self.publish(
+            topics.POSE,
+            PoseEstimate(
+                stamp_ns=stamp,
+                map="room",
+                pose=Pose2D(1.5, 0.0, 0.0),
+                covariance=None,
+                state="localized",
+                match=0.93,
+                spread=0.05,
+            ),
+        )
+        self.publish(topics.BASE, BaseState(stamp_ns=stamp, mode=self.mode))  # type: ignore[arg-type]
+        ranges = floats_to_bytes(np.array([1.0, np.inf, 0.0, 2.0]))
+        self.publish(topics.SCAN, scan(stamp, ranges))
+
+    @answers(requests.BASE_STOP)
+    def stop_now(self, params: Nothing) -> BaseState:
+        self.stops += 1
+        if self.deaf:
+            raise Refused("timeout")
+        self.mode = "stopped"
+        return BaseState(stamp_ns=self.stamp_ns, mode="stopped")
+
+    @answers(requests.BASE_RESUME)
+    def go_on(self, params: Nothing) -> BaseState:
+        self.mode = "ok"
+        return BaseState(stamp_ns=self.stamp_ns, mode="ok")
+
+    @answers(requests.GOAL_SEND)
+    def send(self, params: SendGoal) -> GoalStatus:
+        self.goals.append(params)
+        if params.pose is not None and params.pose.x > 3.0:
+            raise Refused("outside_map")
+        return GoalStatus(stamp_ns=self.stamp_ns, id=params.id, state="driving", pose=params.pose)
+
+
+def transform(parent: str, child: str, pose: Pose2D, stamp_ns: int = 0) -> Transform:
+    return Transform(stamp_ns=stamp_ns, parent=parent, child=child, pose=pose)
+
+
+def scan(stamp_ns: int, ranges: memoryview) -> Scan:
+    return Scan(
+        stamp_ns=stamp_ns,
+        frame="laser",
+        angle_min=0.0,
+        angle_increment=np.pi / 2,
+        time_increment=0.0,
+        range_min=0.1,
+        range_max=8.0,
+        ranges=ranges,
+    )
+
+
+class Browser:
+    """Stands for viser's handle of one browser."""
+
+    def __init__(self, client_id: int, scene: viser.SceneApi) -> None:
+        self.client_id = client_id
+        self.scene = scene
+        self.camera = SimpleNamespace(image_width=1200, image_height=800, position=None)
+        self.notices: list[tuple[str, str]] = []
+
+    def atomic(self) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
+
+    def add_notification(self, title: str, body: str, **_: Any) -> None:
+        self.notices.append((title, body))
+
+
+class Stage:
+    """Viewer and robot together."""
+
+    def __init__(self, state: Path) -> None:
+        self.runtime = Lockstep(state=state)
+        self.config = RobotConfig(
+            robot=RobotSection(
+                name="trolley", footprint=FootprintConfig(length_m=0.4, width_m=0.4)
+            ),
+            viz=VizConfig(port=free_port()),
+        )
+        self.robot = self.runtime.add(PretendRobot())
+        self.viz = self.runtime.add(VizService(self.config))
+
+    def browse(self, client_id: int = 0) -> Any:
+        """Open a browser and let everything settle; the real handle is viser's."""
+        assert self.viz._server is not None
+        browser = Browser(client_id, self.viz._server.scene)
+        self.viz._client_came(browser)  # type: ignore[arg-type]
+        self.runtime.run(0.5)
+        return browser
+
+    def layer(self, key: str) -> Any:
+        return next(one for one in self.viz._scene.layers if one.key == key)
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    stage = Stage(tmp_path)
+    yield stage
+    stage.runtime.close()
+
+
+@pytest.fixture
+def server() -> Iterator[viser.ViserServer]:
+    server = open_server(VizConfig(port=free_port()))
+    yield server
+    server.stop()

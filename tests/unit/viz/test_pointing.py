@@ -1,0 +1,89 @@
+"""Pointing at the floor."""
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import viser
+
+from trolley_viz.pointing import Pointed, Pointing, Tool, pointed_by_drag
+
+CAMERA = np.array([0.0, -4.0, 8.0])
+
+
+def event(phase: str, start: tuple[float, float], end: tuple[float, float], screen: float) -> Any:
+    """A drag between two points of the floor, its end given halfway to the camera as viser may."""
+    floor = np.array([*end, 0.0])
+    return SimpleNamespace(
+        phase=phase,
+        start_position=(*start, 0.0),
+        end_position=tuple(0.5 * (CAMERA + floor)),
+        start_screen_pos=(0.5, 0.5),
+        end_screen_pos=(0.5 + screen, 0.5),
+        client=SimpleNamespace(camera=SimpleNamespace(position=CAMERA)),
+    )
+
+
+class Gesture:
+    """A tool that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.moved: list[Pointed] = []
+        self.done: list[Pointed] = []
+        self.tool = Tool("test", self.moved.append, self.done.append)
+
+
+def arm(server: viser.ViserServer, gesture: Gesture) -> tuple[Pointing, Any]:
+    pointing = Pointing(server, lambda call: call())
+    pointing.arm(SimpleNamespace(client_id=3, scene=server.scene), gesture.tool)  # type: ignore[arg-type]
+    return pointing, pointing._plane
+
+
+def test_the_line_of_sight_is_followed_to_the_floor() -> None:
+    pointed = pointed_by_drag(event("update", (1.0, 1.0), (2.0, 2.0), 0.1), CAMERA)
+    assert pointed is not None
+    assert (pointed.x, pointed.y, pointed.yaw) == pytest.approx((1.0, 1.0, np.pi / 4))
+
+
+def test_a_tiny_drag_means_no_direction() -> None:
+    assert pointed_by_drag(event("end", (1.0, 1.0), (1.01, 1.0), 0.004), CAMERA) == Pointed(
+        1.0, 1.0
+    )
+
+
+def test_a_drag_into_the_sky_points_at_nothing() -> None:
+    up = event("update", (1.0, 1.0), (2.0, 2.0), 0.1)
+    up.end_position = (0.0, 20.0, 30.0)
+    assert pointed_by_drag(up, CAMERA) is None
+
+
+def test_press_drag_and_release_are_one_gesture(server: viser.ViserServer) -> None:
+    gesture = Gesture()
+    pointing, plane = arm(server, gesture)
+    drag = plane._impl.drag_cb[0].callback
+    for phase, end in (("start", (1.0, 1.0)), ("update", (2.0, 1.0)), ("end", (1.0, 3.0))):
+        asyncio.run(drag(event(phase, (1.0, 1.0), end, 0.1 if phase != "start" else 0.0)))
+    assert [one.yaw for one in gesture.moved] == [None, pytest.approx(0.0)]
+    assert len(gesture.done) == 1
+    assert gesture.done[0].yaw == pytest.approx(np.pi / 2)
+    assert pointing.tool is None
+    asyncio.run(drag(event("end", (1.0, 1.0), (2.0, 1.0), 0.1)))  # late: the tool is put away
+    assert len(gesture.done) == 1
+
+
+def test_a_click_is_a_place_without_direction(server: viser.ViserServer) -> None:
+    gesture = Gesture()
+    _, plane = arm(server, gesture)
+    click = plane._impl.click_cb[0].callback
+    asyncio.run(click(SimpleNamespace(ray_origin=(0, 0, 2), ray_direction=(1, 0, -1))))
+    assert gesture.done == [Pointed(2.0, 0.0)]
+
+
+def test_the_tool_goes_with_its_client(server: viser.ViserServer) -> None:
+    pointing, _ = arm(server, Gesture())
+    pointing.client_left(4)
+    assert pointing.tool is not None
+    pointing.client_left(3)
+    assert pointing.tool is None
