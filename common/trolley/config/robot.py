@@ -12,6 +12,10 @@ from trolley.messages.types import Point
 Length = Annotated[float, Meta(ge=0.02, le=5.0)]
 
 
+Endpoint = Annotated[str, Meta(pattern=r"\A[a-z0-9_-]+/.+:[0-9]{1,5}([?#].*)?\Z")]
+"""Where a router listens: protocol/host:port, such as `tcp/127.0.0.1:7447`."""
+
+
 class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The robot's outline in `base_link`: length and width, or a radius, or a polygon."""
 
@@ -91,9 +95,9 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[zenoh]`: how services find each other."""
 
-    connect: Annotated[list[str], Meta(min_length=1)] = field(
+    connect: Annotated[list[Endpoint], Meta(min_length=1)] = field(
         default_factory=lambda: ["tcp/127.0.0.1:7447"]
     )
     """Endpoints of the router that services and tools connect to."""
-    uplink: list[str] = []
+    uplink: list[Endpoint] = []
     """Endpoints of a home router that this robot's router links to."""

@@ -26,7 +26,7 @@ class Gathering:
 
     def done(self) -> None:
         """The last reply is in (any thread)."""
-        self._inbox.push(lambda _: self.end(timed_out=False))
+        self._inbox.push(lambda _: self.end(timed_out=False), own=True)
 
     def end(self, *, timed_out: bool) -> None:
         """Hand over what is in (the service's thread); later calls do nothing."""

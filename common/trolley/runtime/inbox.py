@@ -9,6 +9,8 @@ Task = Callable[[int], None]
 """What to do about an arrival; its argument is the local monotonic time of the arrival [ns]."""
 
 MAX_WAITING = 4096
+MAX_WAITING_BYTES = 96 << 20
+"""Three of the largest maps: what a flood may hold in memory."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -16,10 +18,11 @@ class _Entry:
     task: Task
     arrived_ns: int
     slot: Hashable
+    size: int
 
 
 class Inbox:
-    """A queue that any thread fills and one thread empties, in order of arrival.
+    """A queue that any thread fills and one thread empties, in order of arrival, urgent ones first.
 
     An arrival with a `slot` replaces the one of the same slot that still waits (newest wins).
     """
@@ -27,57 +30,87 @@ class Inbox:
     def __init__(self, monotonic_ns: Callable[[], int]) -> None:
         self.now_ns = monotonic_ns
         self._queue: deque[_Entry] = deque()
+        self._urgent: deque[_Entry] = deque()
         self._slots: dict[Hashable, _Entry] = {}
-        self._condition = threading.Condition()
+        self._bytes = 0
+        self._condition = threading.Condition()  # its lock may be taken twice by one thread
+        self._woken = False
         self.dropped = 0
         """Arrivals lost because too much was waiting."""
         self.replaced = 0
         """Arrivals overtaken by a newer one of their slot."""
 
-    def push(self, task: Task, slot: Hashable = None, *, urgent: bool = False) -> bool:
-        """Add an arrival, in front if `urgent`, and wake the reader. False: no room, dropped."""
+    def push(
+        self,
+        task: Task,
+        slot: Hashable = None,
+        *,
+        urgent: bool = False,
+        own: bool = False,
+        size: int = 0,
+    ) -> bool:
+        """Add an arrival and wake the reader.
+
+        Args:
+            task: What to do about it.
+            slot: It replaces the arrival of the same slot that still waits.
+            urgent: It goes before everything that is not.
+            own: The outcome of something the service itself began; it is never dropped.
+            size: The bytes that it holds.
+
+        Returns:
+            False where there was no room and it was dropped.
+        """
         arrived_ns = self.now_ns()
         with self._condition:
             waiting = self._slots.get(slot) if slot is not None else None
             if waiting is not None:
                 waiting.task, waiting.arrived_ns = task, arrived_ns
+                self._bytes += size - waiting.size
+                waiting.size = size
                 self.replaced += 1
                 return True
-            if len(self._queue) >= MAX_WAITING and not urgent:
+            queue = self._urgent if urgent else self._queue
+            if not own and (len(queue) >= MAX_WAITING or self._is_heavy(size)):
                 self.dropped += 1
                 return False
-            entry = _Entry(task, arrived_ns, slot)
+            entry = _Entry(task, arrived_ns, slot, size)
             if slot is not None:
                 self._slots[slot] = entry
-            if urgent:
-                self._queue.appendleft(entry)
-            else:
-                self._queue.append(entry)
+            self._bytes += size
+            queue.append(entry)
             self._condition.notify()
             return True
 
     def pop(self) -> tuple[Task, int] | None:
-        """Take the oldest arrival, None if nothing waits."""
+        """Take the oldest arrival, urgent ones first; None if nothing waits."""
         with self._condition:
-            if not self._queue:
+            queue = self._urgent or self._queue
+            if not queue:
                 return None
-            entry = self._queue.popleft()
+            entry = queue.popleft()
+            self._bytes -= entry.size
             if entry.slot is not None:
                 del self._slots[entry.slot]
             return entry.task, entry.arrived_ns
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until something arrives, `timeout_s` at most."""
+        """Wait until something arrives or `wake` is called, `timeout_s` at most."""
         with self._condition:
-            if not self._queue:
+            if not self._queue and not self._urgent and not self._woken:
                 self._condition.wait(timeout_s)
+            self._woken = False
 
     def wake(self) -> None:
-        """End a `wait` early."""
+        """End the present `wait`, or the next one, early (also from a signal handler)."""
         with self._condition:
+            self._woken = True
             self._condition.notify()
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing waits."""
-        return not self._queue
+        return not self._queue and not self._urgent
+
+    def _is_heavy(self, size: int) -> bool:
+        return size > 0 and self._bytes > 0 and self._bytes + size > MAX_WAITING_BYTES

@@ -52,6 +52,11 @@ class Log:
             self._logger.log(level, "%s", message, extra={_FIELDS: fields})
 
 
+def _printable(text: str) -> str:
+    """Escape line ends and control sequences: what a stranger sent goes to a terminal here."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 class _TerminalFormatter(logging.Formatter):
     """`12:03:04 localizer  Map loaded  map=home`, warnings in colour where there is a terminal."""
 
@@ -61,7 +66,7 @@ class _TerminalFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         fields: dict[str, Any] = getattr(record, _FIELDS, {})
-        tail = "".join(f"  {name}={value}" for name, value in fields.items())
+        tail = "".join(f"  {name}={_printable(str(value))}" for name, value in fields.items())
         level = "" if record.levelno < logging.WARNING else f"{record.levelname.lower()}: "
         service = record.name.removeprefix("trolley.")
         at = self.formatTime(record, "%H:%M:%S")

@@ -23,11 +23,13 @@ from trolley.runtime.service import Binding, Service, Watch, bindings_of
 from trolley.runtime.serving import Server
 from trolley.runtime.state import StateFolder
 from trolley.runtime.timers import Timers
-from trolley.topics import Topic
+from trolley.topics import Kind, Topic
 
 M = TypeVar("M", bound=msgspec.Struct)
 
 HEALTH_PERIOD_S = 1.0
+MAX_TASKS = 256
+OTHERS_ARE_BACK_S = 2.0
 
 
 class Host(Protocol):
@@ -85,7 +87,9 @@ class Node:
         self._host = host
         self._timers = Timers()
         self._times: dict[str, FollowedTime] = {}
+        self._owned: set[Topic[Any] | None] = set()
         self._health = Health(stamp_ns=0, state="starting")
+        self._usage = (0.0, 0)
         context = Context(robot, bus, self.inbox, self.log, self.count, self.time_of, self._after)
         self._receiver = Receiver(context)
         self._server = Server(context)
@@ -98,12 +102,14 @@ class Node:
             everybody = "*" if self.service.all_robots else None
             clocks = Watching(Watch(topics.CLOCK, 0.0), everybody, (), then=self._hear_clock)
             self._receiver.open(clocks)
-        for binding, method in bindings_of(self.service):
+        bindings = bindings_of(self.service)
+        self._owned = {binding.topic for binding, _ in bindings if binding.kind == "gets"}
+        for binding, method in bindings:
             self._open_binding(binding, method)
         self.service.start()
         if self._health.state == "starting":
             self.set_health("ok", "")
-        self._timers.every(HEALTH_PERIOD_S, self._publish_health, is_local=True)
+        self._timers.every(HEALTH_PERIOD_S, self._measure_health, is_local=True)
 
     def close(self) -> None:
         """Let the service say its last word and take everything off the bus."""
@@ -116,13 +122,24 @@ class Node:
         self._receiver.close()
 
     def reconnected(self) -> None:
-        """The bus is back (any thread): read again what was missed."""
-        self.inbox.push(lambda _: self._receiver.catch_up())
+        """The bus is back (any thread): read again what was missed.
+
+        Once more when the others, who look for the router at their own pace, are back as well.
+        """
+
+        def catch_up(_arrived_ns: int) -> None:
+            self._receiver.catch_up()
+            self._after(OTHERS_ARE_BACK_S, self._receiver.catch_up)
+
+        self.inbox.push(catch_up, own=True)
 
     def step(self) -> bool:
-        """Do everything that waits and is due; True if anything was done."""
+        """Do what waits and is due, a limited number of things at once; True if anything was."""
         did = False
-        while (entry := self.inbox.pop()) is not None:
+        for _ in range(MAX_TASKS):  # whoever calls has its own things to look after
+            entry = self.inbox.pop()
+            if entry is None:
+                break
             task, self.arrived_ns = entry
             task(self.arrived_ns)
             did = True
@@ -207,7 +224,8 @@ class Node:
     ) -> Watch[M]:
         """Subscribe, and read what is there already."""
         watch = Watch(topic, seconds)
-        self._receiver.open(Watching(watch, robot, parts, then))
+        is_wish = topic.kind is Kind.STORED and topic in self._owned
+        self._receiver.open(Watching(watch, robot, parts, then, is_wish=is_wish))
         return watch
 
     def close_watch(self, watch: Watch[Any]) -> None:
@@ -254,7 +272,7 @@ class Node:
                 then(result)
 
         def done(result: Any) -> None:
-            self.inbox.push(lambda _: hand_over(result))
+            self.inbox.push(lambda _: hand_over(result), own=True)
 
         self._host.work(fn, done)
 
@@ -272,8 +290,7 @@ class Node:
             case Binding(kind="gets", topic=Topic() as topic):
                 self._server.open_gets(topic, binding.parts, method)
             case Binding(kind="on", topic=Topic() as topic):
-                watch = Watch(topic, 0.0)
-                self._receiver.open(Watching(watch, binding.robot, binding.parts, then=method))
+                self.watch(topic, binding.parts, 0.0, binding.robot, method)
             case Binding(topic=Topic() as topic):
                 watch = Watch(topic, 0.0)
                 self._receiver.open(Watching(watch, None, binding.parts, on_delete=method))
@@ -282,12 +299,18 @@ class Node:
 
     def _hear_clock(self, clock: Clock, robot: str | None = None) -> None:
         time = self._times.setdefault(robot or self.robot, FollowedTime())
-        if time.hear(clock, self.arrived_ns) and (robot or self.robot) == self.robot:
-            self._receiver.forget_epoch()
+        if not time.hear(clock, self.arrived_ns):
+            return
+        self._receiver.forget_epoch(robot or self.robot, clock.epoch)
+        if (robot or self.robot) == self.robot:
             self.service.epoch_began()
 
+    def _measure_health(self) -> None:
+        self._usage = self._host.usage()
+        self._publish_health()
+
     def _publish_health(self) -> None:
-        cpu, rss = self._host.usage()
+        cpu, rss = self._usage
         counters = dict(self.counters)
         if self.inbox.dropped:
             counters["inbox/dropped"] = self.inbox.dropped

@@ -6,14 +6,11 @@ end it cleanly, an exception ends it with a trace for the supervisor to restart 
 
 import argparse
 import ctypes
-import dataclasses
 import gc
 import os
 import queue
-import re
 import secrets
 import signal
-import socket
 import sys
 import threading
 import time
@@ -22,58 +19,33 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from trolley import topics
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
+from trolley.runtime.clash import Elders, Run, host_name
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.node import Node
 from trolley.runtime.parent import end_with_parent
 from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder, state_root
 from trolley.runtime.systemd import Supervision
-from trolley.runtime.zenoh_bus import ZenohBus, open_bus_or_stop
+from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus_patiently
 
 EXIT_CRASHED, EXIT_CONFIG, EXIT_CLASH = 1, 2, 3
 CLASH_WAIT_S = 1.5
+POLL_S = 0.05
+ROUTER_PATIENCE_S = 30.0
 LONGEST_WAIT_S = 1.0
 _STA_UNSYNC = 0x0040
 _ID_LENGTH = 12
 
 
-@dataclasses.dataclass(frozen=True, order=True)
-class Run:
-    """A process of a service; of two of the same name the smaller stays."""
-
-    started_ms: int
-    host: str
-    pid: int
-
-    @classmethod
-    def here(cls) -> "Run":
-        """This process."""
-        return cls(time.time_ns() // 1_000_000, host_name(), os.getpid())
-
-    @classmethod
-    def parse(cls, text: str) -> "Run | None":
-        """Read `<host>-<pid>-<start>`, None where it is something else."""
-        match = re.fullmatch(r"(.+)-(\d+)-(\d+)", text)
-        return None if match is None else cls(int(match[3]), match[1], int(match[2]))
-
-    def __str__(self) -> str:
-        return f"{self.host}-{self.pid}-{self.started_ms}"
-
-
-def host_name() -> str:
-    """This host's name as it may stand in a key."""
-    return re.sub(r"[^A-Za-z0-9_.-]", "-", socket.gethostname())[:32] or "host"
-
-
 class ProcessHost:
-    """Real time, files, random ids and a worker thread."""
+    """Real time, files, random ids and a worker thread; `wake` is called when a job fails."""
 
-    def __init__(self, robot: str, log: Log) -> None:
+    def __init__(self, robot: str, log: Log, wake: Callable[[], None] = lambda: None) -> None:
         root = state_root()
         self.state = StateFolder(root / robot, log)
         self.maps = StateFolder(root / "maps", log)
+        self._wake = wake
         self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], Callable[[Any], None]] | None] = (
             queue.SimpleQueue()
         )
@@ -113,10 +85,11 @@ class ProcessHost:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
         return round(share, 4), pages * os.sysconf("SC_PAGE_SIZE")
 
-    def finish(self, timeout_s: float = 5.0) -> None:
-        """Let the jobs that wait be done."""
+    def finish(self, timeout_s: float = 4.0) -> bool:
+        """Let the jobs that wait be done; False where one failed or they take too long."""
         self._jobs.put(None)
         self._worker.join(timeout_s)
+        return self.failure is None and not self._worker.is_alive()
 
     def _run_jobs(self) -> None:
         while (job := self._jobs.get()) is not None:
@@ -125,6 +98,7 @@ class ProcessHost:
                 done(fn())
             except Exception as error:  # handed to the service's thread, which ends the process
                 self.failure = error
+                self._wake()
                 return
 
 
@@ -142,22 +116,26 @@ class ServiceProcess:
     """Runs one service until it is told to stop."""
 
     def __init__(self, service: Service, config: RobotConfig) -> None:
-        name = config.robot.name
         self._service = service
         self._label = f"viz-{host_name()}" if service.name == "viz" else service.name
         self._log = Log(service.name)
         self._config = config
-        self._robot = name
-        self._stop = threading.Event()
+        self._robot = config.robot.name
         self._run = Run.here()
-        self._elder: Run | None = None
+        self._supervision = Supervision()
         self._node: Node | None = None
+        # A plain flag: a threading.Event may not be set by a signal that interrupts its `wait`.
+        self._is_told_to_stop = False
 
     def main(self) -> int:
         """Connect, settle who stays, serve; the exit code."""
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._request_stop)
-        bus = open_bus_or_stop(self._config.zenoh.connect, self._stop)
+        try:
+            bus = open_bus_patiently(self._config.zenoh.connect, self._wait_for_router)
+        except NotConnected as error:
+            self._log.error(str(error))
+            return EXIT_CONFIG
         if bus is None:
             # Zenoh's thread still waits for the router and cannot be interrupted.
             os._exit(0)
@@ -166,87 +144,83 @@ class ServiceProcess:
         finally:
             bus.close()
 
+    def _wait_for_router(self) -> bool:
+        self._supervision.waiting(ROUTER_PATIENCE_S, "waiting for the router")
+        return not self._is_told_to_stop
+
     def _serve(self, bus: ZenohBus) -> int:
-        if not self._settle_clash(bus):
-            return EXIT_CLASH if self._elder is not None else 0
-        host = ProcessHost(self._robot, self._log)
+        elders = Elders(bus, self._robot, self._label, self._run, self._wake)
+        end_s = time.monotonic() + CLASH_WAIT_S
+        while time.monotonic() < end_s:
+            if self._is_told_to_stop:
+                return 0
+            time.sleep(POLL_S)
+        if elders.oldest() is not None:
+            return self._give_way(elders.oldest())
+        host = ProcessHost(self._robot, self._log, self._wake)
         node = self._node = Node(self._service, self._robot, bus, host, self._label)
-        supervision = Supervision()
-        code = 0
         try:
             node.open()
             bus.on_connection(lambda is_up: node.reconnected() if is_up else None)
-            supervision.ready()
+            self._supervision.ready()
             # What start-up made stays for good: the collector need not look at it again.
             gc.collect()
             gc.freeze()
-            code = self._loop(node, host, supervision)
+            code = self._loop(node, host, elders)
         except Exception:
             self._log.crash("The service ends because of an error of its own")
             code = EXIT_CRASHED
-        finally:
-            supervision.stopping()
-            node.close()
-            host.finish()
-        return code
+        return self._end(node, host) or code
 
-    def _loop(self, node: Node, host: ProcessHost, supervision: Supervision) -> int:
+    def _loop(self, node: Node, host: "ProcessHost", elders: Elders) -> int:
         next_alive_s = 0.0
-        while not self._stop.is_set():
+        while not self._is_told_to_stop:
             node.step()
             if host.failure is not None:
                 raise host.failure
-            if self._elder is not None:
-                self._log.error(
-                    "Another process of this service is older, so this one ends",
-                    host=self._elder.host,
-                    pid=self._elder.pid,
-                )
-                return EXIT_CLASH
-            now_s = time.monotonic()
-            if supervision.period_s is not None and now_s >= next_alive_s:
-                supervision.alive()
-                next_alive_s = now_s + supervision.period_s
+            elder = elders.oldest()
+            if elder is not None:
+                return self._give_way(elder)
+            period_s = self._supervision.period_s
+            if period_s is not None and time.monotonic() >= next_alive_s:
+                self._supervision.alive()
+                next_alive_s = time.monotonic() + period_s
             wait_s = (node.next_due_ns() - node.monotonic_ns) * 1e-9
-            node.inbox.wait(min(max(wait_s, 0.0), supervision.period_s or LONGEST_WAIT_S))
+            node.inbox.wait(min(max(wait_s, 0.0), period_s or LONGEST_WAIT_S))
         return 0
 
-    def _settle_clash(self, bus: ZenohBus) -> bool:
-        """Show our token and look for an older run for 1.5 s; False: do not serve."""
-        elders: set[Run] = set()
-        others = topics.ALIVE.key(self._robot, self._label, "*")
+    def _end(self, node: Node, host: "ProcessHost") -> int:
+        """Let the service say its last word and finish what it saves; not 0 where it could not."""
+        self._supervision.stopping()
+        code = 0
+        try:
+            node.close()
+        except Exception:
+            self._log.crash("The service could not stop properly")
+            node.silence()
+            code = EXIT_CRASHED
+        if not host.finish():
+            self._log.error("What was being saved did not get done", why=str(host.failure or ""))
+            code = EXIT_CRASHED
+        return code
 
-        def see(key: str, is_there: bool) -> None:
-            other = Run.parse(key.rpartition("/")[2])
-            if other is None or not other < self._run:
-                return
-            if not is_there:
-                elders.discard(other)
-            else:
-                elders.add(other)
-                if self._node is not None:  # met after a reconnection
-                    self._elder = other
-                    self._node.inbox.wake()
-
-        bus.declare_token(topics.ALIVE.key(self._robot, self._label, str(self._run)))
-        bus.watch_tokens(others, see)
-        if self._stop.wait(CLASH_WAIT_S):
-            return False
-        if elders:
-            self._elder = min(elders)
+    def _give_way(self, elder: Run | None) -> int:
+        if elder is not None:
             self._log.error(
-                "Already running, so this process ends",
+                "An older process of this service is running, so this one ends",
                 robot=self._robot,
-                host=self._elder.host,
-                pid=self._elder.pid,
+                host=elder.host,
+                pid=elder.pid,
             )
-            return False
-        return True
+        return EXIT_CLASH
 
-    def _request_stop(self, _number: int, _frame: object) -> None:
-        self._stop.set()
+    def _wake(self) -> None:
         if self._node is not None:
             self._node.inbox.wake()
+
+    def _request_stop(self, _number: int, _frame: object) -> None:
+        self._is_told_to_stop = True
+        self._wake()
 
 
 def main(

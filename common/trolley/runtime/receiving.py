@@ -8,13 +8,13 @@ from typing import Any
 from trolley import topics
 from trolley.codes import Refused
 from trolley.runtime import codec
-from trolley.runtime.bus import Bus, Closer, Reply, Sample, has_wildcard
+from trolley.runtime.bus import Bus, Closer, Reply, Sample, has_wildcard, matches
 from trolley.runtime.gathering import Gathering
 from trolley.runtime.inbox import Inbox
 from trolley.runtime.log import Log
 from trolley.runtime.robot_time import TimeSource
-from trolley.runtime.service import Watch
-from trolley.topics import Kind, Qos, Topic
+from trolley.runtime.watch import Watch
+from trolley.topics import Qos, Topic
 
 GET_TIMEOUT_S = 2.0
 
@@ -32,7 +32,7 @@ class Context:
     after: Callable[[float, Callable[[], None]], None]
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(eq=False)
 class Watching:
     """A watch and how it is fed."""
 
@@ -41,12 +41,13 @@ class Watching:
     parts: tuple[str, ...]
     then: Callable[..., None] | None = None
     on_delete: Callable[..., None] | None = None
+    is_wish: bool = False
+    """Whether it takes wishes to store something: no latest value is read, and none is kept."""
     closer: Closer | None = None
 
-    @property
-    def is_wish(self) -> bool:
-        """Whether it takes wishes to store something: these have no latest value to read."""
-        return self.watch.topic.kind is Kind.STORED
+    def where(self, robot: str, parts: tuple[str, ...]) -> tuple[str, ...]:
+        """The varying chunks as its handler gets them: the robot first where all are watched."""
+        return (robot, *parts) if self.robot == "*" else parts
 
 
 class Receiver:
@@ -63,7 +64,14 @@ class Receiver:
 
         def receive(sample: Sample) -> None:
             slot = (id(watching), sample.key) if newest_only else None
-            context.inbox.push(lambda arrived_ns: self._take(watching, sample, arrived_ns), slot)
+            size = len(sample.payload)
+            if size > topic.max_bytes:  # only its size is worth keeping
+                sample = dataclasses.replace(sample, payload=b"")
+            context.inbox.push(
+                lambda arrived_ns: self._receive(watching, sample, size, arrived_ns),
+                slot,
+                size=len(sample.payload),
+            )
 
         key = topic.key(watching.robot or context.robot, *watching.parts)
         watching.closer = context.bus.subscribe(key, receive)
@@ -82,11 +90,25 @@ class Receiver:
         for watching in self._watching:
             self._catch_up(watching)
 
-    def forget_epoch(self) -> None:
-        """Drop what was measured in an earlier run of base."""
+    def forget_epoch(self, robot: str, epoch_ns: int) -> None:
+        """Drop what was measured before the run of the robot's base that began at `epoch_ns`."""
         for watching in self._watching:
-            if watching.watch.topic.of_epoch and watching.robot is None:
-                watching.watch.forget()
+            if watching.robot != "*" and (watching.robot or self._context.robot) != robot:
+                continue
+            topic, every_robot = watching.watch.topic, watching.robot == "*"
+
+            def is_gone(
+                where: tuple[str, ...],
+                message: Any,
+                topic: Topic[Any] = topic,
+                every_robot: bool = every_robot,
+            ) -> bool:
+                if every_robot and where[0] != robot:
+                    return False
+                parts = where[1:] if every_robot else where
+                return _is_of_epoch(topic, parts) and message.stamp_ns < epoch_ns
+
+            watching.watch.forget(is_gone)
 
     def get(
         self,
@@ -103,12 +125,17 @@ class Receiver:
                 matched = None if reply.is_error else topic.match(reply.key)
                 if matched is None:
                     continue
-                message = self._decode(topic, Sample(reply.key, reply.payload, reply.encoding))
-                if message is not None:
+                sample = Sample(reply.key, reply.payload, reply.encoding)
+                message = self._decode(topic, sample, len(reply.payload))
+                if message is not None and not self._is_of_earlier_run(topic, *matched, message):
                     found[matched[1]] = message
             then(found)
 
-        self._ask(topic.key(robot, *parts), finish)
+        key = topic.key(robot, *parts)
+        if "?" in key or "#" in key:  # such a name cannot exist, and in a selector it would cut
+            self._context.inbox.push(lambda _: then({}), own=True)
+            return
+        self._ask(key, finish)
 
     def _ask(self, key: str, finish: Callable[[list[Reply], bool], None]) -> None:
         context = self._context
@@ -121,55 +148,65 @@ class Receiver:
     def _catch_up(self, watching: Watching) -> None:
         """A late joiner subscribes, then gets, and keeps the newer."""
         topic = watching.watch.topic
-        if topic.qos is not Qos.STATE or watching.is_wish:
+        if topic.qos is not Qos.STATE or watching.is_wish or watching.on_delete is not None:
             return
+        asked_ns = self._context.inbox.now_ns()
 
         def finish(replies: list[Reply], _timed_out: bool) -> None:
             for reply in replies:
                 if not reply.is_error:
                     sample = Sample(reply.key, reply.payload, reply.encoding)
-                    self._take(watching, sample, self._context.inbox.now_ns(), is_old=True)
+                    self._take(watching, sample, len(reply.payload), asked_ns, is_read=True)
 
         self._ask(topic.key(watching.robot or self._context.robot, *watching.parts), finish)
 
-    def _take(
-        self, watching: Watching, sample: Sample, arrived_ns: int, *, is_old: bool = False
-    ) -> None:
-        topic = watching.watch.topic
+    def _receive(self, watching: Watching, sample: Sample, size: int, arrived_ns: int) -> None:
         if watching not in self._watching:
             return
         if sample.is_delete:
             self._take_delete(watching, sample)
-            return
+        elif watching.on_delete is None:
+            self._take(watching, sample, size, arrived_ns)
+
+    def _take(
+        self, watching: Watching, sample: Sample, size: int, time_ns: int, *, is_read: bool = False
+    ) -> None:
+        """Take a message that arrived at `time_ns`, or that was read (asked for at `time_ns`)."""
+        topic, watch = watching.watch.topic, watching.watch
         matched = None if has_wildcard(sample.key) else topic.match(sample.key)
         if matched is None:
             self._drop(topic, "key", sample.key, "a key with a wildcard cannot be put")
             return
-        robot, parts = matched
-        where = (robot, *parts) if watching.robot == "*" else parts
-        message = self._decode(topic, sample)
-        if message is None or self._is_of_earlier_run(topic, robot, parts, message):
+        message = self._decode(topic, sample, size)
+        if message is None or self._is_of_earlier_run(topic, *matched, message):
             return
-        if is_old and _is_newer(watching.watch.by_parts.get(where), message):
+        where = watching.where(*matched)
+        if is_read and _is_newer(watch, where, message, time_ns):
             return
-        watching.watch.take(message, where, arrived_ns)
+        if not watching.is_wish and not watch.take(message, where, time_ns):
+            self._drop(topic, "too_many", sample.key, "too many keys are known already")
+            return
         if watching.then is not None:
             self._call(topic, watching.then, message, *where)
 
     def _take_delete(self, watching: Watching, sample: Sample) -> None:
         topic = watching.watch.topic
-        if watching.on_delete is None:
+        key = unicodedata.normalize("NFC", sample.key)
+        if has_wildcard(key) and topic not in (topics.MARKER, topics.OVERLAY):
+            if watching.on_delete is not None:  # else somebody else counts it
+                why = "a wildcard delete is allowed for markers and overlays only"
+                self._drop(topic, "key", sample.key, why)
             return
-        if has_wildcard(sample.key) and topic not in (topics.MARKER, topics.OVERLAY):
-            self._drop(
-                topic,
-                "key",
-                sample.key,
-                "a wildcard delete is allowed for markers and overlays only",
-            )
+        if watching.on_delete is not None:
+            self._call(topic, watching.on_delete, *key.split("/")[3:])
             return
-        chunks = unicodedata.normalize("NFC", sample.key).split("/")[3:]
-        self._call(topic, watching.on_delete, *chunks)
+        robot = watching.robot or self._context.robot
+
+        def is_gone(where: tuple[str, ...], _message: Any) -> bool:
+            of_robot, parts = (where[0], where[1:]) if robot == "*" else (robot, where)
+            return matches(key, topic.key(of_robot, *parts))
+
+        watching.watch.forget(is_gone)
 
     def _call(self, topic: Topic[Any], handler: Callable[..., None], *arguments: Any) -> None:
         try:
@@ -182,14 +219,10 @@ class Receiver:
                 refused.message,
             )
 
-    def _decode(self, topic: Topic[Any], sample: Sample) -> Any | None:
-        if len(sample.payload) > topic.max_bytes:
-            self._drop(
-                topic,
-                "too_large",
-                sample.key,
-                f"{len(sample.payload)} bytes, {topic.max_bytes} at most",
-            )
+    def _decode(self, topic: Topic[Any], sample: Sample, size: int) -> Any | None:
+        if size > topic.max_bytes:
+            why = f"{size} bytes, {topic.max_bytes} at most"
+            self._drop(topic, "too_large", sample.key, why)
             return None
         try:
             return codec.decode(topic.message, sample.payload, sample.encoding)
@@ -200,7 +233,7 @@ class Receiver:
     def _is_of_earlier_run(
         self, topic: Topic[Any], robot: str, parts: tuple[str, ...], message: Any
     ) -> bool:
-        if not topic.of_epoch and (topic is not topics.TF or parts != ("odom",)):
+        if not _is_of_epoch(topic, parts):
             return False
         if message.stamp_ns >= self._context.time_of(robot).epoch:
             return False
@@ -212,8 +245,20 @@ class Receiver:
         self._context.log.limited(f"{topic.name}/{reason}", "Dropped", key=key, why=message)
 
 
-def _is_newer(known: Any | None, other: Any) -> bool:
-    """Whether a known message is to be kept rather than one that was read afterwards."""
-    if known is None:
+def _is_of_epoch(topic: Topic[Any], parts: tuple[str, ...]) -> bool:
+    """Whether a message of this key holds for one run of base only."""
+    return topic.of_epoch or (topic is topics.TF and parts == ("odom",))
+
+
+def _is_newer(watch: Watch[Any], where: tuple[str, ...], read: Any, asked_ns: int) -> bool:
+    """Whether what is known of a key is to be kept rather than what was read from its owner.
+
+    What came before the owner was asked is as old as its answer or older, whatever the stamps say:
+    they are 0 without robot time. What came since then may be the newer.
+    """
+    known, arrived_ns = watch.by_parts.get(where), watch.arrived(where)
+    if known is None or arrived_ns is None:
         return False
-    return getattr(known, "stamp_ns", 1) >= getattr(other, "stamp_ns", 0)
+    if arrived_ns < asked_ns:
+        return bool(known == read)
+    return getattr(known, "stamp_ns", 1) >= getattr(read, "stamp_ns", 0)

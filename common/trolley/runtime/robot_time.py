@@ -1,5 +1,6 @@
 """Robot time: the one clock that every stamp counts, owned by `base`, followed by all others."""
 
+import dataclasses
 from collections import deque
 from typing import Protocol
 
@@ -27,6 +28,22 @@ class TimeSource(Protocol):
         ...
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Heard:
+    """A clock message."""
+
+    arrived_ns: int
+    stamp_ns: int
+
+    def extended(self, rate: float, monotonic_ns: int) -> int:
+        """Its stamp carried on to a local time.
+
+        Only the short time since its arrival becomes a float: stamps count from 1970, where the
+        next float is 256 ns away.
+        """
+        return self.stamp_ns + round(rate * (monotonic_ns - self.arrived_ns))
+
+
 class FollowedTime:
     """Robot time from `clock` messages.
 
@@ -38,9 +55,9 @@ class FollowedTime:
     def __init__(self) -> None:
         """Start without robot time."""
         self.epoch = 0
-        self.rate = 1.0
-        self._offsets: deque[tuple[int, float]] = deque()
-        self._offset = 0.0
+        self.rate: float = 1.0
+        self._heard: deque[_Heard] = deque()
+        self._best = _Heard(0, 0)
         self._heard_ns: int | None = None
         self._last: int | None = None
 
@@ -52,14 +69,14 @@ class FollowedTime:
             return False
         began = not known or clock.epoch != self.epoch
         if began or clock.rate != self.rate:
-            self._offsets.clear()
+            self._heard.clear()
         if began:
             self._last = None
         self.epoch, self.rate = clock.epoch, clock.rate
-        while self._offsets and arrived_ns - self._offsets[0][0] > WINDOW_NS:
-            self._offsets.popleft()
-        self._offsets.append((arrived_ns, clock.stamp_ns - clock.rate * arrived_ns))
-        self._offset = max(offset for _, offset in self._offsets)
+        while self._heard and arrived_ns - self._heard[0].arrived_ns > WINDOW_NS:
+            self._heard.popleft()
+        self._heard.append(_Heard(arrived_ns, clock.stamp_ns))
+        self._best = max(self._heard, key=lambda heard: heard.extended(self.rate, arrived_ns))
         self._heard_ns = arrived_ns
         return began
 
@@ -67,6 +84,6 @@ class FollowedTime:
         """Robot time [ns] at local `monotonic_ns`, None without a message in the last second."""
         if self._heard_ns is None or monotonic_ns - self._heard_ns > SILENCE_NS:
             return None
-        now = round(self._offset + self.rate * monotonic_ns)
+        now = self._best.extended(self.rate, monotonic_ns)
         self._last = now if self._last is None else max(self._last, now)
         return self._last

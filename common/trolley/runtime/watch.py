@@ -13,6 +13,11 @@ M = TypeVar("M", bound=msgspec.Struct)
 R = TypeVar("R")
 
 
+MAX_KEYS = 2000
+"""Of how many keys a watch keeps the newest message: what a stranger may make it remember."""
+MAX_HISTORY = 5000
+
+
 class Watch(Generic[M]):
     """What is known of a topic: the latest message of each key, and the last seconds if asked."""
 
@@ -24,34 +29,53 @@ class Watch(Generic[M]):
         """Local monotonic time of its arrival."""
         self.by_parts: dict[tuple[str, ...], M] = {}
         """The newest message per varying chunks (the robot first where all are watched)."""
-        self.history: deque[M] = deque()
+        self.history: deque[M] = deque(maxlen=MAX_HISTORY)
         """The messages of the last `seconds`, oldest first; empty unless asked for."""
         self._seconds = seconds
-        self._arrivals: deque[int] = deque()
+        self._arrivals: dict[tuple[str, ...], int] = {}
+        self._marks: deque[tuple[int, tuple[str, ...]]] = deque(maxlen=MAX_HISTORY)
 
     @property
     def keeps_history(self) -> bool:
         """Whether every message counts, not just the newest."""
         return self._seconds > 0.0
 
-    def take(self, message: M, parts: tuple[str, ...], arrived_ns: int) -> None:
-        """Store a message (called by the runtime)."""
+    def arrived(self, parts: tuple[str, ...]) -> int | None:
+        """Local monotonic time [ns] at which the newest message of a key arrived."""
+        return self._arrivals.get(parts)
+
+    def take(self, message: M, parts: tuple[str, ...], arrived_ns: int) -> bool:
+        """Store a message (called by the runtime); False: too many keys are known already."""
+        if parts not in self.by_parts and len(self.by_parts) >= MAX_KEYS:
+            return False
         self.latest = message
         self.arrived_ns = arrived_ns
         self.by_parts[parts] = message
+        self._arrivals[parts] = arrived_ns
         if self._seconds > 0.0:
             self.history.append(message)
-            self._arrivals.append(arrived_ns)
-            while arrived_ns - self._arrivals[0] > self._seconds * 1e9:
+            self._marks.append((arrived_ns, parts))
+            while arrived_ns - self._marks[0][0] > self._seconds * 1e9:
                 self.history.popleft()
-                self._arrivals.popleft()
+                self._marks.popleft()
+        return True
 
-    def forget(self) -> None:
-        """Drop everything known, as at a new epoch."""
-        self.latest, self.arrived_ns = None, None
-        self.by_parts.clear()
+    def forget(self, is_gone: Callable[[tuple[str, ...], M], bool]) -> None:
+        """Drop what `is_gone(varying_chunks, message)` says of (called by the runtime)."""
+        for parts in [parts for parts, message in self.by_parts.items() if is_gone(parts, message)]:
+            del self.by_parts[parts], self._arrivals[parts]
+        kept = [
+            (message, mark)
+            for message, mark in zip(self.history, self._marks, strict=True)
+            if not is_gone(mark[1], message)
+        ]
         self.history.clear()
-        self._arrivals.clear()
+        self.history.extend(message for message, _ in kept)
+        self._marks.clear()
+        self._marks.extend(mark for _, mark in kept)
+        newest = max(self._arrivals, key=self._arrivals.__getitem__, default=None)
+        self.latest = None if newest is None else self.by_parts[newest]
+        self.arrived_ns = None if newest is None else self._arrivals[newest]
 
 
 class Later(Generic[R]):

@@ -267,24 +267,35 @@ def open_bus(endpoints: Sequence[str], timeout_s: float | None = None) -> Genera
         bus.close()
 
 
-def open_bus_or_stop(endpoints: Sequence[str], stop: threading.Event) -> ZenohBus | None:
-    """Wait for the router until it is there or `stop` is set (then None).
+def open_bus_patiently(
+    endpoints: Sequence[str], wants_to_wait: Callable[[], bool]
+) -> ZenohBus | None:
+    """Wait for the router until it is there or `wants_to_wait()`, asked all the time, says no.
 
     Opening blocks inside Zenoh, where no signal reaches Python, so it runs on a thread of its own.
+
+    Raises:
+        NotConnected: The endpoints cannot be used at all.
     """
     zenoh.init_log_from_env_or("off")
-    opened: list[ZenohBus] = []
+    outcome: list[ZenohBus | zenoh.ZError] = []
     ready = threading.Event()
 
     def connect() -> None:
-        opened.append(ZenohBus(zenoh.open(client_config(endpoints))))
+        try:
+            outcome.append(ZenohBus(zenoh.open(client_config(endpoints))))
+        except zenoh.ZError as error:
+            outcome.append(error)
         ready.set()
 
     threading.Thread(target=connect, daemon=True).start()
     while not ready.wait(0.05):
-        if stop.is_set():
+        if not wants_to_wait():
             return None
-    return opened[0]
+    opened = outcome[0]
+    if isinstance(opened, zenoh.ZError):
+        raise NotConnected(f"cannot connect to {', '.join(endpoints)}: {opened}")
+    return opened
 
 
 def _read(payload: zenoh.ZBytes) -> bytes:
