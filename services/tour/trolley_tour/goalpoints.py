@@ -45,7 +45,9 @@ def read_goal_points(text: str) -> list[GoalPoint]:
     lists = list(_lists(text))
     wanted = [found for found in lists if found[0] == "GoalPoints"] or lists
     if not wanted or (len(wanted) > 1 and wanted is lists):
-        raise GoalPointsError("There is no list called GoalPoints in the file.")
+        raise GoalPointsError(
+            "There is no list called GoalPoints in the file, or a bracket is missing."
+        )
     start, source = wanted[-1][1:]
     elements = _elements(source)
     if not 1 <= len(elements) <= MAX_GOALS:
@@ -69,14 +71,17 @@ def _lists(text: str) -> Iterator[tuple[str, int, str]]:
     end = 0
     for match in re.finditer(r"^(?:[ \t]*([A-Za-z_]\w*)[ \t]*=[ \t]*)?(\[)", text, re.MULTILINE):
         start = match.start(2)
-        if start >= end:
-            source = _enclosed(text, start)
+        source = _enclosed(text, start) if start >= end else ""
+        if source:
             end = start + len(source)
             yield match.group(1) or "", start, source
 
 
 def _enclosed(text: str, start: int) -> str:
-    """The text from the bracket at `start` to the one that closes it; comments are skipped over."""
+    """The text from the bracket at `start` to the one that closes it, "" if none does.
+
+    Brackets in comments do not count.
+    """
     depth, position = 0, start
     while position < len(text):
         character = text[position]
@@ -88,7 +93,7 @@ def _enclosed(text: str, start: int) -> str:
         position += 1
         if depth == 0:
             return text[start:position]
-    raise GoalPointsError("The list of goals is not closed: a bracket is missing.")
+    return ""
 
 
 def _elements(source: str) -> list[ast.expr]:

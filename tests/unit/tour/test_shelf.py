@@ -1,0 +1,78 @@
+"""Things that are saved before they count."""
+
+from collections.abc import Callable
+
+import pytest
+
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.messages import SavedPose
+from trolley_tour.shelf import Shelf
+from trolley_tour.store import PosesFile, with_item, without_item
+
+
+class SlowDisk:
+    """Saves when it is told to."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[PosesFile, Callable[[str | None], None]]] = []
+        self.num_published = 0
+        self.answers: list[str] = []
+        self.shelf: Shelf[SavedPose] = Shelf(
+            lambda poses: PosesFile(poses=poses),
+            lambda content, then: self.waiting.append((content, then)),
+            self.publish,
+        )
+
+    def publish(self) -> None:
+        self.num_published += 1
+
+    def answer(self, result: SavedPose | Refused) -> None:
+        self.answers.append(result.code if isinstance(result, Refused) else result.name)
+
+    def put(self, name: str) -> None:
+        pose = SavedPose(name=name, map="a", pose=Pose2D(0.0, 0.0, 0.0))
+        self.shelf.change(lambda items: (with_item(items, pose), pose), self.answer)
+
+    def delete(self, name: str) -> None:
+        self.shelf.change(lambda items: without_item(items, name), self.answer)
+
+    def finish(self, problem: str | None = None) -> list[str]:
+        content, then = self.waiting.pop(0)
+        then(problem)
+        return [pose.name for pose in content.poses]
+
+
+@pytest.fixture
+def disk() -> SlowDisk:
+    return SlowDisk()
+
+
+def test_change_counts_once_it_is_saved(disk: SlowDisk):
+    disk.put("a")
+    assert (disk.shelf.items, disk.answers, disk.num_published) == ({}, [], 0)
+    disk.finish()
+    assert (list(disk.shelf.items), disk.answers, disk.num_published) == (["a"], ["a"], 1)
+
+
+def test_changes_that_wait_for_the_disk_are_saved_together(disk: SlowDisk):
+    for name in "abcd":
+        disk.put(name)
+    disk.delete("b")
+    disk.delete("x")
+    assert disk.finish() == ["a"]
+    assert disk.finish() == ["a", "c", "d"]
+    assert disk.waiting == []
+    assert disk.answers == ["a", "unknown_name", "b", "c", "d", "b"]
+
+
+def test_what_could_not_be_saved_does_not_count(disk: SlowDisk):
+    disk.put("a")
+    disk.finish()
+    disk.put("b")
+    disk.delete("a")
+    disk.finish("The disk is full.")
+    disk.finish("The disk is full.")
+    assert list(disk.shelf.items) == ["a"]
+    assert disk.answers == ["a", "not_saved", "not_saved"]
+    assert disk.num_published == 1
