@@ -39,11 +39,11 @@ GET_TIMEOUT_S = 2.0
 MOST_WAITING = 1000
 
 
-class RobotUnreachable(Exception):  # noqa: N818 - named after what it reports
+class RobotUnreachable(Exception):
     """There is no router, no such robot, or it fell silent; the text says which and what to do."""
 
 
-class SeveralRobots(Exception):  # noqa: N818 - named after what it reports
+class SeveralRobots(Exception):
     """Several robots are on the network and none was named; `names` lists them."""
 
     def __init__(self, names: Sequence[str]) -> None:

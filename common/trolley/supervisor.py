@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -28,9 +28,11 @@ PERIOD_S = 0.05
 class Child:
     """One service: its process, and when to start it again."""
 
-    def __init__(self, name: str, command: Sequence[str]) -> None:
+    def __init__(self, name: str, command: Sequence[str], *, is_held: bool) -> None:
         self.name = name
         self.restarts = 0
+        self.is_held = is_held
+        """Whether its first start waits to be released."""
         self._command = list(command)
         self._process: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
@@ -46,7 +48,7 @@ class Child:
     @property
     def is_due(self) -> bool:
         """Whether it is to be started now."""
-        waits = self._process is None and not self._given_up
+        waits = self._process is None and not self._given_up and not self.is_held
         return waits and time.monotonic() >= self._due_s
 
     def start(self, environment: Mapping[str, str]) -> None:
@@ -94,6 +96,7 @@ class Supervisor:
         modules: What to run, by service: `{"base": "trolley_base"}` is `python -m trolley_base`.
         environment: Added to this process's environment.
         report: Called, on a thread of its own, with a sentence about each child that ended.
+        held: Those that start only when `release` is called.
     """
 
     def __init__(
@@ -101,9 +104,11 @@ class Supervisor:
         modules: Mapping[str, str],
         environment: Mapping[str, str],
         report: Callable[[str], None],
+        held: Collection[str] = (),
     ) -> None:
         self.children = {
-            name: Child(name, [sys.executable, "-m", module]) for name, module in modules.items()
+            name: Child(name, [sys.executable, "-m", module], is_held=name in held)
+            for name, module in modules.items()
         }
         self.failure: str | None = None
         """Why one cannot run at all; the main thread then gets a SIGINT."""
@@ -126,6 +131,10 @@ class Supervisor:
         trace: TracebackType | None,
     ) -> None:
         self.stop()
+
+    def release(self, name: str) -> None:
+        """Let a child start that was held."""
+        self.children[name].is_held = False
 
     def stop(self) -> None:
         """End all children: SIGTERM, and SIGKILL to those that take longer than 5 s."""

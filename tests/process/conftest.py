@@ -189,6 +189,9 @@ class ThreadHost:
     def monotonic_ns(self) -> int:
         return time.monotonic_ns()
 
+    def unix_ns(self) -> int:
+        return time.time_ns()
+
     def utc_now(self) -> str | None:
         return None
 

@@ -20,6 +20,7 @@ from trolley.cli.demo_run import (
     play_recording,
     store_places,
     wait_for_localized,
+    wait_for_services,
 )
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import (
@@ -139,13 +140,18 @@ def _run(
         modules.pop(VIEWER, None)
     settings = load_config(config)
     click.echo(f"Starting robot {choices.name}: {', '.join(modules)} ...")
-    with supervised(modules, environment, choices.endpoint):
+    # A recording does not wait for anybody, so it begins when everybody listens.
+    held = ["base"] if choices.recording is not None else []
+    with supervised(modules, environment, choices.endpoint, held=held) as supervisor:
         if not headless:
             announce_viewer(settings)
         started_s = time.monotonic()
         with Connection([choices.endpoint]) as connection:
             robot = Robot.over(connection, choices.name)
             assert settings.map.file is not None
+            for name in held:
+                wait_for_services(robot, set(modules) - set(held))
+                supervisor.release(name)
             code = _show(choices, robot, Path(settings.map.file).stem, started_s, tour=tour)
             if code is not None:
                 raise SystemExit(code)

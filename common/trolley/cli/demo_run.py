@@ -74,6 +74,17 @@ def wait_for_localized(robot: Robot, limit_s: float | None) -> PoseEstimate | No
                 return None
 
 
+def wait_for_services(robot: Robot, names: set[str], limit_s: float = SERVICE_WITHIN_S) -> None:
+    """Wait until these services do their work, or for `limit_s` at most."""
+    deadline_s = time.monotonic() + limit_s
+    while time.monotonic() < deadline_s:
+        # The viewer's health bears the name of its host too.
+        ready = {parts[0].partition("-")[0] for parts in robot.get(topics.HEALTH)}
+        if names <= ready:
+            return
+        time.sleep(RETRY_S)
+
+
 def describe_localized(estimate: PoseEstimate, started_s: float) -> str:
     """A line about a pose that was found."""
     at = pose_text(estimate.pose) if estimate.pose is not None else "nowhere"

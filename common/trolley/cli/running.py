@@ -2,7 +2,7 @@
 
 import signal
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -89,9 +89,12 @@ def supervised(
     modules: Mapping[str, str],
     environment: Mapping[str, str],
     router: str | None,
-    uplink: list[str] | None = None,
+    uplink: Sequence[str] = (),
+    held: Collection[str] = (),
 ) -> Generator[Supervisor]:
     """A router at the endpoint `router` (None: somebody else's) and the services as children.
+
+    Those in `held` are started later, by `Supervisor.release`.
 
     Raises:
         ConfigError: The port is taken, or a service cannot run with this configuration.
@@ -99,12 +102,10 @@ def supervised(
     with ExitStack() as stack:
         if router is not None:
             try:
-                stack.enter_context(open_router([router], uplink or []))
+                stack.enter_context(open_router([router], uplink))
             except NotConnected as error:
                 raise ConfigError(str(error)) from error
-        supervisor = stack.enter_context(
-            Supervisor(modules, environment, lambda text: click.secho(text, err=True, fg="yellow"))
-        )
+        supervisor = stack.enter_context(Supervisor(modules, environment, _warn, held))
         try:
             yield supervisor
         except KeyboardInterrupt:
@@ -113,11 +114,15 @@ def supervised(
             raise
 
 
+def _warn(text: str) -> None:
+    click.secho(text, err=True, fg="yellow")
+
+
 def announce_viewer(config: RobotConfig) -> None:
     """Print the viewer's URL once it answers there."""
     deadline_s = time.monotonic() + URL_PATIENCE_S
     host = "127.0.0.1" if config.viz.host in ("0.0.0.0", "") else config.viz.host
-    while not ports.is_answering(config.viz.port, host):
+    while not ports.is_listening(config.viz.port):
         if time.monotonic() > deadline_s:
             click.secho("The viewer has not come up.", err=True, fg="yellow")
             return
