@@ -17,6 +17,7 @@ Exceptions: `trolley.codes.Refused` (the robot said no, or did not get there: `c
 import secrets
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -78,13 +79,12 @@ class Robot:
         connect_timeout: float = 5.0,
     ) -> None:
         target = find_target(name, [connect] if isinstance(connect, str) else connect, config)
-        self._connection = Connection(target.endpoints, connect_timeout)
-        self._connection.__enter__()
-        try:
-            self.name = pick_robot(self._connection, target)
-        except BaseException:
-            self.close()
-            raise
+        connection = Connection(target.endpoints, connect_timeout)
+        with ExitStack() as undo:
+            undo.enter_context(connection)
+            self.name = pick_robot(connection, target)
+            undo.pop_all()  # from now on `close` ends the connection
+        self._connection = connection
 
     @classmethod
     def over(cls, connection: Connection, name: str) -> "Robot":

@@ -95,8 +95,7 @@ def save_map(
     content = io.BytesIO()
     image.save(content, format="PNG" if suffix == "png" else "PPM")
     image_file = file.with_name(description.image)
-    try:
-        # The image first: a YAML file never names an image that is not there.
+    try:  # the image first: a YAML file never names an image that is not there
         write_atomically(image_file, content.getvalue())
         write_atomically(file, render_description(description).encode())
     except OSError as error:
