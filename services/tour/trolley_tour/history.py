@@ -91,7 +91,7 @@ def _insert(path: Path, trip: PastTrip, days: float) -> None:
 def read_trips(
     folder: Path, since: datetime.datetime | None, limit: int, max_bytes: int
 ) -> list[PastTrip] | str:
-    """The newest `limit` trips that began at or after `since`, oldest first; or what went wrong.
+    """The newest `limit` trips that began at or after `since`, newest first; or why not.
 
     Where they would not fit into `max_bytes` of JSON, the older ones are left out. Trips that began
     without a known time count only where no `since` is asked for.
@@ -114,4 +114,4 @@ def read_trips(
                 trips.append(msgspec.json.decode(document, type=PastTrip))
     except (sqlite3.Error, OSError, msgspec.DecodeError) as error:
         return str(error)
-    return trips[::-1]
+    return trips

@@ -232,8 +232,8 @@ class Trip:
         if record.reached_here:
             self._dwell()
         else:
-            self._wait_s = 0.0 if record.goal is None else None
             self._set_driving()
+            self._wait_s = 0.0 if record.goal is None else None
         if goal is not None:
             self.hear_goal(goal, at)
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -13,6 +14,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import (
     BaseState,
     Clock,
+    GoalState,
     GoalStatus,
     Odometry,
     PoseEstimate,
@@ -62,7 +64,9 @@ class FakeBase(Service):
         pose = Pose2D.identity()
         self.publish(topics.ODOM, Odometry(stamp_ns=stamp_ns, pose=pose, twist=self.twist))
 
-    def say(self, mode: str = "ok", source: str | None = None, message: str = "") -> None:
+    def say(
+        self, mode: Literal["ok", "stopped"] = "ok", source: str | None = None, message: str = ""
+    ) -> None:
         state = BaseState(stamp_ns=self.robot_ns, mode=mode, source=source, message=message)
         self.publish(topics.BASE, state)
 
@@ -103,7 +107,7 @@ class Plan:
     """What becomes of the next goal: refused, or ended after a while."""
 
     refuse: Refused | None = None
-    state: str = "arrived"
+    state: GoalState = "arrived"
     reason: str = ""
     message: str = ""
     seconds: float = DRIVE_S
@@ -166,8 +170,8 @@ class FakePlanner(Service):
         idle = GoalStatus(stamp_ns=self.stamp_ns, id=None, state="idle")
         return {(): self.goals[wanted] if wanted is not None else idle}
 
-    def change(self, params: WhichGoal, state: str, reason: str) -> GoalStatus:
-        if params.id != self.current or not self.drives(params.id):
+    def change(self, params: WhichGoal, state: GoalState, reason: str) -> GoalStatus:
+        if params.id is None or params.id != self.current or not self.drives(params.id):
             raise Refused(codes.NOT_CURRENT)
         return self.say(params.id, state, reason)
 
@@ -175,11 +179,15 @@ class FakePlanner(Service):
         known = self.goals.get(goal_id or "")
         return known is not None and known.state not in ("arrived", "failed", "canceled")
 
-    def end(self, goal_id: str | None, state: str, reason: str = "", message: str = "") -> None:
+    def end(
+        self, goal_id: str | None, state: GoalState, reason: str = "", message: str = ""
+    ) -> None:
         if goal_id is not None and self.drives(goal_id):
             self.say(goal_id, state, reason, message)
 
-    def say(self, goal_id: str, state: str, reason: str = "", message: str = "") -> GoalStatus:
+    def say(
+        self, goal_id: str, state: GoalState, reason: str = "", message: str = ""
+    ) -> GoalStatus:
         status = GoalStatus(
             stamp_ns=self.stamp_ns, id=goal_id, state=state, reason=reason, message=message
         )
@@ -203,7 +211,7 @@ class FakePlanner(Service):
     @property
     def ids(self) -> list[str]:
         """The ids that were sent, without repetitions."""
-        return list(dict.fromkeys(goal.id for goal in self.sent))
+        return list(dict.fromkeys(goal.id or "" for goal in self.sent))
 
 
 @dataclass

@@ -8,6 +8,7 @@ from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.messages import ScheduleEntry, Stop, Tour
 from trolley.messages.asking import AskHistory
+from trolley.messages.touring import Day
 
 if TYPE_CHECKING:
     from .conftest import Home, Plan
@@ -27,11 +28,11 @@ def test_history_tells_results_and_survives_a_restart(home: "Home", plan: "type[
     assert 8.0 < past.seconds < 12.0
 
 
-def test_history_gives_the_newest_oldest_first(home: "Home"):
+def test_history_gives_the_newest_first(home: "Home"):
     trips = [home.start("kitchen").trip for _ in range(4)]
     home.lockstep.ask(requests.TOUR_STOP)
     past = home.lockstep.ask(requests.TOUR_HISTORY, AskHistory(limit=2))
-    assert [one.trip for one in past] == trips[-2:]
+    assert [one.trip for one in past] == trips[:-3:-1]
 
 
 def test_history_refuses_a_time_that_is_none(home: "Home"):
@@ -75,7 +76,7 @@ def berlin(monkeypatch):
     time.tzset()
 
 
-def put_scheduled(home: "Home", at: str, *days: str) -> None:
+def put_scheduled(home: "Home", at: str, *days: Day) -> None:
     schedule = [ScheduleEntry(days=list(days), at=at)]
     tour = Tour(name="morning", stops=[Stop(name="kitchen")], schedule=schedule)
     home.lockstep.ask(requests.TOURS_PUT, tour)

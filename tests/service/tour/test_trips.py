@@ -74,9 +74,9 @@ def test_there_and_back_twice(home: "Home"):
 
 def test_trip_without_end_goes_on_until_it_is_stopped(home: "Home"):
     home.start("corridor", "kitchen", repeat=0)
-    home.lockstep.run(300.0)
+    home.lockstep.run(60.0)
     assert home.status.state == "driving"
-    assert home.status.lap > 20
+    assert home.status.lap > 4
     status = home.lockstep.ask(requests.TOUR_STOP)
     assert status.state == "stopped"
     home.lockstep.run(1.0)
@@ -158,16 +158,16 @@ def test_place_deleted_on_the_way_is_a_failure(home: "Home"):
 def test_trip_that_can_reach_nothing_does_not_spin(home: "Home", plan: "type[Plan]"):
     home.planner.script = [plan(refuse=Refused(codes.NO_PATH))] * 10_000
     home.start(Stop(name="kitchen", on_failure="skip"), repeat=0)
-    home.lockstep.run(600.0)
+    home.lockstep.run(150.0)
     assert home.status.state == "driving"
-    assert len(home.planner.sent) < 30
+    assert len(home.planner.sent) < 12
 
 
 def test_trip_where_the_robot_stands_does_not_spin(home: "Home", plan: "type[Plan]"):
     home.planner.script = [plan(seconds=0.0) for _ in range(10_000)]
     home.start("kitchen", repeat=0)
-    home.lockstep.run(60.0)
-    assert len(home.planner.sent) <= 61
+    home.lockstep.run(20.0)
+    assert len(home.planner.sent) <= 21
 
 
 def test_pause_and_resume_drive_to_the_same_stop(home: "Home"):
@@ -219,7 +219,7 @@ def test_new_trip_replaces_the_running_one(home: "Home"):
     home.run_until("done")
     assert home.planner.ids == [f"tour-{first.trip}-0-1", f"tour-{second.trip}-0-1"]
     past = home.lockstep.ask(requests.TOUR_HISTORY)
-    assert [(one.state, one.reason) for one in past] == [("stopped", codes.REPLACED), ("done", "")]
+    assert [(one.state, one.reason) for one in past] == [("done", ""), ("stopped", codes.REPLACED)]
 
 
 def test_start_while_a_direct_goal_drives_replaces_it(home: "Home"):

@@ -5,12 +5,13 @@ import datetime
 import pytest
 
 from trolley.messages import ScheduleEntry, Stop, Tour
+from trolley.messages.touring import Day
 from trolley_tour.schedule import Minutes, tours_due
 
 MONDAY = datetime.datetime(2026, 11, 2, 8, 30, 12, tzinfo=datetime.UTC)
 
 
-def tour(at: str, *days: str) -> Tour:
+def tour(at: str, *days: Day) -> Tour:
     entries = [ScheduleEntry(days=list(days), at=at)]
     return Tour(name="t", stops=[Stop(name="a")], schedule=entries)
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import pytest
+from msgspec import Struct
 
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
@@ -15,14 +16,18 @@ class SlowDisk:
     """Saves when it is told to."""
 
     def __init__(self) -> None:
-        self.waiting: list[tuple[PosesFile, Callable[[str | None], None]]] = []
+        self.waiting: list[tuple[list[str], Callable[[str | None], None]]] = []
         self.num_published = 0
         self.answers: list[str] = []
         self.shelf: Shelf[SavedPose] = Shelf(
             lambda poses: PosesFile(poses=poses),
-            lambda content, then: self.waiting.append((content, then)),
+            self.save,
             self.publish,
         )
+
+    def save(self, content: Struct, then: Callable[[str | None], None]) -> None:
+        assert isinstance(content, PosesFile)
+        self.waiting.append(([pose.name for pose in content.poses], then))
 
     def publish(self) -> None:
         self.num_published += 1
@@ -38,9 +43,9 @@ class SlowDisk:
         self.shelf.change(lambda items: without_item(items, name), self.answer)
 
     def finish(self, problem: str | None = None) -> list[str]:
-        content, then = self.waiting.pop(0)
+        names, then = self.waiting.pop(0)
         then(problem)
-        return [pose.name for pose in content.poses]
+        return names
 
 
 @pytest.fixture

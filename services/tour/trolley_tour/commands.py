@@ -1,0 +1,91 @@
+"""`trolley tour import`: turns the goal list of a ROS script into saved poses and a tour."""
+
+from pathlib import Path
+from typing import TextIO
+
+import click
+
+from trolley import codes, requests, topics
+from trolley.cli.options import json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import pose_text, print_json
+from trolley.client import Robot
+from trolley.codes import Refused
+from trolley.geometry import angle_difference
+from trolley.messages import SavedPose, Tour, name_problem
+from trolley_tour.goalpoints import GoalPoint, GoalPointsError, read_goal_points, tour_of
+
+SAME_M, SAME_RAD = 0.01, 0.01
+"""A saved pose this near to the imported one is the same place."""
+
+
+@click.command(name="import")
+@click.argument("file", type=click.File("r", encoding="utf-8"))
+@click.option("--name", help="What to call the tour; else the file's name.")
+@click.option("--replace", is_flag=True, help="Overwrite a tour and places of these names.")
+@click.option("--dry-run", is_flag=True, help="Show what would be saved, and save nothing.")
+@where_options
+@json_option
+@reports_errors
+def import_tour(
+    file: TextIO, name: str | None, replace: bool, dry_run: bool, as_json: bool
+) -> None:
+    """Save the GoalPoints list of FILE ("-": standard input) as places and a tour.
+
+    FILE is a Python script with a list `GoalPoints = [[(x, y, z), (x, y, z, w)], ...]`, or the list
+    alone; it is only read, never run. The comment behind a goal is its name. Places are saved on
+    the map that the robot is on.
+    """
+    try:
+        points = read_goal_points(file.read())
+    except UnicodeDecodeError as error:
+        raise click.ClickException(f"{file.name} is no UTF-8 text") from error
+    except GoalPointsError as error:
+        raise click.ClickException(str(error)) from error
+    tour = tour_of(points, name or _stem(file.name))
+    problem = name_problem(tour.name)
+    if problem is not None:
+        raise click.BadParameter(f"{problem} (give another with --name)", param_hint="--name")
+    poses = [SavedPose(name=point.name, pose=point.pose) for point in points]
+    if not dry_run:
+        with one_robot() as robot:
+            if not replace:
+                _refuse_taken(robot, points, tour)
+            poses = [robot.ask(requests.POSES_PUT, pose) for pose in poses]
+            tour = robot.ask(requests.TOURS_PUT, tour)
+    if as_json:
+        print_json({"tour": tour, "poses": poses})
+        return
+    for number, pose in enumerate(poses, start=1):
+        click.echo(f"{number:>3}  {pose.name}  {pose_text(pose.pose)}")
+    on_map = f" on the map {poses[0].map}" if poses[0].map else ""
+    verb = "would be saved" if dry_run else "is saved"
+    click.echo(f"The tour {tour.name} with {len(poses)} stops{on_map} {verb}.")
+
+
+def _stem(file_name: str) -> str:
+    return Path(file_name).stem if file_name not in ("-", "<stdin>") else "imported"
+
+
+def _refuse_taken(robot: Robot, points: list[GoalPoint], tour: Tour) -> None:
+    """Refuse to overwrite other places, or a tour, of these names."""
+    saved, tours = robot.latest(topics.POSES), robot.latest(topics.TOURS)
+    if saved is None or tours is None:
+        raise Refused(codes.NOT_READY, "The tour service is not running.", service="tour")
+    known = {pose.name: pose.pose for pose in saved.poses}
+    taken = [
+        point.name
+        for point in points
+        if (pose := known.get(point.name)) is not None
+        and (
+            pose.distance_to(point.pose) > SAME_M
+            or abs(angle_difference(pose.yaw, point.pose.yaw)) > SAME_RAD
+        )
+    ]
+    if taken:
+        names = ", ".join(taken)
+        message = f"There are other places called {names}; say --replace to overwrite them."
+        raise Refused(codes.EXISTS, message, names=taken)
+    if any(other.name == tour.name for other in tours.tours):
+        message = f"There is a tour {tour.name!r}; say --replace or --name."
+        raise Refused(codes.EXISTS, message, names=[tour.name])
