@@ -13,6 +13,9 @@ BLIND_MARGIN_M = 0.03
 MAX_REMEMBERED = 512
 # What is that near covers many beams; this many are judged together [rad].
 BLIND_WIDTH_RAD = 0.15
+# Beams this far to both sides, and at most so many, are one surface if their ranges are this near.
+SMOOTH_RAD, MAX_SMOOTHED = 0.02, 3
+SAME_SURFACE_M = 0.04
 
 Floats = NDArray[np.float64]
 
@@ -31,14 +34,14 @@ class NearEchoes:
         self._points_odom: Floats = np.empty((0, 2))
 
     def see(self, scan: LidarScan, track: OdometryTrack) -> None:
-        """Take a new scan in place of the last."""
+        """Take a new scan, of at least one beam, in place of the last."""
         beams = np.arange(len(scan.ranges))
         lags_ns = np.rint(beams * (scan.time_increment * 1e9)).astype(np.int64)
         odom_T_laser = self._laser_poses(track.poses_at(scan.stamp_ns + lags_ns))
         seen = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
         seen &= scan.ranges < self._reach + np.hypot(self._base_T_laser.x, self._base_T_laser.y)
         poses = odom_T_laser[seen]
-        ranges = scan.ranges[seen].astype(np.float64)
+        ranges = _smoothed(scan)[seen]
         angles = poses[:, 2] + scan.angle_min + beams[seen] * scan.angle_increment
         new = poses[:, :2] + ranges[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         hidden = self._hidden(scan, track.odom_T_base @ self._base_T_laser)
@@ -75,6 +78,24 @@ class NearEchoes:
         inside = beams < len(scan.ranges)
         blind[inside] = _blind_beams(scan)[beams[inside]]
         return self._points_odom[near][blind][-MAX_REMEMBERED:]
+
+
+def _smoothed(scan: LidarScan) -> Floats:
+    """Return ranges (n,) [m], each the mean of itself and those beside it on the same surface.
+
+    The nearest of hundreds of noisy echoes lies well before the wall; less noise lets the robot
+    drive closer along it.
+    """
+    ranges = scan.ranges.astype(np.float64)
+    width = min(MAX_SMOOTHED, max(1, round(SMOOTH_RAD / scan.angle_increment)))
+    total, count = ranges.copy(), np.ones(len(ranges))
+    for shift in range(1, width + 1):
+        for moved in (np.roll(ranges, shift), np.roll(ranges, -shift)):
+            with np.errstate(invalid="ignore"):
+                same = np.abs(moved - ranges) < SAME_SURFACE_M
+            total[same] += moved[same]
+            count += same
+    return total / count
 
 
 def _blind_beams(scan: LidarScan) -> NDArray[np.bool_]:

@@ -75,6 +75,7 @@ class Governor:
         self._limits = limits
         self._field = field
         self._twist = Twist2D.zero()
+        self._turns_clear = False
         self._decided_ns: int | None = None
         self._blocked_since_ns: int | None = None
         self._lost_ns: int | None = None
@@ -124,13 +125,15 @@ class Governor:
         """Return the next velocity towards `wanted` that the echoes allow."""
         following = ramp(self._twist, wanted, self._limits, dt)
         scale = self._field.scale(following, echoes)
-        allowed = following if scale == 1.0 else following.scaled(scale)
-        if scale == 1.0 or allowed.speed > STANDING_SPEED or wanted.wz == 0.0:
-            return allowed
-        # The arc is blocked; a turn in place may still lead clear of what blocks it.
-        turning = ramp(self._twist, Twist2D(0.0, 0.0, wanted.wz), self._limits, dt)
-        turning = turning.scaled(self._field.scale(turning, echoes))
-        return turning if abs(turning.wz) > abs(allowed.wz) else allowed
+        if scale == 1.0 and not self._turns_clear:
+            return following
+        # Where the wanted arc is blocked, its turn may still lead clear of what blocks it.
+        possible_speed = wanted.speed * self._field.scale(wanted, echoes)
+        self._turns_clear = wanted.wz != 0.0 and possible_speed <= STANDING_SPEED
+        if self._turns_clear:
+            following = ramp(self._twist, Twist2D(0.0, 0.0, wanted.wz), self._limits, dt)
+            scale = self._field.scale(following, echoes)
+        return following.scaled(scale)
 
     def _note_loss(self, choice: Choice, now_ns: int) -> None:
         if choice.source is not None:

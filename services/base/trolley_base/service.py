@@ -1,6 +1,7 @@
 """The base service: the hardware or the simulated world, and everything that may move it."""
 
 import msgspec
+import numpy as np
 
 from trolley import codes, requests, topics
 from trolley.config import RobotConfig
@@ -198,8 +199,10 @@ class BaseService(Service):
             self._publish_odometry()
         for scan in reading.scans:
             self._publish_scan(scan)
-            self._echoes.see(scan, self._track)
-            self._scan_arrived_ns = now_ns
+            # A lidar that is covered measures nothing valid: as good as silent.
+            if np.any(scan.ranges > 0.0):
+                self._echoes.see(scan, self._track)
+                self._scan_arrived_ns = now_ns
 
     # Reporting.
     @every(CLOCK_S, clock="local")

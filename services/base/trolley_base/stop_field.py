@@ -14,14 +14,19 @@ from trolley_base.limits import MotionLimits
 from trolley_base.sweep import closest_on_outline, contact_times, point_velocities, widened
 
 # The footprint is taken wider by this to all sides, for what lidar and wheels measure wrongly [m].
-SIDE_MARGIN_M = 0.01
+SIDE_MARGIN_M = 0.015
+# The same where it turns in place, which wheels do exactly: a robot that was stopped before a wall
+# must be able to turn away from it.
+TURNING_MARGIN_M = 0.003
 # An echo farther inside of the outline than this is the robot's own body, a mast or a cable [m].
 BODY_DEPTH_M = 0.02
 # Time until a command acts: a period of base, the board's own, and the link to it [s].
 REACTION_S = 0.06
-# An echo at the outline: a motion is let pass if it leads away, or towards it at so flat an angle
-# (sine) that the normal speed stays under what counts as driving into something.
+# A motion along an echo that touches is let pass at so flat an angle (sine) that the speed towards
+# it stays under what counts as driving into something.
 GRAZING = 0.03
+# Where something is nearer than the side margin, the outline is taken this part of the gap wider.
+BESIDE = 0.9
 
 Floats = NDArray[np.float64]
 
@@ -36,12 +41,12 @@ class StopField:
     """
 
     def __init__(self, footprint: Floats, limits: MotionLimits, margin: float) -> None:
-        side = min(SIDE_MARGIN_M, margin)
         self._footprint = footprint
-        self._wide = widened(footprint, side)
         self._limits = limits
-        self._ahead = margin - side
-        self._radius = circumscribed_radius(self._wide)
+        self._margin = margin
+        self._driving = _outline(footprint, min(SIDE_MARGIN_M, margin))
+        self._turning = _outline(footprint, min(TURNING_MARGIN_M, margin))
+        self._radius = circumscribed_radius(self._driving[0])
 
     @property
     def reach(self) -> float:
@@ -59,39 +64,47 @@ class StopField:
             return 1.0
         distances = np.hypot(points[:, 0], points[:, 1])
         near = points[distances < self._reach_of(twist.speed)]
-        if len(near) == 0:
-            return 1.0
-        inside = polygon_contains(self._wide, near)
-        if inside.any() and self._is_blocked(near[inside], twist):
+        inside = polygon_contains(self._footprint, near)
+        if inside.any() and self._leads_on(near[inside], twist):
             return 0.0
-        outside = near[~inside]
-        times = contact_times(outside, self._wide, twist)
+        near = near[~inside]
+        outline, side = self._outline_for(near, twist)
+        times = contact_times(near, outline, twist)
         met = np.isfinite(times)
         if not met.any():
             return 1.0
-        speeds = np.hypot(*point_velocities(outside[met], twist).T)
-        return self._braking_scale(twist, float(np.min(times[met] - self._ahead / speeds)))
+        velocities = point_velocities(near[met], twist)
+        speeds = np.hypot(velocities[:, 0], velocities[:, 1])
+        return self._braking_scale(
+            twist, float(np.min(times[met] - (self._margin - side) / speeds))
+        )
 
     def _reach_of(self, speed: float) -> float:
         braking = 0.5 * speed * speed / self._limits.deceleration
         # A turn carries corners on, at most by their own circle; the rest is margin.
-        return 2.0 * self._radius + braking + speed * REACTION_S + 2.0 * self._ahead
+        return 2.0 * self._radius + braking + speed * REACTION_S + 2.0 * self._margin
 
-    def _is_blocked(self, points: Floats, twist: Twist2D) -> bool:
-        """Say whether a motion leads on to one of the echoes (n, 2) that are at the outline."""
-        gaps = points - closest_on_outline(points, self._footprint)
+    def _outline_for(self, points: Floats, twist: Twist2D) -> tuple[Floats, float]:
+        """Return the outline that must stay clear of points (n, 2) outside, and its margin [m].
+
+        It is not so wide that it holds what stands beside the robot already: the robot must be
+        able to drive out of a narrow place.
+        """
+        wide, side = self._turning if twist.speed == 0.0 else self._driving
+        beside = points[polygon_contains(wide, points)]
+        if len(beside) == 0:
+            return wide, side
+        gaps = beside - closest_on_outline(beside, self._footprint)
+        return _outline(self._footprint, BESIDE * float(np.min(np.hypot(gaps[:, 0], gaps[:, 1]))))
+
+    def _leads_on(self, points: Floats, twist: Twist2D) -> bool:
+        """Say whether a motion presses on against echoes (n, 2) just inside of the outline."""
+        gaps = closest_on_outline(points, self._footprint) - points
         depths = np.hypot(gaps[:, 0], gaps[:, 1])
-        within = polygon_contains(self._footprint, points)
-        outward = np.where(within, -1.0, 1.0)[:, None] * gaps
         velocities = point_velocities(points, twist)
         speeds = np.hypot(velocities[:, 0], velocities[:, 1])
-        towards = -np.sum(outward * velocities, axis=1) > GRAZING * speeds * depths
-        if np.any(towards & within & (depths <= BODY_DEPTH_M)):
-            return True
-        # Corners of an outline that is nearly round come nearer in a turn and never touch.
-        outside = towards & ~within
-        ways = contact_times(points[outside], self._footprint, twist) * speeds[outside]
-        return bool(np.any(ways <= self._ahead + SIDE_MARGIN_M))
+        deeper = -np.sum(gaps * velocities, axis=1) > GRAZING * speeds * depths
+        return bool(np.any(deeper & (depths <= BODY_DEPTH_M)))
 
     def _braking_scale(self, twist: Twist2D, seconds: float) -> float:
         """Return the part of a velocity that comes to a stand within what it covers in a time.
@@ -106,3 +119,8 @@ class StopField:
         stopping = self._limits.stopping_time(twist)
         root = math.sqrt(REACTION_S * REACTION_S + 2.0 * stopping * seconds)
         return min(1.0, 2.0 * seconds / (root + REACTION_S))
+
+
+def _outline(footprint: Floats, side: float) -> tuple[Floats, float]:
+    """Return a footprint widened by a margin, and the margin [m]."""
+    return widened(footprint, side), side

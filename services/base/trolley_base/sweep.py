@@ -14,7 +14,7 @@ from trolley.geometry import Twist2D
 # Flatter arcs are taken as straight lines [1/m]: over a metre that is wrong by half a millimetre.
 MIN_CURVATURE = 1e-3
 # A corner may stick out this many times farther than the edges when an outline is widened.
-MAX_MITRE = 2.0
+MAX_MITRE = 4.0
 # Along an edge, so that no point slips between two.
 EDGE_TOLERANCE = 1e-9
 
