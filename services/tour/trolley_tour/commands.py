@@ -22,19 +22,21 @@ SAME_M, SAME_RAD = 0.01, 0.01
 @click.command(name="import")
 @click.argument("file", type=click.File("r", encoding="utf-8"))
 @click.option("--name", help="What to call the tour; else the file's name.")
+@click.option(
+    "--map", "map_name", default="", help="The places' map; else the robot's present one."
+)
 @click.option("--replace", is_flag=True, help="Overwrite a tour and places of these names.")
 @click.option("--dry-run", is_flag=True, help="Show what would be saved, and save nothing.")
 @where_options
 @json_option
 @reports_errors
 def import_tour(
-    file: TextIO, name: str | None, replace: bool, dry_run: bool, as_json: bool
+    file: TextIO, name: str | None, map_name: str, replace: bool, dry_run: bool, as_json: bool
 ) -> None:
     """Save the GoalPoints list of FILE ("-": standard input) as places and a tour.
 
     FILE is a Python script with a list `GoalPoints = [[(x, y, z), (x, y, z, w)], ...]`, or the list
-    alone; it is only read, never run. The comment behind a goal is its name. Places are saved on
-    the map that the robot is on.
+    alone; it is only read, never run. The comment behind a goal is its name.
     """
     try:
         points = read_goal_points(file.read())
@@ -46,7 +48,7 @@ def import_tour(
     problem = name_problem(tour.name)
     if problem is not None:
         raise click.BadParameter(f"{problem} (give another with --name)", param_hint="--name")
-    poses = [SavedPose(name=point.name, pose=point.pose) for point in points]
+    poses = [SavedPose(name=point.name, map=map_name, pose=point.pose) for point in points]
     if not dry_run:
         with one_robot() as robot:
             if not replace:
