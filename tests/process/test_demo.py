@@ -36,20 +36,23 @@ def is_localized(robot: Robot) -> bool:
     return pose is not None and pose.state == "localized"
 
 
+def has_kitchen(robot: Robot) -> bool:
+    """Whether that place is stored."""
+    poses = robot.latest(topics.POSES)
+    return poses is not None and any(pose.name == "kitchen" for pose in poses.poses)
+
+
 @pytest.fixture
 def quiet_demo(tmp_path: Path) -> Generator[Demo]:
     """A demo that stands and waits, with its places saved."""
     demo = Demo(tmp_path, "--headless")
-    with Robot(demo.name, [demo.endpoint]) as robot:
-
-        def has_kitchen() -> bool:
-            poses = robot.latest(topics.POSES)
-            return poses is not None and any(pose.name == "kitchen" for pose in poses.poses)
-
-        wait_until(has_kitchen, 60.0, "the demo has saved its places")
-        wait_until(lambda: is_localized(robot), 30.0, "the robot is localized")
-    yield demo
-    demo.end()
+    try:
+        with Robot(demo.name, [demo.endpoint]) as robot:
+            wait_until(lambda: has_kitchen(robot), 60.0, "the demo has saved its places")
+            wait_until(lambda: is_localized(robot), 30.0, "the robot is localized")
+        yield demo
+    finally:
+        demo.end()
 
 
 def zenoh_cli(demo: Demo, *arguments: str) -> str:
