@@ -1,7 +1,7 @@
 """What a runtime's transport offers: put, delete, subscribe, serve, get (Zenoh, or memory)."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from trolley.topics import Qos
@@ -111,19 +111,44 @@ def has_wildcard(key: str) -> bool:
 def matches(key_expr: str, other: str) -> bool:
     """Whether two key expressions have a key in common.
 
-    `*` stands for one chunk, `**` for any number, neither for a chunk that begins with `@`.
+    `*` stands for one chunk, `**` for any number, neither for a chunk that begins with `@`; `$*`
+    for any characters inside a chunk.
     """
-    return _meet(tuple(key_expr.split("/")), tuple(other.split("/")))
+    if key_expr == other:
+        return True
+    return _meet(key_expr.split("/"), other.split("/"), "**", _chunks_meet, _is_plain)
 
 
-def _meet(one: tuple[str, ...], other: tuple[str, ...]) -> bool:
-    if not one or not other:
-        return all(chunk == "**" for chunk in one + other)
-    if other[0] == "**":
-        one, other = other, one
-    if one[0] == "**":
-        return _meet(one[1:], other) or (not other[0].startswith("@") and _meet(one, other[1:]))
-    return _chunks_meet(one[0], other[0]) and _meet(one[1:], other[1:])
+def _meet(
+    one: Sequence[str],
+    other: Sequence[str],
+    star: str,
+    items_meet: Callable[[str, str], bool],
+    may_be_any: Callable[[str], bool],
+) -> bool:
+    """Whether two sequences, in which `star` is any number of items, can be the same.
+
+    Row by row over all pairs of beginnings, since a stranger's key may hold many stars.
+    """
+    row = [True]
+    for item in other:
+        row.append(row[-1] and item == star)
+    for mine in one:
+        below = [row[0] and mine == star]
+        for j, item in enumerate(other):
+            if mine == star:
+                can = row[j + 1] or (below[j] and may_be_any(item))
+            elif item == star:
+                can = below[j] or (row[j + 1] and may_be_any(mine))
+            else:
+                can = row[j] and items_meet(mine, item)
+            below.append(can or (item == star and mine == star and (below[j] or row[j])))
+        row = below
+    return row[-1]
+
+
+def _is_plain(chunk: str) -> bool:
+    return not chunk.startswith("@")
 
 
 def _chunks_meet(one: str, other: str) -> bool:
@@ -133,19 +158,11 @@ def _chunks_meet(one: str, other: str) -> bool:
         return False
     if one == "*" or other == "*":
         return True
-    if "$*" in other:
-        one, other = other, one
-    return "$*" in one and _match_inside(one.split("$*"), other)
-
-
-def _match_inside(pieces: list[str], chunk: str) -> bool:
-    """Match `a$*b`: pieces in order, the first at the start of the chunk, the last at its end."""
-    if not chunk.startswith(pieces[0]):
+    if "$*" not in one and "$*" not in other:
         return False
-    at = len(pieces[0])
-    for piece in pieces[1:-1]:
-        found = chunk.find(piece, at)
-        if found < 0:
-            return False
-        at = found + len(piece)
-    return chunk.endswith(pieces[-1]) and len(chunk) - len(pieces[-1]) >= at
+    return _meet(_characters(one), _characters(other), "$*", str.__eq__, bool)
+
+
+def _characters(chunk: str) -> list[str]:
+    """The characters of a chunk, `$*` as one."""
+    return [c for i, part in enumerate(chunk.split("$*")) for c in (["$*"] * (i > 0) + list(part))]

@@ -4,6 +4,7 @@ Time starts at 0 and advances to the next thing due once everybody has answered,
 simulated seconds pass as fast as they can be computed, and the same seed gives the same bytes.
 """
 
+import functools
 import random
 import tempfile
 import zlib
@@ -32,6 +33,8 @@ R = TypeVar("R")
 
 ID_CHARACTERS = "abcdefghijklmnopqrstuvwxyz0123456789"
 MAX_ROUNDS = 10_000
+
+_matches = functools.lru_cache(maxsize=1 << 14)(matches)  # the same keys all the time
 
 
 class _Declared:
@@ -115,7 +118,7 @@ class MemoryBus:
         """Ask everybody who serves the key."""
         del timeout_s  # who asks keeps its own deadline
         query = _MemoryQuery(selector, payload, encoding, on_reply)
-        asked = [one for one in self._queryables if matches(one.key_expr, query.key)]
+        asked = [one for one in self._queryables if _matches(one.key_expr, query.key)]
         query.waiting, query.on_done = len(asked), on_done
         for one in asked:
             one.callback(query)
@@ -124,7 +127,7 @@ class MemoryBus:
 
     def _deliver(self, sample: Sample) -> None:
         for one in tuple(self._subscribers):
-            if matches(one.key_expr, sample.key):
+            if _matches(one.key_expr, sample.key):
                 one.callback(sample)
 
 

@@ -1,0 +1,85 @@
+"""Robot time never goes back in an epoch, and follows the clock as closely as messages arrive."""
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from trolley.messages import Clock
+from trolley.runtime.robot_time import FollowedTime
+
+SECOND = 1_000_000_000
+UNIX = 1_790_000_000 * SECOND
+
+DELAYS = st.lists(st.integers(0, SECOND // 2), min_size=1, max_size=150)
+RATES = st.sampled_from([0.1, 0.5, 1.0, 2.0, 7.5])
+
+
+@given(
+    steps=st.lists(
+        st.one_of(
+            st.tuples(st.just("tick"), st.integers(0, SECOND // 5), RATES),
+            st.tuples(st.just("wait"), st.integers(0, 2 * SECOND), RATES),
+        ),
+        max_size=60,
+    ),
+    start=st.integers(UNIX, 2 * UNIX),
+)
+def test_it_never_goes_back_within_an_epoch(
+    steps: list[tuple[str, int, float]], start: int
+) -> None:
+    """Whatever the delays are, and when `base` changes its rate."""
+    followed, local, robot, last = FollowedTime(), 5 * SECOND, start, None
+    for what, number, rate in steps:
+        if what == "tick":
+            robot += int(rate * SECOND / 10)
+            followed.hear(Clock(stamp_ns=robot, rate=rate, epoch=start), local + number)
+            local += number
+        else:
+            local += number
+        now = followed.now(local)
+        assert now is None or last is None or now >= last
+        last = now if now is not None else last
+
+
+@given(delays=DELAYS, rate=RATES)
+@example(delays=[0, 1], rate=1.0)
+def test_it_is_exact_after_the_quickest_message_of_ten_seconds(
+    delays: list[int], rate: float
+) -> None:
+    """It is behind by the smallest delay of the last 10 s, to the nanosecond, and never ahead."""
+    followed = FollowedTime()
+    period = SECOND // 10
+    arrivals: list[tuple[int, int, int]] = []
+    for i, delay in enumerate(delays):
+        sent = i * period
+        arrivals.append((sent + delay, UNIX + round(rate * sent), sent))
+    arrivals.sort()
+    for arrived, stamp, _ in arrivals:
+        followed.hear(Clock(stamp_ns=stamp, rate=rate, epoch=UNIX), arrived)
+    end = arrivals[-1][0]
+    now = followed.now(end)
+    truth = UNIX + round(rate * end)
+    recent = [arrived - sent for arrived, _, sent in arrivals if end - arrived <= 10 * SECOND]
+    assert now is not None
+    assert -2 <= truth - now - rate * min(recent) <= 2
+
+
+@given(gap=st.integers(1, 3 * SECOND))
+def test_there_is_none_a_second_after_the_last_message(gap: int) -> None:
+    followed = FollowedTime()
+    assert followed.now(0) is None
+    followed.hear(Clock(stamp_ns=UNIX, rate=1.0, epoch=UNIX), SECOND)
+    assert (followed.now(SECOND + gap) is None) == (gap > SECOND)
+
+
+@given(jump=st.integers(-UNIX // 2, UNIX // 2).filter(bool))
+def test_a_new_epoch_starts_afresh(jump: int) -> None:
+    """An earlier one only after a second of silence: else it is a message that came late."""
+    followed = FollowedTime()
+    assert followed.hear(Clock(stamp_ns=UNIX + 5, rate=1.0, epoch=UNIX), SECOND)
+    assert not followed.hear(Clock(stamp_ns=UNIX + 6, rate=1.0, epoch=UNIX), SECOND + 1)
+    restarted = Clock(stamp_ns=UNIX + jump, rate=1.0, epoch=UNIX + jump)
+    began = followed.hear(restarted, 2 * SECOND)
+    assert began == (jump > 0)
+    assert followed.epoch == (UNIX + jump if began else UNIX)
+    assert followed.hear(restarted, 4 * SECOND) == (jump < 0)
+    assert followed.now(4 * SECOND) == UNIX + jump + (2 * SECOND if jump > 0 else 0)
