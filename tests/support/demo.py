@@ -38,8 +38,12 @@ class Demo:
             {"TROLLEY_STATE": str(folder / "state")},
         )
 
-        with open_bus([self.endpoint], 20.0):  # its router is there
-            pass
+        try:
+            with open_bus([self.endpoint], 60.0):  # its router is there
+                pass
+        except BaseException:
+            self.process.kill()
+            raise
 
     def children(self) -> dict[str, int]:
         """The pid of each service that runs now."""
