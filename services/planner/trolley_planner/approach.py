@@ -12,7 +12,7 @@ START_M = 0.3
 MIN_SPEED = 0.03
 MIN_TURN = 0.12
 """Slower commands do not move a real robot."""
-TURN_GAIN = 2.0
+TURN_GAIN = 3.0
 FACE_RAD = 0.35
 """The robot first faces the goal when it looks farther past it than this."""
 REVERSE_M = 0.25
@@ -100,7 +100,7 @@ class Approach:
             return Twist2D(0.0, 0.0, _turn_rate(bearing, limits))
         braking = math.sqrt(limits.deceleration * distance)
         highest = limits.max_speed if direction > 0.0 else limits.max_reverse
-        speed = max(min(braking, distance + 0.02, highest), min(MIN_SPEED, highest))
+        speed = max(min(braking, 1.5 * distance + 0.02, highest), min(MIN_SPEED, highest))
         # Very near, the bearing is mostly noise.
         steer = TURN_GAIN * bearing * min(1.0, distance / 0.08)
         return Twist2D(direction * speed, 0.0, _clipped(steer, limits.max_turn))

@@ -28,6 +28,7 @@ NOISE_SPEED = 0.35
 """Deviation of the sampled speeds, as a share of the highest speed."""
 NOISE_TURN = 0.45
 """Deviation of the sampled turn rates, as a share of the highest turn rate."""
+NARROW_NOISE = 0.3
 TEMPERATURE_M = 0.03
 DELAY_S = 0.15
 """From a command to what the wheels make of it, with the age of the scan."""
@@ -39,8 +40,8 @@ PRICES = Prices(
     near_m=0.15,
     reverse=2.0,
     turn=0.02,
-    change_v=0.15,
-    change_w=0.01,
+    change_v=0.3,
+    change_w=0.1,
     heading=0.15,
 )
 
@@ -165,6 +166,8 @@ def _smooth_noise(rng: np.random.Generator, count: int, steps: int) -> NDArray[n
     knots = math.ceil(steps / KNOT_STEPS) + 1
     drawn = rng.standard_normal((count, knots, 2))
     at = np.arange(steps) / KNOT_STEPS
+    # Every second sequence stays near the old solution: it smooths where all goes well.
+    drawn[::2] *= NARROW_NOISE
     low = np.floor(at).astype(np.int64)
     share = (at - low)[None, :, None]
     return np.ascontiguousarray((1.0 - share) * drawn[:, low] + share * drawn[:, low + 1])

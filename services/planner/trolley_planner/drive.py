@@ -25,6 +25,12 @@ BLOCKED_S = 0.7
 """So long no way must be found before the robot begins to try things."""
 FORGET_M = 1.5
 """How far around the robot what the lidar saw is forgotten in the try to look again."""
+ON_GOAL_M, TAKEN_M = 0.1, 0.5
+"""The robot waits between these distances from a goal that something stands on,"""
+TAKEN_PATIENCE = 4.0
+"""for so many times the usual patience."""
+TURN_AS_WAY_M = 0.3
+"""A radian that is left at the goal counts as this much of the way."""
 GOAL_CLEARANCE_M = 0.005
 """More than this is left of the clearance at a tight goal."""
 
@@ -79,10 +85,14 @@ class Drive:
         self._maneuver: BackUp | TurnRound | None = None
         self._no_way_s = 0.0
         self._has_way = True
+        self._is_occupied = False
+        self._taken_s = 0.0
         self._replan_now = False
         self._timed: tuple[int, float] | None = None
         self._seconds = np.zeros(1)
         self.outcome: Literal["arrived", "failed"] | None = None
+        self.is_waiting = False
+        """Whether it stands before a goal that something stands on."""
         self.trouble = ""
         """Code of what is wrong while it tries to get free, and of why it failed."""
         rig.controller.reset()
@@ -126,10 +136,11 @@ class Drive:
 
     def maintain(self, now: Situation) -> None:
         """Do what takes longer and need not come before the command: look for a better path."""
+        changes = self.route.changes
         self.route.maintain(now.motion.pose, now.now_ns, self._replan_now)
-        if self._replan_now:
-            self.recovery.note_detour(self.route.remaining_m(now.motion.pose))
-            self._replan_now = False
+        self._replan_now = False
+        if self.route.changes != changes:
+            self.recovery.note_path(self.route.remaining_m(now.motion.pose))
 
     def command(self, now: Situation) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
@@ -139,10 +150,12 @@ class Drive:
         self._trail.drop(now.odom_T_base)
         remaining = self.remaining_m(now.motion.pose)
         self.recovery.note_remaining(remaining)
+        if self._is_goal_taken(now):
+            return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         wanted = self._wanted(now)
         if self.outcome is not None:
             return Twist2D.zero()
-        self._check(now, remaining)
+        self._check(now)
         return wanted
 
     def remaining_m(self, pose: Pose2D) -> float:
@@ -150,6 +163,13 @@ class Drive:
         if self._approach is not None:
             return pose.distance_to(self._aim)
         return self.route.remaining_m(pose)
+
+    def _left(self, pose: Pose2D) -> float:
+        """Return what is left to do [m]: at the goal the turn counts, too."""
+        if self._approach is None or self.goal.tolerances.any_heading:
+            return self.remaining_m(pose)
+        turn = abs(wrap_angle(self._aim.yaw - pose.yaw))
+        return self.remaining_m(pose) + TURN_AS_WAY_M * turn
 
     def _wanted(self, now: Situation) -> Twist2D:
         """Return the velocity of the approach or of the controller, made safe."""
@@ -219,6 +239,7 @@ class Drive:
         enough = self._config.clearance_m + 0.01
         clearance = self.rig.seen_clearance(self._aim, enough)
         if clearance >= GOAL_CLEARANCE_M + 0.01:
+            self._is_occupied = False
             return
         found = free_pose_near(
             self.goal_grid,
@@ -226,16 +247,43 @@ class Drive:
             lambda candidate: self.rig.seen_clearance(candidate, enough),
             enough,
         )
-        if found is not None and found != self._aim:
+        if found is None:
+            self._is_occupied = True
+            return
+        self._is_occupied = False
+        if found != self._aim:
             self._aim = found
             self._approach = None
             self.route.retarget(found)
             self._replan_now = True
 
-    def _check(self, now: Situation, remaining: float) -> None:
+    def _is_goal_taken(self, now: Situation) -> bool:
+        """Say whether to stand before the goal because something stands on it; fail if it stays."""
+        remaining = self.remaining_m(now.motion.pose)
+        # Who is on the goal already has only to turn, or fails to.
+        is_near = ON_GOAL_M < remaining < self.rig.footprint.circumscribed_m + TAKEN_M
+        # A thing is seen from one side: where no way leads to the goal any more it stands there.
+        is_taken = self._is_occupied or self.route.is_blocked
+        if is_taken and is_near:
+            self._taken_s += now.elapsed_s
+        else:
+            self._taken_s = max(0.0, self._taken_s - 0.2 * now.elapsed_s)
+        self.is_waiting = is_taken and is_near
+        if self._taken_s > TAKEN_PATIENCE * self._config.patience_s:
+            self.trouble = codes.BLOCKED
+            self.is_waiting = True
+            self.outcome = "failed"
+        elif self.is_waiting:
+            self.trouble = codes.BLOCKED
+            self._progress.reset()
+        return self.is_waiting
+
+    def _check(self, now: Situation) -> None:
         """Begin to try things when there is no way, or the robot does not get nearer."""
         self._no_way_s = 0.0 if self._has_way else self._no_way_s + now.elapsed_s
-        trouble = self._progress.check(now.now_ns, remaining, now.motion.pose, now.odom_T_base)
+        trouble = self._progress.check(
+            now.now_ns, self._left(now.motion.pose), now.motion.pose, now.odom_T_base
+        )
         stands = abs(now.motion.twist.vx) < 0.03 and abs(now.motion.twist.wz) < 0.1
         if trouble is None and self._no_way_s > BLOCKED_S and stands:
             trouble = codes.BLOCKED

@@ -10,7 +10,29 @@ BACK_SPEED = 0.12
 TURN_RATE = 0.7
 LOOKBACK_M = 0.12
 STUCK_S = 1.0
-"""A try that was held up for this long is over."""
+"""A try that was held up for this long is over,"""
+MAX_S = 12.0
+"""and each is after this long."""
+STANDING_SPEED, STANDING_TURN = 0.02, 0.1
+
+
+class Hold:
+    """Notices that a try does not get on."""
+
+    def __init__(self) -> None:
+        self._held_s = 0.0
+        self._elapsed_s = 0.0
+
+    def note(self, driven: Twist2D, elapsed_s: float) -> None:
+        """Take what of a command was safe to drive."""
+        stands = abs(driven.vx) < STANDING_SPEED and abs(driven.wz) < STANDING_TURN
+        self._held_s = self._held_s + elapsed_s if stands else 0.0
+        self._elapsed_s += elapsed_s
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it was held up for too long, or takes too long."""
+        return self._held_s > STUCK_S or self._elapsed_s > MAX_S
 
 
 class BackUp:
@@ -24,11 +46,11 @@ class BackUp:
     def __init__(self, start: Pose2D, length_m: float) -> None:
         self._start = start
         self._length_m = length_m
-        self._held_s = 0.0
+        self._hold = Hold()
 
     def command(self, odom_T_base: Pose2D, trail: Trail, limits: Limits) -> Twist2D | None:
         """Return the velocity to drive now, None when it is over."""
-        if odom_T_base.distance_to(self._start) >= self._length_m or self._held_s > STUCK_S:
+        if odom_T_base.distance_to(self._start) >= self._length_m or self._hold.is_over:
             return None
         crumb = trail.back(odom_T_base, LOOKBACK_M)
         if crumb is None:
@@ -42,7 +64,7 @@ class BackUp:
 
     def note(self, driven: Twist2D, elapsed_s: float) -> None:
         """Take what of the command was safe to drive."""
-        self._held_s = self._held_s + elapsed_s if driven.is_zero else 0.0
+        self._hold.note(driven, elapsed_s)
 
 
 class TurnRound:
@@ -57,18 +79,18 @@ class TurnRound:
         self._last_yaw = start.yaw
         self._angle = angle
         self._turned = 0.0
-        self._held_s = 0.0
+        self._hold = Hold()
 
     def command(self, odom_T_base: Pose2D, limits: Limits) -> Twist2D | None:
         """Return the velocity to drive now, None when it is over."""
         self._turned += wrap_angle(odom_T_base.yaw - self._last_yaw)
         self._last_yaw = odom_T_base.yaw
         left = abs(self._angle) - math.copysign(1.0, self._angle) * self._turned
-        if left <= 0.05 or self._held_s > STUCK_S:
+        if left <= 0.05 or self._hold.is_over:
             return None
         rate = min(TURN_RATE, limits.max_turn, max(0.15, 1.5 * left))
         return Twist2D(0.0, 0.0, math.copysign(rate, self._angle))
 
     def note(self, driven: Twist2D, elapsed_s: float) -> None:
         """Take what of the command was safe to drive."""
-        self._held_s = self._held_s + elapsed_s if driven.is_zero else 0.0
+        self._hold.note(driven, elapsed_s)

@@ -285,8 +285,9 @@ class Navigator:
         if drive.outcome == "arrived":
             self._end("arrived", "", now_ns, "The robot has arrived.")
         elif drive.outcome == "failed":
-            self._end("failed", drive.trouble, now_ns)
-        elif drive.recovery.current is not None:
+            why = wire.TAKEN if drive.is_waiting else None
+            self._end("failed", drive.trouble, now_ns, why)
+        elif drive.recovery.current is not None or drive.is_waiting:
             self.board.set(
                 "recovering", drive.trouble, now_ns, wire.trying(drive), self._details(now_ns)
             )

@@ -8,7 +8,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle
 
 TURN_RAD = 0.5
-"""A turn of this size is progress, too,"""
+"""A turn by this much is progress, too,"""
 MAX_TURN_RAD = 3.0 * math.pi
 """but not without end."""
 SLIP_WHEELS_M = 0.3
@@ -30,7 +30,7 @@ class _Mark:
     travelled_m: float = 0.0
     wheels_m: float = 0.0
     turned_rad: float = 0.0
-    turned_in_all_rad: float = 0.0
+    yaw: float = 0.0
 
 
 class ProgressChecker:
@@ -61,18 +61,18 @@ class ProgressChecker:
         mark, last = self._mark, self._last
         self._last = (frame_T_base, odom_T_base)
         if mark is None or last is None:
-            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base)
+            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=odom_T_base.yaw)
             return None
         mark.travelled_m += last[0].distance_to(frame_T_base)
         mark.wheels_m += last[1].distance_to(odom_T_base)
         turn = abs(wrap_angle(odom_T_base.yaw - last[1].yaw))
         mark.turned_rad += turn
-        mark.turned_in_all_rad += turn
         if mark.remaining_m - remaining_m >= self._distance_m:
-            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base)
+            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=odom_T_base.yaw)
             return None
-        if mark.turned_rad >= TURN_RAD and mark.turned_in_all_rad < MAX_TURN_RAD:
-            mark.turned_rad, mark.since_ns = 0.0, now_ns
+        turned = abs(wrap_angle(odom_T_base.yaw - mark.yaw))
+        if turned >= TURN_RAD and mark.turned_rad < MAX_TURN_RAD:
+            mark.yaw, mark.since_ns = odom_T_base.yaw, now_ns
         return self._trouble(mark) if now_ns - mark.since_ns > self._time_ns else None
 
     def _trouble(self, mark: _Mark) -> str:

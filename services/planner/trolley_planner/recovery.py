@@ -11,16 +11,19 @@ CRUMB_M = 0.03
 TRAIL_M = 3.0
 FREE_AFTER_M = 0.5
 """Who got this much nearer than ever before is free, and the tries begin anew."""
+DETOUR_M = 1.0
+MAX_DETOURS = 2
+MAX_TRIES = 15
 
 
 class Try(Enum):
     """The rungs of the ladder."""
 
-    WAIT = "waits for the way to clear"
-    CLEAR = "looks again at what stands around it"
-    BACK_UP = "backs up the way it came"
-    TURN = "turns to look around"
-    WAIT_LONGER = "waits for the way to clear"
+    WAIT = "wait"
+    CLEAR = "clear"
+    BACK_UP = "back up"
+    TURN = "turn"
+    WAIT_LONGER = "wait longer"
 
 
 LADDER = (Try.WAIT, Try.CLEAR, Try.BACK_UP, Try.TURN, Try.WAIT_LONGER)
@@ -59,6 +62,7 @@ class Recovery:
         self._since_ns: int | None = None
         self._began_ns = 0
         self._best_m = float("inf")
+        self._detours = 0
         self.count = 0
         """Tries since the goal was sent."""
         self.current: Try | None = None
@@ -72,17 +76,17 @@ class Recovery:
         elif self._best_m == float("inf"):
             self._best_m = remaining_m
 
-    def note_detour(self, remaining_m: float) -> None:
-        """Take the length of a new way, which may be longer than what was left of the old one."""
-        self._best_m = (
-            max(self._best_m, remaining_m) if self._best_m < float("inf") else remaining_m
-        )
+    def note_path(self, remaining_m: float) -> None:
+        """Take the length of a new way: a long detour is measured by itself, but not for ever."""
+        if remaining_m > self._best_m + DETOUR_M and self._detours < MAX_DETOURS:
+            self._detours += 1
+            self._best_m = remaining_m
 
     def begin(self, now_ns: int) -> Try | None:
         """Begin the next try; None when it is time to give up."""
         if self._since_ns is None:
             self._since_ns = now_ns
-        if now_ns - self._since_ns > self._give_up_ns:
+        if now_ns - self._since_ns > self._give_up_ns or self.count >= MAX_TRIES:
             return None
         self._rung = min(self._rung + 1, len(LADDER) - 1)
         self._began_ns = now_ns

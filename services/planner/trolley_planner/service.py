@@ -29,6 +29,8 @@ COSTMAP_S = 0.5
 IDLE_COSTMAP_S = 2.0
 TRAJECTORY_S = 0.1
 ODOMETRY_S = 2.0
+MAX_SCAN_PERIOD_NS = 200_000_000
+WAIT_SHARE = 0.4
 
 
 class PlannerService(Service):
@@ -39,8 +41,11 @@ class PlannerService(Service):
     def __init__(self, config: RobotConfig) -> None:
         self._config = config.planner
         self._navigator = Navigator(config.planner)
-        self._command_ns = round(1e9 / config.planner.control_rate_hz)
+        # Odometry comes on a raster of its own: a little early is better than a whole period late.
+        self._command_ns = round(0.8e9 / config.planner.control_rate_hz)
         self._commanded_ns = 0
+        self._scan_ns = 0
+        self._scan_period_ns = 0
         self._trajectory_ns = 0
         self._costmap_ns = 0
         self._path: tuple[str | None, int] = (None, 0)
@@ -105,6 +110,8 @@ class PlannerService(Service):
         now_ns = self.now_ns
         if now_ns is None:
             return
+        self._scan_period_ns = min(now_ns - self._scan_ns, MAX_SCAN_PERIOD_NS)
+        self._scan_ns = now_ns
         if self._navigator.take_scan(scan, list(self._odometry.history), now_ns):
             self._command(now_ns, scan.stamp_ns)
         self._navigator.maintain(now_ns)
@@ -113,7 +120,11 @@ class PlannerService(Service):
     def _take_odometry(self, odometry: Odometry) -> None:
         self._navigator.senses.odometry = odometry
         now_ns = self.now_ns
-        if now_ns is not None and now_ns - self._commanded_ns >= self._command_ns:
+        if now_ns is None or now_ns - self._commanded_ns < self._command_ns:
+            return
+        # Just before a scan is due its command is awaited, so that they keep their distance.
+        until_scan_ns = self._scan_ns + self._scan_period_ns - now_ns
+        if abs(until_scan_ns) > WAIT_SHARE * self._command_ns:
             self._command(now_ns, 0)
 
     def _command(self, now_ns: int, scan_ns: int) -> None:
@@ -122,8 +133,12 @@ class PlannerService(Service):
         self._publish_changes()
         if twist is None:
             return
-        self._commanded_ns = now_ns
-        command = VelocityCommand(stamp_ns=now_ns, twist=twist, valid_for=VALID_S, scan_ns=scan_ns)
+        # Base drops a command that is not newer than the last one.
+        stamp_ns = max(now_ns, self._commanded_ns + 1)
+        self._commanded_ns = stamp_ns
+        command = VelocityCommand(
+            stamp_ns=stamp_ns, twist=twist, valid_for=VALID_S, scan_ns=scan_ns
+        )
         self.publish(topics.COMMAND, command, OWN_SOURCE)
 
     # What is asked.

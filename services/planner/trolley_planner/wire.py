@@ -17,6 +17,7 @@ from trolley_planner.rig import Rig
 
 Ending = Literal["arrived", "failed", "canceled"]
 
+TAKEN = "Something stands on the goal."
 SENTENCES_OF_TRIES = {
     Try.WAIT: "Something is in the way; the robot waits for it to go.",
     Try.CLEAR: "The robot looks again at what stands around it.",
@@ -53,6 +54,8 @@ def trajectory_message(rig: Rig, frame: str, stamp_ns: int) -> Path | None:
 
 def trying(drive: Drive) -> str:
     """Return the sentence of what the robot tries to get free."""
+    if drive.is_waiting:
+        return f"{TAKEN} The robot waits for it to go."
     return "" if drive.recovery.current is None else SENTENCES_OF_TRIES[drive.recovery.current]
 
 
