@@ -1,0 +1,49 @@
+"""Which robot is meant, and where it is looked for."""
+
+from pathlib import Path
+
+import pytest
+
+from trolley.config import ConfigError
+from trolley.connection import DEFAULT_ENDPOINT, Target, find_target
+
+
+@pytest.fixture(autouse=True)
+def no_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TROLLEY_CONFIG", raising=False)
+    monkeypatch.setattr("trolley.config.load.DEFAULT_PATH", Path("/nonexistent/robot.toml"))
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        '[robot]\nname = "filed"\nfootprint = { radius_m = 0.2 }\n'
+        '[zenoh]\nconnect = ["tcp/10.0.0.1:7447"]\n'
+    )
+    return path
+
+
+def test_without_anything_it_is_the_single_robot_at_the_default_router() -> None:
+    assert find_target() == Target(None, (DEFAULT_ENDPOINT,))
+
+
+def test_the_file_gives_what_was_not_given(config: Path) -> None:
+    assert find_target(config=config) == Target("filed", ("tcp/10.0.0.1:7447",))
+    assert find_target("other", config=config) == Target("other", ("tcp/10.0.0.1:7447",))
+    assert find_target(connect=["tcp/b:1"], config=config) == Target("filed", ("tcp/b:1",))
+
+
+def test_a_router_named_by_hand_may_be_another_robot_s(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TROLLEY_CONFIG", str(config))
+    assert find_target() == Target("filed", ("tcp/10.0.0.1:7447",))
+    assert find_target(connect=["tcp/b:1"]) == Target(None, ("tcp/b:1",), preferred="filed")
+
+
+def test_a_file_that_is_not_there_is_an_error_unless_it_is_not_needed(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="nowhere"):
+        find_target(config=tmp_path / "nowhere.toml")
+    missing = tmp_path / "nowhere.toml"
+    assert find_target("a", ["tcp/b:1"], missing) == Target("a", ("tcp/b:1",))
