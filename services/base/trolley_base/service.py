@@ -88,8 +88,10 @@ class BaseService(Service):
 
     def start(self) -> None:
         """Begin a run: the latch, robot time, the hardware."""
+        was_saved = (self.state.path / LATCH_FILE).exists()
         latch = self.state.read(LATCH_FILE, SavedLatch)
-        self._is_stopped = latch is not None and latch.stopped
+        # A file that says nothing readable may have said that the robot is stopped.
+        self._is_stopped = was_saved if latch is None else latch.stopped
         epoch_ns = first_stamp_ns(self.unix_ns, self.state.read(TIME_FILE, SavedTime))
         self._saved_world = self.state.read(WORLD_FILE, SavedWorld)
         opened = self._device.open(epoch_ns, self._saved_world)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from trolley import worlds
 from trolley.config import ConfigError, RobotConfig
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Truth
 from trolley_base.drivers.simulated import SimulatedHardware
 from trolley_base.drivers.world_file import load_world
@@ -30,7 +30,9 @@ class SimulatedDevice:
         name = settings.world if settings.world.endswith(".toml") else f"{settings.world}.toml"
         try:
             self._world = load_world(worlds.find(name, beside=Path(config.folder)))
-            self._simulate(self._start)
+            self._refuse_outside(self._start or self._world.spec.start.as_pose())
+            # A step of a world that nobody sees compiles all kernels, or loads them.
+            self._simulate(self._start).step(Twist2D.zero())
         except (FileNotFoundError, WorldError) as error:
             raise ConfigError(f"[base.simulated] {error}") from error
         self.world: str | None = self._world.name
@@ -47,6 +49,13 @@ class SimulatedDevice:
             simulation = self._simulate(self._start)
         hardware = SimulatedHardware(simulation, start_ns)
         return Opened(hardware, simulated=SimulatedRun(hardware, self._world.name, self._start))
+
+    def _refuse_outside(self, start: Pose2D) -> None:
+        if not self._world.grid.contains(start.as_array()[None, :2])[0]:
+            raise WorldError(
+                f"the start at x = {start.x:g}, y = {start.y:g} lies outside of the map "
+                f"{self._world.map_file}; choose another"
+            )
 
     def _simulate(self, start: Pose2D | None) -> Simulation:
         return Simulation(self._world.spec, self._world.grid, self._body, self._seed, start)

@@ -35,7 +35,8 @@ def test_a_faster_world_lets_robot_time_pass_faster(make_rig: MakeRig) -> None:
 
 def test_the_streams_come_at_their_rates_and_in_order(rig: Rig) -> None:
     scans = rig.lockstep.record(topics.SCAN)
-    rig.odometry.clear(), rig.truths.clear(), rig.driven.clear()
+    for messages in (rig.odometry, rig.truths, rig.driven):
+        messages.clear()
     rig.run(10.0)
     assert len(scans) == 100
     assert 200 <= len(rig.odometry) <= 500
