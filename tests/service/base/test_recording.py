@@ -9,6 +9,7 @@ import pytest
 
 from trolley import topics
 from trolley.config import ConfigError, RobotConfig
+from trolley.config.base import RecordingConfig
 from trolley.geometry import Pose2D
 from trolley.messages import Robot, floats_from_bytes
 from trolley_base.service import BaseService
@@ -79,7 +80,7 @@ def test_at_the_end_it_holds_the_last_state_and_says_so(
 
 
 def test_a_file_that_is_not_there_is_refused_by_its_key(config: RobotConfig) -> None:
-    recording = msgspec.structs.replace(config.base.recording, file="nowhere.npz")
+    recording = RecordingConfig(file="nowhere.npz")
     base = msgspec.structs.replace(config.base, recording=recording)
     with pytest.raises(ConfigError, match=r"base\.recording.*nowhere\.npz"):
         BaseService(msgspec.structs.replace(config, base=base))
