@@ -235,6 +235,9 @@ class Trip:
             self._set_driving()
             self._wait_s = 0.0 if record.goal is None else None
         if goal is not None:
+            if goal.id == record.goal:
+                self._try_s = goal.elapsed
+                record.visit_seconds = max(record.visit_seconds, goal.elapsed)
             self.hear_goal(goal, at)
 
     # Time.

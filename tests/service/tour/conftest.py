@@ -188,8 +188,14 @@ class FakePlanner(Service):
     def say(
         self, goal_id: str, state: GoalState, reason: str = "", message: str = ""
     ) -> GoalStatus:
+        end_ns, plan = self.ends[goal_id]
         status = GoalStatus(
-            stamp_ns=self.stamp_ns, id=goal_id, state=state, reason=reason, message=message
+            stamp_ns=self.stamp_ns,
+            id=goal_id,
+            state=state,
+            reason=reason,
+            message=message,
+            elapsed=max(0.0, plan.seconds + (self.monotonic_ns - end_ns) * 1e-9),
         )
         self.goals[goal_id] = status
         self.publish(topics.GOAL, status)

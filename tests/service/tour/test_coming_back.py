@@ -26,6 +26,15 @@ def test_killed_tour_service_adopts_its_goal(home: "Home"):
     assert home.planner.ids == [f"tour-{trip}-0-1", f"tour-{trip}-1-1"]
 
 
+def test_time_out_survives_a_restart(home: "Home", plan: "type[Plan]"):
+    home.planner.script = [plan(seconds=1000.0)]
+    home.start(Stop(name="corridor", timeout=15.0))
+    home.lockstep.run(10.0)
+    home.restart_tour()
+    failed = home.run_until("failed", 6.0)
+    assert failed.results[0].seconds == pytest.approx(15.0, abs=0.5)
+
+
 def test_stop_reached_while_the_tour_service_was_away_counts(home: "Home"):
     home.start("corridor", "kitchen")
     home.lockstep.run(1.0)
