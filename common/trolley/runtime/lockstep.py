@@ -32,7 +32,7 @@ P = TypeVar("P", bound=msgspec.Struct)
 R = TypeVar("R")
 
 ID_CHARACTERS = "abcdefghijklmnopqrstuvwxyz0123456789"
-MAX_ROUNDS = 10_000
+MAX_ROUNDS = 1000
 
 _matches = functools.lru_cache(maxsize=1 << 14)(matches)  # the same keys all the time
 
