@@ -10,6 +10,7 @@ from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.approach import START_M, Approach, Tolerances, limited_change
+from trolley_planner.closing import SIGHT_M, ClosingWatch
 from trolley_planner.controller import Motion, safe_command
 from trolley_planner.escape import BackUp, TurnRound
 from trolley_planner.goal import Goal, free_pose_near
@@ -82,6 +83,7 @@ class Drive:
         self._progress = ProgressChecker(config)
         self._approach: Approach | None = None
         self._trail = Trail()
+        self._closing = ClosingWatch()
         self._maneuver: BackUp | TurnRound | None = None
         self._no_way_s = 0.0
         self._has_way = True
@@ -121,10 +123,13 @@ class Drive:
             turn = abs(wrap_angle(self.goal_grid.yaw - bearing)) / limits.max_turn
         return float(self._seconds[-1] - self._seconds[route.index]) + turn
 
-    def look(self, motion: Motion) -> None:
+    def look(self, motion: Motion, now_ns: int) -> None:
         """Take in a new scan: distances in the window, and the way through it."""
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y)
+        radius = self.rig.footprint.circumscribed_m
+        own = abs(motion.twist.vx) + radius * abs(motion.twist.wz)
+        self._closing.note(now_ns, self.rig.seen_clearance(pose, SIGHT_M), own)
         self.route.follow(pose)
         self._adjust_aim(pose)
         stretch = self.route.stretch(1.5 * self.rig.half_m)
@@ -145,6 +150,9 @@ class Drive:
     def command(self, now: Situation) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
         self.route.follow(now.motion.pose)
+        if self._closing.must_stand(now.now_ns):
+            self.rig.controller.reset()
+            return Twist2D.zero()
         if self.recovery.current is not None:
             return self._get_free(now)
         self._trail.drop(now.odom_T_base)

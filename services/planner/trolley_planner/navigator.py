@@ -80,7 +80,7 @@ class Navigator:
         motion = self._motion()
         if motion is None or self.drive is None:
             return False
-        self.drive.look(motion)
+        self.drive.look(motion, now_ns)
         return True
 
     def take_base(self, base: BaseState, now_ns: int) -> None:
@@ -349,7 +349,7 @@ class Navigator:
         self._trouble_since_ns = None
         motion = self._motion()
         if motion is not None:
-            self.drive.look(motion)
+            self.drive.look(motion, now_ns)
         self.board.set("driving", "", now_ns, None, self._details(now_ns))
 
     def _rebuild(self, now_ns: int) -> None:

@@ -30,7 +30,7 @@ class PlannedPath:
     def join(cls, legs: list[NDArray[np.float64]], cost: float) -> "PlannedPath":
         """Make a path of legs (n, 2) [m], each of which begins where the one before ended."""
         points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-        steps = np.diff(points, axis=0)
+        steps: NDArray[np.float64] = np.diff(points, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
         remaining = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
         ends = np.cumsum([len(leg) - 1 for leg in legs])[:-1]
@@ -54,7 +54,7 @@ class PlannedPath:
     def ahead(self, first: int, length_m: float) -> int:
         """Return the index of the last point at most `length_m` on from index `first`."""
         wanted = self.remaining_m[first] - length_m
-        beyond = int(np.searchsorted(-self.remaining_m, -wanted, side="right"))
+        beyond = int(np.searchsorted(-self.remaining_m, -float(wanted), side="right"))
         return max(first, beyond - 1)
 
     def headings(self, goal_yaw: float) -> NDArray[np.float64]:
