@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 MAX_SIDE = 2048
 
-FLOOR = (246, 245, 240)
+FLOOR = (255, 254, 250)
 WALL = (58, 66, 80)
 UNKNOWN = (176, 183, 194)
 

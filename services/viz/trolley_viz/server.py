@@ -6,11 +6,13 @@ visitor ask for a public tunnel; none of that is for a program that drives a rob
 
 import contextlib
 import io
+import logging
 import socket
 
 import viser
 
 from trolley.config.viz import VizConfig
+from trolley_viz import camera
 
 
 class PortTaken(RuntimeError):
@@ -33,6 +35,8 @@ def open_server(config: VizConfig) -> LocalServer:
         PortTaken: Something else listens there, or the address is not this host's.
     """
     _check_port(config.host, config.port)
+    # A probe of the port, or a browser that leaves early, is no error of ours with a traceback.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     # viser prints a banner whatever it is told; what people need to know stands in the log.
     with contextlib.redirect_stdout(io.StringIO()):
         server = LocalServer(host=config.host, port=config.port, verbose=False)
@@ -42,6 +46,8 @@ def open_server(config: VizConfig) -> LocalServer:
     configure_look(server, dark=False)
     server.gui.set_panel_label("Trolley")
     server.gui.main_panel.dock_right()
+    # Set from the beginning: the first change moves the cameras that are there, later ones do not.
+    camera.set_initial(server, (-4.0, -3.0, 4.0, 3.0))
     server.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering
     server.initial_camera.far = 1000.0
     return server

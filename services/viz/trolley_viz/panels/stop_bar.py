@@ -27,11 +27,15 @@ STYLE = """<style>
 @keyframes trolley-flash{{50%{{opacity:.55}}}}
 .trolley-flash{{animation:trolley-flash .8s infinite}}
 [data-dock-region-collapse]{{display:none!important}}
+[data-dock-region-handle]{{pointer-events:none}}
 @media (max-width:760px){{
  [id="{stop}"],[id="{resume}"]{{top:10px;bottom:auto;height:56px!important}}
- [id="{stop}"]{{left:10px;width:150px}} [id="{resume}"]{{left:170px;width:100px}}
+ [id="{stop}"]{{left:10px;width:160px}} [id="{resume}"]{{left:180px;width:124px}}
  #trolley-stop{{left:10px;top:76px;bottom:auto}}
  .mantine-Notifications-root{{margin-top:70px}}
+ div[style*="cursor: pointer"][style*="height: 3.5em"]{{pointer-events:none}}
+ div[style*="cursor: pointer"][style*="height: 3.5em"] svg{{pointer-events:auto}}
+ [data-autosize],[data-autosize] [data-scrollarea-viewport]{{max-height:46vh!important}}
  #trolley-hint{{left:10px;right:10px;top:76px;bottom:auto;max-width:none}}
 }}
 </style>"""

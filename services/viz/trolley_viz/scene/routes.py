@@ -53,7 +53,7 @@ class PathLayer(Layer):
 
     key, title = "path", "Path"
     needs = (topics.PATH,)
-    width = 0.045
+    width = 0.055
     colour = PATH_COLOUR
     height = Z_PATH
     topic = topics.PATH
@@ -78,7 +78,7 @@ class TrajectoryLayer(PathLayer):
     key, title = "trajectory", "Trajectory"
     needs = (topics.TRAJECTORY,)
     period_s = 0.1
-    width = 0.06
+    width = 0.028
     colour = TRAJECTORY_COLOUR
     height = Z_TRAJECTORY
     topic = topics.TRAJECTORY
