@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test lint format bench lock clean
+.PHONY: help setup demo test lint format bench docs lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -48,6 +48,9 @@ bench: setup ## Run every program in bench/.
 		echo "== $$bench"; $(BIN)/python "$$bench" $(ARGS) || failed+=("$$bench"); \
 	done; \
 	test $${#failed[@]} -eq 0 || { echo "failed: $${failed[*]}"; exit 1; }
+
+docs: setup ## Write the generated pages of docs/ anew.
+	@$(BIN)/python docs/make_wire.py
 
 # Keeps the versions that requirements.lock names already; ARGS=--upgrade takes the newest.
 # No line of it says where packages come from: that is the business of the machine's own settings.

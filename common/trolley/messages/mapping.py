@@ -53,9 +53,10 @@ class Zone(Struct, frozen=True, kw_only=True):
     """A named part of the map: `mirror` and `glass` are polylines, `keepout` and `speed` polygons.
 
     Points are in `map` [m]; polygons close by themselves. `speed` [m/s] only for `speed` zones.
+    Where a zone is put under its own key, `name` may be left out.
     """
 
-    name: str
+    name: str = ""
     kind: ZoneKind
     points: Annotated[list[Point], Meta(min_length=2, max_length=10_000)]
     speed: Positive | None = None
