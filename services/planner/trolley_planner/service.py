@@ -22,7 +22,7 @@ from trolley.runtime.service import Service, answers, every, gets, on
 from trolley_planner.navigator import OWN_SOURCE, Navigator
 from trolley_planner.warmup import warm_up
 
-VALID_S = 0.18
+VALID_S = 0.15
 """A command is good for so long: three periods of commands, and short enough that with the way to
 brake from full speed a robot whose planner dies stands within half a second."""
 STATUS_S = 0.2
