@@ -10,7 +10,9 @@ FIELD_OF_VIEW = math.radians(42.0)
 ELEVATION = math.radians(66.0)
 PANEL_PIXELS = 330
 NARROW_PIXELS = 760
-"""Below this width viser puts its panel under the scene."""
+"""Below this width viser puts its panel over the lower part of the scene."""
+BELOW = 0.8
+"""How much more than the map is to be seen then, by its height."""
 MARGIN = 1.1
 SHIFT = 0.05
 """How far the map is moved up, by its height: Stop lies over the lower edge."""
@@ -60,7 +62,10 @@ def fit(client: viser.ClientHandle, bounds: Bounds, *, is_new: bool) -> None:
     """
     camera = client.camera
     width, height = camera.image_width, camera.image_height
-    if is_new and width > NARROW_PIXELS:
+    if width <= NARROW_PIXELS:
+        x0, y0, x1, y1 = bounds
+        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
+    elif is_new:
         width -= PANEL_PIXELS
     position, look_at = stand(bounds, max(width, 1) / max(height, 1))
     with client.atomic():

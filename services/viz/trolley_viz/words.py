@@ -110,6 +110,8 @@ def trip_words(trip: TourStatus | None, tour: Tour | None) -> Words | None:
     name = f"“{trip.name}”" if trip.name else "Tour"
     stop = _stop_words(trip, tour)
     why = trip.message or codes.SENTENCES.get(trip.reason, trip.reason)
+    if trip.state in ("driving", "dwelling") and not trip.reason:
+        why = ""  # it only says again where the trip is
     match trip.state:
         case "driving":
             return Words(f"{name}: {stop}", "busy", _join(_lap(trip, tour), why))

@@ -8,7 +8,7 @@ from trolley.messages import Tour, TourStatus
 from trolley_viz.actions import Actions
 from trolley_viz.panels.control import GREEN, Post, handler, set_options
 from trolley_viz.panels.markup import note, row
-from trolley_viz.words import UNDER_WAY, result_words, trip_words
+from trolley_viz.words import UNDER_WAY, Words, result_words, trip_words
 
 NO_TOURS: str = "none stored yet"
 TRIP_ACTIONS = ("Pause", "Resume", "Skip", "End")
@@ -36,11 +36,17 @@ class TourPanel:
 
 
 def progress(tours: Sequence[Tour], trip: TourStatus | None) -> str:
-    """The trip and its last results as HTML."""
+    """The trip, what came of its stops, and those to come, as HTML."""
     if trip is None:
         return note("The tour service has not said anything yet.")
-    words = trip_words(trip, next((one for one in tours if one.name == trip.name), None))
+    tour = next((one for one in tours if one.name == trip.name), None)
+    words = trip_words(trip, tour)
     if words is None:
         return note("No trip is under way.")
-    results = [row(result_words(one)) for one in trip.results[-MAX_RESULTS:]]
-    return row(words) + "".join(results)
+    lines = [words, *(result_words(one) for one in trip.results[-MAX_RESULTS:])]
+    if tour is not None and trip.stop is not None and trip.state in UNDER_WAY:
+        lines += [
+            Words(f"{stop.name or f'stop {i}'} to come", "idle")
+            for i, stop in enumerate(tour.stops[trip.stop + 1 :][:MAX_RESULTS], trip.stop + 2)
+        ]
+    return "".join(map(row, lines))
