@@ -96,8 +96,9 @@ class Node:
 
     # Life.
     def open(self) -> None:
-        """Bind the service: watches, requests and periods, then `start`."""
+        """Bind the service: `prepare`, then watches, requests and periods, then `start`."""
         self.service.bind(self)
+        self.service.prepare()
         if self.service.own_time is None or self.service.all_robots:
             everybody = "*" if self.service.all_robots else None
             clocks = Watching(Watch(topics.CLOCK, 0.0), everybody, (), then=self._hear_clock)

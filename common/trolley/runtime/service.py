@@ -83,6 +83,12 @@ class Service:
         """Tie the service to its node (called by the runtime)."""
         self._port = port
 
+    def prepare(self) -> None:
+        """Called once before anything is watched or served: what takes long, such as compiling.
+
+        Until it is done whoever asks hears at once that nobody answers.
+        """
+
     def start(self) -> None:
         """Called once when the node is bound, before any other method: watch topics, read state."""
 

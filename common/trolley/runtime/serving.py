@@ -79,10 +79,7 @@ class Server:
                 query.reply(asked if exact else key, codec.encode(message, fmt), codec.MIME[fmt])
                 answered = True
         if exact and not answered:
-            name = asked.rpartition("/")[2]
-            self._refuse(
-                query, Refused(codes.UNKNOWN_NAME, f"There is no {name!r} under {topic.name}.")
-            )
+            self._refuse(query, _nothing_of(topic, asked, parameters))
         query.finish()
 
     # Requests.
@@ -141,18 +138,26 @@ class Server:
         self._closers.append(self._context.bus.serve(key, receive))
 
 
+def _nothing_of(topic: Topic[Any], asked: str, parameters: dict[str, str]) -> Refused:
+    """Refuse a `get` of one thing that there is not: by its key, or by its id."""
+    name = parameters.get("id", asked.rpartition("/")[2])
+    return Refused(codes.UNKNOWN_NAME, f"There is no {name!r} under {topic.chunks[0]}.", name=name)
+
+
 def _parameters(query: Query, request: Request[Any, Any], parameters: dict[str, str]) -> Any:
     """Validate what a request carries.
 
     Raises:
         Refused: `bad_request` or `too_large`.
     """
-    if request.always:
-        return request.params()
-    if has_wildcard(query.key):
+    # Only which robot is meant may be left open, and only where the request is for all of them.
+    is_for_all = request.always and query.key.endswith(f"/@do/{request.name}")
+    if has_wildcard(query.key) and not is_for_all:
         raise Refused(
             codes.BAD_REQUEST, "A request is asked of one robot: its key may hold no wildcard."
         )
+    if request.always:
+        return request.params()
     payload = query.payload
     if len(payload) > MAX_REQUEST_BYTES:
         raise Refused(

@@ -51,9 +51,12 @@ class PlannerService(Service):
         self._costmap_ns = 0
         self._path: tuple[str | None, int] = (None, 0)
 
+    def prepare(self) -> None:
+        """Compile the kernels."""
+        warm_up()
+
     def start(self) -> None:
         """Watch what is sensed, and say that there is no goal."""
-        warm_up()
         self._odometry = self.watch(topics.ODOM, seconds=ODOMETRY_S, then=self._take_odometry)
         self.publish(topics.GOAL, self._navigator.status(self.stamp_ns))
 

@@ -5,11 +5,12 @@ from typing import Any
 import pytest
 from support.samples import make_clock, make_places
 
-from trolley import topics
-from trolley.messages import Health
+from trolley import requests, topics
+from trolley.messages import Health, Offer
+from trolley.messages.asking import AskOffer
 from trolley.runtime import codec
 from trolley.runtime.lockstep import Lockstep
-from trolley.runtime.service import Service, every, on
+from trolley.runtime.service import Service, answers, every, on
 from trolley.topics import Qos
 
 SECOND = 1_000_000_000
@@ -238,3 +239,26 @@ def test_services_that_never_settle_are_found_out(
     lockstep.add(Echo("tour"))
     with pytest.raises(RuntimeError, match="kept answering"):
         lockstep.publish(topics.POSES, make_places(1))
+
+
+class Preparing(Service):
+    """Takes long before it can do anything."""
+
+    name = "tour"
+
+    def __init__(self, lockstep: Lockstep) -> None:
+        self._lockstep = lockstep
+        self.answers_meanwhile: list[object] = []
+
+    def prepare(self) -> None:
+        self.answers_meanwhile += self._lockstep.get("trolley/trolley/@do/tour/offer?name=a")
+
+    @answers(requests.TOUR_OFFER)
+    def offer(self, _params: AskOffer) -> Offer:
+        return Offer(free=True)
+
+
+def test_nothing_waits_for_a_service_that_prepares(lockstep: Lockstep):
+    service = lockstep.add(Preparing(lockstep))
+    assert service.answers_meanwhile == []
+    assert len(lockstep.get("trolley/trolley/@do/tour/offer?name=a")) == 1

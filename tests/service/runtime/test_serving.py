@@ -209,6 +209,22 @@ def test_a_stop_is_obeyed_whatever_it_holds(
     assert owner.stops == 1
 
 
+@pytest.mark.parametrize(
+    "key",
+    [
+        "trolley/trolley/@do/**",
+        "trolley/*/@do/base/*",
+        "trolley/trolley/@do/*/stop",
+        "trolley/*/@do/**",
+    ],
+)
+def test_a_stop_among_other_requests_is_refused(lockstep: Lockstep, owner: Owner, key: str):
+    replies = lockstep.get(key, b"{}")
+    assert replies
+    assert all(json.loads(reply.payload)["code"] == codes.BAD_REQUEST for reply in replies)
+    assert owner.stops == 0
+
+
 def test_reading_everything_commands_nothing(lockstep: Lockstep, owner: Owner):
     for selector in ("trolley/trolley/**", "trolley/**", "**", "*/*/*"):
         replies = lockstep.get(selector)
@@ -370,6 +386,7 @@ def test_a_wildcard_read_is_answered_on_the_owners_keys(lockstep: Lockstep, owne
 def test_an_unknown_name_is_an_error_and_a_wildcard_leaves_it_out(lockstep: Lockstep, owner: Owner):
     assert code(lockstep, "poses/attic") == codes.UNKNOWN_NAME
     assert code(lockstep, "goal?id=unknown") == codes.UNKNOWN_NAME
+    assert "'unknown'" in ask(lockstep, "goal?id=unknown")["message"]
     assert lockstep.get("trolley/*/goal?id=unknown") == []
     assert lockstep.get("trolley/trolley/poses/x$*") == []
     assert code(lockstep, "goal?id=refused") == codes.NOT_READY
