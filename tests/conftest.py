@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from support.processes import Process, RouterProcess, find_free_port, write_config
+from support.wire import wait_for_service
 
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
@@ -83,3 +84,11 @@ def service_process(config_file: Path, tmp_path: Path) -> Generator[StartService
     yield start
     for process in reversed(started):
         process.kill()
+
+
+@pytest.fixture
+def keeper(service_process: StartService, bus: ZenohBus) -> Process:
+    """A running `support.services:Keeper`: it keeps poses as `tour` does."""
+    process = service_process("support.services:Keeper")
+    wait_for_service(bus, "tour")
+    return process

@@ -1,5 +1,6 @@
 """`[robot]`, `[map]`, `[start]`, `[zenoh]`: what more than one service needs."""
 
+import re
 from typing import Annotated
 
 from msgspec import Meta, Struct, field
@@ -12,8 +13,8 @@ from trolley.messages.types import Point
 Length = Annotated[float, Meta(ge=0.02, le=5.0)]
 
 
-Endpoint = Annotated[str, Meta(pattern=r"\A[a-z0-9_-]+/.+:[0-9]{1,5}([?#].*)?\Z")]
-"""Where a router listens: protocol/host:port, such as `tcp/127.0.0.1:7447`."""
+WITHOUT_PORT = ("unixsock-stream", "serial")
+PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream", "vsock", "serial")
 
 
 class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -95,9 +96,20 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[zenoh]`: how services find each other."""
 
-    connect: Annotated[list[Endpoint], Meta(min_length=1)] = field(
+    connect: Annotated[list[str], Meta(min_length=1)] = field(
         default_factory=lambda: ["tcp/127.0.0.1:7447"]
     )
     """Endpoints of the router that services and tools connect to."""
-    uplink: list[Endpoint] = []
+    uplink: list[str] = []
     """Endpoints of a home router that this robot's router links to."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no endpoint; Zenoh would look for it for ever."""
+        for endpoint in (*self.connect, *self.uplink):
+            protocol, _, address = endpoint.partition("/")
+            has_port = re.search(r":[0-9]{1,5}([?#].*)?\Z", address) is not None
+            if protocol not in PROTOCOLS or not (has_port or protocol in WITHOUT_PORT):
+                raise ValueError(
+                    f"{endpoint!r} is no endpoint: write protocol/host:port, such as "
+                    f"tcp/127.0.0.1:7447"
+                )

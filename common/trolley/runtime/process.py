@@ -123,6 +123,7 @@ class ServiceProcess:
         self._robot = config.robot.name
         self._run = Run.here()
         self._supervision = Supervision()
+        self._patience_until_s = 0.0
         self._node: Node | None = None
         # A plain flag: a threading.Event may not be set by a signal that interrupts its `wait`.
         self._is_told_to_stop = False
@@ -145,7 +146,10 @@ class ServiceProcess:
             bus.close()
 
     def _wait_for_router(self) -> bool:
-        self._supervision.waiting(ROUTER_PATIENCE_S, "waiting for the router")
+        now_s = time.monotonic()
+        if now_s >= self._patience_until_s:
+            self._supervision.waiting(ROUTER_PATIENCE_S, "waiting for the router")
+            self._patience_until_s = now_s + 0.5 * ROUTER_PATIENCE_S
         return not self._is_told_to_stop
 
     def _serve(self, bus: ZenohBus) -> int:

@@ -1,0 +1,293 @@
+"""The Zenoh runtime as it runs on a robot: real processes, real sessions, a real router."""
+
+import signal
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.processes import Process, RouterProcess, find_free_port, write_config
+from support.samples import make_place
+from support.waiting import wait_until
+from support.wire import START_S, health_of, stored_names, wait_for_service
+
+from trolley import topics
+from trolley.messages import BaseState, SavedPoses
+from trolley.runtime import codec
+from trolley.runtime.bus import Sample
+from trolley.runtime.clash import Run, host_name
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus
+from trolley.topics import Qos
+
+KEEPER = "support.services:Keeper"
+StartService = Callable[..., Process]
+
+
+class NotifySocket:
+    """The end of the `sd_notify` protocol that systemd holds."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(path))
+        self._socket.setblocking(False)
+        self.said: list[str] = []
+
+    def hears(self, what: str) -> bool:
+        """Whether `what` was said since the last call that heard it."""
+        try:
+            while True:
+                self.said += self._socket.recv(4096).decode().splitlines()
+        except BlockingIOError:
+            pass
+        found = what in self.said
+        if found:
+            del self.said[: self.said.index(what) + 1]
+        return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@pytest.fixture
+def notify_socket(tmp_path: Path):
+    opened = NotifySocket(tmp_path / "notify")
+    yield opened
+    opened.close()
+
+
+# Beginning and end.
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_cleanly(
+    keeper: Process, bus: ZenohBus, tmp_path: Path, number: signal.Signals
+):
+    said: list[Sample] = []
+    bus.subscribe("trolley/tester/base", said.append)
+    bus.put("trolley/tester/poses/kitchen", codec.encode(make_place(), "json"), "", Qos.STATE)
+    wait_until(lambda: stored_names(bus) == {"kitchen"}, 5.0, "the pose is stored")
+    before_s = time.monotonic()
+    keeper.send(number)
+    assert keeper.wait(5.0) == 0
+    assert time.monotonic() - before_s < 2.0
+    wait_until(lambda: said, 2.0, "its last word")
+    assert codec.decode(BaseState, said[0].payload).message == "bye"
+    assert "kitchen" in (tmp_path / "state" / "tester" / "kept.toml").read_text()
+    assert bus.alive("trolley/tester/alive/**") == []
+
+
+def test_without_a_router_it_waits_and_can_be_ended(
+    tmp_path: Path, service_process: StartService, notify_socket: NotifySocket
+):
+    config = write_config(tmp_path / "alone.toml", f"tcp/127.0.0.1:{find_free_port()}")
+    environment = {"NOTIFY_SOCKET": str(notify_socket.path)}
+    process = service_process(KEEPER, config=config, environment=environment)
+    # systemd is asked for patience meanwhile.
+    wait_until(lambda: notify_socket.hears("EXTEND_TIMEOUT_USEC=30000000"), START_S, "patience")
+    assert not notify_socket.hears("READY=1")
+    before_s = time.monotonic()
+    assert process.terminate() == 0
+    assert time.monotonic() - before_s < 1.0
+
+
+def test_services_may_start_before_their_router(
+    tmp_path: Path, service_process: StartService, notify_socket: NotifySocket
+):
+    port = find_free_port()
+    config = write_config(tmp_path / "early.toml", f"tcp/127.0.0.1:{port}")
+    environment = {"NOTIFY_SOCKET": str(notify_socket.path)}
+    service_process(KEEPER, config=config, environment=environment)
+    wait_until(lambda: notify_socket.hears("EXTEND_TIMEOUT_USEC=30000000"), START_S, "it tries")
+    router = RouterProcess(port, tmp_path / "late-router.log")
+    router.start()
+    try:
+        with open_bus([router.endpoint], 5.0) as bus:
+            wait_for_service(bus, "tour")
+    finally:
+        router.stop()
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "said"),
+    [("nonsense", "zenoh"), ("quatsch/127.0.0.1:1", "quatsch"), ("tcp/127.0.0.1", "port")],
+)
+def test_an_endpoint_that_is_none_is_refused(
+    tmp_path: Path, service_process: StartService, endpoint: str, said: str
+):
+    config = write_config(tmp_path / "wrong.toml", endpoint)
+    process = service_process(KEEPER, config=config)
+    assert process.wait(START_S) == 2
+    assert said in process.log
+
+
+def test_a_missing_configuration_is_told(tmp_path: Path, service_process: StartService):
+    process = service_process(KEEPER, config=tmp_path / "absent.toml")
+    assert process.wait(START_S) == 2
+    assert "absent.toml" in process.log
+    assert "Traceback" not in process.log
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "said"),
+    [
+        ("start", 1, "no start"),
+        ("tick", 1, "no tick"),
+        ("work", 1, "no disk"),
+        ("stop", 1, "no stop"),
+        ("save", 1, "no disk"),
+        ("none", 0, ""),
+    ],
+)
+def test_a_fault_ends_it_with_its_trace_and_its_last_word(
+    service_process: StartService, bus: ZenohBus, fault: str, code: int, said: str
+):
+    heard: list[Sample] = []
+    bus.subscribe("trolley/tester/base", heard.append)
+    process = service_process("support.services:Faulty", environment={"FAULT": fault})
+    if fault in ("stop", "save", "none"):
+        wait_for_service(bus, "planner")
+        process.send(signal.SIGTERM)
+    assert process.wait(START_S) == code
+    assert said in process.log
+    assert "panicked" not in process.log
+    wait_until(lambda: heard, 2.0, "its last word")
+
+
+# Two of a name.
+
+
+def test_of_two_processes_the_later_ends_and_names_the_other(
+    keeper: Process, service_process: StartService, bus: ZenohBus
+):
+    later = service_process(KEEPER)
+    assert later.wait(START_S) == 3
+    assert f"host={host_name()}" in later.log
+    assert f"pid={keeper.pid}" in later.log
+    assert keeper.is_running
+    (token,) = bus.alive("trolley/tester/alive/**")
+    assert token.startswith(f"trolley/tester/alive/tour/{host_name()}-{keeper.pid}-")
+
+
+def test_of_two_that_start_together_one_stays(service_process: StartService, bus: ZenohBus):
+    both = [service_process(KEEPER), service_process(KEEPER)]
+    wait_until(lambda: not all(one.is_running for one in both), START_S, "one of two ends")
+    wait_for_service(bus, "tour")
+    assert sorted(one.is_running for one in both) == [False, True]
+    assert {one.wait() for one in both if not one.is_running} == {3}
+
+
+def test_after_sigkill_the_next_one_takes_over(
+    keeper: Process, service_process: StartService, bus: ZenohBus
+):
+    bus.put("trolley/tester/poses/kitchen", codec.encode(make_place(), "json"), "", Qos.STATE)
+    wait_until(lambda: stored_names(bus) == {"kitchen"}, 5.0, "the pose is stored")
+    wait_until(lambda: "kept.toml" in keeper_files(keeper), 5.0, "the pose is saved")
+    keeper.kill()
+    service_process(KEEPER)
+    wait_for_service(bus, "tour")
+    assert stored_names(bus) == {"kitchen"}
+
+
+def keeper_files(process: Process) -> set[str]:
+    state = process.log_path.parent / "state" / "tester"
+    return {file.name for file in state.iterdir()} if state.is_dir() else set()
+
+
+def test_two_that_meet_after_a_reconnection_settle_it(
+    keeper: Process, bus: ZenohBus, router: RouterProcess
+):
+    """An older process, so far on the other side of a broken link, appears."""
+    elder = Run(started_ms=1, host="elder", pid=77)
+    bus.declare_token(topics.ALIVE.key("tester", "tour", str(elder)))
+    assert keeper.wait() == 3
+    assert "host=elder" in keeper.log
+    assert "pid=77" in keeper.log
+
+
+def test_a_younger_one_and_a_stranger_are_ignored(keeper: Process, bus: ZenohBus):
+    younger = Run(started_ms=10**15, host="younger", pid=78)
+    for run in (str(younger), "nonsense", "a-b-c", f"x-1-{'9' * 5000}"):
+        bus.declare_token(topics.ALIVE.key("tester", "tour", run))
+    time.sleep(0.5)
+    assert keeper.is_running
+
+
+# The router goes and comes.
+
+
+def test_after_a_router_restart_everything_is_there_again(
+    keeper: Process, service_process: StartService, bus: ZenohBus, router: RouterProcess
+):
+    listener = service_process("support.services:Listener")
+    viewer = f"viz-{host_name()}"
+    wait_for_service(bus, viewer)
+    router.stop()
+    time.sleep(1.0)
+    router.start()
+    wait_for_service(bus, "tour")
+    bus.put("trolley/tester/poses/kitchen", codec.encode(make_place(), "json"), "", Qos.STATE)
+    expected = "1 poses, stamp 2"
+    wait_until(lambda: (health := health_of(bus, viewer)) and health.message == expected, 5.0, "")
+    assert keeper.is_running
+    assert listener.is_running
+    tokens = {token.split("/")[3] for token in bus.alive("trolley/tester/alive/**")}
+    assert tokens == {"tour", viewer}
+
+
+def test_what_was_said_while_the_router_was_away_is_read_afterwards(
+    service_process: StartService, router: RouterProcess, config_file: Path
+):
+    with open_bus([router.endpoint], 5.0) as bus:
+        places = SavedPoses(stamp_ns=1, poses=[make_place("a")])
+
+        def answer(query: Any) -> None:
+            query.reply("trolley/tester/poses", codec.encode(places, "json"), codec.MIME["json"])
+            query.finish()
+
+        bus.serve("trolley/tester/poses", answer)
+        service_process("support.services:Listener")
+        viewer = f"viz-{host_name()}"
+        wait_for_service(bus, viewer)
+        router.stop()
+        places = SavedPoses(stamp_ns=2, poses=[make_place("a"), make_place("b")])
+        router.start()
+        expected = "2 poses, stamp 2"
+        wait_until(
+            lambda: (health := health_of(bus, viewer)) and health.message == expected,
+            10.0,
+            "the list is read again",
+        )
+
+
+# Supervision.
+
+
+def test_systemd_hears_ready_alive_and_stopping(
+    service_process: StartService,
+    tmp_path: Path,
+    notify_socket: NotifySocket,
+    router: RouterProcess,
+):
+    blocker = tmp_path / "blocker"
+    environment = {
+        "NOTIFY_SOCKET": str(notify_socket.path),
+        "WATCHDOG_USEC": "600000",
+        "SLEEPER": str(blocker),
+    }
+    process = service_process("support.services:Sleeper", environment=environment)
+    wait_until(lambda: notify_socket.hears("READY=1"), START_S, "ready")
+    for _ in range(3):
+        wait_until(lambda: notify_socket.hears("WATCHDOG=1"), 2.0, "alive")
+    blocker.touch()
+    time.sleep(0.3)
+    notify_socket.hears("nothing")
+    notify_socket.said.clear()
+    time.sleep(1.0)
+    assert not notify_socket.hears("WATCHDOG=1")  # its thread hangs, and so it is silent
+    blocker.unlink()
+    wait_until(lambda: notify_socket.hears("WATCHDOG=1"), 2.0, "alive again")
+    assert process.terminate() == 0
+    assert notify_socket.hears("STOPPING=1")
