@@ -61,18 +61,18 @@ class ProgressChecker:
         mark, last = self._mark, self._last
         self._last = (frame_T_base, odom_T_base)
         if mark is None or last is None:
-            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=odom_T_base.yaw)
+            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=frame_T_base.yaw)
             return None
         mark.travelled_m += last[0].distance_to(frame_T_base)
         mark.wheels_m += last[1].distance_to(odom_T_base)
-        turn = abs(wrap_angle(odom_T_base.yaw - last[1].yaw))
+        turn = abs(wrap_angle(frame_T_base.yaw - last[0].yaw))
         mark.turned_rad += turn
         if mark.remaining_m - remaining_m >= self._distance_m:
-            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=odom_T_base.yaw)
+            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=frame_T_base.yaw)
             return None
-        turned = abs(wrap_angle(odom_T_base.yaw - mark.yaw))
+        turned = abs(wrap_angle(frame_T_base.yaw - mark.yaw))
         if turned >= TURN_RAD and mark.turned_rad < MAX_TURN_RAD:
-            mark.yaw, mark.since_ns = odom_T_base.yaw, now_ns
+            mark.yaw, mark.since_ns = frame_T_base.yaw, now_ns
         return self._trouble(mark) if now_ns - mark.since_ns > self._time_ns else None
 
     def _trouble(self, mark: _Mark) -> str:

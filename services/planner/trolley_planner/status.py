@@ -22,6 +22,7 @@ class StatusBoard:
         self._frame = frame
         self._changes: list[GoalStatus] = []
         self._ended_ns: int | None = None
+        self._details: GoalStatus | None = None
 
     @property
     def is_active(self) -> bool:
@@ -32,6 +33,7 @@ class StatusBoard:
         """Take a new goal; `set` says what becomes of it."""
         self.goal = goal
         self._ended_ns = None
+        self._details = None
 
     def set(
         self,
@@ -61,6 +63,8 @@ class StatusBoard:
     def snapshot(self, now_ns: int, details: GoalStatus | None = None) -> GoalStatus:
         """Return the present status, and keep it for whoever asks by id later."""
         goal = self.goal
+        # How it ended stays known after the drive is gone.
+        self._details = details = self._details if details is None else details
         end_ns = now_ns if self._ended_ns is None else self._ended_ns
         status = GoalStatus(
             stamp_ns=now_ns,
@@ -71,7 +75,7 @@ class StatusBoard:
             frame=self._frame,
             pose=None if goal is None else goal.pose,
             distance_remaining=None if details is None else details.distance_remaining,
-            eta=None if details is None else details.eta,
+            eta=None if details is None or not self.is_active else details.eta,
             elapsed=0.0 if goal is None else max(0.0, (end_ns - goal.sent_ns) * 1e-9),
             recoveries=0 if details is None else details.recoveries,
             blocked=[] if details is None else details.blocked,

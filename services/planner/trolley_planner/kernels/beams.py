@@ -21,10 +21,8 @@ TICK_S = 0.1
 
 MAX_EVIDENCE = 12
 """Scans without an echo that a well-seen cell outlives."""
-FIRST_EVIDENCE = 2
-"""Evidence of one echo: a lone outlier goes after two scans that see through it."""
 MARK_EVIDENCE = 3
-"""Evidence that each further scan with an echo adds; one that sees through takes away 1."""
+"""Evidence that each scan with an echo adds; one that sees through takes away 1."""
 
 
 class EchoLayer(NamedTuple):
@@ -276,8 +274,7 @@ def mark_echoes(
         before = int(layer.evidence[row, col]) + passed
         if layer.evidence[row, col] == 0:
             touch(layer.dirty, row, col)
-        gain = MARK_EVIDENCE if before > 0 else FIRST_EVIDENCE
-        layer.evidence[row, col] = min(before + gain, MAX_EVIDENCE)
+        layer.evidence[row, col] = min(before + MARK_EVIDENCE, MAX_EVIDENCE)
         layer.hits[row, col] = min(int(layer.hits[row, col]) + 1, 255)
 
 

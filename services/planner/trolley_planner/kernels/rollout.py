@@ -119,7 +119,8 @@ def clearance_at(
     if centre >= body.circumscribed_m + enough_m:
         return enough_m
     if centre < body.inscribed_m:
-        return centre - body.inscribed_m
+        # Less than what edge points in an obstacle give, so that the way out only leads upwards.
+        return centre - body.inscribed_m - half
     cos, sin = math.cos(yaw) * scale, math.sin(yaw) * scale
     nearest = enough_m + half
     for index in range(body.edge_points.shape[0]):

@@ -1,0 +1,286 @@
+"""The planner service on the bus: goals, commands, and what interrupts them."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from support.flatland import Flatland, empty_room
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.messages import Path, SavedPose, SavedPoses
+from trolley.messages.asking import SendGoal, WhichGoal
+from trolley_planner.service import PlannerService
+
+from .conftest import START, Stage
+
+
+def told(stage: Stage) -> list[tuple[str | None, str, str]]:
+    """Every change of the goal, once."""
+    found: list[tuple[str | None, str, str]] = []
+    for status in stage.goals:
+        now = (status.id, status.state, status.reason)
+        if not found or found[-1] != now:
+            found.append(now)
+    return found
+
+
+def test_a_goal_is_driven_to(stage: Stage, far_side: Pose2D) -> None:
+    status = stage.send(far_side, id="go-1")
+    assert (status.id, status.state) == ("go-1", "driving")
+    assert status.distance_remaining == pytest.approx(5.9, abs=0.4)
+    assert status.eta is not None
+    stage.until("arrived")
+    assert stage.world.pose.distance_to(far_side) <= 0.05
+    assert stage.world.touches == 0
+    assert told(stage) == [
+        (None, "idle", ""),
+        ("go-1", "planning", ""),
+        ("go-1", "driving", ""),
+        ("go-1", "arrived", ""),
+    ]
+    assert stage.stands()
+    before = len(stage.commands)
+    stage.lockstep.run(3.0)
+    assert len(stage.commands) == before, "with no goal it is silent"
+
+
+def test_commands_come_evenly_stamped_and_name_their_scan(stage: Stage, far_side: Pose2D) -> None:
+    began_s = stage.lockstep.now_s
+    stage.send(far_side)
+    stage.lockstep.run(5.0)
+    stamps = [command.stamp_ns for command in stage.commands]
+    assert stamps == sorted(set(stamps))
+    rate = len(stamps) / (stage.lockstep.now_s - began_s)
+    assert 15.0 <= rate <= 30.0
+    from_scans = [command for command in stage.commands if command.scan_ns]
+    assert len(from_scans) >= 45
+    assert all(0 <= command.stamp_ns - command.scan_ns < 0.12e9 for command in from_scans)
+    assert all(0.1 <= command.valid_for <= 0.5 for command in stage.commands)
+
+
+def test_the_path_is_told_and_emptied_at_the_end(stage: Stage, far_side: Pose2D) -> None:
+    stage.send(far_side)
+    stage.lockstep.run(0.5)
+    poses = np.frombuffer(stage.paths[-1].poses, dtype="<f4").reshape(-1, 3)
+    assert stage.paths[-1].frame == "map"
+    assert np.hypot(*(poses[-1, :2] - (far_side.x, far_side.y))) < 0.05
+    assert poses[-1, 2] == pytest.approx(far_side.yaw, abs=1e-5)
+    stage.until("arrived")
+    stage.lockstep.run(0.1)
+    assert len(stage.paths[-1].poses) == 0
+
+
+def test_costmaps_are_told_rarely(stage: Stage) -> None:
+    whole = stage.lockstep.record(topics.COSTMAP_GLOBAL)
+    part = stage.lockstep.record(topics.COSTMAP)
+    stage.lockstep.run(10.0)
+    assert 3 <= len(whole) <= 20
+    assert (whole[-1].width, whole[-1].height) == (160, 120)
+    cells = np.frombuffer(whole[-1].cells, dtype=np.int8)
+    assert set(np.unique(cells)) <= set(range(-1, 101))
+    assert cells.max() == 100
+    assert part[-1].width < 160
+    local = np.frombuffer(part[-1].cells, dtype=np.int8).reshape(part[-1].height, part[-1].width)
+    row, col = (int(v / 0.05) for v in (part[-1].origin.y, part[-1].origin.x))
+    here = cells.reshape(120, 160)[row : row + local.shape[0], col : col + local.shape[1]]
+    np.testing.assert_array_equal(local, here)
+
+
+def test_get_answers_for_the_last_goals(stage: Stage, far_side: Pose2D) -> None:
+    stage.send(far_side, id="a")
+    stage.send(START, id="b")
+
+    def state_of(goal_id: str) -> str | None:
+        [reply] = stage.lockstep.get(f"{topics.GOAL.key('trolley')}?id={goal_id}")
+        body = msgspec.json.decode(reply.payload)
+        return body["code"] if reply.is_error else body["state"]
+
+    assert state_of("a") == "canceled"
+    assert state_of("b") in ("driving", "arrived")
+    assert state_of("c") == codes.UNKNOWN_NAME
+
+
+@pytest.mark.parametrize(
+    ("payload", "code"),
+    [
+        (b'{"pose":{"x":NaN,"y":0,"yaw":0}}', codes.BAD_REQUEST),
+        (b'{"pose":{"x":1e999,"y":0,"yaw":0}}', codes.BAD_REQUEST),
+        (b'{"pose":{"x":1,"y":0,"yaw":0},"name":"kitchen"}', codes.BAD_REQUEST),
+        (b"{}", codes.BAD_REQUEST),
+        (b'{"pose":{"x":1,"y":0,"yaw":0},"colour":"red"}', codes.BAD_REQUEST),
+        (b'{"pose":{"x":1,"y":0,"yaw":0},"xy_tolerance":-1}', codes.BAD_REQUEST),
+        (b'{"pose":{"x":1e300,"y":0,"yaw":0}}', codes.OUTSIDE_MAP),
+        (b'{"pose":{"x":3,"y":3,"yaw":1e300},"xy_tolerance":1e300}', None),
+        (b"[" * 100_000, codes.BAD_REQUEST),
+    ],
+)
+def test_bad_goals_are_refused_and_the_service_lives(stage: Stage, payload, code) -> None:
+    [reply] = stage.lockstep.get(requests.GOAL_SEND.key("trolley"), payload)
+    if code is None:
+        assert not reply.is_error
+    else:
+        assert msgspec.json.decode(reply.payload)["code"] == code
+        assert stage.goals[-1].state == "idle"
+    assert stage.send(Pose2D(2.0, 3.0, 0.0)).state == "driving"
+
+
+def test_saved_places_are_driven_to_by_name(stage: Stage) -> None:
+    def ask(name: str) -> str:
+        try:
+            return stage.lockstep.ask(requests.GOAL_SEND, SendGoal(name=name)).state
+        except Refused as refusal:
+            return refusal.code
+
+    assert ask("sofa") == codes.TOUR_NOT_RUNNING
+    here = SavedPose(name="sofa", map="room", pose=Pose2D(2.0, 2.0, 0.0))
+    there = SavedPose(name="attic", map="upstairs", pose=Pose2D(2.0, 2.0, 0.0))
+    stage.lockstep.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=[here, there]))
+    assert ask("cellar") == codes.UNKNOWN_NAME
+    assert ask("attic") == codes.WRONG_MAP
+    assert ask("sofa") == "driving"
+
+
+def test_a_preview_drives_nothing(stage: Stage, far_side: Pose2D) -> None:
+    path = stage.lockstep.ask(requests.GOAL_PREVIEW, SendGoal(pose=far_side))
+    assert isinstance(path, Path)
+    assert path.dt > 0.0
+    assert stage.commands == []
+    assert stage.goals[-1].state == "idle"
+
+
+def test_pause_cancel_and_resume(stage: Stage, far_side: Pose2D) -> None:
+    stage.send(far_side, id="a")
+    stage.lockstep.run(2.0)
+    ask = stage.lockstep.ask
+    assert ask(requests.GOAL_PAUSE, WhichGoal(id="a")).state == "paused"
+    assert stage.stands()
+    assert ask(requests.GOAL_RESUME, WhichGoal()).state == "driving"
+    stage.lockstep.run(2.0)
+    assert not stage.world.twist.is_zero
+    with pytest.raises(Refused) as refusal:
+        ask(requests.GOAL_CANCEL, WhichGoal(id="z"))
+    assert refusal.value.code == codes.NOT_CURRENT
+    assert ask(requests.GOAL_CANCEL, WhichGoal(id="a")).reason == codes.CANCELED
+    assert stage.stands()
+
+
+def test_a_stop_and_a_hand_pause_and_nothing_sets_off_by_itself(
+    stage: Stage, far_side: Pose2D
+) -> None:
+    for state in ({"mode": "stopped", "reason": "button"}, {"mode": "ok", "source": "teleop"}):
+        stage.send(far_side)
+        stage.lockstep.run(2.0)
+        stage.robot.say(**state)
+        assert stage.stands()
+        assert stage.goals[-1].state == "paused"
+        stage.robot.say(mode="ok")
+        stage.lockstep.run(5.0)
+        assert stage.world.twist.is_zero
+        assert stage.lockstep.ask(requests.GOAL_RESUME, WhichGoal()).state == "driving"
+
+
+def test_a_goal_is_refused_while_the_robot_is_stopped(stage: Stage, far_side: Pose2D) -> None:
+    stage.robot.say(mode="stopped", reason="button")
+    stage.lockstep.run(0.1)
+    with pytest.raises(Refused) as refusal:
+        stage.send(far_side)
+    assert refusal.value.code == codes.STOPPED
+
+
+def test_a_new_epoch_pauses_the_goal(stage: Stage, far_side: Pose2D) -> None:
+    stage.send(far_side)
+    stage.lockstep.run(2.0)
+    stage.robot.restart()
+    assert stage.stands()
+    assert (stage.goals[-1].state, stage.goals[-1].reason) == ("paused", codes.RESTARTED)
+    stage.lockstep.run(3.0)
+    assert stage.world.twist.is_zero
+    stage.lockstep.ask(requests.GOAL_RESUME, WhichGoal())
+    stage.until("arrived")
+
+
+def test_a_restarted_planner_has_no_goal_and_is_silent(stage: Stage, far_side: Pose2D) -> None:
+    stage.send(far_side)
+    stage.lockstep.run(2.0)
+    stage.lockstep.kill("planner")
+    stage.lockstep.run(1.0)
+    stage.lockstep.add(PlannerService(stage.config))
+    before = len(stage.commands)
+    stage.lockstep.run(3.0)
+    assert stage.goals[-1].state == "idle"
+    assert stage.goals[-1].id is None
+    assert len(stage.commands) == before
+
+
+@pytest.mark.parametrize(
+    ("silent", "reason"),
+    [("pose", codes.STALE), ("scan", codes.SCAN_LOST), ("odom", codes.SCAN_LOST)],
+)
+def test_it_stands_while_its_senses_are_silent(stage, far_side, silent, reason) -> None:
+    stage.send(far_side)
+    stage.lockstep.run(2.0)
+    stage.robot.silent.add(silent)
+    stage.lockstep.run(2.0)
+    assert stage.world.twist.is_zero
+    if silent == "pose":
+        assert (stage.goals[-1].state, stage.goals[-1].reason) == ("recovering", reason)
+    stage.robot.silent.clear()
+    stage.until("arrived")
+    assert stage.world.touches == 0
+
+
+def test_a_lost_pose_stops_the_robot(stage: Stage, far_side: Pose2D) -> None:
+    stage.send(far_side)
+    stage.lockstep.run(2.0)
+    stage.robot.pose_state = "lost"
+    assert stage.stands()
+    with pytest.raises(Refused) as refusal:
+        stage.send(START)
+    assert refusal.value.code == codes.NOT_LOCALIZED
+
+
+def test_what_is_missing_is_named(tmp_path) -> None:
+    stage = Stage(tmp_path, Flatland(empty_room(), START))
+    stage.robot.silent |= {"clock", "pose"}
+    stage.lockstep.kill("planner")
+    stage.lockstep.run(2.0)
+    stage.lockstep.add(PlannerService(stage.config))
+    with pytest.raises(Refused) as refusal:
+        stage.send(Pose2D(2.0, 3.0, 0.0))
+    assert refusal.value.code == codes.NOT_READY
+    assert "clock" in refusal.value.details["missing"]
+    stage.lockstep.close()
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path, far_side: Pose2D) -> None:
+    def drive(folder) -> list[object]:
+        folder.mkdir()
+        stage = Stage(folder, Flatland(empty_room(), START))
+        stage.send(far_side, via=[Pose2D(3.0, 4.5, 0.0)])
+        stage.lockstep.run(8.0)
+        stage.lockstep.close()
+        return [stage.commands, stage.goals]
+
+    assert drive(tmp_path / "a") == drive(tmp_path / "b")
+
+
+def test_a_robot_that_may_look_round_turns_once_in_place(tmp_path) -> None:
+    stage = Stage(tmp_path, Flatland(empty_room(), START), turn_to_find=True)
+    robot = stage.robot
+    robot.say(mode="ok")
+    robot.pose_state = "lost"
+    plain = robot.world.estimate
+    robot.world.estimate = lambda stamp, state="lost": msgspec.structs.replace(  # type: ignore[method-assign]
+        plain(stamp, state), wants_turn=True
+    )
+    turned, last = 0.0, stage.world.pose.yaw
+    for _ in range(400):
+        stage.lockstep.run(0.05)
+        turned += math.remainder(stage.world.pose.yaw - last, 2.0 * math.pi)
+        last = stage.world.pose.yaw
+    assert turned == pytest.approx(2.0 * math.pi, abs=0.4)
+    assert stage.world.pose.distance_to(START) < 0.01
+    stage.lockstep.close()

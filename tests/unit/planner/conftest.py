@@ -1,0 +1,81 @@
+"""A planner that drives a robot without errors, without any service around."""
+
+from collections.abc import Callable
+
+import pytest
+from support.flatland import MAP_T_ODOM, Flatland
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import BaseState, GoalStatus
+from trolley.messages.asking import SendGoal
+from trolley_planner.navigator import Navigator
+
+STEP_NS = 50_000_000
+
+
+class Ride:
+    """The planner's core in a flatland, step by step: 20 Hz odometry and commands, 10 Hz scans."""
+
+    def __init__(self, world: Flatland, config: PlannerConfig | None = None) -> None:
+        self.world = world
+        self.navigator = Navigator(config or PlannerConfig())
+        self.now_ns = 0
+        self.pose_state = "localized"
+        self.commands: list[Twist2D | None] = []
+        self.statuses: list[GoalStatus] = []
+        senses = self.navigator.senses
+        senses.robot = world.robot()
+        senses.base_T_laser = world.base_T_laser
+        if senses.frame == "map":
+            senses.map, senses.zones = world.map(), world.zone_list()
+        senses.base = BaseState(stamp_ns=0, mode="ok")
+        self.step()
+
+    def step(self, num: int = 1) -> None:
+        """Let 50 ms pass, `num` times."""
+        for _ in range(num):
+            self.now_ns += STEP_NS
+            odometry = self.world.odometry(self.now_ns)
+            senses = self.navigator.senses
+            senses.odometry = odometry
+            if (self.now_ns // STEP_NS) % 2:
+                if senses.frame == "map":
+                    senses.take_correction(self.world.correction(self.now_ns))
+                    senses.pose = self.world.estimate(self.now_ns, self.pose_state)
+                scan = self.world.scan(self.now_ns)
+                self.navigator.take_scan(scan, [odometry], self.now_ns)
+            twist = self.navigator.command(self.now_ns)
+            self.navigator.maintain(self.now_ns)
+            self.commands.append(twist)
+            self.statuses += self.navigator.board.take_changes()
+            self.world.drive(twist or Twist2D.zero(), STEP_NS * 1e-9)
+
+    def send(self, pose: Pose2D, **params: object) -> GoalStatus:
+        """Ask for a goal given in frame `grid`."""
+        asked = SendGoal(pose=self.world.grid.origin @ pose, **params)  # pyright: ignore[reportArgumentType]
+        return self.navigator.send(asked, f"made-{self.now_ns}", self.now_ns)
+
+    def until_over(self, seconds: float = 120.0) -> GoalStatus:
+        """Drive until the goal is over, or for so long."""
+        return self.until(lambda: not self.navigator.board.is_active, seconds)
+
+    def until(self, happened: Callable[[], bool], seconds: float = 60.0) -> GoalStatus:
+        """Drive until something is so."""
+        for _ in range(round(seconds * 1e9 / STEP_NS)):
+            if happened():
+                break
+            self.step()
+        return self.navigator.status(self.now_ns)
+
+
+@pytest.fixture
+def ride() -> Callable[..., Ride]:
+    """Makes a ride of a flatland and a configuration."""
+    return Ride
+
+
+@pytest.fixture
+def map_T_odom() -> Pose2D:
+    """Where the odometry began, on the map."""
+    return MAP_T_ODOM

@@ -1,0 +1,101 @@
+"""Weights, distances and costs of the costmap, kept up to date."""
+
+import math
+
+import numpy as np
+from support.flatland import empty_room, with_block
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import UNKNOWN, GridMap
+from trolley.messages import Zone
+from trolley_planner.costmap import Costmap
+from trolley_planner.echoes import Sweep
+from trolley_planner.footprint import Footprint
+from trolley_planner.kernels.beams import ScanShape
+from trolley_planner.kernels.layers import LETHAL
+
+FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
+
+
+def make(grid: GridMap) -> Costmap:
+    return Costmap(grid, FOOTPRINT, PlannerConfig(), unknown_is_free=False)
+
+
+def scan_at(x: float, y: float, ranges: np.ndarray) -> Sweep:
+    shape = ScanShape(0.0, 2.0 * math.pi / len(ranges), 0.05, 8.0)
+    pose = Pose2D(x, y, 0.2)
+    return Sweep(ranges.astype(np.float32), shape, pose, pose, FOOTPRINT.polygon)
+
+
+def test_updating_what_changed_gives_the_same_as_computing_all() -> None:
+    rng = np.random.default_rng(3)
+    grid = make(with_block(empty_room(), 4.0, 1.0, 0.3, 2.0))
+    for number in range(15):
+        x, y = rng.uniform(0.5, 3.5), rng.uniform(0.5, 5.5)
+        grid.add_scan(scan_at(x, y, rng.uniform(0.3, 5.0, 180)), number * 10**8)
+        grid.refresh()
+        weights, distance = grid.weights.copy(), grid.distance_m.copy()
+        rows, cols = grid.shape
+        grid.echoes.layer.dirty[:] = (0, rows - 1, 0, cols - 1)
+        grid.refresh()
+        np.testing.assert_array_equal(weights, grid.weights)
+        np.testing.assert_allclose(distance, grid.distance_m)
+
+
+def test_costs_are_as_the_wire_says() -> None:
+    cells = empty_room(4.0, 4.0).cells.copy()
+    cells[20:30, 20:30] = UNKNOWN
+    costs = make(GridMap("m", 0.05, Pose2D(0.0, 0.0, 0.0), cells)).costs()
+    assert costs[0, 40] == 100
+    assert costs[4, 60] == 99
+    assert 0 < costs[8, 60] < 99
+    assert costs[8, 60] > costs[10, 60] > costs[14, 60]
+    assert costs[60, 60] == 0
+    # Unknown cells may not be passed here, but that nothing is known of them rules.
+    assert costs.min() == -1 or costs[25, 25] == 100
+
+
+def test_a_beam_makes_unknown_cells_passable() -> None:
+    cells = empty_room(4.0, 4.0).cells.copy()
+    cells[30:50, 40:60] = UNKNOWN
+    grid = make(GridMap("m", 0.05, Pose2D(0.0, 0.0, 0.0), cells))
+    assert grid.weights[40, 50] == LETHAL
+    for number in range(3):
+        grid.add_scan(scan_at(1.0, 2.0, np.full(3600, np.inf)), number)
+    grid.refresh()
+    assert grid.weights[40, 50] != LETHAL
+
+
+def test_maps_of_one_cell_and_of_nothing_known_are_no_trouble() -> None:
+    one = make(GridMap("m", 0.05, Pose2D(0.0, 0.0, 0.0), np.zeros((1, 1), dtype=np.int8)))
+    assert one.costs().shape == (1, 1)
+    unknown = make(GridMap("m", 0.05, Pose2D(0.0, 0.0, 0.0), np.full((20, 20), -1, np.int8)))
+    assert (unknown.weights == LETHAL).all()
+
+
+def test_keep_out_zones_open_for_who_is_inside_only() -> None:
+    grid = make(empty_room())
+    corners = [(2.0, 2.0), (4.0, 2.0), (4.0, 4.0), (2.0, 4.0)]
+    grid.set_zones([Zone(name="z", kind="keepout", points=corners)])
+    assert grid.weights[60, 60] == LETHAL
+    assert [zone.name for zone in grid.keepouts_at(3.0, 3.0)] == ["z"]
+    grid.set_position(3.0, 3.0)
+    assert grid.weights[60, 60] != LETHAL
+    assert grid.leaving is not None
+    grid.set_position(1.0, 1.0)
+    assert grid.weights[60, 60] == LETHAL
+    assert grid.leaving is None
+
+
+def test_the_lowest_speed_of_overlapping_zones_counts() -> None:
+    grid = make(empty_room())
+    grid.set_zones(
+        [
+            Zone(name="a", kind="speed", points=[(1, 1), (3, 1), (3, 3), (1, 3)], speed=0.3),
+            Zone(name="b", kind="speed", points=[(2, 2), (4, 2), (4, 4), (2, 4)], speed=0.1),
+        ]
+    )
+    assert grid.speed_limits[30, 30] == np.float32(0.3)
+    assert grid.speed_limits[50, 50] == np.float32(0.1)
+    assert math.isinf(grid.speed_limits[100, 100])

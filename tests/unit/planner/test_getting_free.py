@@ -1,0 +1,152 @@
+"""What the robot does when it does not get on."""
+
+import math
+
+from support.flatland import Flatland, empty_room, two_rooms, with_block
+
+from trolley import codes
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.progress import ProgressChecker
+from trolley_planner.recovery import LADDER, Recovery
+
+START = Pose2D(1.0, 3.0, 0.0)
+SECOND_NS = 1_000_000_000
+
+
+def two_doors() -> object:
+    """Two rooms with a door in the middle and one at the top, which is a detour."""
+    rooms = two_rooms()
+    cells = rooms.cells.copy()
+    cells[96:114, 79:81] = 0
+    return type(rooms)(rooms.name, rooms.resolution, rooms.origin, cells)
+
+
+def test_a_door_that_is_blocked_for_a_while_is_waited_for(ride) -> None:
+    world = Flatland(two_rooms(), START)
+    world.set_truth(with_block(two_rooms(), 3.9, 2.5, 0.2, 1.0))
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.until(lambda: drive.navigator.board.state == "recovering")
+    status = drive.navigator.status(drive.now_ns)
+    assert status.reason == codes.BLOCKED
+    assert status.blocked
+    assert "wait" in status.message
+    world.set_truth(two_rooms())
+    assert drive.until_over().state == "arrived"
+    assert world.touches == 0
+
+
+def test_a_blocked_way_fails_after_bounded_tries(ride) -> None:
+    world = Flatland(two_rooms(), START)
+    world.set_truth(with_block(two_rooms(), 3.9, 2.5, 0.2, 1.0))
+    drive = ride(world, PlannerConfig(give_up_s=30.0))
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    status = drive.until_over(150.0)
+    assert (status.state, status.reason) == ("failed", codes.BLOCKED)
+    assert status.recoveries >= 4
+    assert status.message
+    assert world.touches == 0
+    drive.step(20)
+    assert world.twist.is_zero
+
+
+def test_the_other_door_is_taken_when_one_stays_blocked(ride) -> None:
+    world = Flatland(two_doors(), START)
+    world.set_truth(with_block(two_doors(), 3.9, 2.5, 0.2, 1.0))
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    assert drive.until_over().state == "arrived"
+    assert world.touches == 0
+
+
+def test_a_goal_beside_something_is_met_within_its_tolerance(ride) -> None:
+    world = Flatland(empty_room(), START)
+    goal = Pose2D(5.0, 3.0, 0.0)
+    world.set_truth(with_block(empty_room(), 5.15, 2.8, 0.3, 0.4))
+    drive = ride(world)
+    drive.send(goal, xy_tolerance=0.2)
+    assert drive.until_over().state == "arrived"
+    assert world.pose.distance_to(goal) <= 0.2
+    assert world.touches == 0
+
+
+def test_a_goal_that_something_stands_on_fails_with_a_reason(ride) -> None:
+    world = Flatland(empty_room(), START)
+    world.set_truth(with_block(empty_room(), 4.8, 2.8, 0.4, 0.4))
+    drive = ride(world, PlannerConfig(give_up_s=30.0))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    status = drive.until_over(200.0)
+    assert (status.state, status.reason) == ("failed", codes.BLOCKED)
+    assert world.touches == 0
+
+
+def test_wheels_that_slip_are_noticed(ride) -> None:
+    class Ice(Flatland):
+        """The wheels turn, the robot stays; the localizer sees that."""
+
+        def drive(self, twist: Twist2D, dt: float) -> None:
+            stays = self.pose
+            super().drive(twist, dt)
+            self.pose = stays
+
+        def correction(self, stamp_ns: int):
+            import msgspec
+
+            true = self.map_T_base @ self.odom_T_base.inverse()
+            return msgspec.structs.replace(super().correction(stamp_ns), pose=true)
+
+    drive = ride(Ice(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.until(lambda: drive.navigator.board.state == "recovering", 30.0)
+    assert drive.navigator.board.reason == codes.SLIP
+
+
+def test_progress_is_getting_nearer_or_turning() -> None:
+    checker = ProgressChecker(PlannerConfig(progress_s=5.0, progress_distance_m=0.2))
+    pose = Pose2D(0.0, 0.0, 0.0)
+    for second in range(20):
+        assert checker.check(second * SECOND_NS, 10.0 - 0.1 * second, pose, pose) is None
+    checker.reset()
+    for second in range(12):
+        turned = Pose2D(0.0, 0.0, 0.2 * second)
+        assert checker.check(second * SECOND_NS, 8.0, turned, turned) is None
+
+
+def test_standing_going_to_and_fro_and_spinning_are_told_apart() -> None:
+    def first_trouble(pose_at, odom_at) -> str | None:
+        checker = ProgressChecker(PlannerConfig(progress_s=5.0))
+        for step in range(2000):
+            time_s = 0.1 * step
+            now_ns = round(time_s * SECOND_NS)
+            found = checker.check(now_ns, 5.0, pose_at(time_s), odom_at(time_s))
+            if found is not None:
+                return found
+        return None
+
+    def stand(_: float) -> Pose2D:
+        return Pose2D(0.0, 0.0, 0.0)
+
+    def sway(time_s: float) -> Pose2D:
+        return Pose2D(0.3 * math.sin(2.0 * time_s), 0.0, 0.0)
+
+    def go(time_s: float) -> Pose2D:
+        return Pose2D(0.2 * time_s, 0.0, 0.0)
+
+    def spin(time_s: float) -> Pose2D:
+        return Pose2D(0.0, 0.0, math.remainder(1.0 * time_s, 2.0 * math.pi))
+
+    assert first_trouble(stand, stand) == codes.BLOCKED
+    assert first_trouble(sway, sway) == codes.OSCILLATION
+    assert first_trouble(stand, go) == codes.SLIP
+    assert first_trouble(spin, spin) == codes.BLOCKED
+
+
+def test_tries_rise_begin_anew_after_progress_and_end() -> None:
+    recovery = Recovery(PlannerConfig(give_up_s=60.0))
+    recovery.note_remaining(5.0)
+    begun = [recovery.begin(second * SECOND_NS) for second in range(6)]
+    assert begun == [*LADDER, LADDER[-1]]
+    recovery.note_remaining(4.0)
+    assert recovery.begin(100 * SECOND_NS) is LADDER[0]
+    assert recovery.begin(161 * SECOND_NS) is None

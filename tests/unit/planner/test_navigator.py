@@ -1,0 +1,405 @@
+"""Goals from being sent to being over."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from support.flatland import Flatland, empty_room, two_rooms, with_block
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, wrap_angle
+from trolley.messages import BaseState, Zone
+from trolley.messages.asking import SendGoal, WhichGoal
+
+MakeRide = Callable[..., "object"]
+START = Pose2D(1.0, 3.0, 0.0)
+
+
+def errors(ride, goal: Pose2D) -> tuple[float, float]:
+    pose = ride.world.pose
+    return pose.distance_to(goal), abs(wrap_angle(pose.yaw - goal.yaw))
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        Pose2D(6.5, 4.5, 2.0),
+        Pose2D(6.5, 1.0, -1.0),
+        Pose2D(1.0, 3.0, 3.0),
+        Pose2D(1.4, 3.0, 0.0),
+        Pose2D(0.8, 3.0, 0.0),
+    ],
+)
+def test_a_goal_is_reached_within_its_tolerances(ride, goal: Pose2D) -> None:
+    drive = ride(Flatland(two_rooms(), START))
+    drive.send(goal)
+    status = drive.until_over()
+    assert (status.state, status.reason) == ("arrived", "")
+    distance, turn = errors(drive, goal)
+    assert distance <= 0.05
+    assert turn <= 0.05
+    assert drive.world.touches == 0
+    assert drive.world.twist.is_zero
+
+
+def test_a_map_may_be_turned_and_fine(ride) -> None:
+    room = empty_room(4.0, 3.0, 0.03, Pose2D(-3.0, 7.0, 1.1))
+    drive = ride(Flatland(with_block(room, 1.8, 0.9, 0.3, 1.2), Pose2D(0.6, 1.5, 1.0)))
+    goal = Pose2D(3.3, 1.5, -2.0)
+    drive.send(goal)
+    assert drive.until_over().state == "arrived"
+    assert errors(drive, goal)[0] <= 0.05
+    assert drive.world.touches == 0
+
+
+def test_it_goes_round_what_is_not_on_the_map(ride) -> None:
+    world = Flatland(two_rooms(), START)
+    world.set_truth(with_block(two_rooms(), 2.2, 2.4, 0.4, 1.0))
+    drive = ride(world)
+    goal = Pose2D(3.3, 3.0, 0.0)
+    drive.send(goal)
+    assert drive.until_over().state == "arrived"
+    assert errors(drive, goal)[0] <= 0.05
+    assert world.touches == 0
+
+
+def test_a_large_robot_passes_a_door_of_80_cm(ride) -> None:
+    corners = [(0.3, 0.25), (-0.3, 0.25), (-0.3, -0.25), (0.3, -0.25)]
+    drive = ride(Flatland(two_rooms(0.8), START, footprint=corners))
+    drive.send(Pose2D(6.5, 4.0, 1.5))
+    assert drive.until_over().state == "arrived"
+    assert drive.world.touches == 0
+
+
+def test_any_heading_will_do_where_that_is_asked(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(3.0, 3.0, 3.0), yaw_tolerance=math.pi)
+    assert drive.until_over().state == "arrived"
+    assert abs(drive.world.pose.yaw) < 0.5
+
+
+def test_via_points_are_passed_without_stopping(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    vias = [Pose2D(2.0, 4.5, 0.0), Pose2D(3.5, 1.5, 0.0)]
+    drive.send(Pose2D(5.0, 3.0, 0.0), via=vias)
+    nearest, slowest = [math.inf, math.inf], [math.inf, math.inf]
+    while drive.navigator.board.is_active:
+        drive.step()
+        for index, via in enumerate(vias):
+            distance = drive.world.pose.distance_to(via)
+            if distance < nearest[index]:
+                nearest[index], slowest[index] = distance, drive.world.twist.vx
+        assert drive.now_ns < 120e9
+    assert drive.navigator.board.state == "arrived"
+    assert max(nearest) <= 0.3
+    assert min(slowest) > 0.1
+
+
+def test_a_new_goal_replaces_the_old_one_and_says_so_first(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0), id="first")
+    drive.step(20)
+    drive.statuses.clear()
+    drive.send(Pose2D(1.0, 1.5, 0.0), id="second")
+    drive.step()
+    told = [(status.id, status.state, status.reason) for status in drive.statuses]
+    assert told[:3] == [
+        ("first", "canceled", codes.REPLACED),
+        ("second", "planning", ""),
+        ("second", "driving", ""),
+    ]
+    assert drive.until_over().id == "second"
+    assert drive.navigator.board.state == "arrived"
+    assert drive.navigator.status_of("first", 0).reason == codes.REPLACED
+
+
+def test_the_same_id_twice_is_one_goal(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0), id="one")
+    drive.step(10)
+    again = drive.send(Pose2D(1.0, 1.0, 0.0), id="one")
+    assert again.pose == drive.world.grid.origin @ Pose2D(5.0, 3.0, 0.0)
+    drive.until_over()
+    assert drive.send(Pose2D(1.0, 1.0, 0.0), id="one").state == "arrived"
+
+
+def test_a_late_cancel_touches_no_newer_goal(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0), id="old")
+    drive.send(Pose2D(3.0, 3.0, 0.0), id="new")
+    with pytest.raises(Refused, match="current"):
+        drive.navigator.cancel(WhichGoal(id="old"), drive.now_ns)
+    assert drive.navigator.board.state == "driving"
+    assert drive.navigator.cancel(WhichGoal(id="new"), drive.now_ns).state == "canceled"
+    with pytest.raises(Refused) as refusal:
+        drive.navigator.cancel(WhichGoal(), drive.now_ns)
+    assert refusal.value.code == codes.NOT_CURRENT
+
+
+def test_only_the_last_32_goals_are_known(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    for number in range(34):
+        drive.send(Pose2D(3.0, 3.0, 0.0), id=f"g-{number}")
+    assert drive.navigator.status_of("g-1", 0) is None
+    assert drive.navigator.status_of("g-2", 0).state == "canceled"
+
+
+def test_a_paused_goal_stands_until_it_is_resumed(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(40)
+    assert drive.navigator.pause(WhichGoal(), drive.now_ns).state == "paused"
+    drive.step(30)
+    assert drive.world.twist.is_zero
+    assert drive.commands[-1] is None
+    assert drive.navigator.resume(WhichGoal(), drive.now_ns).state == "driving"
+    assert drive.until_over().state == "arrived"
+
+
+@pytest.mark.parametrize(
+    ("base", "reason"),
+    [
+        (BaseState(stamp_ns=0, mode="stopped", reason="button"), codes.STOPPED),
+        (BaseState(stamp_ns=0, mode="fault", reason="bumper"), codes.BUMPER),
+        (BaseState(stamp_ns=0, mode="ok", source="teleop"), codes.TAKEN_OVER),
+    ],
+)
+def test_nothing_sets_off_by_itself_after_a_stop_or_a_hand(ride, base, reason) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(40)
+    drive.navigator.take_base(base, drive.now_ns)
+    drive.navigator.take_base(BaseState(stamp_ns=0, mode="ok"), drive.now_ns)
+    drive.step(60)
+    status = drive.navigator.status(drive.now_ns)
+    assert (status.state, status.reason) == ("paused", reason)
+    assert status.message
+    assert drive.world.twist.is_zero
+
+
+def test_a_goal_sent_while_a_hand_falls_silent_is_driven(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    held = BaseState(stamp_ns=0, mode="ok", source="teleop")
+    drive.navigator.take_base(held, drive.now_ns)
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(10)
+    drive.navigator.take_base(held, drive.now_ns)
+    assert drive.navigator.board.state == "driving"
+    drive.step(40)
+    drive.navigator.take_base(held, drive.now_ns)
+    assert drive.navigator.board.reason == codes.TAKEN_OVER
+
+
+def test_a_restart_of_the_base_pauses_the_goal(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(20)
+    drive.navigator.begin_epoch(drive.now_ns)
+    drive.step(20)
+    assert drive.navigator.board.reason == codes.RESTARTED
+    assert drive.world.twist.is_zero
+    drive.navigator.resume(WhichGoal(), drive.now_ns)
+    assert drive.until_over().state == "arrived"
+
+
+@pytest.mark.parametrize("state", ["lost", "searching"])
+def test_it_stands_while_the_pose_is_lost_and_drives_on_after(ride, state: str) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(40)
+    drive.pose_state = state
+    drive.step(8)
+    assert drive.world.twist.is_zero
+    status = drive.navigator.status(drive.now_ns)
+    assert (status.state, status.reason) == ("recovering", codes.LOST)
+    drive.pose_state = "localized"
+    assert drive.until_over().state == "arrived"
+
+
+def test_a_pose_that_stays_lost_fails_the_goal(ride) -> None:
+    drive = ride(Flatland(empty_room(), START), PlannerConfig(give_up_s=5.0))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(20)
+    drive.pose_state = "lost"
+    status = drive.until_over(20.0)
+    assert (status.state, status.reason) == ("failed", codes.LOST)
+
+
+def test_an_unsure_pose_makes_it_slow(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.pose_state = "unsure"
+    drive.step(2)
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(60)
+    speeds = [twist.vx for twist in drive.commands if twist is not None]
+    assert 0.1 < max(speeds) <= 0.15 + 1e-9
+
+
+def test_the_lowest_of_overlapping_speed_zones_holds(ride) -> None:
+    def zone(name: str, left: float, right: float, speed: float) -> Zone:
+        corners = [(left, 0.5), (right, 0.5), (right, 5.5), (left, 5.5)]
+        return Zone(name=name, kind="speed", points=corners, speed=speed)
+
+    zones = [zone("slow", 2.0, 4.0, 0.2), zone("slower", 3.0, 5.0, 0.1)]
+    drive = ride(Flatland(empty_room(), START, zones=zones))
+    drive.send(Pose2D(6.5, 3.0, 0.0))
+    fastest = {"slow": 0.0, "slower": 0.0, "free": 0.0}
+    while drive.navigator.board.is_active:
+        drive.step()
+        x, speed = drive.world.pose.x, drive.world.twist.vx
+        # A little inside, since braking begins at the border at the latest.
+        where = "slow" if 2.15 < x < 2.95 else "slower" if 3.1 < x < 4.95 else "free"
+        fastest[where] = max(fastest[where], speed)
+        assert drive.now_ns < 120e9
+    assert fastest["slow"] <= 0.21
+    assert fastest["slower"] <= 0.11
+    assert fastest["free"] > 0.4
+
+
+def test_the_speed_of_a_goal_holds(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(3.0, 3.0, 0.0), speed=0.2)
+    drive.until_over()
+    assert 0.15 < max(twist.vx for twist in drive.commands if twist) <= 0.2 + 1e-9
+
+
+def test_a_keep_out_zone_is_gone_round_and_only_left(ride) -> None:
+    corners = [(2.0, 2.0), (4.0, 2.0), (4.0, 4.0), (2.0, 4.0)]
+    zone = Zone(name="carpet", kind="keepout", points=corners)
+    drive = ride(Flatland(empty_room(), START, zones=[zone]))
+    with pytest.raises(Refused) as refusal:
+        drive.send(Pose2D(3.0, 3.0, 0.0))
+    assert refusal.value.code == codes.KEEPOUT
+    assert "carpet" in refusal.value.message
+    drive.send(Pose2D(5.5, 3.0, 0.0))
+    while drive.navigator.board.is_active:
+        drive.step()
+        pose = drive.world.pose
+        assert not (2.0 < pose.x < 4.0 and 2.0 < pose.y < 4.0)
+        assert drive.now_ns < 120e9
+    assert drive.navigator.board.state == "arrived"
+
+
+def test_a_robot_inside_a_keep_out_zone_leaves_it(ride) -> None:
+    corners = [(2.0, 2.0), (4.0, 2.0), (4.0, 4.0), (2.0, 4.0)]
+    zone = Zone(name="carpet", kind="keepout", points=corners)
+    drive = ride(Flatland(empty_room(), Pose2D(2.3, 3.0, 0.0), zones=[zone]))
+    drive.send(Pose2D(5.5, 3.0, 0.0))
+    was_out = False
+    while drive.navigator.board.is_active:
+        drive.step()
+        pose = drive.world.pose
+        is_in = 2.0 < pose.x < 4.0 and 2.0 < pose.y < 4.0
+        assert not (was_out and is_in)
+        was_out = was_out or not is_in
+        assert drive.now_ns < 120e9
+    assert drive.navigator.board.state == "arrived"
+
+
+def refused(ride, params: SendGoal) -> Refused:
+    with pytest.raises(Refused) as refusal:
+        ride.navigator.send(params, "x", ride.now_ns)
+    assert ride.navigator.board.state == "idle"
+    return refusal.value
+
+
+def test_goals_that_cannot_be_are_refused(ride) -> None:
+    walled = with_block(empty_room(), 5.0, 0.0, 0.1, 6.0)
+    drive = ride(Flatland(walled, START))
+
+    def code(pose: Pose2D) -> str:
+        return refused(drive, SendGoal(pose=drive.world.grid.origin @ pose)).code
+
+    assert code(Pose2D(5.05, 3.0, 0.0)) == codes.IN_OBSTACLE
+    assert code(Pose2D(4.9, 3.0, 0.0)) == codes.IN_OBSTACLE
+    assert code(Pose2D(20.0, 3.0, 0.0)) == codes.OUTSIDE_MAP
+    assert code(Pose2D(-1e9, 3.0, 0.0)) == codes.OUTSIDE_MAP
+    assert code(Pose2D(6.5, 3.0, 0.0)) == codes.NO_PATH
+    assert refused(drive, SendGoal(pose=START, frame="odom")).code == codes.WRONG_FRAME
+    assert refused(drive, SendGoal(name="kitchen")).code == codes.TOUR_NOT_RUNNING
+
+
+def test_a_goal_without_a_pose_or_with_the_latch_set_is_refused(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    params = SendGoal(pose=Pose2D(3.0, 3.0, 0.0))
+    drive.navigator.senses.base = BaseState(stamp_ns=0, mode="stopped")
+    assert refused(drive, params).code == codes.STOPPED
+    drive.navigator.senses.base = None
+    drive.pose_state = "lost"
+    drive.step(2)
+    assert refused(drive, params).code == codes.NOT_LOCALIZED
+
+
+@pytest.mark.parametrize("missing", ["robot", "tf/laser", "scan", "odom", "map", "zones", "pose"])
+def test_what_is_missing_is_named(ride, missing: str) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    attribute = {"tf/laser": "base_T_laser", "odom": "odometry"}.get(missing, missing)
+    setattr(drive.navigator.senses, attribute, None)
+    refusal = refused(drive, SendGoal(pose=START))
+    assert refusal.code == codes.NOT_READY
+    assert refusal.details == {"missing": [missing]}
+    assert missing in refusal.message
+
+
+def test_a_preview_tells_way_and_time_and_moves_nothing(ride) -> None:
+    drive = ride(Flatland(two_rooms(), START))
+    goal = drive.world.grid.origin @ Pose2D(6.5, 4.5, 1.0)
+    path = drive.navigator.preview(SendGoal(pose=goal), drive.now_ns)
+    poses = np.frombuffer(path.poses, dtype="<f4").reshape(-1, 3)
+    assert path.dt > 0.0
+    eta = (len(poses) - 1) * path.dt
+    assert np.hypot(*(poses[0, :2] - (START.x, START.y))) < 0.05
+    assert np.hypot(*(poses[-1, :2] - (goal.x, goal.y))) < 0.05
+    assert poses[-1, 2] == pytest.approx(1.0, abs=1e-3)
+    drive.step(10)
+    assert drive.navigator.board.state == "idle"
+    assert drive.commands[-1] is None
+    began_ns = drive.now_ns
+    drive.send(Pose2D(6.5, 4.5, 1.0))
+    drive.until_over()
+    assert (drive.now_ns - began_ns) * 1e-9 == pytest.approx(eta, rel=0.3)
+
+
+def test_the_frame_odom_needs_neither_map_nor_pose(ride) -> None:
+    world = Flatland(empty_room(), START)
+    world.set_truth(with_block(world.grid, 2.5, 2.5, 0.5, 1.0))
+    drive = ride(world, PlannerConfig(frame="odom"))
+    assert drive.navigator.senses.missing(has_time=True) == []
+    goal = drive.world.odom_T_base @ Pose2D(4.0, 0.0, 0.0)
+    drive.navigator.send(SendGoal(pose=goal), "x", drive.now_ns)
+    assert drive.until_over().state == "arrived"
+    assert world.odom_T_base.distance_to(goal) <= 0.05
+    assert world.touches == 0
+
+
+def test_another_map_ends_the_goal(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(20)
+    import msgspec
+
+    other = msgspec.structs.replace(drive.world.map(), name="other")
+    drive.navigator.senses.map = other
+    drive.step(4)
+    status = drive.navigator.status(drive.now_ns)
+    assert (status.state, status.reason) == ("failed", codes.WRONG_MAP)
+    assert drive.world.twist.is_zero or drive.commands[-1] is None or drive.commands[-1].is_zero
+
+
+def test_a_jump_of_the_pose_by_metres_breaks_nothing(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(6.5, 3.0, 0.0))
+    drive.step(60)
+    senses = drive.navigator.senses
+    import msgspec
+
+    jumped = msgspec.structs.replace(
+        drive.world.correction(drive.now_ns), pose=Pose2D(3.0, -1.0, 1.5)
+    )
+    senses.take_correction(jumped)
+    drive.navigator.command(drive.now_ns + 1)
+    assert drive.until_over().state == "arrived"
+    assert drive.world.touches == 0
