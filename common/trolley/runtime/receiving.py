@@ -14,7 +14,7 @@ from trolley.runtime.inbox import Inbox
 from trolley.runtime.log import Log
 from trolley.runtime.robot_time import TimeSource
 from trolley.runtime.watch import Watch
-from trolley.topics import Qos, Topic
+from trolley.topics import Kind, Qos, Topic
 
 GET_TIMEOUT_S = 2.0
 
@@ -192,6 +192,9 @@ class Receiver:
     def _take_delete(self, watching: Watching, sample: Sample) -> None:
         topic = watching.watch.topic
         key = unicodedata.normalize("NFC", sample.key)
+        if topic.kind is not Kind.STORED:  # what is measured or said once would be lost for good
+            self._drop(topic, "key", sample.key, "only what is stored can be deleted")
+            return
         if has_wildcard(key) and topic not in (topics.MARKER, topics.OVERLAY):
             if watching.on_delete is not None:  # else somebody else counts it
                 why = "a wildcard delete is allowed for markers and overlays only"

@@ -310,13 +310,14 @@ def test_who_draws_reads_markers_and_sees_them_go(lockstep: Lockstep, listener: 
     assert lockstep.counters("tour") == {}
 
 
-def test_what_does_not_come_by_its_owner_cannot_be_deleted_by_wildcard(
-    lockstep: Lockstep, listener: Listener
-):
+@pytest.mark.parametrize("key", ["tf/*", "tf/laser", "**"])
+def test_a_stream_cannot_be_deleted(lockstep: Lockstep, listener: Listener, key: str):
+    """The mounting of the lidar is said once: whoever forgot it would never hear it again."""
     transforms = listener.watch(topics.TF)
     lockstep.publish(topics.TF, make_transform(1, "laser"), "laser")
-    lockstep.delete("trolley/trolley/tf/*")
+    lockstep.delete(f"trolley/trolley/{key}")
     assert set(transforms.by_parts) == {("laser",)}
+    assert lockstep.counters("localizer")["tf/key"] == 1
 
 
 def test_a_closed_watch_hears_nothing_more(lockstep: Lockstep, listener: Listener):
