@@ -1,18 +1,27 @@
 """The web server behind the viewer: viser, on one address and port, closed to everybody else.
 
-viser binds all interfaces, moves silently to the next port where its own is taken, and lets any
-visitor ask for a public tunnel; none of that is for a program that drives a robot.
+viser binds all interfaces, moves silently to the next port where its own is taken, talks to the
+pages of any site and lets any visitor ask for a public tunnel; none of that is for a program that
+drives a robot.
 """
 
 import contextlib
+import functools
 import io
 import logging
+import re
 import socket
+from collections.abc import Generator
+from typing import Any, cast
 
 import viser
+import websockets.asyncio.server
 
 from trolley.config.viz import VizConfig
 from trolley_viz import camera
+
+OWN_PAGES = re.compile(r"https?://(localhost|127\.\d+\.\d+\.\d+|\[::1\])(:\d+)?")
+"""Origins of pages that this host serves itself, on any port, since ports may be forwarded."""
 
 
 class PortTaken(RuntimeError):
@@ -38,7 +47,7 @@ def open_server(config: VizConfig) -> LocalServer:
     # A probe of the port, or a browser that leaves early, is no error of ours with a traceback.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     # viser prints a banner whatever it is told; what people need to know stands in the log.
-    with contextlib.redirect_stdout(io.StringIO()):
+    with contextlib.redirect_stdout(io.StringIO()), _own_pages_only(config.host):
         server = LocalServer(host=config.host, port=config.port, verbose=False)
     if server.get_port() != config.port:
         close_server(server)
@@ -62,6 +71,27 @@ def close_server(server: viser.ViserServer) -> None:
 def configure_look(server: viser.ViserServer, *, dark: bool) -> None:
     """Set the look of the page, without viser's own buttons."""
     server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+
+
+@contextlib.contextmanager
+def _own_pages_only(host: str) -> Generator[None]:
+    """Refuse the pages of other sites: a browser lets any of them talk to a server on its host.
+
+    viser does not ask where a page comes from, so the check is put under it while it starts. It
+    holds on loopback only; elsewhere the server does not know the names that it is called by.
+    """
+    plain = websockets.asyncio.server.serve
+    if _is_loopback(host):
+        checked = functools.partial(plain, origins=[OWN_PAGES, None])
+        websockets.asyncio.server.serve = cast(Any, checked)
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = plain
+
+
+def _is_loopback(host: str) -> bool:
+    return host == "localhost" or host == "::1" or host.startswith("127.")
 
 
 def _check_port(host: str, port: int) -> None:

@@ -20,6 +20,8 @@ class DrivePanel:
 
     def __init__(self, gui: viser.GuiApi, actions: Actions, pointing: Pointing, post: Post) -> None:
         self._goal: GoalStatus | None = None
+        self._doomed: str | None = None
+        """The place that the next press of Delete deletes."""
         self._go = gui.add_button(
             POINT_GOAL,
             icon=viser.Icon.MAP_PIN,
@@ -56,6 +58,9 @@ class DrivePanel:
         names = sorted(one.name for one in places)
         set_options(self._place, names, NO_PLACES)
         self._go_place.disabled = self._delete.disabled = not names
+        if self._doomed != self._place.value:
+            self._doomed = None
+        self._delete.label = f"Delete {self._doomed}? Press again" if self._doomed else "Delete it"
         self._steer.visible = goal is not None and goal.state in DRIVING
         self._go.label = "Press again to leave" if armed == GO_TO else POINT_GOAL
         self._set.label = "Press again to leave" if armed == SET_POSE else POINT_POSE
@@ -68,7 +73,7 @@ class DrivePanel:
             handler(post, lambda _, action: actions.steer_goal(action, self._goal))
         )
         self._go_place.on_click(handler(post, lambda _, __: actions.go_to_place(self._place.value)))
-        self._delete.on_click(handler(post, lambda _, __: actions.delete_place(self._place.value)))
+        self._delete.on_click(handler(post, lambda _, __: self._delete_chosen(actions)))
         self._save.on_click(
             handler(
                 post,
@@ -77,6 +82,13 @@ class DrivePanel:
                 ),
             )
         )
+
+    def _delete_chosen(self, actions: Actions) -> None:
+        """Delete the chosen place at the second press; another choice in between counts as none."""
+        chosen = self._place.value
+        if self._doomed == chosen:
+            actions.delete_place(chosen)
+        self._doomed = None if self._doomed == chosen else chosen
 
     def _saved(self) -> None:
         """Empty the name after it was used."""
