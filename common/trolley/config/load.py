@@ -63,7 +63,7 @@ def load_config(path: Path) -> RobotConfig:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is no UTF-8 text") from error
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # a number of 5000 digits is a plain ValueError
         raise ConfigError(f"{path}: is no valid TOML: {error}") from error
     if "folder" in plain:
         raise ConfigError(f"{path}: unknown key `folder`")

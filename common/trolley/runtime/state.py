@@ -36,27 +36,23 @@ class StateFolder:
         """The content of `name`, None if there is none.
 
         A file that cannot be read is kept aside as `<name>.broken-<Unix time>` and reported.
+
+        Raises:
+            OSError: It can neither be read nor kept aside, and so may not be written either.
         """
         path = self.path / name
         try:
-            content = path.read_bytes()
+            return msgspec.convert(tomllib.loads(path.read_bytes().decode()), type=kind)
         except FileNotFoundError:
             return None
-        except OSError as error:
-            self._log.error("A state file cannot be read", file=path, why=error.strerror)
-            return None
-        try:
-            return msgspec.convert(tomllib.loads(content.decode()), type=kind)
-        except (
-            tomllib.TOMLDecodeError,
-            msgspec.ValidationError,
-            UnicodeDecodeError,
-            RecursionError,
-        ) as error:
-            aside = path.with_name(f"{path.name}.broken-{int(time.time())}")
+        except (ValueError, msgspec.ValidationError, RecursionError, OSError) as error:
+            aside = _unused(path.with_name(f"{path.name}.broken-{int(time.time())}"))
             path.rename(aside)
             self._log.error(
-                "A state file is broken and was kept aside", file=path, kept=aside, why=str(error)
+                "A state file cannot be read and was kept aside",
+                file=path,
+                kept=aside,
+                why=str(error),
             )
             return None
 
@@ -72,6 +68,15 @@ class StateFolder:
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, tomli_w.dumps(plain).encode())
+
+
+def _unused(path: Path) -> Path:
+    """This path, or the first with a number behind it that does not exist."""
+    found, number = path, 1
+    while found.exists():
+        number += 1
+        found = path.with_name(f"{path.name}-{number}")
+    return found
 
 
 def _without_none(item: Any) -> Any:

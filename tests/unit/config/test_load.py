@@ -1,0 +1,108 @@
+"""`robot.toml`: defaults, what it refuses, and how it says so."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from trolley.config import ConfigError, PoseConfig, find_config, load_config
+
+MINIMAL = '[robot]\nname = "robby"\nfootprint = {radius_m = 0.2}\n'
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "robot.toml"
+    path.write_text(MINIMAL)
+    return path
+
+
+def test_everything_that_can_be_guessed_has_a_default(file: Path):
+    config = load_config(file)
+    assert config.robot.name == "robby"
+    assert config.zenoh.connect == ["tcp/127.0.0.1:7447"]
+    assert config.map.file is None
+    assert config.start.pose is None
+    assert config.planner.frame == "map"
+
+
+def test_paths_count_from_the_file(file: Path, tmp_path: Path):
+    config = load_config(file)
+    assert config.path("maps/home.yaml") == tmp_path / "maps" / "home.yaml"
+    assert config.path("/srv/home.yaml") == Path("/srv/home.yaml")
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ("[planner]\nmax_sped_mps = 1.0", "[planner] unknown key `max_sped_mps`"),
+        ("[plan]\n", "unknown key `plan`"),
+        ("folder = 'x'", "[robot] unknown key `folder`"),
+        ('[planner]\nmax_speed_mps = "fast"', "[planner.max_speed_mps]"),
+        ("[planner]\nmax_speed_mps = -1.0", "[planner.max_speed_mps]"),
+        ("[planner]\nmax_speed_mps = nan", "[planner.max_speed_mps]"),
+        ("[planner]\nmax_speed_mps = inf", "[planner.max_speed_mps]"),
+        ('[planner]\nframe = "base"', "[planner.frame]"),
+        ("[zenoh]\nconnect = []", "[zenoh.connect]"),
+        ("[zenoh]\nconnect = ['127.0.0.1:7447']", "no endpoint"),
+        ("[zenoh]\nuplink = ['tls/home.lan']", "no endpoint"),
+        ("[start]\npose = {x = 1.0, y = 2.0}", "yaw or orientation"),
+        ("[start]\npose = {x = 1.0, y = 2.0, yaw = nan}", "[start"),
+        ("[start]\npose = {x = 1.0, y = 2.0, orientation = [1.0, 0.0, 0.0, 1.0]}", "tilted"),
+        ("[robot]\n", "TOML"),
+        ("a = ", "TOML"),
+        ("a = " + "[" * 100_000, "TOML"),
+        ("a = " + "9" * 5000, "TOML"),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_key(file: Path, more: str, told: str):
+    file.write_text(MINIMAL + more)
+    with pytest.raises(ConfigError) as error:
+        load_config(file)
+    assert str(file) in str(error.value)
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        'name = "Robby"\nfootprint = {radius_m = 0.2}',
+        'name = ""\nfootprint = {radius_m = 0.2}',
+        f'name = "{"r" * 33}"\nfootprint = {{radius_m = 0.2}}',
+        'name = "../r"\nfootprint = {radius_m = 0.2}',
+        'name = "r\\n"\nfootprint = {radius_m = 0.2}',
+        'name = "r"',
+        'name = "r"\nfootprint = {}',
+        'name = "r"\nfootprint = {length_m = 0.4}',
+        'name = "r"\nfootprint = {radius_m = 0.2, length_m = 0.4, width_m = 0.3}',
+        'name = "r"\nfootprint = {radius_m = 0.0}',
+        'name = "r"\nfootprint = {polygon_m = [[0.0, 0.0], [1.0, 0.0]]}',
+        'name = "r"\nfootprint = {radius_m = 0.2}\ndrive = "tank"',
+    ],
+)
+def test_a_robot_that_cannot_be_is_refused(file: Path, robot: str):
+    file.write_text(f"[robot]\n{robot}\n")
+    with pytest.raises(ConfigError, match="robot"):
+        load_config(file)
+
+
+def test_a_file_that_cannot_be_read_says_why(tmp_path: Path):
+    with pytest.raises(ConfigError, match="No such file"):
+        load_config(tmp_path / "absent.toml")
+    with pytest.raises(ConfigError, match="directory"):
+        load_config(tmp_path)
+    (tmp_path / "noise").write_bytes(b"\xff\xfe")
+    with pytest.raises(ConfigError, match="UTF-8"):
+        load_config(tmp_path / "noise")
+
+
+def test_the_file_is_found_where_it_is_named(tmp_path: Path):
+    one, other = tmp_path / "one", tmp_path / "other"
+    assert find_config(one, {"TROLLEY_CONFIG": str(other)}) == one
+    assert find_config(None, {"TROLLEY_CONFIG": str(other)}) == other
+
+
+def test_a_pose_may_be_given_as_a_quaternion():
+    straight = PoseConfig(x=1.0, y=2.0, orientation=(0.0, 0.0, 2.0, 2.0)).as_pose()
+    assert straight.yaw == pytest.approx(math.pi / 2)
+    assert PoseConfig(x=1.0, y=2.0, yaw=3 * math.pi).as_pose().yaw == pytest.approx(math.pi)

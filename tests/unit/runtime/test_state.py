@@ -1,0 +1,123 @@
+"""State files: readable, whole or not at all, never overwritten when broken."""
+
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from trolley.files import write_atomically
+from trolley.messages import SavedPose
+from trolley.runtime.log import Log
+from trolley.runtime.state import StateFolder, state_root
+
+
+class Notes(msgspec.Struct):
+    """Something to keep."""
+
+    name: str
+    number: float = 0.0
+    place: SavedPose | None = None
+    places: list[SavedPose] = []
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> StateFolder:
+    return StateFolder(tmp_path / "robot", Log("test"))
+
+
+def test_what_is_written_is_read(folder: StateFolder):
+    pose = msgspec.convert({"x": 0.1, "y": -2.0, "yaw": 3.0}, SavedPose.__annotations__["pose"])
+    notes = Notes(name="Küche", number=0.1, places=[SavedPose(name="a", pose=pose)])
+    folder.write("notes.toml", notes)
+    assert folder.read("notes.toml", Notes) == notes
+    assert 'name = "Küche"' in (folder.path / "notes.toml").read_text("utf-8")
+    assert [file.name for file in folder.path.iterdir()] == ["notes.toml"]
+    assert stat.S_IMODE((folder.path / "notes.toml").stat().st_mode) == 0o644
+
+
+def test_nothing_is_read_where_nothing_is(folder: StateFolder):
+    assert folder.read("notes.toml", Notes) is None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"name = ", b"\xff\xfe", b'name = "a"\nnumber = "b"', b"number = 1", b"a = " + b"[" * 100_000,
+     b"number = " + b"9" * 5000, b""],
+)  # fmt: skip
+def test_a_broken_file_is_kept_aside(folder: StateFolder, content: bytes):
+    folder.path.mkdir()
+    for _ in range(3):  # within one second, too
+        (folder.path / "notes.toml").write_bytes(content)
+        assert folder.read("notes.toml", Notes) is None
+    kept = list(folder.path.iterdir())
+    assert len(kept) == 3
+    assert all(file.name.startswith("notes.toml.broken-") for file in kept)
+    assert all(file.read_bytes() == content for file in kept)
+
+
+def test_a_file_that_cannot_be_opened_is_kept_aside(folder: StateFolder):
+    (folder.path / "notes.toml" / "inside").mkdir(parents=True)
+    assert folder.read("notes.toml", Notes) is None
+    folder.write("notes.toml", Notes(name="new"))
+    assert len(list(folder.path.iterdir())) == 2
+
+
+def test_a_failed_write_leaves_the_old_content(folder: StateFolder, monkeypatch):
+    folder.write("notes.toml", Notes(name="old"))
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(OSError, match="No space"):
+        folder.write("notes.toml", Notes(name="new"))
+    monkeypatch.undo()
+    assert folder.read("notes.toml", Notes) == Notes(name="old")
+    assert len(list(folder.path.iterdir())) == 1
+
+
+def test_a_kill_in_between_leaves_one_content_whole(tmp_path: Path):
+    """SIGKILL at any moment: the file holds all of one version or all of another."""
+    file = tmp_path / "state"
+    write_atomically(file, b"a" * 200_000)
+    program = (
+        "import sys, pathlib, itertools\n"
+        "from trolley.files import write_atomically\n"
+        "print(flush=True)\n"
+        "for letter in itertools.cycle(b'abcdefgh'):\n"
+        "    write_atomically(pathlib.Path(sys.argv[1]), bytes([letter]) * 200_000)\n"
+    )
+    for i in range(6):
+        with subprocess.Popen(
+            [sys.executable, "-c", program, str(file)], stdout=subprocess.PIPE
+        ) as writer:
+            assert writer.stdout is not None
+            writer.stdout.readline()
+            time.sleep(0.003 + 0.004 * i)
+            writer.kill()
+        content = file.read_bytes()
+        assert len(content) == 200_000
+        assert content == content[:1] * 200_000
+
+
+@pytest.mark.parametrize(
+    ("variables", "expected"),
+    [
+        ({"TROLLEY_STATE": "/a", "STATE_DIRECTORY": "/b"}, "/a"),
+        ({"STATE_DIRECTORY": "/b:/c"}, "/b"),
+        ({"XDG_STATE_HOME": "/x"}, "/x/trolley"),
+        ({"HOME": "/home/me"}, "/home/me/.local/state/trolley"),
+    ],
+)
+def test_the_state_folder_is_named_by_the_environment(
+    monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], expected: str
+):
+    for name in ("TROLLEY_STATE", "STATE_DIRECTORY", "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert state_root() == Path(expected)

@@ -1,0 +1,109 @@
+"""Periods and deadlines, with clocks that the test sets."""
+
+from trolley.runtime.timers import Timers
+
+MS = 1_000_000
+
+
+class Clock:
+    """Local and robot time."""
+
+    def __init__(self, rate: float = 1.0) -> None:
+        self.local_ns = 0
+        self.rate = rate
+        self.epoch = 0
+        self.offset_ns: int | None = 0
+
+    def monotonic_ns(self) -> int:
+        return self.local_ns
+
+    def now(self, monotonic_ns: int) -> int | None:
+        return None if self.offset_ns is None else self.offset_ns + round(self.rate * monotonic_ns)
+
+
+def advance(timers: Timers, clock: Clock, until_ms: int) -> int:
+    """Step as a runtime does, from one thing due to the next; how many steps it took."""
+    steps = 0
+    while clock.local_ns < until_ms * MS:
+        timers.run(clock.monotonic_ns, clock)
+        due_ns = timers.next_due_ns(clock.local_ns, clock)
+        clock.local_ns = min(max(due_ns, clock.local_ns + 1), until_ms * MS)
+        steps += 1
+    timers.run(clock.monotonic_ns, clock)
+    return steps
+
+
+def test_a_slow_method_skips_periods_and_keeps_its_beat():
+    timers, clock, ticks = Timers(), Clock(), list[int]()
+
+    def slow() -> None:
+        ticks.append(clock.local_ns // MS)
+        if len(ticks) == 2:
+            clock.local_ns += 250 * MS  # it takes two periods and a half
+
+    timers.every(0.1, slow, is_local=False)
+    advance(timers, clock, 600)
+    # The one missed last is made up for once; after it the old beat goes on.
+    assert ticks == [0, 100, 350, 400, 500, 600]
+
+
+def test_a_slow_method_does_not_starve_the_others():
+    timers, clock, ticks = Timers(), Clock(), list[int]()
+
+    def hog() -> None:
+        clock.local_ns += 30 * MS
+
+    timers.every(0.01, hog, is_local=True)
+    timers.every(0.1, lambda: ticks.append(clock.local_ns), is_local=True)
+    timers.at(50 * MS, lambda: ticks.append(-1))
+    advance(timers, clock, 1000)
+    assert -1 in ticks
+    assert len(ticks) >= 10
+
+
+def test_deadlines_come_in_order_and_once():
+    timers, clock, done = Timers(), Clock(), list[str]()
+    timers.at(20 * MS, lambda: done.append("later"))
+    timers.at(10 * MS, lambda: done.append("first"))
+    timers.at(10 * MS, lambda: done.append("second"))
+    timers.at(10 * MS, lambda: timers.at(15 * MS, lambda: done.append("nested")))
+    assert timers.next_due_ns(0, clock) == 10 * MS
+    advance(timers, clock, 50)
+    assert done == ["first", "second", "nested", "later"]
+
+
+def test_deadlines_do_not_wait_for_robot_time():
+    timers, clock, done = Timers(), Clock(), list[str]()
+    clock.offset_ns = None
+    timers.every(0.1, lambda: done.append("robot"), is_local=False)
+    timers.at(10 * MS, lambda: done.append("deadline"))
+    advance(timers, clock, 300)
+    assert done == ["deadline"]
+
+
+def test_it_is_not_asked_more_often_than_something_is_due():
+    for rate in (0.1, 0.3, 1.0, 3.0, 7.0):
+        timers, clock, ticks = Timers(), Clock(rate), list[int]()
+        timers.every(0.1, lambda ticks=ticks: ticks.append(1), is_local=False)
+        steps = advance(timers, clock, 10_000)
+        assert len(ticks) == int(100 * rate) + 1
+        assert steps <= len(ticks) + 11  # and once a second
+
+
+def test_a_clock_that_stands_is_not_a_busy_wait():
+    """As a simulation's between two steps."""
+    timers, clock, ticks = Timers(), Clock(), list[int]()
+    clock.rate = 1e-9
+    timers.every(0.1, lambda: ticks.append(1), is_local=False)
+    assert advance(timers, clock, 1000) < 50
+    assert len(ticks) == 1
+
+
+def test_a_clock_that_went_back_ticks_again_at_once():
+    timers, clock, ticks = Timers(), Clock(), list[int]()
+    clock.offset_ns = 10**18
+    timers.every(0.1, lambda: ticks.append(1), is_local=False)
+    advance(timers, clock, 250)
+    clock.offset_ns = 0
+    advance(timers, clock, 500)
+    assert len(ticks) == 6
