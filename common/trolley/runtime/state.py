@@ -35,10 +35,8 @@ class StateFolder:
     def read(self, name: str, kind: type[T]) -> T | None:
         """The content of `name`, None if there is none.
 
-        A file that cannot be read is kept aside as `<name>.broken-<Unix time>` and reported.
-
-        Raises:
-            OSError: It can neither be read nor kept aside, and so may not be written either.
+        A file that cannot be read is kept aside as `<name>.broken-<Unix time>` and reported. Where
+        that fails, the folder cannot be written, so nothing will overwrite it either.
         """
         path = self.path / name
         try:
@@ -46,14 +44,7 @@ class StateFolder:
         except FileNotFoundError:
             return None
         except (ValueError, msgspec.ValidationError, RecursionError, OSError) as error:
-            aside = _unused(path.with_name(f"{path.name}.broken-{int(time.time())}"))
-            path.rename(aside)
-            self._log.error(
-                "A state file cannot be read and was kept aside",
-                file=path,
-                kept=aside,
-                why=str(error),
-            )
+            self._keep_aside(path, str(error))
             return None
 
     def write(self, name: str, value: msgspec.Struct) -> None:
@@ -68,6 +59,22 @@ class StateFolder:
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, tomli_w.dumps(plain).encode())
+
+    def _keep_aside(self, path: Path, why: str) -> None:
+        aside = _unused(path.with_name(f"{path.name}.broken-{int(time.time())}"))
+        try:
+            path.rename(aside)
+        except OSError as error:
+            self._log.error(
+                "A state file can neither be read nor kept aside",
+                file=path,
+                why=why,
+                besides=error.strerror,
+            )
+        else:
+            self._log.error(
+                "A state file cannot be read and was kept aside", file=path, kept=aside, why=why
+            )
 
 
 def _unused(path: Path) -> Path:

@@ -66,6 +66,18 @@ def test_a_file_that_cannot_be_opened_is_kept_aside(folder: StateFolder):
     assert len(list(folder.path.iterdir())) == 2
 
 
+def test_a_file_that_cannot_even_be_kept_aside_stays(folder: StateFolder, monkeypatch):
+    folder.path.mkdir()
+    (folder.path / "notes.toml").write_text("broken")
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    assert folder.read("notes.toml", Notes) is None
+    assert (folder.path / "notes.toml").read_text() == "broken"
+
+
 def test_a_failed_write_leaves_the_old_content(folder: StateFolder, monkeypatch):
     folder.write("notes.toml", Notes(name="old"))
 
