@@ -1,5 +1,7 @@
 """The base service: the hardware or the simulated world, and everything that may move it."""
 
+from collections.abc import Callable
+
 import msgspec
 import numpy as np
 
@@ -20,7 +22,7 @@ from trolley.messages import (
     floats_to_bytes,
 )
 from trolley.messages.asking import Nothing
-from trolley.runtime.service import Service, answers, every, gets, on
+from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_base.description import footprint_of, limits_of, mesh_of, robot_message
 from trolley_base.drivers import ChassisReading, LidarScan
 from trolley_base.echoes import NearEchoes
@@ -51,6 +53,8 @@ STATE_S = 1.0
 TRUTH_S = 0.05
 SAVE_TIME_S = 60.0
 SAVE_WORLD_S = 1.0
+# A stop is answered after this long even where the disk is slower.
+LONGEST_SAVE_NS = 1_000_000_000
 
 
 class BaseService(Service):
@@ -85,6 +89,7 @@ class BaseService(Service):
         self._odometry_beat, self._command_beat = Beat(ODOMETRY_S), Beat(COMMAND_S)
         self._state_beat, self._truth_beat = Beat(STATE_S), Beat(TRUTH_S)
         self._time_beat = Beat(SAVE_TIME_S)
+        self._stops: list[tuple[int, Later[BaseState], BaseState]] = []
 
     def start(self) -> None:
         """Begin a run: the latch, robot time, the hardware."""
@@ -161,24 +166,40 @@ class BaseService(Service):
             )
 
     @answers(requests.BASE_STOP)
-    def latch(self, _: Nothing) -> BaseState:
-        """Stand now and until resumed."""
-        return self._set_latch(is_stopped=True)
+    def latch(self, _: Nothing) -> Later[BaseState]:
+        """Stand now and until resumed; answer when no crash can undo it any more."""
+        later: Later[BaseState] = self.later()
+        state = self._set_latch(is_stopped=True)
+        self._stops.append((self.monotonic_ns + LONGEST_SAVE_NS, later, state))
+        self._save_latch(lambda: later.reply(state))
+        return later
 
     @answers(requests.BASE_RESUME)
     def unlatch(self, _: Nothing) -> BaseState:
         """Let commands that arrive from now on drive again."""
-        return self._set_latch(is_stopped=False)
+        state = self._set_latch(is_stopped=False)
+        self._save_latch()
+        return state
 
     def _set_latch(self, *, is_stopped: bool) -> BaseState:
         if is_stopped != self._is_stopped:
             self.log.info("Stopped" if is_stopped else "Resumed")
         self._is_stopped = is_stopped
         self._governor.forget()
-        self._save(LATCH_FILE, SavedLatch(stopped=is_stopped))
         now_ns = self.stamp_ns
         self._decide(now_ns)
         return self._publish_state(now_ns)
+
+    def _save_latch(self, then: Callable[[], None] = lambda: None) -> None:
+        self._save(LATCH_FILE, SavedLatch(stopped=self._is_stopped), then)
+
+    @every(CLOCK_S, clock="local")
+    def answer_stops(self) -> None:
+        """Answer a stop whose saving takes long: the robot stands all the same."""
+        for until_ns, later, state in self._stops:
+            if self.monotonic_ns >= until_ns:
+                later.reply(state)
+        self._stops = [stop for stop in self._stops if stop[1].is_open]
 
     # Reading.
     def _read_chassis(self) -> None:
@@ -191,6 +212,7 @@ class BaseService(Service):
         self._battery = reading.battery or self._battery
         if codes.BUTTON in reading.alarms and not self._is_stopped:
             self._set_latch(is_stopped=True)
+            self._save_latch()
 
     def _read_lidar(self, now_ns: int) -> None:
         reading = self._hardware.lidar.read()
@@ -351,7 +373,9 @@ class BaseService(Service):
             self._simulated.set_others(outlines)
 
     # Saving.
-    def _save(self, name: str, value: msgspec.Struct) -> None:
+    def _save(
+        self, name: str, value: msgspec.Struct, then: Callable[[], None] = lambda: None
+    ) -> None:
         folder = self.state
 
         def write() -> str | None:
@@ -361,9 +385,10 @@ class BaseService(Service):
                 return f"{folder.path / name}: {error.strerror}"
             return None
 
-        self.work(write, self._note_saved)
+        def written(problem: str | None) -> None:
+            if problem is not None:
+                self.count("state/not_saved")
+                self.log.limited("not_saved", codes.SENTENCES[codes.NOT_SAVED], why=problem)
+            then()
 
-    def _note_saved(self, problem: str | None) -> None:
-        if problem is not None:
-            self.count("state/not_saved")
-            self.log.limited("not_saved", codes.SENTENCES[codes.NOT_SAVED], why=problem)
+        self.work(write, written)

@@ -1,6 +1,8 @@
 """The latch, the stop field and the silences, through the whole service."""
 
 import json
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.geometry import Twist2D
 from trolley.messages import BaseState
+from trolley.runtime.bus import Reply
 
 from .conftest import REAL, MakeRig, Rig
 
@@ -62,6 +65,43 @@ def test_the_latch_outlives_a_restart(rig: Rig) -> None:
     rig.drive(1.0, 0.3)
     assert rig.state.mode == "ok"
     assert rig.truth.twist.vx > 0.2
+
+
+def test_a_stop_is_answered_when_no_crash_can_undo_it(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
+    monkeypatch.setattr(rig.base, "work", lambda fn, then: jobs.append((fn, then)))  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    rig.drive(0.5, 0.3)
+    jobs.clear()
+    replies = ask_to_stop(rig)
+    assert rig.state.mode == "stopped"
+    assert replies == []
+    for fn, then in jobs:
+        then(fn())
+    assert [json.loads(reply.payload)["mode"] for reply in replies] == ["stopped"]
+    rig.restart()
+    rig.run(0.1)
+    assert rig.state.mode == "stopped"
+
+
+def test_a_stop_is_answered_though_the_disk_hangs(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rig.base, "work", lambda fn, then: None)  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    replies = ask_to_stop(rig)
+    rig.run(0.8)
+    assert replies == []
+    rig.run(0.4)
+    assert [json.loads(reply.payload)["mode"] for reply in replies] == ["stopped"]
+
+
+def ask_to_stop(rig: Rig) -> list[Reply]:
+    """Ask, and return where the answers will stand."""
+    replies: list[Reply] = []
+    rig.lockstep.bus.get("trolley/*/@do/base/stop", b"", "", 2.0, replies.append, lambda: None)
+    rig.run(0.02)
+    return replies
 
 
 def test_it_stops_five_centimetres_before_a_wall(rig: Rig) -> None:
