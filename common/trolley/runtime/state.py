@@ -41,7 +41,7 @@ class StateFolder:
         path = self.path / name
         try:
             return msgspec.convert(tomllib.loads(path.read_bytes().decode()), type=kind)
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return None
         except (ValueError, msgspec.ValidationError, RecursionError, OSError) as error:
             self._keep_aside(path, str(error))
