@@ -57,7 +57,7 @@ def _straight_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
     py = points[:, 1, None] - outline[:, 1]
     # p - d t = a + along e, both sides crossed with e, then with d.
     across = twist.vx * edges[:, 1] - twist.vy * edges[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         times = (px * edges[:, 1] - py * edges[:, 0]) / across
         along = (twist.vx * py - twist.vy * px) / across
     meets = (along >= -EDGE_TOLERANCE) & (along <= 1.0 + EDGE_TOLERANCE) & (times >= 0.0)
