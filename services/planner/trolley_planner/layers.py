@@ -7,12 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley.gridmap import OCCUPIED_FROM, UNKNOWN
+from trolley.gridmap import OCCUPIED_FROM, UNKNOWN, distance_transform
 from trolley.messages import Zone
 from trolley_planner.kernels.layers import FREE, WALL
 from trolley_planner.kernels.layers import UNKNOWN as UNKNOWN_KIND
 
 LINE_KINDS = ("mirror", "glass")
+# Before a speed zone the robot slows down so gently [m/s^2], by this much too early [m], since it
+# follows its commands late; farther away than the last the zone does not matter yet [m].
+ZONE_BRAKING_MPS2 = 0.5
+ZONE_EARLY_M = 0.1
+ZONE_REACH_M = 1.2
 
 
 def map_kinds(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
@@ -78,12 +83,21 @@ def polygon_mask(
 def speed_limits(
     shape: tuple[int, int], zones: Sequence[Zone], grid_T_map: Pose2D, resolution_m: float
 ) -> NDArray[np.float32]:
-    """Return the lowest speed limit of each cell (rows, cols) [m/s], +inf where there is none."""
+    """Return the lowest speed limit of each cell (rows, cols) [m/s], +inf where there is none.
+
+    In front of a zone it falls to the zone's speed, so that the robot is slow when it gets there.
+    """
     limits = np.full(shape, np.inf, dtype=np.float32)
     for zone in zones:
         if zone.kind == "speed" and zone.speed is not None:
             mask = polygon_mask(shape, zone_points(zone, grid_T_map), resolution_m)
-            limits[mask] = np.minimum(limits[mask], np.float32(zone.speed))
+            if not mask.any():
+                continue
+            away = distance_transform(mask, resolution_m, ZONE_REACH_M)
+            rest = np.maximum(away - np.float32(ZONE_EARLY_M), np.float32(0.0))
+            before = np.sqrt(zone.speed**2 + 2.0 * ZONE_BRAKING_MPS2 * rest, dtype=np.float32)
+            before[away >= ZONE_REACH_M] = np.inf
+            limits = np.minimum(limits, np.where(mask, np.float32(zone.speed), before))
     return limits
 
 

@@ -99,3 +99,16 @@ def test_the_lowest_speed_of_overlapping_zones_counts() -> None:
     assert grid.speed_limits[30, 30] == np.float32(0.3)
     assert grid.speed_limits[50, 50] == np.float32(0.1)
     assert math.isinf(grid.speed_limits[100, 100])
+
+
+def test_the_limit_falls_before_a_speed_zone() -> None:
+    grid = make(empty_room())
+    corners = [(2.0, 1.0), (3.0, 1.0), (3.0, 3.0), (2.0, 3.0)]
+    grid.set_zones([Zone(name="a", kind="speed", points=corners, speed=0.1)])
+    row = grid.speed_limits[40]
+    assert row[40] == row[39] == np.float32(0.1)
+    assert np.all(np.diff(row[20:40]) <= 0.0)
+    speeds = row[20:40].astype(float)
+    braking = (speeds[:-1] ** 2 - speeds[1:] ** 2) / (2 * 0.05)
+    assert braking.max() < 0.6
+    assert speeds[0] > 0.9
