@@ -205,6 +205,7 @@ class VizService(Service):
             robot=self._robots.robot,
             now_ns=self.monotonic_ns,
             is_away=self.is_away(self._robots.selected),
+            work=self.work,
             preview=self._actions.preview,
         )
 

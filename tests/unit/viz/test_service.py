@@ -50,6 +50,15 @@ def test_robot_and_scan_are_drawn_where_they_are(stage: "Stage") -> None:
     np.testing.assert_allclose(points[:, :2], [[2.6, 0.0], [1.6, -2.0]], atol=1e-6)
 
 
+def test_the_map_is_drawn_once_with_its_walls(stage: "Stage") -> None:
+    stage.browse()
+    floor, walls = stage.layer("map")._nodes
+    assert walls.vertices.max(axis=0)[:2] == pytest.approx([6.0, 0.1])
+    assert floor.position == pytest.approx([-3.0, -2.0, 0.0])
+    stage.runtime.run(2.0)
+    assert stage.layer("map")._nodes == [floor, walls]
+
+
 def test_only_places_of_this_map_are_shown(stage: "Stage") -> None:
     stage.browse()
     assert list(stage.layer("places")._nodes) == ["kitchen"]

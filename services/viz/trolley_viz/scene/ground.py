@@ -1,5 +1,7 @@
 """The map with its walls, and the costmap on it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import viser
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from trolley_viz.camera import Bounds, bounds_of
 from trolley_viz.glb import floor_glb
 from trolley_viz.pictures import costmap_picture, map_picture
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_COSTMAP, Layer, View
-from trolley_viz.shapes import boxes, place, wall_rectangles
+from trolley_viz.shapes import Mesh, boxes, place, wall_rectangles
 
 
 def cells_of(grid: OccupancyGrid) -> NDArray[np.int8]:
@@ -27,6 +29,27 @@ def flat_quaternion(yaw: float) -> tuple[float, float, float, float]:
 
 WALL_SIDE = (44, 50, 62)
 """Darker than on the picture, as the scene is lit."""
+
+
+@dataclass(frozen=True)
+class MapModel:
+    """A map made ready for drawing, in frame `grid`."""
+
+    floor: bytes
+    """The floor as glb."""
+    walls: Mesh | None
+    """The walls, None where there are none or too many."""
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid) -> "MapModel":
+        """Make it; touches nothing but the message."""
+        cells = cells_of(grid)
+        image, factor = map_picture(cells)
+        rectangles = wall_rectangles(cells >= OCCUPIED_FROM)
+        walls = None
+        if rectangles is not None and len(rectangles):
+            walls = boxes(rectangles, grid.resolution, WALL_HEIGHT)
+        return cls(floor_glb(image, *picture_size(grid, factor)), walls)
 
 
 class MapLayer(Layer):
@@ -46,27 +69,35 @@ class MapLayer(Layer):
         world_T_map = None if grid is None else view.placement.world_T(grid.frame)
         if not self.changed(grid, world_T_map):
             return
+        self._clear()
+        if grid is None or world_T_map is None or grid.width * grid.height == 0:
+            return
+        # A large map takes about a second, and Stop must not wait for it.
+        inputs, world_T_grid = self._drawn, world_T_map @ grid.origin
+
+        def show(model: MapModel) -> None:
+            if self._drawn is inputs:  # no other map came meanwhile
+                self._show(model, world_T_grid)
+
+        view.work(lambda: MapModel.of(grid), show)
+
+    def _clear(self) -> None:
         for node in self._nodes:
             node.remove()
         self._nodes.clear()
-        if grid is None or world_T_map is None or grid.width * grid.height == 0:
-            return
-        cells, world_T_grid = cells_of(grid), world_T_map @ grid.origin
-        image, factor = map_picture(cells)
-        floor = floor_glb(image, *picture_size(grid, factor))
+
+    def _show(self, model: MapModel, world_T_grid: Pose2D) -> None:
+        self._clear()
         with self.server.atomic():
             self._nodes.append(
                 self.scene.add_glb(
-                    self.path("floor"), floor, cast_shadow=False, receive_shadow=False
+                    self.path("floor"), model.floor, cast_shadow=False, receive_shadow=False
                 )
             )
-            rectangles = wall_rectangles(cells >= OCCUPIED_FROM)
-            if rectangles is not None and len(rectangles):
-                vertices, faces = boxes(rectangles, grid.resolution, WALL_HEIGHT)
+            if model.walls is not None:
                 walls = self.scene.add_mesh_simple(
                     self.path("walls"),
-                    vertices,
-                    faces,
+                    *model.walls,
                     color=WALL_SIDE,
                     flat_shading=True,
                     side="double",

@@ -1,6 +1,6 @@
 """The base of all layers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -36,6 +36,8 @@ class View:
     """Local monotonic time [ns]."""
     is_away: bool
     """The robot's clock is silent."""
+    work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
+    """Runs a slow function aside, then calls the second one with its result."""
     preview: Path | None = None
     """The way to where somebody points just now."""
 
@@ -88,7 +90,8 @@ class Layer:
     def changed(self, *inputs: Any) -> bool:
         """Whether the inputs differ from those of the last call; messages count by identity."""
         same = len(inputs) == len(self._drawn) and all(map(_same, inputs, self._drawn))
-        self._drawn = inputs
+        if not same:
+            self._drawn = inputs
         return not same
 
     def path(self, name: str) -> str:
