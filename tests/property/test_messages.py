@@ -78,8 +78,9 @@ def test_noise_is_refused(
     decodes_or_refuses(kind, payload, encoding, strictly=strictly)
 
 
+MSGPACK_INTEGERS = st.integers(-(2**63), 2**64 - 1)
 JSON_VALUES = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text()),
+    st.one_of(st.none(), st.booleans(), MSGPACK_INTEGERS, st.floats(), st.text()),
     lambda inner: st.one_of(st.lists(inner), st.dictionaries(st.text(), inner)),
     max_leaves=8,
 )
