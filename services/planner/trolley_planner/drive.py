@@ -10,11 +10,12 @@ from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.approach import START_M, Approach, Tolerances, limited_change
-from trolley_planner.closing import SIGHT_M, ClosingWatch
+from trolley_planner.closing import ClosingWatch
 from trolley_planner.controller import Motion, safe_command
 from trolley_planner.escape import BackUp, TurnRound
 from trolley_planner.goal import Goal, free_pose_near
 from trolley_planner.kernels.rollout import Limits, Target, allowed_speed
+from trolley_planner.movers import MoverWatch
 from trolley_planner.path import PlannedPath
 from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import Recovery, Trail, Try
@@ -83,7 +84,8 @@ class Drive:
         self._progress = ProgressChecker(config)
         self._approach: Approach | None = None
         self._trail = Trail()
-        self._closing = ClosingWatch()
+        self._movers = MoverWatch()
+        self._closing = ClosingWatch(rig.footprint.circumscribed_m)
         self._maneuver: BackUp | TurnRound | None = None
         self._no_way_s = 0.0
         self._has_way = True
@@ -107,6 +109,7 @@ class Drive:
     def replan(self) -> None:
         """Plan anew at the next opportunity, as after a jump of the pose."""
         self._replan_now = True
+        self._movers.reset()
 
     def seconds_left(self, pose: Pose2D, limits: Limits) -> float:
         """Return how long the way that is left will take [s]."""
@@ -127,9 +130,7 @@ class Drive:
         """Take in a new scan: distances in the window, and the way through it."""
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y)
-        radius = self.rig.footprint.circumscribed_m
-        own = abs(motion.twist.vx) + radius * abs(motion.twist.wz)
-        self._closing.note(now_ns, self.rig.seen_clearance(pose, SIGHT_M), own)
+        self._watch_movers(motion, now_ns)
         self.route.follow(pose)
         self._adjust_aim(pose)
         stretch = self.route.stretch(1.5 * self.rig.half_m)
@@ -138,6 +139,15 @@ class Drive:
         self._has_way = window.lead(
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
+
+    def _watch_movers(self, motion: Motion, now_ns: int) -> None:
+        """Look for who moves, and whether they come into the robot's way."""
+        costmap = self.rig.costmap
+        movers = self._movers.look(
+            now_ns, costmap.echoes.beams, costmap.wall_distance_m, costmap.resolution_m
+        )
+        braking = 1.5 * self._config.acceleration_mps2
+        self._closing.note(now_ns, movers, motion.pose, motion.twist, braking)
 
     def maintain(self, now: Situation) -> None:
         """Do what takes longer and need not come before the command: look for a better path."""
@@ -150,9 +160,17 @@ class Drive:
     def command(self, now: Situation) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
         self.route.follow(now.motion.pose)
+        driven = self._drive_on(now)
         if self._closing.must_stand(now.now_ns):
+            # What was wanted is dropped, but its time runs: who never gets on must give up.
             self.rig.controller.reset()
-            return Twist2D.zero()
+            driven = Twist2D.zero()
+        if self._maneuver is not None:
+            self._maneuver.note(driven, now.elapsed_s)
+        return driven
+
+    def _drive_on(self, now: Situation) -> Twist2D:
+        """Return the velocity to drive now, whoever walks about."""
         if self.recovery.current is not None:
             return self._get_free(now)
         self._trail.drop(now.odom_T_base)
@@ -343,10 +361,7 @@ class Drive:
             self._end_try()
             wanted = Twist2D.zero()
         wanted = limited_change(now.motion.twist, wanted, now.limits, now.elapsed_s)
-        driven = safe_command(now.motion, wanted, self.rig.window, now.limits)
-        if self._maneuver is not None:
-            self._maneuver.note(driven, now.elapsed_s)
-        return driven
+        return safe_command(now.motion, wanted, self.rig.window, now.limits)
 
     def _end_try(self) -> None:
         self.recovery.end()

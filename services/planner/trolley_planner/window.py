@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
-from trolley_planner.closing import SIGHT_M
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
@@ -70,7 +69,7 @@ class Window:
             TABLE_STEP_M,
             WEIGHT_UNIT,
         )
-        needed = footprint.circumscribed_m + max(config.caution_distance_m, SIGHT_M) + 0.1
+        needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
         self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
         self._x = self._y = 0.0
         self._robot_cell = 0

@@ -1,0 +1,161 @@
+"""Finds who moves: parts of a scan that stand where beams passed a moment ago.
+
+Everything is in frame `grid` [m]. What merely comes into sight is no mover: nothing had been seen
+to be free there.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_planner.kernels.beams import CLEAR, DX, DY, ECHO, X, Y
+
+SIGHT_M = 3.5
+"""Movers are looked for this near to the lidar,"""
+WALL_M = 0.12
+"""not in what lies this near to a wall of the map,"""
+GAP_M = 0.3
+"""and parts of the scan are one thing up to this gap, as two legs are,"""
+LARGEST_M = 1.0
+"""if they are not larger than this together."""
+PAST_M = 0.15
+"""A beam that went on this far behind a place saw that it was free,"""
+BESIDE_RAD = 0.025
+"""if those so far to both sides did so, too: edges of things jump from scan to scan."""
+LEAST_AGO_S, MOST_AGO_S = 0.08, 0.45
+"""How old the scans may be that the newest one is compared with."""
+SLOWEST_MPS, FASTEST_MPS = 0.25, 2.5
+"""Slower is noise, and faster two different things."""
+LEAST_POINTS, LEAST_SHARE = 2, 0.2
+"""So many points of a thing, and such a share, must stand where it was free."""
+
+Floats = NDArray[np.float64]
+
+
+class Mover(NamedTuple):
+    """Something that moves."""
+
+    points: Floats
+    """(n, 2) where the lidar sees it [m]."""
+    velocity: Floats
+    """(2,) [m/s]."""
+
+
+class _View(NamedTuple):
+    """What is kept of a scan."""
+
+    stamp_ns: int
+    origin: Floats
+    """(2,) middle place of the lidar [m]."""
+    angles: Floats
+    """(n,) of the beams, rising [rad]."""
+    clear_m: Floats
+    """(n,) how far all beams about each saw that it was free."""
+    things: list[Floats]
+    """(k, 2) points of each thing that is not on the map."""
+
+
+class MoverWatch:
+    """Compares each scan with those of the last tenths of a second."""
+
+    def __init__(self) -> None:
+        self._views: deque[_View] = deque(maxlen=8)
+
+    def reset(self) -> None:
+        """Forget all scans, as after a jump of the pose."""
+        self._views.clear()
+
+    def look(
+        self, stamp_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+    ) -> list[Mover]:
+        """Return what moves.
+
+        Args:
+            stamp_ns: robot time.
+            beams: (n, 6) the newest scan, cut at mirrors and walls (columns: kernels.beams).
+            wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
+            edge_m: edge of these cells.
+        """
+        if len(beams) < 2 or (self._views and stamp_ns <= self._views[-1].stamp_ns):
+            return []
+        view = _view_of(stamp_ns, beams, wall_distance_m, edge_m)
+        earlier = [one for one in self._views if _is_comparable(one, stamp_ns)]
+        self._views.append(view)
+        found = [_mover(thing, stamp_ns, earlier) for thing in view.things]
+        return [mover for mover in found if mover is not None]
+
+
+def _is_comparable(view: _View, stamp_ns: int) -> bool:
+    return LEAST_AGO_S <= (stamp_ns - view.stamp_ns) * 1e-9 <= MOST_AGO_S
+
+
+def _view_of(
+    stamp_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+) -> _View:
+    """Return what is kept of a scan."""
+    angles = np.unwrap(np.arctan2(beams[:, DY], beams[:, DX]))
+    width = max(1, round(BESIDE_RAD * (len(beams) - 1) / max(float(angles[-1] - angles[0]), 1e-3)))
+    padded = np.pad(beams[:, CLEAR], width, mode="edge")
+    clear_m = np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1).min(axis=1)
+    echo = beams[:, ECHO]
+    seen = beams[(echo > 0.0) & (echo < SIGHT_M)]
+    points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
+    cells = np.floor(points / edge_m).astype(np.int64)
+    rows, cols = wall_distance_m.shape
+    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < cols) & (cells[:, 1] < rows)
+    points, cells = points[inside], cells[inside]
+    loose = points[wall_distance_m[cells[:, 1], cells[:, 0]] > WALL_M]
+    origin = beams[:, [X, Y]].mean(axis=0)
+    return _View(stamp_ns, origin, angles, clear_m, _things(loose))
+
+
+def _things(points: Floats) -> list[Floats]:
+    """Return points (n, 2) in the order of the beams as things (k, 2) of a person's size."""
+    if len(points) < LEAST_POINTS:
+        return []
+    gaps = np.hypot(*np.diff(points, axis=0).T)
+    things = np.split(points, np.flatnonzero(gaps > GAP_M) + 1)
+    # The scan begins and ends in the middle of something.
+    if len(things) > 1 and math.dist(things[0][0], things[-1][-1]) <= GAP_M:
+        things[0] = np.concatenate([things.pop(), things[0]])
+    return [thing for thing in things if _size(thing) <= LARGEST_M]
+
+
+def _size(points: Floats) -> float:
+    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
+
+
+def _mover(thing: Floats, stamp_ns: int, earlier: list[_View]) -> Mover | None:
+    """Return a thing with its velocity; None if it stands, or may have been hidden before.
+
+    Args:
+        thing: (n, 2) as it is seen now.
+        stamp_ns: of now.
+        earlier: scans to compare with, oldest first: the longer ago, the less noise matters.
+    """
+    centre = thing.mean(axis=0)
+    for view in earlier:
+        arrived = int(np.count_nonzero(_was_free(view, thing)))
+        if arrived < max(LEAST_POINTS, LEAST_SHARE * len(thing)) or not view.things:
+            continue
+        ways = np.array([centre - other.mean(axis=0) for other in view.things])
+        way = ways[np.argmin(np.hypot(ways[:, 0], ways[:, 1]))]
+        velocity = way / ((stamp_ns - view.stamp_ns) * 1e-9)
+        speed = float(np.hypot(*velocity))
+        if speed <= FASTEST_MPS:
+            return Mover(thing, velocity) if speed >= SLOWEST_MPS else None
+    return None
+
+
+def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:
+    """Say of points (n, 2) whether beams of an earlier scan passed there."""
+    offset = points - view.origin
+    turned = (np.arctan2(offset[:, 1], offset[:, 0]) - view.angles[0]) % (2.0 * math.pi)
+    after = np.asarray(np.searchsorted(view.angles - view.angles[0], turned), dtype=np.int64)
+    last = len(view.angles) - 1
+    clear_m = np.minimum(view.clear_m[np.minimum(after, last)], view.clear_m[after - 1])
+    seen = (after > 0) & (after <= last) | (turned > 2.0 * math.pi - BESIDE_RAD)
+    return seen & (clear_m > np.hypot(offset[:, 0], offset[:, 1]) + PAST_M)

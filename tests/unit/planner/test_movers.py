@@ -1,0 +1,144 @@
+"""What moves in the scans, and standing before it is in the way."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.flatland import Flatland, empty_room, with_block
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley.gridmap import GridMap
+from trolley_planner.closing import HOLD_S, ClosingWatch
+from trolley_planner.drive import Drive
+from trolley_planner.movers import Mover, MoverWatch
+
+STEP_S = 0.05
+HERE = Pose2D(0.0, 0.0, 0.0)
+STANDING = Twist2D.zero()
+DRIVING = Twist2D(0.5, 0.0, 0.0)
+
+
+def mover(x: float, y: float, vx: float, vy: float) -> list[Mover]:
+    """One thing of 0.2 m."""
+    points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])
+    return [Mover(points, np.array([vx, vy]))]
+
+
+def must_stand(movers: list[Mover], twist: Twist2D) -> bool:
+    watch = ClosingWatch(0.2)
+    watch.note(0, movers, HERE, twist, 0.9)
+    assert not watch.must_stand(round(HOLD_S * 1e9))
+    return watch.must_stand(round(0.9 * HOLD_S * 1e9))
+
+
+@pytest.mark.parametrize(
+    ("movers", "twist"),
+    [
+        (mover(1.3, 0.0, -1.0, 0.0), DRIVING),
+        (mover(0.4, 1.0, 0.0, -1.0), DRIVING),
+        (mover(0.4, -1.0, 0.0, 1.0), DRIVING),
+        (mover(-0.8, 0.0, 1.2, 0.0), STANDING),
+    ],
+)
+def test_stands_before_it_meets_anybody(movers: list[Mover], twist: Twist2D) -> None:
+    assert must_stand(movers, twist)
+
+
+@pytest.mark.parametrize(
+    ("movers", "twist"),
+    [
+        ([], DRIVING),
+        (mover(1.3, 0.0, 1.0, 0.0), DRIVING),
+        (mover(0.4, 1.0, 0.0, 1.0), DRIVING),
+        (mover(3.0, 1.5, -1.0, 0.0), DRIVING),
+        (mover(-1.0, 0.0, 0.3, 0.0), DRIVING),
+        (mover(1.6, 1.0, 0.0, -1.0), STANDING),
+    ],
+)
+def test_drives_on_where_ways_do_not_meet(movers: list[Mover], twist: Twist2D) -> None:
+    assert not must_stand(movers, twist)
+
+
+class Watched:
+    """Keeps what a drive takes for moving."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.movers: list[Mover] = []
+        look = MoverWatch.look
+
+        def keep(
+            watch: MoverWatch,
+            stamp_ns: int,
+            beams: NDArray[np.float64],
+            wall_distance_m: NDArray[np.float32],
+            edge_m: float,
+        ) -> list[Mover]:
+            found = look(watch, stamp_ns, beams, wall_distance_m, edge_m)
+            self.movers += found
+            return found
+
+        monkeypatch.setattr(MoverWatch, "look", keep)
+
+
+def test_what_stands_does_not_move_when_it_comes_into_sight(
+    ride, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = Watched(monkeypatch)
+    room = with_block(empty_room(), 3.0, 1.5, 0.2, 1.6)
+    world = Flatland(room, Pose2D(1.0, 2.0, 0.0))
+    # Hidden behind the block at first.
+    world.set_truth(with_block(with_block(room, 4.5, 1.8, 0.3, 0.3), 2.0, 4.0, 0.2, 0.2))
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 2.0, 0.0))
+    assert drive.until_over().state == "arrived"
+    assert not watched.movers
+
+
+def with_person(room: GridMap, x: float, y: float) -> GridMap:
+    return with_block(room, x - 0.15, y - 0.15, 0.3, 0.3)
+
+
+@pytest.mark.parametrize("speed", [0.8, 1.2])
+@pytest.mark.parametrize("late_s", [2.2, 3.4])
+def test_who_runs_across_the_way_finds_the_robot_standing(
+    ride, speed: float, late_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = Watched(monkeypatch)
+    room = empty_room()
+    world = Flatland(room, Pose2D(1.0, 3.0, 0.0))
+    drive = ride(world)
+    drive.send(Pose2D(6.5, 3.0, 0.0))
+    # The way of the person crosses the robot's where the robot would be then.
+    x, start_y = 1.0 + 0.45 * late_s, 3.0 - speed * late_s
+    fastest = 0.0
+    for step in range(round(2.0 * late_s / STEP_S)):
+        y = start_y + speed * step * STEP_S
+        if y > 0.3:
+            world.set_truth(with_person(room, x, y))
+        drive.step()
+        body = world.pose
+        gap = math.hypot(body.x - x, body.y - y)
+        if gap < 0.35:
+            fastest = max(fastest, abs(world.twist.vx))
+    assert watched.movers
+    assert world.touches == 0
+    assert fastest <= 0.02
+    world.set_truth(room)
+    assert drive.until_over().state == "arrived"
+
+
+def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
+    ride, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def always(watch: ClosingWatch, now_ns: int) -> bool:
+        return True
+
+    monkeypatch.setattr(ClosingWatch, "must_stand", always)
+    drive = ride(Flatland(empty_room(), Pose2D(1.0, 3.0, 0.0)), PlannerConfig(give_up_s=20.0))
+    drive.send(Pose2D(6.5, 3.0, 0.0))
+    assert isinstance(drive.navigator.drive, Drive)
+    status = drive.until_over(120.0)
+    assert status.state == "failed"
+    assert status.reason
