@@ -57,7 +57,6 @@ class MapLayer(Layer):
 
     key, title = "map", "Map"
     needs = (topics.MAP,)
-    period_s = 0.5
 
     def __init__(self, server: viser.ViserServer) -> None:
         super().__init__(server)

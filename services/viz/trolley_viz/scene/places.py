@@ -75,7 +75,6 @@ class ZoneLayer(Layer):
 
     key, title = "zones", "Zones"
     needs = (topics.ZONES, topics.SUSPECTS)
-    period_s = 0.5
 
     def __init__(self, server: viser.ViserServer) -> None:
         super().__init__(server)
