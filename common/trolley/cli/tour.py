@@ -183,12 +183,11 @@ def trip_history(since: str | None, limit: int, as_json: bool) -> None:
         click.echo("There was no trip yet.")
     else:
         print_table(
-            ("STARTED", "TOUR", "STATE", "TOOK", "REACHED", "REASON"), list(map(_row, trips))
+            ("STARTED", "TOUR", "STATE", "TOOK", "STOPS REACHED", "REASON"), list(map(_row, trips))
         )
 
 
 def _row(trip: PastTrip) -> tuple[str, ...]:
     reached = sum(result.state == "reached" for result in trip.results)
     took = seconds_text(trip.seconds)
-    counts = f"{reached} of {len(trip.results)}"
-    return trip.started_at or "?", trip.name or "-", trip.state, took, counts, trip.message
+    return trip.started_at or "?", trip.name or "-", trip.state, took, str(reached), trip.message

@@ -80,4 +80,6 @@ def _readable(problem: str) -> str:
     text = text.replace("Object contains unknown field", "unknown key").replace(
         "Object missing required field", "missing key"
     )
+    if key == "robot.name" and "regex" in text:
+        text = "a robot's name has 1 to 32 characters of a-z, 0-9, _ and -"
     return f"[{key}] {text}" if key else text
