@@ -100,27 +100,31 @@ def with_person(room: GridMap, x: float, y: float) -> GridMap:
     return with_block(room, x - 0.15, y - 0.15, 0.3, 0.3)
 
 
-@pytest.mark.parametrize("speed", [0.8, 1.2])
-@pytest.mark.parametrize("late_s", [2.2, 3.4])
-def test_who_runs_across_the_way_finds_the_robot_standing(
-    ride, speed: float, late_s: float, monkeypatch: pytest.MonkeyPatch
+def corridor(door_x: float) -> GridMap:
+    """A corridor of 1 m along y = 3 with a wide opening to the left at `door_x`."""
+    below = with_block(empty_room(), 0.1, 0.1, 6.0, 2.4)
+    before = with_block(below, 0.1, 3.5, door_x - 0.6, 0.3)
+    return with_block(before, door_x + 0.5, 3.5, 5.5 - door_x, 0.3)
+
+
+@pytest.mark.parametrize("speed", [1.0, 1.4])
+def test_who_runs_out_of_a_door_finds_the_robot_standing(
+    ride, speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watched = Watched(monkeypatch)
-    room = empty_room()
+    door_x, late_s = 2.2, 3.3
+    room = corridor(door_x)
     world = Flatland(room, Pose2D(1.0, 3.0, 0.0))
     drive = ride(world)
-    drive.send(Pose2D(6.5, 3.0, 0.0))
-    # The way of the person crosses the robot's where the robot would be then.
-    x, start_y = 1.0 + 0.45 * late_s, 3.0 - speed * late_s
+    drive.send(Pose2D(5.5, 3.0, 0.0))
     fastest = 0.0
-    for step in range(round(2.0 * late_s / STEP_S)):
-        y = start_y + speed * step * STEP_S
-        if y > 0.3:
-            world.set_truth(with_person(room, x, y))
+    # All the time the walls are nearer than the person, who comes when the robot would be there.
+    for step in range(round((late_s + 1.5) / STEP_S)):
+        y = max(3.0 + speed * (late_s - step * STEP_S), 2.7)
+        if y < 5.5:
+            world.set_truth(with_person(room, door_x, y))
         drive.step()
-        body = world.pose
-        gap = math.hypot(body.x - x, body.y - y)
-        if gap < 0.35:
+        if math.hypot(world.pose.x - door_x, world.pose.y - y) < 0.35:
             fastest = max(fastest, abs(world.twist.vx))
     assert watched.movers
     assert world.touches == 0
