@@ -56,7 +56,7 @@ class Walker:
 
     def circles(self) -> NDArray[np.float64]:
         """Return what is solid of this person, (circles, 3) x, y, radius [m] in `map`."""
-        return self._circles_at(self._leg, self._along, self._direction)
+        return self._circles_at(self._leg, self._along)
 
     def step(self, dt: float, outline: NDArray[np.float64]) -> Walk:
         """Walk on for `dt` seconds, unless the robot is in the way.
@@ -71,7 +71,7 @@ class Walker:
             self._pause_s -= dt
             return Walk.FREE
         wanted = self._ahead(self._person.speed_mps * dt)
-        gap = _gap(self._circles_at(*wanted[:3]), outline)
+        gap = _gap(self._circles_at(*wanted[:2]), outline)
         keep = max(self._person.stops_for_robot_m, TOUCH_M)
         if gap < keep and gap < _gap(self.circles(), outline):
             self._held_s += dt
@@ -110,7 +110,7 @@ class Walker:
             return leg, min(max(along, 0.0), self._lengths[leg]), -direction, True
         return following, 0.0 if direction > 0 else self._lengths[following], direction, True
 
-    def _circles_at(self, leg: int, along: float, direction: int) -> NDArray[np.float64]:
+    def _circles_at(self, leg: int, along: float) -> NDArray[np.float64]:
         start, ux, uy = self._path[leg], 1.0, 0.0
         if self._lengths:
             end = self._path[(leg + 1) % len(self._path)]
@@ -120,7 +120,8 @@ class Walker:
         radius = self._person.radius_m
         if not self._person.legs:
             return np.array([[x, y, radius]])
-        swing = LEG_SWING * radius * math.sin(2.0 * math.pi * along / STRIDE_M) * direction
+        # By the place alone: legs that changed over when somebody turns could land in the robot.
+        swing = LEG_SWING * radius * math.sin(2.0 * math.pi * along / STRIDE_M)
         side = LEG_SIDE * radius
         return np.array(
             [

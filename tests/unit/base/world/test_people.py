@@ -67,3 +67,25 @@ def test_legs_stay_within_reach_of_the_body() -> None:
         legs = walker.circles()
         assert legs.shape == (2, 3)
         assert math.dist(legs[0, :2], legs[1, :2]) <= 2 * math.hypot(0.1, 0.15) + 1e-9
+
+
+def test_legs_stay_in_place_when_somebody_turns_round() -> None:
+    person = Person(
+        path=[(0.0, 0.0), (2.0, 0.0)],
+        starts_s=0.0,
+        legs=True,
+        stops_for_robot_m=0.0,
+        patience_s=1.0,
+    )
+    # In the way where the legs are farthest apart.
+    robot = np.array([[1.05, -0.2], [1.4, -0.2], [1.4, 0.2], [1.05, 0.2]])
+    walker = Walker(person, np.random.default_rng(0))
+    before = walker.circles()
+    furthest = 0.0
+    for _ in range(500):
+        walker.step(0.01, robot)
+        furthest = max(furthest, float(np.hypot(*(walker.circles() - before)[:, :2].T).max()))
+        before = walker.circles()
+    assert before[:, 0].max() < 1.0, "the person went back"
+    # A leg that swings ahead is up to twice as fast as its owner.
+    assert furthest < 2.0 * 0.01 * person.speed_mps
