@@ -12,10 +12,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from trolley_base.service import BaseService
-from trolley_localizer.service import LocalizerService
-from trolley_planner.service import PlannerService
-from trolley_tour.service import TourService
 
 from trolley import codes, requests, topics
 from trolley.config import RobotConfig, load_config
@@ -24,6 +20,10 @@ from trolley.messages import PoseEstimate, StopResult, Tour, TourStatus, Truth
 from trolley.messages.asking import Named, StartTour
 from trolley.messages.touring import Stop
 from trolley.runtime.lockstep import Lockstep
+from trolley_base.service import BaseService
+from trolley_localizer.service import LocalizerService
+from trolley_planner.service import PlannerService
+from trolley_tour.service import TourService
 
 WORLDS = Path(__file__).parents[1] / "worlds"
 CORRIDOR = Pose2D(5.315, 1.366, 2.0 * math.atan2(-0.49845, 0.86692))
@@ -85,7 +85,7 @@ def make_config(map_file: Path, start: Pose2D, rest: str = "") -> RobotConfig:
 
 def simulated(world: Path, map_file: Path, start: Pose2D, seed: int) -> RobotConfig:
     """A simulated robot in `world`."""
-    rest = f'[base]\ndriver = "simulated"\n[base.simulated]\nworld = "{world.resolve()}"\nseed = {seed}\n'
+    rest = f'[base.simulated]\nworld = "{world.resolve()}"\nseed = {seed}\n'
     return make_config(map_file, start, rest)
 
 

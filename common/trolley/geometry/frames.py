@@ -36,7 +36,7 @@ class Link(msgspec.Struct, frozen=True):
     """Robot time that the pose holds for [ns]; None for a mounting that never changes."""
 
 
-class MissingLink(LookupError):  # noqa: N818 - named after what it reports
+class MissingLink(LookupError):
     """Two frames are not connected.
 
     Attributes:
