@@ -84,7 +84,8 @@ class MoverWatch:
         view = _view_of(stamp_ns, beams, wall_distance_m, edge_m)
         earlier = [one for one in self._views if _is_comparable(one, stamp_ns)]
         self._views.append(view)
-        found = [_mover(thing, stamp_ns, earlier) for thing in view.things]
+        centres = _centres(view.things)
+        found = [_mover(index, view, centres, earlier) for index in range(len(view.things))]
         return [mover for mover in found if mover is not None]
 
 
@@ -128,23 +129,33 @@ def _size(points: Floats) -> float:
     return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
 
 
-def _mover(thing: Floats, stamp_ns: int, earlier: list[_View]) -> Mover | None:
+def _centres(things: list[Floats]) -> Floats:
+    return np.array([thing.mean(axis=0) for thing in things]).reshape(-1, 2)
+
+
+def _mover(index: int, view: _View, centres: Floats, earlier: list[_View]) -> Mover | None:
     """Return a thing with its velocity; None if it stands, or may have been hidden before.
 
     Args:
-        thing: (n, 2) as it is seen now.
-        stamp_ns: of now.
+        index: of the thing in `view`.
+        view: the newest scan.
+        centres: (k, 2) of all its things.
         earlier: scans to compare with, oldest first: the longer ago, the less noise matters.
     """
-    centre = thing.mean(axis=0)
-    for view in earlier:
-        arrived = int(np.count_nonzero(_was_free(view, thing)))
-        if arrived < max(LEAST_POINTS, LEAST_SHARE * len(thing)) or not view.things:
+    thing = view.things[index]
+    least = max(LEAST_POINTS, LEAST_SHARE * len(thing))
+    if not any(np.count_nonzero(_was_free(before, thing)) >= least for before in earlier):
+        return None
+    for before in earlier:
+        if not before.things:
             continue
-        ways = np.array([centre - other.mean(axis=0) for other in view.things])
-        way = ways[np.argmin(np.hypot(ways[:, 0], ways[:, 1]))]
-        velocity = way / ((stamp_ns - view.stamp_ns) * 1e-9)
-        speed = float(np.hypot(*velocity))
+        ways = centres - _centres(before.things)[:, None]
+        lengths = np.hypot(ways[..., 0], ways[..., 1])
+        # What became of another thing is not where this one comes from.
+        lengths[lengths.argmin(axis=1) != index] = math.inf
+        origin = int(lengths[:, index].argmin())
+        velocity = ways[origin, index] / ((view.stamp_ns - before.stamp_ns) * 1e-9)
+        speed = float(lengths[origin, index]) / ((view.stamp_ns - before.stamp_ns) * 1e-9)
         if speed <= FASTEST_MPS:
             return Mover(thing, velocity) if speed >= SLOWEST_MPS else None
     return None

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.flatland import Flatland, empty_room, with_block
+from support.flatland import BEAMS, Flatland, empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley.gridmap import GridMap
+from trolley.gridmap import GridMap, distance_transform
 from trolley_planner.closing import HOLD_S, ClosingWatch
 from trolley_planner.drive import Drive
 from trolley_planner.movers import Mover, MoverWatch
@@ -98,6 +98,24 @@ def test_what_stands_does_not_move_when_it_comes_into_sight(
 
 def with_person(room: GridMap, x: float, y: float) -> GridMap:
     return with_block(room, x - 0.15, y - 0.15, 0.3, 0.3)
+
+
+def test_who_comes_is_not_taken_for_somebody_else_who_stands_there() -> None:
+    """Who was not there before comes from nowhere known, and not from a bystander's place."""
+    room = empty_room()
+    world = Flatland(room, Pose2D(4.0, 3.0, 0.0))
+    watch = MoverWatch()
+    wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
+    found: list[Mover] = []
+    for step, y in enumerate([None, 4.1, 3.98]):
+        bystander = with_person(room, 4.6, 3.0)
+        world.set_truth(bystander if y is None else with_person(bystander, 4.6, y))
+        angles = 0.7 + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
+        ranges = world.ranges().astype(np.float64)
+        x, cos, sin = np.full(BEAMS, 4.05), np.cos(angles), np.sin(angles)
+        beams = np.stack([x, np.full(BEAMS, 3.0), cos, sin, ranges, ranges], axis=1)
+        found = watch.look(step * 100_000_000, beams, wall_distance_m, room.resolution)
+    assert [float(mover.velocity[1]) < -0.5 for mover in found] == [True]
 
 
 def corridor(door_x: float) -> GridMap:
