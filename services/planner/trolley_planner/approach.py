@@ -41,18 +41,23 @@ class Approach:
 
     Position first, then heading; aims at half the tolerances, so that noise of the pose does not
     undo what was reached, and is content with the full ones once `SETTLE_S` have passed.
+
+    Args:
+        tolerances: how near is near enough.
+        is_reverse: drive onto the goal backwards from any distance.
     """
 
-    def __init__(self, tolerances: Tolerances) -> None:
+    def __init__(self, tolerances: Tolerances, is_reverse: bool = False) -> None:
         self._tolerances = tolerances
+        self._is_reverse = is_reverse
         self._is_turning = False
         self._is_facing = False
         self._elapsed_s = 0.0
 
-    def is_inside(self, motion: Motion, goal: Pose2D) -> bool:
-        """Say whether the pose lies within the tolerances."""
-        distance, turn = self._errors(motion, goal)
-        return distance <= self._tolerances.xy and abs(turn) <= self._tolerances.yaw
+    @property
+    def is_turning(self) -> bool:
+        """Whether it is on the spot and has only to turn."""
+        return self._is_turning
 
     def command(
         self, motion: Motion, goal: Pose2D, limits: Limits, elapsed_s: float
@@ -92,7 +97,7 @@ class Approach:
         ahead = motion.pose.inverse() @ goal
         bearing = math.atan2(ahead.y, ahead.x)
         direction = 1.0
-        if abs(bearing) > 0.5 * math.pi and distance < REVERSE_M:
+        if abs(bearing) > 0.5 * math.pi and (self._is_reverse or distance < REVERSE_M):
             bearing, direction = wrap_angle(bearing + math.pi), -1.0
         # With some hysteresis, else it would begin to drive and to turn by turns.
         self._is_facing = abs(bearing) > (0.3 if self._is_facing else 1.0) * FACE_RAD

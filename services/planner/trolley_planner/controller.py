@@ -35,6 +35,20 @@ DELAY_S = 0.15
 DESCENTS = np.array(
     [(look, share) for look in (0.2, 0.35, 0.6) for share in (0.45, 1.0)], dtype=np.float64
 )
+PRIMITIVES = np.array(
+    [
+        (0.0, 0.0),
+        (0.0, 0.6),
+        (0.0, -0.6),
+        (0.15, 0.0),
+        (0.1, 0.4),
+        (0.1, -0.4),
+        (-0.12, 0.0),
+        (-0.1, 0.3),
+        (-0.1, -0.3),
+    ]
+)
+"""Plain motions that are always tried: in tight places random ones all touch something."""
 PRICES = Prices(
     near=1.2,
     near_m=0.15,
@@ -121,7 +135,7 @@ class Controller:
             self._noise[first : first + self._samples] * scale,
             start,
             (window.field, window.body, limits, target, PRICES),
-            DESCENTS,
+            (DESCENTS, PRIMITIVES),
             TEMPERATURE_M,
             self._scratch,
         )
@@ -137,20 +151,25 @@ class Controller:
         return Twist2D(v, 0.0, w)
 
 
-def safe_command(motion: Motion, wanted: Twist2D, window: Window, limits: Limits) -> Twist2D:
+def safe_command(
+    motion: Motion, wanted: Twist2D, window: Window, limits: Limits, give_m: float = 0.0
+) -> Twist2D:
     """Return as much of a velocity as lets the robot stop before it touches anything.
+
+    Who stands too close already may still move away.
 
     Args:
         motion: of the robot.
         wanted: velocity about to be commanded.
         window: around it.
         limits: braking and clearance.
+        give_m: how much closer it may come where it is too close already.
     """
     start = state_of(motion)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):
         start[3], start[4] = share * wanted.vx, share * wanted.wz
         now, smallest = stopping_clearance(start, window.field, window.body, limits, DELAY_S)
-        if smallest >= min(limits.clearance_m, now - 1e-3):
+        if smallest >= min(limits.clearance_m, now - give_m):
             return wanted.scaled(share)
     return Twist2D.zero()
 

@@ -14,13 +14,14 @@ from trolley_planner.closing import ClosingWatch
 from trolley_planner.controller import Motion, safe_command
 from trolley_planner.escape import BackUp, TurnRound
 from trolley_planner.goal import Goal, free_pose_near
-from trolley_planner.kernels.rollout import Limits, Target, allowed_speed
+from trolley_planner.kernels.rollout import GIVE_M, Limits, Target, allowed_speed
 from trolley_planner.movers import MoverWatch
-from trolley_planner.path import PlannedPath
+from trolley_planner.path import SPACING_M, PlannedPath, resample
 from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import Recovery, Trail, Try
 from trolley_planner.rig import Rig
 from trolley_planner.route import PASS_M, Route
+from trolley_planner.staging import Stage, find_stage
 from trolley_planner.timing import seconds_along
 
 BLOCKED_S = 0.7
@@ -91,6 +92,10 @@ class Drive:
         self._has_way = True
         self._is_occupied = False
         self._taken_s = 0.0
+        self._stage: Stage | None = None
+        self._final_aim = self._aim
+        self._was_staged = False
+        self._is_docking = False
         self._replan_now = False
         self._timed: tuple[int, float] | None = None
         self._seconds = np.zeros(1)
@@ -220,7 +225,7 @@ class Drive:
         found = controller.command(now.motion, self.rig.window, now.limits, target, now.elapsed_s)
         if found is None:
             return Twist2D.zero()
-        return safe_command(now.motion, found, self.rig.window, now.limits)
+        return safe_command(now.motion, found, self.rig.window, now.limits, GIVE_M)
 
     def _come_near(self, now: Situation, steady: Motion, approach: Approach) -> Twist2D:
         """Return the velocity of the final approach."""
@@ -235,7 +240,10 @@ class Drive:
         )
         wanted = approach.command(steady, self._aim, limits, now.elapsed_s)
         if wanted is None:
-            self.outcome = "arrived"
+            if self._stage is None:
+                self.outcome = "arrived"
+            else:
+                self._leave_stage(self._stage)
             return Twist2D.zero()
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
         return safe_command(now.motion, wanted, self.rig.window, limits)
@@ -246,7 +254,7 @@ class Drive:
             return False
         distance = pose.distance_to(self._aim)
         if self._approach is not None:
-            return distance < 2.0 * START_M
+            return self._is_docking or distance < 2.0 * START_M
         if distance > START_M or self.route.remaining_m(pose) > 2.0 * START_M:
             return False
         bearing = math.atan2(self._aim.y - pose.y, self._aim.x - pose.x)
@@ -260,7 +268,8 @@ class Drive:
 
     def _adjust_aim(self, pose: Pose2D) -> None:
         """Aim beside the goal, within its tolerance, where something stands on it."""
-        if self.route.vias_left or pose.distance_to(self.goal_grid) > self.rig.half_m - 0.6:
+        is_far = pose.distance_to(self.goal_grid) > self.rig.half_m - 0.6
+        if self.route.vias_left or is_far or self._stage is not None or self._is_docking:
             return
         enough = self._config.clearance_m + 0.01
         clearance = self.rig.seen_clearance(self._aim, enough)
@@ -315,7 +324,42 @@ class Drive:
             trouble = codes.BLOCKED
         if trouble is not None:
             self.trouble = trouble
-            self._begin_try(now)
+            if not self._go_to_stage(now):
+                self._begin_try(now)
+
+    def _go_to_stage(self, now: Situation) -> bool:
+        """Where there is no room to turn on the goal, turn beside it and come in straight."""
+        approach = self._approach
+        if approach is None or not approach.is_turning or self._was_staged:
+            return False
+        self._was_staged = True
+        room = self.rig.seen_clearance(self._aim, self._config.clearance_m)
+        stage = find_stage(self.rig, self._aim, now.limits.clearance_m + 0.01, room - 0.01)
+        if stage is None:
+            return False
+        rig, here = self.rig, now.motion.pose
+        path = rig.planner.plan(
+            (here.x, here.y),
+            [(stage.pose.x, stage.pose.y)],
+            rig.costmap.weights,
+            rig.costmap.distance_m,
+        )
+        if path is None:
+            return False
+        self._stage, self._final_aim = stage, self._aim
+        self._aim, self._approach = stage.pose, None
+        self.route = Route(rig, self._config, [stage.pose], path)
+        self._progress.reset()
+        return True
+
+    def _leave_stage(self, stage: Stage) -> None:
+        """Come in straight from beside the goal."""
+        line = np.array([[stage.pose.x, stage.pose.y], [self._final_aim.x, self._final_aim.y]])
+        self._aim, self._stage, self._is_docking = self._final_aim, None, True
+        path = PlannedPath.join([resample(line, SPACING_M)], stage.pose.distance_to(self._aim))
+        self.route = Route(self.rig, self._config, [self._aim], path)
+        self._approach = Approach(self.goal.tolerances, stage.is_reverse)
+        self._progress.reset()
 
     def _begin_try(self, now: Situation) -> None:
         """Begin the next try to get free, or give up."""
@@ -367,6 +411,7 @@ class Drive:
         self.recovery.end()
         self._maneuver = None
         self._approach = None
+        self._is_docking = False
         self._progress.reset()
         self._no_way_s = 0.0
         self._replan_now = True

@@ -14,10 +14,9 @@ from trolley.messages.types import floats_to_bytes
 from trolley_planner import wire
 from trolley_planner.admission import Admitted, admit, check_ready, check_state, goal_pose
 from trolley_planner.approach import Tolerances
-from trolley_planner.controller import Motion, limits_of
-from trolley_planner.drive import Drive, Situation
+from trolley_planner.drive import Drive
 from trolley_planner.goal import Goal
-from trolley_planner.kernels.rollout import Limits
+from trolley_planner.helm import Helm
 from trolley_planner.looking import LookRound
 from trolley_planner.rig import Rig
 from trolley_planner.senses import Senses
@@ -25,12 +24,10 @@ from trolley_planner.status import StatusBoard
 from trolley_planner.surroundings import Surroundings
 from trolley_planner.timing import seconds_along, timed_poses
 
-MAX_ELAPSED_S = 0.1
 SETTLED_S = 1.5
 """A source that drove already when the goal came may fall silent within this time."""
 STOPPING_S = 0.5
 """Zero is commanded for so long after a goal is over."""
-UNSURE_SPEED = 0.15
 IDLE_SCAN_S = 0.4
 """Without a goal one scan in so long keeps the costmap up to date."""
 OWN_SOURCE = "planner"
@@ -53,8 +50,7 @@ class Navigator:
         self.surroundings = Surroundings(config, self.senses)
         self.drive: Drive | None = None
         self._look_round = LookRound(config)
-        self._last_twist = Twist2D.zero()
-        self._commanded_ns: int | None = None
+        self._helm = Helm(config, self.senses, self.surroundings)
         self._over_ns: int | None = None
         self._trouble_since_ns: int | None = None
         self._scanned_ns = 0
@@ -77,7 +73,7 @@ class Navigator:
         self._scanned_ns = now_ns
         if not self.surroundings.add_scan(scan, history, now_ns):
             return False
-        motion = self._motion()
+        motion = self._helm.motion()
         if motion is None or self.drive is None:
             return False
         self.drive.look(motion, now_ns)
@@ -106,8 +102,7 @@ class Navigator:
         """Take note that the base began anew: what was measured before counts no more."""
         self.senses.begin_epoch()
         self.surroundings.forget()
-        self._last_twist = Twist2D.zero()
-        self._commanded_ns = None
+        self._helm.note_command(None, now_ns)
         if self.board.is_active and self.board.state != "paused":
             self._pause(
                 codes.RESTARTED, now_ns, "The base was restarted; resume the goal to go on."
@@ -148,10 +143,10 @@ class Navigator:
         check_ready(self.senses, now_ns)
         now = now_ns or 0
         admitted, rig = self._admit(params, "preview", now)
-        motion = self._motion()
+        motion = self._helm.motion()
         if motion is None:
             raise Refused(codes.NOT_LOCALIZED)
-        limits = self._limits(admitted.goal)
+        limits = self._helm.limits(admitted.goal.speed)
         points = admitted.path.points
         seconds = seconds_along(points, motion.pose.yaw, rig.costmap, limits)
         free = admitted.goal.tolerances.any_heading
@@ -210,12 +205,8 @@ class Navigator:
 
     def command(self, now_ns: int) -> Twist2D | None:
         """Return the velocity to command now, None for silence."""
-        elapsed_s = MAX_ELAPSED_S
-        if self._commanded_ns is not None:
-            elapsed_s = min((now_ns - self._commanded_ns) * 1e-9, MAX_ELAPSED_S)
-        twist = self._choose(now_ns, max(elapsed_s, 0.0))
-        self._commanded_ns = None if twist is None else now_ns
-        self._last_twist = Twist2D.zero() if twist is None else twist
+        twist = self._choose(now_ns, self._helm.elapsed_s(now_ns))
+        self._helm.note_command(twist, now_ns)
         return twist
 
     def maintain(self, now_ns: int) -> None:
@@ -223,7 +214,7 @@ class Navigator:
         self.surroundings.maintain(now_ns)
         if self.drive is None or self.board.state not in ("driving", "recovering"):
             return
-        now = self._situation(self.drive.goal, now_ns, 0.0)
+        now = self._helm.situation(self.drive.goal.speed, now_ns, 0.0)
         if now is None or self.senses.pose_trouble(now_ns) is not None:
             return
         if self._num_jumps != self.senses.num_jumps:
@@ -255,7 +246,7 @@ class Navigator:
         """What the newest command leads to, None while nothing is driven."""
         if self.drive is None or self.board.state != "driving":
             return None
-        return wire.trajectory_message(self.drive.rig, self.senses.frame, self._commanded_ns or 0)
+        return wire.trajectory_message(self.drive.rig, self.senses.frame, self._helm.commanded_ns)
 
     def path(self, now_ns: int) -> Path:
         """Return the path that is left, an empty one without a goal."""
@@ -269,7 +260,7 @@ class Navigator:
 
     def _choose(self, now_ns: int, elapsed_s: float) -> Twist2D | None:
         """Return what to command: the drive's wish, zero while it may not, None for silence."""
-        turn = self._look_round.command(self.senses, self._turn_limits(), now_ns)
+        turn = self._look_round.command(self.senses, self._helm.turn_limits(), now_ns)
         if turn is not None:
             return turn
         drive = self.drive
@@ -278,7 +269,7 @@ class Navigator:
             return Twist2D.zero() if is_over else None
         if self._must_wait(now_ns):
             return Twist2D.zero()
-        now = self._situation(drive.goal, now_ns, elapsed_s)
+        now = self._helm.situation(drive.goal.speed, now_ns, elapsed_s)
         if now is None:
             return Twist2D.zero()
         twist = drive.command(now)
@@ -347,7 +338,7 @@ class Navigator:
         self.drive = Drive(admitted.goal, rig, self._config, admitted.path, now_ns)
         self._over_ns = None
         self._trouble_since_ns = None
-        motion = self._motion()
+        motion = self._helm.motion()
         if motion is not None:
             self.drive.look(motion, now_ns)
         self.board.set("driving", "", now_ns, None, self._details(now_ns))
@@ -387,55 +378,7 @@ class Navigator:
 
     def _details(self, now_ns: int) -> GoalStatus | None:
         """Return distance, time and obstacles of the drive for a status."""
-        motion = self._motion()
+        motion = self._helm.motion()
         if self.drive is None or motion is None or self.board.goal is None:
             return None
-        return wire.details(self.drive, motion, self._limits(self.drive.goal))
-
-    def _motion(self) -> Motion | None:
-        """Return pose and velocity in `grid`."""
-        here, rig = self.senses.base_pose(), self.surroundings.rig
-        if here is None or rig is None:
-            return None
-        return Motion(rig.costmap.to_grid(here), self._velocity())
-
-    def _velocity(self) -> Twist2D:
-        """Return the velocity to start from: the last command, or the wheels' where they differ."""
-        measured, last = self.senses.twist(), self._last_twist
-        return Twist2D(
-            last.vx if abs(measured.vx - last.vx) < 0.15 else measured.vx,
-            0.0,
-            last.wz if abs(measured.wz - last.wz) < 0.5 else measured.wz,
-        )
-
-    def _situation(self, goal: Goal, now_ns: int, elapsed_s: float) -> Situation | None:
-        motion, steady = self._motion(), self.senses.base_pose(steady=True)
-        rig, odometry = self.surroundings.rig, self.senses.odometry
-        if motion is None or steady is None or rig is None or odometry is None:
-            return None
-        return Situation(
-            now_ns,
-            motion,
-            rig.costmap.to_grid(steady),
-            odometry.pose,
-            self._limits(goal),
-            elapsed_s,
-        )
-
-    def _limits(self, goal: Goal) -> Limits:
-        """Return what the robot may do now: the least of all limits but those of the place."""
-        config, robot = self._config, self.senses.robot
-        if robot is None:
-            raise Refused(codes.NOT_READY)
-        speed = min(config.max_speed_mps, robot.max_speed)
-        if goal.speed is not None:
-            speed = min(speed, goal.speed)
-        if self.senses.is_unsure:
-            speed = min(speed, UNSURE_SPEED)
-        return limits_of(config, speed, robot.max_wz, robot.deceleration)
-
-    def _turn_limits(self) -> Limits | None:
-        robot = self.senses.robot
-        if robot is None:
-            return None
-        return limits_of(self._config, 0.15, robot.max_wz, robot.deceleration)
+        return wire.details(self.drive, motion, self._helm.limits(self.drive.goal.speed))

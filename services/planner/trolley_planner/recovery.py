@@ -11,7 +11,7 @@ CRUMB_M = 0.03
 TRAIL_M = 3.0
 FREE_AFTER_M = 0.5
 """Who got this much nearer than ever before is free, and the tries begin anew."""
-DETOUR_M = 1.0
+DETOUR_M = 2.0
 MAX_DETOURS = 2
 MAX_TRIES = 15
 

@@ -7,6 +7,7 @@ from support.flatland import Flatland, empty_room, two_rooms, with_block
 from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
+from trolley.gridmap import GridMap
 from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import LADDER, Recovery
 
@@ -14,12 +15,12 @@ START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000
 
 
-def two_doors() -> object:
+def two_doors() -> GridMap:
     """Two rooms with a door in the middle and one at the top, which is a detour."""
     rooms = two_rooms()
     cells = rooms.cells.copy()
     cells[96:114, 79:81] = 0
-    return type(rooms)(rooms.name, rooms.resolution, rooms.origin, cells)
+    return GridMap(rooms.name, rooms.resolution, rooms.origin, cells)
 
 
 def test_a_door_that_is_blocked_for_a_while_is_waited_for(ride) -> None:

@@ -121,12 +121,45 @@ def sample_around(
 
 
 @kernel
+def best_plain_into(
+    out_controls: NDArray[np.float64],
+    start: NDArray[np.float64],
+    world: tuple[Field, Body, Limits, Target, Prices],
+    plain: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> float:
+    """Write the best of the plain sequences; return its price.
+
+    Args:
+        out_controls: (steps, 2), overwritten.
+        start: (5,).
+        world: what rollouts need.
+        plain: (n, 2) lookahead [m] and share of the allowed speed of each descent, and (m, 2)
+            v, w of each constant motion.
+    """
+    field, body, limits, target, prices = world
+    descents, primitives = plain
+    trial = np.empty_like(out_controls)
+    best = math.inf
+    for index in range(descents.shape[0] + primitives.shape[0]):
+        if index < descents.shape[0]:
+            look, share = descents[index, 0], descents[index, 1]
+            descend_controls(trial, start, field, body, limits, look, share)
+        else:
+            trial[:, :] = primitives[index - descents.shape[0]]
+        price = rollout(trial, start, field, body, limits, target, prices)
+        if price < best:
+            out_controls[:, :] = trial
+            best = price
+    return best
+
+
+@kernel
 def choose_controls(
     controls: NDArray[np.float64],
     noise: NDArray[np.float64],
     start: NDArray[np.float64],
     world: tuple[Field, Body, Limits, Target, Prices],
-    nominal: NDArray[np.float64],
+    plain: tuple[NDArray[np.float64], NDArray[np.float64]],
     temperature: float,
     scratch: NDArray[np.float64],
 ) -> float:
@@ -137,27 +170,15 @@ def choose_controls(
         noise: (samples, steps, 2).
         start: (5,).
         world: what rollouts need.
-        nominal: (n, 2) lookahead [m] and share of the allowed speed of each plain descent.
+        plain: see `best_plain_into`.
         temperature: see `sample_around`.
         scratch: (samples, steps, 2).
     """
     field, body, limits, target, prices = world
     best = controls.copy()
     best_price = rollout(best, start, field, body, limits, target, prices)
-    descent = np.zeros_like(controls)
-    descent_price = math.inf
-    trial = np.zeros_like(controls)
-    # The first trial is standing still.
-    trial_price = rollout(trial, start, field, body, limits, target, prices)
-    for index in range(nominal.shape[0] + 1):
-        if index > 0:
-            descend_controls(
-                trial, start, field, body, limits, nominal[index - 1, 0], nominal[index - 1, 1]
-            )
-            trial_price = rollout(trial, start, field, body, limits, target, prices)
-        if trial_price < descent_price:
-            descent[:, :] = trial
-            descent_price = trial_price
+    descent = np.empty_like(controls)
+    descent_price = best_plain_into(descent, start, world, plain)
     half = noise.shape[0] // 2
     average = np.empty_like(controls)
     for base in range(2):

@@ -89,6 +89,8 @@ class Prices(NamedTuple):
 
 COLLISION = 1000.0
 """Price of touching something."""
+GIVE_M = 1e-3
+"""Distances this near to each other count as the same."""
 
 
 @kernel
@@ -265,6 +267,8 @@ def rollout(
     state = start.copy()
     enough = max(limits.caution_m, prices.near_m)
     clearance = clearance_at(field, body, state[0], state[1], state[2], enough)
+    # Who stands too close already must not come closer.
+    floor = min(limits.clearance_m, clearance - GIVE_M)
     price = 0.0
     for step in range(controls.shape[0]):
         allowed = allowed_speed(field, limits, state[0], state[1], clearance)
@@ -272,12 +276,10 @@ def rollout(
         follow_control(state, controls[step, 0], controls[step, 1], limits, allowed)
         controls[step, 0], controls[step, 1] = state[3], state[4]
         advance(state, limits.dt)
-        now = clearance_at(field, body, state[0], state[1], state[2], enough)
-        # Who stands too close already may still move away.
-        if now < limits.clearance_m and now < clearance - 1e-4:
+        clearance = clearance_at(field, body, state[0], state[1], state[2], enough)
+        if clearance < floor:
             left = controls.shape[0] - step
             return price + COLLISION + left + cost_at(field, state[0], state[1])
-        clearance = now
         price += price_of_step(state, before, clearance, prices, limits.dt)
         if math.hypot(target.x - state[0], target.y - state[1]) < target.radius:
             left = (controls.shape[0] - 1 - step) * limits.dt

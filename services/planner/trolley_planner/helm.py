@@ -1,0 +1,103 @@
+"""Where the robot is, how it moves and what it may do: the input of every command."""
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.config import PlannerConfig
+from trolley.geometry import Twist2D
+from trolley_planner.controller import Motion, limits_of
+from trolley_planner.drive import Situation
+from trolley_planner.kernels.rollout import Limits
+from trolley_planner.senses import Senses
+from trolley_planner.surroundings import Surroundings
+
+UNSURE_SPEED = 0.15
+MAX_ELAPSED_S = 0.1
+TURNING_SPEED = 0.15
+DIFFERS_MPS, DIFFERS_RADPS = 0.15, 0.5
+"""Wheels that differ by more than this from the last command do not follow it."""
+
+
+class Helm:
+    """Puts senses and the last command together.
+
+    Args:
+        config: of the planner.
+        senses: the newest messages.
+        surroundings: tells where frame `grid` lies.
+    """
+
+    def __init__(self, config: PlannerConfig, senses: Senses, surroundings: Surroundings) -> None:
+        self._config = config
+        self._senses = senses
+        self._surroundings = surroundings
+        self._last_twist = Twist2D.zero()
+        self._commanded_ns: int | None = None
+
+    @property
+    def commanded_ns(self) -> int:
+        """Robot time of the last command, 0 while there is none."""
+        return self._commanded_ns or 0
+
+    def note_command(self, twist: Twist2D | None, now_ns: int) -> None:
+        """Take what was commanded, None for silence."""
+        self._commanded_ns = None if twist is None else now_ns
+        self._last_twist = Twist2D.zero() if twist is None else twist
+
+    def elapsed_s(self, now_ns: int) -> float:
+        """Return the time since the last command [s], as far as it matters."""
+        if self._commanded_ns is None:
+            return MAX_ELAPSED_S
+        return min(max((now_ns - self._commanded_ns) * 1e-9, 0.0), MAX_ELAPSED_S)
+
+    def motion(self) -> Motion | None:
+        """Return pose and velocity in `grid`, None while they are not known."""
+        here, rig = self._senses.base_pose(), self._surroundings.rig
+        if here is None or rig is None:
+            return None
+        return Motion(rig.costmap.to_grid(here), self._velocity())
+
+    def situation(
+        self, goal_speed: float | None, now_ns: int, elapsed_s: float
+    ) -> Situation | None:
+        """Return what a command is computed from, None while something of it is not known."""
+        motion, steady = self.motion(), self._senses.base_pose(steady=True)
+        rig, odometry = self._surroundings.rig, self._senses.odometry
+        if motion is None or steady is None or rig is None or odometry is None:
+            return None
+        return Situation(
+            now_ns,
+            motion,
+            rig.costmap.to_grid(steady),
+            odometry.pose,
+            self.limits(goal_speed),
+            elapsed_s,
+        )
+
+    def limits(self, goal_speed: float | None) -> Limits:
+        """Return what the robot may do now: the least of all limits but those of the place.
+
+        Raises:
+            Refused: the robot itself is not known.
+        """
+        config, robot = self._config, self._senses.robot
+        if robot is None:
+            raise Refused(codes.NOT_READY)
+        speed = min(config.max_speed_mps, robot.max_speed)
+        if goal_speed is not None:
+            speed = min(speed, goal_speed)
+        if self._senses.is_unsure:
+            speed = min(speed, UNSURE_SPEED)
+        return limits_of(config, speed, robot.max_wz, robot.deceleration)
+
+    def turn_limits(self) -> Limits | None:
+        """Return what the robot may do while it turns in place, None while it is not known."""
+        return None if self._senses.robot is None else self.limits(TURNING_SPEED)
+
+    def _velocity(self) -> Twist2D:
+        """Return the velocity to start from: the last command, or the wheels' where they differ."""
+        measured, last = self._senses.twist(), self._last_twist
+        return Twist2D(
+            last.vx if abs(measured.vx - last.vx) < DIFFERS_MPS else measured.vx,
+            0.0,
+            last.wz if abs(measured.wz - last.wz) < DIFFERS_RADPS else measured.wz,
+        )

@@ -1,0 +1,67 @@
+"""A place beside a tight goal where the robot can turn, to come in with the right heading."""
+
+import math
+from dataclasses import dataclass
+
+from trolley.geometry import Pose2D
+from trolley_planner.rig import Rig
+
+DISTANCES_M = (0.3, 0.45, 0.6, 0.8, 1.0)
+STEP_M = 0.05
+HEADINGS = 16
+MAX_REVERSE_M = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """Where to turn, and how to go on from there to the goal."""
+
+    pose: Pose2D
+    """In `grid`, with the goal's heading."""
+    is_reverse: bool
+    """Whether the goal lies behind it."""
+
+
+def find_stage(rig: Rig, goal: Pose2D, clearance_m: float, at_goal_m: float) -> Stage | None:
+    """Return the nearest place before or behind the goal from which a straight line leads onto it.
+
+    The window must be centred near the goal.
+
+    Args:
+        rig: window and planner.
+        goal: in `grid`.
+        clearance_m: to keep while turning.
+        at_goal_m: to keep on the straight line, at most what the goal itself has.
+    """
+    for distance in DISTANCES_M:
+        for is_reverse in (False, True):
+            if is_reverse and distance > MAX_REVERSE_M:
+                continue
+            pose = goal @ Pose2D(distance if is_reverse else -distance, 0.0, 0.0)
+            if _can_turn(rig, pose, clearance_m) and _is_free(rig, pose, goal, at_goal_m):
+                return Stage(pose, is_reverse)
+    return None
+
+
+def _can_turn(rig: Rig, pose: Pose2D, clearance_m: float) -> bool:
+    """Say whether the robot can turn all round at a place."""
+    if not rig.costmap.contains(pose.x, pose.y):
+        return False
+    turns = (index * 2.0 * math.pi / HEADINGS for index in range(HEADINGS))
+    return all(
+        rig.seen_clearance(Pose2D(pose.x, pose.y, turn), clearance_m) >= clearance_m
+        for turn in turns
+    )
+
+
+def _is_free(rig: Rig, start: Pose2D, goal: Pose2D, clearance_m: float) -> bool:
+    """Say whether the straight line between two poses of one heading is free."""
+    count = max(2, math.ceil(start.distance_to(goal) / STEP_M))
+    for index in range(count + 1):
+        share = index / count
+        pose = Pose2D(
+            start.x + share * (goal.x - start.x), start.y + share * (goal.y - start.y), goal.yaw
+        )
+        if rig.seen_clearance(pose, clearance_m) < clearance_m:
+            return False
+    return True
