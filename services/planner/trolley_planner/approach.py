@@ -52,12 +52,21 @@ class Approach:
         self._is_reverse = is_reverse
         self._is_turning = False
         self._is_facing = False
+        self._sense = 0.0
         self._elapsed_s = 0.0
 
     @property
     def is_turning(self) -> bool:
         """Whether it is on the spot and has only to turn."""
         return self._is_turning
+
+    def turn_longer_way(self, sense: float) -> None:
+        """Turn to the goal's heading the longer way round.
+
+        Args:
+            sense: sign of that turn, positive to the left.
+        """
+        self._sense = sense
 
     def command(
         self, motion: Motion, goal: Pose2D, limits: Limits, elapsed_s: float
@@ -85,6 +94,10 @@ class Approach:
         if turned:
             stands = abs(motion.twist.vx) < 0.02 and abs(motion.twist.wz) < 0.05
             return None if stands else Twist2D.zero()
+        if turn * self._sense > 0.0:
+            self._sense = 0.0  # Past the far side: from here on it is the shorter way.
+        elif self._sense != 0.0:
+            turn += math.copysign(2.0 * math.pi, self._sense)
         return Twist2D(0.0, 0.0, _turn_rate(turn, limits))
 
     def _errors(self, motion: Motion, goal: Pose2D) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """Driving to one goal: along the route, onto the goal, and free again from what is in the way."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -9,19 +9,19 @@ import numpy as np
 from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
-from trolley_planner.approach import START_M, Approach, Tolerances, limited_change
+from trolley_planner.approach import limited_change
+from trolley_planner.arrival import Arrival, Situation
 from trolley_planner.closing import ClosingWatch
 from trolley_planner.controller import Motion, safe_command
 from trolley_planner.escape import BackUp, TurnRound
-from trolley_planner.goal import Goal, free_pose_near
-from trolley_planner.kernels.rollout import GIVE_M, Limits, Target, allowed_speed
+from trolley_planner.goal import Goal
+from trolley_planner.kernels.rollout import GIVE_M, Limits, Target
 from trolley_planner.movers import MoverWatch
-from trolley_planner.path import SPACING_M, PlannedPath, resample
+from trolley_planner.path import PlannedPath
 from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import Recovery, Trail, Try
 from trolley_planner.rig import Rig
 from trolley_planner.route import PASS_M, Route
-from trolley_planner.staging import Stage, find_stage
 from trolley_planner.timing import seconds_along
 
 BLOCKED_S = 0.7
@@ -32,31 +32,6 @@ ON_GOAL_M, TAKEN_M = 0.1, 0.5
 """The robot waits between these distances from a goal that something stands on,"""
 TAKEN_PATIENCE = 4.0
 """for so many times the usual patience."""
-TURN_AS_WAY_M = 0.3
-"""A radian that is left at the goal counts as this much of the way."""
-GOAL_CLEARANCE_M = 0.005
-"""More than this is left of the clearance at a tight goal."""
-
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """What a command is computed from.
-
-    Attributes:
-        now_ns: robot time.
-        motion: in `grid`, with the velocity that was commanded last.
-        steady: the pose in `grid` without the noise of the localizer, for the final approach.
-        odom_T_base: by the wheels alone.
-        limits: of the robot at the moment.
-        elapsed_s: since the last command.
-    """
-
-    now_ns: int
-    motion: Motion
-    steady: Pose2D
-    odom_T_base: Pose2D
-    limits: Limits
-    elapsed_s: float
 
 
 class Drive:
@@ -78,26 +53,21 @@ class Drive:
         self.rig = rig
         self._config = config
         self.goal_grid = rig.costmap.to_grid(goal.pose)
-        self._aim = self.goal_grid
         vias = [rig.costmap.to_grid(via) for via in goal.vias]
         self.route = Route(rig, config, [*vias, self.goal_grid], path)
         self.recovery = Recovery(config)
         self._progress = ProgressChecker(config)
-        self._approach: Approach | None = None
         self._trail = Trail()
         self._movers = MoverWatch()
         self._closing = ClosingWatch(rig.footprint.circumscribed_m)
         self._maneuver: BackUp | TurnRound | None = None
         self._no_way_s = 0.0
         self._has_way = True
-        self._is_occupied = False
         self._taken_s = 0.0
-        self._stage: Stage | None = None
-        self._final_aim = self._aim
-        self._was_staged = False
-        self._is_docking = False
+        self._arrival = Arrival(rig, config, self.goal_grid, goal.tolerances)
+        self._num_routes = 1
         self._replan_now = False
-        self._timed: tuple[int, float] | None = None
+        self._timed: tuple[str, float] | None = None
         self._seconds = np.zeros(1)
         self.outcome: Literal["arrived", "failed"] | None = None
         self.is_waiting = False
@@ -116,10 +86,15 @@ class Drive:
         self._replan_now = True
         self._movers.reset()
 
+    @property
+    def path_key(self) -> str:
+        """What changes whenever the path does."""
+        return f"{self.goal.id}/{self.started_ns}/{self._num_routes}/{self.route.changes}"
+
     def seconds_left(self, pose: Pose2D, limits: Limits) -> float:
         """Return how long the way that is left will take [s]."""
         route = self.route
-        key = (route.changes, limits.max_speed)
+        key = (self.path_key, limits.max_speed)
         if key != self._timed:
             self._timed = key
             self._seconds = seconds_along(route.path.points, pose.yaw, self.rig.costmap, limits)
@@ -137,7 +112,9 @@ class Drive:
         window.look(pose.x, pose.y)
         self._watch_movers(motion, now_ns)
         self.route.follow(pose)
-        self._adjust_aim(pose)
+        if not self.route.vias_left and self._arrival.look(pose):
+            self.route.retarget(self._arrival.aim)
+            self._replan_now = True
         stretch = self.route.stretch(1.5 * self.rig.half_m)
         path = self.route.path
         part = slice(stretch.first, stretch.last + 1)
@@ -191,29 +168,19 @@ class Drive:
 
     def remaining_m(self, pose: Pose2D) -> float:
         """Return the length of the way that is left [m]."""
-        if self._approach is not None:
-            return pose.distance_to(self._aim)
+        if self._arrival.is_active:
+            return pose.distance_to(self._arrival.aim)
         return self.route.remaining_m(pose)
-
-    def _left(self, pose: Pose2D) -> float:
-        """Return what is left to do [m]: at the goal the turn counts, too."""
-        if self._approach is None or self.goal.tolerances.any_heading:
-            return self.remaining_m(pose)
-        turn = abs(wrap_angle(self._aim.yaw - pose.yaw))
-        return self.remaining_m(pose) + TURN_AS_WAY_M * turn
 
     def _wanted(self, now: Situation) -> Twist2D:
         """Return the velocity of the approach or of the controller, made safe."""
-        steady = Motion(now.steady, now.motion.twist)
-        if self._is_near(steady.pose):
-            if self._approach is None:
-                offset = self._aim.distance_to(self.goal_grid)
-                tolerances = self.goal.tolerances
-                self._approach = Approach(
-                    Tolerances(max(tolerances.xy - offset, 0.3 * tolerances.xy), tolerances.yaw)
-                )
-            return self._come_near(now, steady, self._approach)
-        self._approach = None
+        arrival, route = self._arrival, self.route
+        if not route.vias_left and arrival.takes_over(now.steady, route.remaining_m(now.steady)):
+            twist = arrival.command(now)
+            self._take_detour()
+            if arrival.has_arrived:
+                self.outcome = "arrived"
+            return twist
         stretch = self.route.stretch(1.5 * self.rig.half_m)
         target = Target(
             stretch.target.x,
@@ -227,70 +194,13 @@ class Drive:
             return Twist2D.zero()
         return safe_command(now.motion, found, self.rig.window, now.limits, GIVE_M)
 
-    def _come_near(self, now: Situation, steady: Motion, approach: Approach) -> Twist2D:
-        """Return the velocity of the final approach."""
-        room = self.rig.seen_clearance(self._aim, now.limits.caution_m)
-        here = self.rig.seen_clearance(now.motion.pose, now.limits.caution_m)
-        field = self.rig.window.field
-        speed = allowed_speed(field, now.limits, now.motion.pose.x, now.motion.pose.y, here)
-        # A goal that was taught beside a wall must be reachable, too.
-        tight = min(now.limits.clearance_m, max(GOAL_CLEARANCE_M, room - 0.01))
-        limits = now.limits._replace(
-            max_speed=speed, max_reverse=min(now.limits.max_reverse, speed), clearance_m=tight
-        )
-        wanted = approach.command(steady, self._aim, limits, now.elapsed_s)
-        if wanted is None:
-            if self._stage is None:
-                self.outcome = "arrived"
-            else:
-                self._leave_stage(self._stage)
-            return Twist2D.zero()
-        wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
-        return safe_command(now.motion, wanted, self.rig.window, limits)
-
-    def _is_near(self, pose: Pose2D) -> bool:
-        """Say whether the final approach drives: near, and nothing between."""
-        if self.route.vias_left:
-            return False
-        distance = pose.distance_to(self._aim)
-        if self._approach is not None:
-            return self._is_docking or distance < 2.0 * START_M
-        if distance > START_M or self.route.remaining_m(pose) > 2.0 * START_M:
-            return False
-        bearing = math.atan2(self._aim.y - pose.y, self._aim.x - pose.x)
-        for share in (0.25, 0.5, 0.75):
-            x = pose.x + share * (self._aim.x - pose.x)
-            y = pose.y + share * (self._aim.y - pose.y)
-            clearance = self.rig.seen_clearance(Pose2D(x, y, bearing), 0.1)
-            if clearance < self._config.clearance_m and distance > 0.1:
-                return False
-        return True
-
-    def _adjust_aim(self, pose: Pose2D) -> None:
-        """Aim beside the goal, within its tolerance, where something stands on it."""
-        is_far = pose.distance_to(self.goal_grid) > self.rig.half_m - 0.6
-        if self.route.vias_left or is_far or self._stage is not None or self._is_docking:
-            return
-        enough = self._config.clearance_m + 0.01
-        clearance = self.rig.seen_clearance(self._aim, enough)
-        if clearance >= GOAL_CLEARANCE_M + 0.01:
-            self._is_occupied = False
-            return
-        found = free_pose_near(
-            self.goal_grid,
-            self.goal.tolerances,
-            lambda candidate: self.rig.seen_clearance(candidate, enough),
-            enough,
-        )
-        if found is None:
-            self._is_occupied = True
-            return
-        self._is_occupied = False
-        if found != self._aim:
-            self._aim = found
-            self._approach = None
-            self.route.retarget(found)
-            self._replan_now = True
+    def _take_detour(self) -> None:
+        """Take over the path of an arrival that goes somewhere else first."""
+        path, self._arrival.detour = self._arrival.detour, None
+        if path is not None:
+            self.route = Route(self.rig, self._config, [self._arrival.aim], path)
+            self._num_routes += 1
+            self._progress.reset()
 
     def _is_goal_taken(self, now: Situation) -> bool:
         """Say whether to stand before the goal because something stands on it; fail if it stays."""
@@ -298,7 +208,7 @@ class Drive:
         # Who is on the goal already has only to turn, or fails to.
         is_near = ON_GOAL_M < remaining < self.rig.footprint.circumscribed_m + TAKEN_M
         # A thing is seen from one side: where no way leads to the goal any more it stands there.
-        is_taken = self._is_occupied or self.route.is_blocked
+        is_taken = self._arrival.is_occupied or self.route.is_blocked
         if is_taken and is_near:
             self._taken_s += now.elapsed_s
         else:
@@ -316,50 +226,18 @@ class Drive:
     def _check(self, now: Situation) -> None:
         """Begin to try things when there is no way, or the robot does not get nearer."""
         self._no_way_s = 0.0 if self._has_way else self._no_way_s + now.elapsed_s
-        trouble = self._progress.check(
-            now.now_ns, self._left(now.motion.pose), now.motion.pose, now.odom_T_base
-        )
+        pose = now.motion.pose
+        left = self._arrival.left_m(pose) if self._arrival.is_active else self.remaining_m(pose)
+        trouble = self._progress.check(now.now_ns, left, pose, now.odom_T_base)
         stands = abs(now.motion.twist.vx) < 0.03 and abs(now.motion.twist.wz) < 0.1
         if trouble is None and self._no_way_s > BLOCKED_S and stands:
             trouble = codes.BLOCKED
         if trouble is not None:
             self.trouble = trouble
-            if not self._go_to_stage(now):
+            if self._arrival.turn_elsewhere(now.motion.pose):
+                self._take_detour()
+            else:
                 self._begin_try(now)
-
-    def _go_to_stage(self, now: Situation) -> bool:
-        """Where there is no room to turn on the goal, turn beside it and come in straight."""
-        approach = self._approach
-        if approach is None or not approach.is_turning or self._was_staged:
-            return False
-        self._was_staged = True
-        room = self.rig.seen_clearance(self._aim, self._config.clearance_m)
-        stage = find_stage(self.rig, self._aim, now.limits.clearance_m + 0.01, room - 0.01)
-        if stage is None:
-            return False
-        rig, here = self.rig, now.motion.pose
-        path = rig.planner.plan(
-            (here.x, here.y),
-            [(stage.pose.x, stage.pose.y)],
-            rig.costmap.weights,
-            rig.costmap.distance_m,
-        )
-        if path is None:
-            return False
-        self._stage, self._final_aim = stage, self._aim
-        self._aim, self._approach = stage.pose, None
-        self.route = Route(rig, self._config, [stage.pose], path)
-        self._progress.reset()
-        return True
-
-    def _leave_stage(self, stage: Stage) -> None:
-        """Come in straight from beside the goal."""
-        line = np.array([[stage.pose.x, stage.pose.y], [self._final_aim.x, self._final_aim.y]])
-        self._aim, self._stage, self._is_docking = self._final_aim, None, True
-        path = PlannedPath.join([resample(line, SPACING_M)], stage.pose.distance_to(self._aim))
-        self.route = Route(self.rig, self._config, [self._aim], path)
-        self._approach = Approach(self.goal.tolerances, stage.is_reverse)
-        self._progress.reset()
 
     def _begin_try(self, now: Situation) -> None:
         """Begin the next try to get free, or give up."""
@@ -410,8 +288,7 @@ class Drive:
     def _end_try(self) -> None:
         self.recovery.end()
         self._maneuver = None
-        self._approach = None
-        self._is_docking = False
+        self._arrival.let_go()
         self._progress.reset()
         self._no_way_s = 0.0
         self._replan_now = True

@@ -4,8 +4,8 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D
+from trolley_planner.arrival import Situation
 from trolley_planner.controller import Motion, limits_of
-from trolley_planner.drive import Situation
 from trolley_planner.kernels.rollout import Limits
 from trolley_planner.senses import Senses
 from trolley_planner.surroundings import Surroundings

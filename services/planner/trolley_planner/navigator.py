@@ -224,11 +224,11 @@ class Navigator:
         self.drive.maintain(now)
 
     @property
-    def path_key(self) -> tuple[str | None, int]:
-        """What changes when the path does."""
+    def path_key(self) -> str:
+        """What changes whenever the path does."""
         if self.drive is None or not self.board.is_active:
-            return None, 0
-        return f"{self.drive.goal.id}/{self.drive.started_ns}", self.drive.route.changes
+            return ""
+        return self.drive.path_key
 
     def costmaps(self, now_ns: int) -> tuple[OccupancyGrid | None, OccupancyGrid | None]:
         """Return the whole costmap and the part around the robot, as far as they are known."""

@@ -49,7 +49,7 @@ class PlannerService(Service):
         self._scan_period_ns = 0
         self._trajectory_ns = 0
         self._costmap_ns = 0
-        self._path: tuple[str | None, int] = (None, 0)
+        self._path_key = ""
 
     def prepare(self) -> None:
         """Compile the kernels."""
@@ -232,9 +232,9 @@ class PlannerService(Service):
     def _publish_path(self) -> None:
         """Publish the path where it changed; an empty one when the goal is over."""
         key = self._navigator.path_key
-        if key == self._path:
+        if key == self._path_key:
             return
-        self._path = key
+        self._path_key = key
         self.publish(topics.PATH, self._navigator.path(self.stamp_ns))
 
 

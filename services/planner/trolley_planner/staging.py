@@ -8,6 +8,7 @@ from trolley_planner.rig import Rig
 
 DISTANCES_M = (0.3, 0.45, 0.6, 0.8, 1.0)
 STEP_M = 0.05
+TURN_STEP = 0.1
 HEADINGS = 16
 MAX_REVERSE_M = 0.6
 
@@ -41,6 +42,16 @@ def find_stage(rig: Rig, goal: Pose2D, clearance_m: float, at_goal_m: float) -> 
             if _can_turn(rig, pose, clearance_m) and _is_free(rig, pose, goal, at_goal_m):
                 return Stage(pose, is_reverse)
     return None
+
+
+def can_turn_by(rig: Rig, pose: Pose2D, turn: float, clearance_m: float) -> bool:
+    """Say whether the robot can turn in place by an angle [rad], to the left if positive."""
+    count = max(1, math.ceil(abs(turn) / TURN_STEP))
+    return all(
+        rig.seen_clearance(Pose2D(pose.x, pose.y, pose.yaw + turn * index / count), clearance_m)
+        >= clearance_m
+        for index in range(1, count + 1)
+    )
 
 
 def _can_turn(rig: Rig, pose: Pose2D, clearance_m: float) -> bool:

@@ -151,3 +151,17 @@ def test_tries_rise_begin_anew_after_progress_and_end() -> None:
     recovery.note_remaining(4.0)
     assert recovery.begin(100 * SECOND_NS) is LADDER[0]
     assert recovery.begin(161 * SECOND_NS) is None
+
+
+def test_a_goal_without_room_to_turn_is_come_into_straight(ride) -> None:
+    corners = [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)]
+    # A niche as wide as the robot and a little more: 0.6 m, where its circle needs 0.72 m.
+    niche = with_block(with_block(empty_room(), 6.5, 1.5, 1.5, 1.2), 6.5, 3.3, 1.5, 1.2)
+    for heading in (0.0, math.pi):
+        drive = ride(Flatland(niche, Pose2D(2.0, 3.0, 1.0), footprint=corners))
+        goal = Pose2D(7.2, 3.0, heading)
+        drive.send(goal)
+        assert drive.until_over().state == "arrived"
+        assert drive.world.pose.distance_to(goal) <= 0.05
+        assert abs(math.remainder(drive.world.pose.yaw - heading, 2.0 * math.pi)) <= 0.05
+        assert drive.world.touches == 0
