@@ -45,11 +45,15 @@ class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """`[base.limits]`: what no source may exceed."""
 
     max_speed_mps: Speed = 0.5
+    """Along x and y together."""
     max_wz_radps: Rate = 1.5
+    """Turning."""
     acceleration_mps2: Rate = 0.8
+    """How quickly it gains speed."""
     deceleration_mps2: Rate = 1.0
     """What the robot can surely brake with; the stop field counts on it."""
     angular_acceleration_radps2: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
+    """How quickly it begins and ends to turn."""
 
 
 class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -51,7 +51,9 @@ class RobotSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     title: Annotated[str, Meta(max_length=64)] = ""
     """What the viewer calls it; the name if empty."""
     footprint: FootprintConfig
+    """Its outline, seen from above."""
     drive: Drive = "differential"
+    """How it is driven."""
     mesh: str | None = None
     """A glb file with the robot's body, 1 MiB at most."""
 
