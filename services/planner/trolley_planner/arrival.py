@@ -146,7 +146,11 @@ class Arrival:
         offset = self.aim.distance_to(self._goal)
         xy = self._tolerances.xy
         near = Tolerances(max(xy - offset, 0.3 * xy), self._tolerances.yaw)
-        self._approach = Approach(near)
+        facing = wrap_angle(bearing - pose.yaw)
+        is_behind = abs(facing) > 0.5 * math.pi
+        clearance = self._config.clearance_m
+        is_reverse = is_behind and not can_turn_by(self._rig, pose, facing, clearance)
+        self._approach = Approach(near, is_reverse)
         return True
 
     def command(self, now: Situation) -> Twist2D:

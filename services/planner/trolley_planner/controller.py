@@ -50,9 +50,9 @@ PRIMITIVES = np.array(
 )
 """Plain motions that are always tried: in tight places random ones all touch something."""
 PRICES = Prices(
-    near=1.2,
+    near=0.8,
     near_m=0.15,
-    reverse=2.0,
+    reverse=0.4,
     turn=0.02,
     change_v=0.3,
     change_w=0.1,

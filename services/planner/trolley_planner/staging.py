@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from trolley.geometry import Pose2D
 from trolley_planner.rig import Rig
 
-DISTANCES_M = (0.3, 0.45, 0.6, 0.8, 1.0)
+DISTANCES_M = (0.3, 0.45, 0.6, 0.8, 1.0, 1.2, 1.4)
 STEP_M = 0.05
 TURN_STEP = 0.1
 HEADINGS = 16
-MAX_REVERSE_M = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +35,6 @@ def find_stage(rig: Rig, goal: Pose2D, clearance_m: float, at_goal_m: float) -> 
     """
     for distance in DISTANCES_M:
         for is_reverse in (False, True):
-            if is_reverse and distance > MAX_REVERSE_M:
-                continue
             pose = goal @ Pose2D(distance if is_reverse else -distance, 0.0, 0.0)
             if _can_turn(rig, pose, clearance_m) and _is_free(rig, pose, goal, at_goal_m):
                 return Stage(pose, is_reverse)

@@ -9,14 +9,15 @@ from trolley.config import PlannerConfig
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.rollout import Body, Field
 from trolley_planner.kernels.search import NUM_BUCKETS, STEP, UNREACHED, Queue, cost_to_go_into
 from trolley_planner.kernels.window import (
+    coarsen_into,
     costs_to_metres,
     draw_echoes,
     fill_window,
-    weigh_window,
+    slope_edges,
 )
 from trolley_planner.layers import inflation_table
 
@@ -24,6 +25,8 @@ FINE_M = 0.03
 """Cells of the window are at most this large: the footprint is checked to a centimetre."""
 UNREACHED_M = 100.0
 """Cost-to-go of places from which no way leads to the path."""
+EDGE_RISE_M, EDGE_CELLS = 0.5, 3
+"""Beside the places that a way leads from, the cost-to-go rises by so much from cell to cell."""
 ESCAPE_M = 0.3
 ESCAPE_WEIGHT = 240
 
@@ -54,6 +57,7 @@ class Window:
         self._mask = np.zeros(fine, dtype=np.uint8)
         self._columns = np.zeros(fine, dtype=np.int32)
         self._distance_m = np.zeros(fine, dtype=np.float32)
+        self._coarse_m = np.zeros(coarse, dtype=np.float32)
         self._weights = np.zeros(coarse, dtype=np.uint8)
         self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
         self._cost_m = np.zeros(coarse, dtype=np.float32)
@@ -63,7 +67,7 @@ class Window:
             np.zeros(self._coarse_cells**2, dtype=np.int32),
         )
         self._table = inflation_table(
-            footprint.inscribed_m + config.clearance_m + 0.5 * self.fine_m,
+            footprint.inscribed_m + config.clearance_m,
             config.inflation_falloff_m,
             config.inflation_height,
             TABLE_STEP_M,
@@ -96,13 +100,15 @@ class Window:
         draw_echoes(self._mask, echoes.beams, fine_first, self.fine_m)
         column_distances_into(self._columns, self._mask)
         distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
-        weigh_window(self._weights, self._distance_m, self._group, self._table, TABLE_STEP_M)
+        coarsen_into(self._coarse_m, self._distance_m, self._group)
+        weigh_into(self._weights, self._coarse_m, self._table, TABLE_STEP_M)
+        self._weights[0] = self._weights[-1] = LETHAL
+        self._weights[:, 0] = self._weights[:, -1] = LETHAL
         centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
         self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
-        coarse_distance = self._distance_m[:: self._group, :: self._group]
         soften_disc(
             self._weights,
-            np.ascontiguousarray(coarse_distance),
+            self._coarse_m,
             centre,
             ESCAPE_M / self.coarse_m,
             ESCAPE_WEIGHT,
@@ -138,6 +144,7 @@ class Window:
         size = self._coarse_cells
         cost_to_go_into(self._costs, self._weights.reshape(-1), self._queue, ordered, size, (-1, 0))
         costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, UNREACHED_M)
+        slope_edges(self._cost_m, UNREACHED_M, EDGE_RISE_M, EDGE_CELLS)
         return bool(self._costs[self._robot_cell] != UNREACHED)
 
     @property

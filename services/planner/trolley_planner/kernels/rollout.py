@@ -72,7 +72,7 @@ class Prices(NamedTuple):
     """What counts how much, in metres of free floor."""
 
     near: float
-    """A second right at an obstacle."""
+    """A metre right at an obstacle."""
     near_m: float
     """Clearance from which on nothing is paid."""
     reverse: float
@@ -87,6 +87,8 @@ class Prices(NamedTuple):
     """Ending turned away from the way on."""
 
 
+TURN_RADIUS_M = 0.2
+"""A turn by a radian counts as so many metres where things are near."""
 COLLISION = 1000.0
 """Price of touching something."""
 GIVE_M = 1e-3
@@ -223,7 +225,9 @@ def price_of_step(
 ) -> float:
     """Return what one step costs besides the way that is left."""
     near = max(0.0, 1.0 - clearance / prices.near_m)
-    price = dt * (prices.near * near * near + prices.turn * state[4] * state[4])
+    # By the way and not by the time: else it would put off going into a narrow place for ever.
+    moved = abs(state[3]) + TURN_RADIUS_M * abs(state[4])
+    price = dt * (prices.near * near * near * moved + prices.turn * state[4] * state[4])
     price += prices.change_v * (state[3] - previous[0]) ** 2
     price += prices.change_w * (state[4] - previous[1]) ** 2
     if state[3] < 0.0:

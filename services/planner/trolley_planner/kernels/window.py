@@ -83,33 +83,26 @@ def draw_echoes(
 
 
 @kernel
-def weigh_window(
-    out_weights: NDArray[np.uint8],
-    distance_m: NDArray[np.float32],
-    parts: int,
-    table: NDArray[np.uint8],
-    step_m: float,
-) -> None:
-    """Write the weights of coarse cells by the distance at their centres; the border is lethal.
+def coarsen_into(out_m: NDArray[np.float32], distance_m: NDArray[np.float32], parts: int) -> None:
+    """Write the largest distance in each coarse cell.
+
+    The way should not close where the footprint still fits; rollouts are checked exactly.
 
     Args:
-        out_weights: (rows, cols) coarse cells, overwritten.
-        distance_m: (rows * parts, cols * parts) of fine cells.
+        out_m: (rows, cols) coarse cells, overwritten.
+        distance_m: (rows * parts, cols * parts) fine cells.
         parts: fine cells in the edge of a coarse cell.
-        table: (n,) weight at distance index * `step_m`; the last holds beyond.
-        step_m: [m].
     """
-    rows, cols = out_weights.shape
-    last = table.shape[0] - 1
-    half = parts // 2
+    rows, cols = out_m.shape
     for row in range(rows):
         for col in range(cols):
-            if row == 0 or col == 0 or row == rows - 1 or col == cols - 1:
-                out_weights[row, col] = 0
-                continue
-            distance = distance_m[row * parts + half, col * parts + half]
-            index = math.floor(distance / step_m)
-            out_weights[row, col] = table[min(max(index, 0), last)]
+            largest = np.float32(0.0)
+            for part_row in range(parts):
+                for part_col in range(parts):
+                    largest = max(
+                        largest, distance_m[row * parts + part_row, col * parts + part_col]
+                    )
+            out_m[row, col] = largest
 
 
 @kernel
@@ -129,3 +122,30 @@ def costs_to_metres(
         for col in range(cols):
             value = cost[row * cols + col]
             out_m[row, col] = unreached_m if value == UNREACHED else value * metres
+
+
+@kernel
+def slope_edges(cost_m: NDArray[np.float32], unreached_m: float, rise_m: float, width: int) -> None:
+    """Let the cost-to-go rise beside the cells that were reached, instead of jumping.
+
+    Between two cells it is interpolated; a jump would push the robot out of narrow ways.
+
+    Args:
+        cost_m: (rows, cols), changed in place; its outermost cells stay.
+        unreached_m: what the cells hold that were not reached.
+        rise_m: from cell to cell.
+        width: so many cells are filled.
+    """
+    rows, cols = cost_m.shape
+    limit = np.float32(unreached_m)
+    for _ in range(width):
+        before = cost_m.copy()
+        for row in range(1, rows - 1):
+            for col in range(1, cols - 1):
+                if before[row, col] < limit:
+                    continue
+                lowest = min(
+                    min(before[row - 1, col], before[row + 1, col]),
+                    min(before[row, col - 1], before[row, col + 1]),
+                )
+                cost_m[row, col] = min(limit, lowest + np.float32(rise_m))
