@@ -3,17 +3,20 @@
 import os
 from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from support.processes import Process, RouterProcess, find_free_port, write_config
 from support.wire import wait_for_service
 
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 # No deadline: the first call of a numba kernel compiles it.
-settings.register_profile("trolley", deadline=None)
-settings.register_profile("trolley-ci", deadline=None, derandomize=True, print_blob=True)
+# Nor a check of how quickly examples come: that measures the machine.
+NO_CLOCK: dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("trolley", **NO_CLOCK)
+settings.register_profile("trolley-ci", **NO_CLOCK, derandomize=True, print_blob=True)
 settings.load_profile("trolley-ci" if os.environ.get("CI") else "trolley")
 
 StartService = Callable[..., Process]
