@@ -75,10 +75,14 @@ def naive_ray(mask: np.ndarray, start: tuple[float, float], angle: float, margin
     return nearest
 
 
+# In steps of 1e-9: nearer to an axis the slower twin divides by next to nothing.
+ANGLES = st.floats(-7.0, 7.0).map(lambda angle: round(angle, 9))
+
+
 @given(
     masks,
     st.tuples(st.floats(-5.0, 30.0), st.floats(-5.0, 30.0)),
-    st.one_of(st.floats(-7.0, 7.0), st.sampled_from([k * math.pi / 4 for k in range(-4, 5)])),
+    st.one_of(ANGLES, st.sampled_from([k * math.pi / 4 for k in range(-4, 5)])),
     st.one_of(st.just(math.inf), st.floats(0.1, 40.0)),
 )
 def test_rays_end_at_the_nearest_cell(
