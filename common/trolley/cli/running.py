@@ -133,7 +133,7 @@ def announce_viewer(config: RobotConfig) -> None:
 def wait_for_interrupt() -> NoReturn:
     """Wait for Ctrl-C or SIGTERM, which come as KeyboardInterrupt."""
     while True:
-        signal.pause()
+        time.sleep(0.2)  # not `signal.pause`: it sleeps on when the signal came just before it
 
 
 @click.command(name="up")
