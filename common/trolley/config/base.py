@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
+from trolley.config.hardware import ChassisConfig, LidarConfig, OdometryConfig
 from trolley.config.robot import PoseConfig
 
 Speed = Annotated[float, Meta(gt=0.0, le=5.0)]
@@ -32,15 +33,6 @@ class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Recorded seconds per real second."""
 
 
-class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.lidar]`: where the lidar sits (a recording says it itself)."""
-
-    pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
-    """In `base_link`: x forward, y left, yaw counter-clockwise to the direction of angle 0."""
-    z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
-    """Height above the floor."""
-
-
 class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[base.limits]`: what no source may exceed."""
 
@@ -59,11 +51,13 @@ class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What can be set about the base."""
 
-    driver: Literal["simulated", "recording"] = "simulated"
+    driver: Literal["simulated", "recording", "hardware"] = "simulated"
     """What moves and sees."""
     simulated: SimulatedConfig = SimulatedConfig()
     recording: RecordingConfig | None = None
+    chassis: ChassisConfig = ChassisConfig()
     lidar: LidarConfig = LidarConfig()
+    odometry: OdometryConfig = OdometryConfig()
     limits: LimitsConfig = LimitsConfig()
     sources: dict[str, Annotated[int, Meta(ge=0, le=1000)]] = field(
         default_factory=lambda: {"teleop": 20, "calibrate": 15, "planner": 10}

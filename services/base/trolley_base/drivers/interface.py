@@ -6,8 +6,10 @@ and wakes base; `read` hands over what was stored since the last call. All stamp
 recording stamps by its own steps.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from types import MappingProxyType
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +39,18 @@ class MotionSample:
     twist: Twist2D
 
 
+NO_COUNTS: Mapping[str, int] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """What a device says for a person to read; base logs it, at most one of a kind in 5 s."""
+
+    level: Literal["info", "warning", "error"]
+    kind: str
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class ChassisReading:
     """Everything a chassis had to say since the last `read`, oldest first.
@@ -47,6 +61,8 @@ class ChassisReading:
         imu: inertial readings, turned into `base_link`; empty without such a sensor.
         battery: the newest charge, None if the board does not measure it.
         alarms: codes of `trolley.codes` that hold now, as `bumper`, `cliff` or `button`.
+        notes: what the board or its driver has to say.
+        counts: what happened since the last `read`, for the counters of `health/base`.
     """
 
     motions: tuple[MotionSample, ...]
@@ -54,6 +70,8 @@ class ChassisReading:
     imu: tuple[Imu, ...] = ()
     battery: Battery | None = None
     alarms: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
+    counts: Mapping[str, int] = NO_COUNTS
 
 
 class Chassis(Protocol):
@@ -102,10 +120,15 @@ class LidarScan:
 
 @dataclass(frozen=True, slots=True)
 class LidarReading:
-    """Revolutions that were completed since the last `read`, oldest first, and the link's state."""
+    """Revolutions that were completed since the last `read`, oldest first, and the link's state.
+
+    `notes` and `counts` are as in `ChassisReading`.
+    """
 
     scans: tuple[LidarScan, ...]
     link: Link
+    notes: tuple[Note, ...] = ()
+    counts: Mapping[str, int] = NO_COUNTS
 
 
 class Lidar(Protocol):

@@ -1,0 +1,160 @@
+"""`[base.chassis]`, `[base.lidar]`, `[base.odometry]`: the devices of a real robot."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from trolley.config.robot import PoseConfig
+
+Board = Literal["linorobot", "arduino_bridge"]
+LidarModel = Literal["rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01"]
+Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
+Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
+Pin = Annotated[int, Meta(ge=0, le=99)]
+Scale = Annotated[float, Meta(ge=0.5, le=2.0)]
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+
+
+class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.lidar]`: the lidar and where it sits (a recording says that itself)."""
+
+    model: LidarModel | None = None
+    """What is plugged in, where the driver is `hardware`; `ld19` is the LD06 too."""
+    port: str = ""
+    """Its serial port; a name below /dev/serial/by-id or by-path stays the same."""
+    baud: Baud | None = None
+    """The line's speed; the model's own if not given."""
+    mode: Literal["auto", "standard", "express"] = "auto"
+    """How a `rplidar_a1` measures; `auto` takes the express scan where the sensor knows it."""
+    pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
+    """In `base_link`: x forward, y left, yaw counter-clockwise to the direction of angle 0."""
+    z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
+    """Height above the floor."""
+    upside_down: bool = False
+    """Mounted head down: what turned clockwise turns the other way; angle 0 stays where it is."""
+    reversed: bool = False
+    """The sensor turns the other way round than its model says."""
+    masks_deg: list[tuple[Degrees, Degrees]] = []
+    """Angles in frame `laser`, counter-clockwise [from, to], where it sees the robot itself."""
+    range_min_m: Annotated[float, Meta(gt=0.0, le=5.0)] | None = None
+    """Nearer echoes count for nothing; the model's own limit if not given."""
+    range_max_m: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
+    """Farther echoes count for nothing; the model's own limit if not given."""
+
+    def __post_init__(self) -> None:
+        """Refuse limits that leave nothing between them."""
+        near, far = self.range_min_m, self.range_max_m
+        if near is not None and far is not None and near >= far:
+            raise ValueError("range_min_m must be less than range_max_m")
+
+
+class WheelsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.chassis.wheels]`: for a board that counts ticks (`arduino_bridge`)."""
+
+    ticks_per_revolution: Annotated[float, Meta(gt=0.0, le=1e6)]
+    """Of the wheel: the encoder's resolution times the gear."""
+    diameter_m: Annotated[float, Meta(gt=0.0, le=1.0)]
+    """Of a driven wheel."""
+    track_m: Annotated[float, Meta(gt=0.0, le=3.0)]
+    """Between the middles of the left and the right wheels."""
+    reverse_left: bool = False
+    """The left encoder counts down, and the motor needs a minus, when the wheel turns forward."""
+    reverse_right: bool = False
+    """The same of the right wheel."""
+
+
+class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.chassis.inputs]`: pins of the board that something is wired to (`arduino_bridge`)."""
+
+    bumper_pins: Annotated[list[Pin], Meta(max_length=4)] = []
+    """Digital pins of bumpers."""
+    cliff_pins: Annotated[list[Pin], Meta(max_length=4)] = []
+    """Digital pins of sensors that look for the floor."""
+    bumper_active: Annotated[int, Meta(ge=0, le=1)] = 0
+    """What a bumper pin reads when it is hit; a switch to ground with a pull-up reads 0."""
+    cliff_active: Annotated[int, Meta(ge=0, le=1)] = 1
+    """What a cliff pin reads when there is no floor."""
+    battery_pin: Pin | None = None
+    """The analog pin that measures the battery."""
+    battery_volts_per_count: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.0049
+    """What one count of it stands for, the voltage divider included."""
+    battery_empty_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.5
+    """Below this for 2 s the robot does not drive."""
+    battery_full_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 12.6
+    """What counts as fully charged."""
+
+    def __post_init__(self) -> None:
+        """Refuse a battery that is empty when it is full."""
+        if self.battery_empty_v >= self.battery_full_v:
+            raise ValueError("battery_empty_v must be less than battery_full_v")
+
+
+class PidConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.chassis.pid]`: gains of the board's speed control, sent at each connection."""
+
+    p: Annotated[float, Meta(ge=0.0, le=1e4)]
+    """Proportional."""
+    i: Annotated[float, Meta(ge=0.0, le=1e4)]
+    """Integral."""
+    d: Annotated[float, Meta(ge=0.0, le=1e4)]
+    """Derivative."""
+    o: Annotated[float, Meta(gt=0.0, le=1e4)] = 50.0
+    """The divisor Ko of ROSArduinoBridge; `linorobot` has none."""
+
+
+class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.chassis]`: the motor board, where the driver is `hardware`."""
+
+    board: Board | None = None
+    """What firmware it runs; without one only the lidar works and nothing is driven."""
+    port: str = ""
+    """Its serial port; a name below /dev/serial/by-id or by-path stays the same."""
+    baud: Baud | None = None
+    """The line's speed; the board's own if not given."""
+    watchdog_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
+    """After what silence the firmware stops the motors, where you have changed it and seen it
+    work; with more than 0.5 s the robot drives at most 0.2 m/s."""
+    use_imu: bool = True
+    """Fuse the turn rate of the board's gyro, if it has one."""
+    imu_axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    """Which axes of the chip point forward, left and up; `-y` is against y."""
+    pid: PidConfig | None = None
+    wheels: WheelsConfig | None = None
+    inputs: InputsConfig = InputsConfig()
+
+    def __post_init__(self) -> None:
+        """Refuse axes that do not make a right-handed frame, and a board without its wheels."""
+        if not _is_right_handed(self.imu_axes):
+            raise ValueError(
+                "imu_axes must name x, y and z once each and be right-handed, such as "
+                '["y", "-x", "z"]'
+            )
+        if self.board == "arduino_bridge" and self.wheels is None:
+            raise ValueError(
+                "arduino_bridge needs [base.chassis.wheels] ticks_per_revolution, diameter_m "
+                "and track_m"
+            )
+
+
+def _is_right_handed(axes: tuple[Axis, Axis, Axis]) -> bool:
+    letters = [axis[-1] for axis in axes]
+    if sorted(letters) != ["x", "y", "z"]:
+        return False
+    swaps = sum(letters[i] > letters[j] for i in range(3) for j in range(i + 1, 3))
+    return (swaps + sum(axis.startswith("-") for axis in axes)) % 2 == 0
+
+
+class OdometryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.odometry]`: how what the wheels report is corrected; `trolley calibrate` finds it."""
+
+    linear_scale: Scale = 1.0
+    """True metres per reported metre, forwards and backwards."""
+    sideways_scale: Scale = 1.0
+    """True metres per reported metre sideways (mecanum)."""
+    angular_scale: Scale = 1.0
+    """True radians per reported radian; a larger one is a narrower track."""
+    wheel_ratio: Annotated[float, Meta(ge=0.8, le=1.25)] = 1.0
+    """The right wheel's true diameter over the left one's."""
+    track_m: Annotated[float, Meta(gt=0.0, le=3.0)] | None = None
+    """The track that the board counts with; needed for `wheel_ratio` where the board has no
+    [base.chassis.wheels]."""

@@ -1,0 +1,1 @@
+"""Motor boards by their firmware."""

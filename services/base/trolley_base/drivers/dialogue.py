@@ -1,0 +1,105 @@
+"""What a driver of a serial device is: a state machine over bytes, without port, thread or clock.
+
+`SerialDevice` (`serial_device.py`) owns the port. It opens it as `line` says, calls `begin` after
+each opening, hands over what arrives, and writes what `outgoing` returns; when the port is lost it
+opens it again, and `begin` is called again. So a dialogue is tested with bytes and numbers alone.
+
+All times are one steady clock in nanoseconds (base uses robot time, so stamps need no conversion).
+Nothing raises on bytes: what is wrong is counted, and the next good frame is taken. What a dialogue
+keeps is bounded.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from trolley.geometry import Twist2D
+from trolley_base.drivers.interface import ChassisReading, LidarReading
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """How the port is opened.
+
+    Attributes:
+        baud: bits per second, 8N1; any number that Linux can set, 128000 too.
+        dtr: level of DTR while the device works; None: as Linux leaves it on opening (set).
+        dtr_after: level of DTR when the port is closed; None: untouched.
+        settle_s: wait after opening, for a board that reboots; what arrives meanwhile is dropped.
+    """
+
+    baud: int
+    dtr: bool | None = None
+    dtr_after: bool | None = None
+    settle_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """How a dialogue goes.
+
+    Attributes:
+        state: `searching` while it waits for the device to answer as it should, `up` while the
+            device does, `down` when it has stopped doing so or can never do so.
+        message: one sentence for a person: what is wrong and what to do; "" while `up`.
+        reopen: closing and opening the port may help (after a pause).
+    """
+
+    state: Literal["up", "down", "searching"]
+    message: str = ""
+    reopen: bool = False
+
+
+class Dialogue(Protocol):
+    """The half that boards and lidars share."""
+
+    @property
+    def line(self) -> Line:
+        """How the port is opened."""
+        ...
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened, perhaps again: forget the device, begin to greet it.
+
+        What has not been handed over yet (scans, motions, notes, counts) stays.
+        """
+        ...
+
+    def receive(self, data: bytes, arrived_ns: int) -> None:
+        """Take bytes, any number of them, the last of which arrived at `arrived_ns`."""
+        ...
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Return what is to be written now, b"" for nothing; called every 20 ms or more often."""
+        ...
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Return what is written before the port is closed, 5 ms between two entries."""
+        ...
+
+    def status(self, now_ns: int) -> Status:
+        """Say how it goes, silence included."""
+        ...
+
+
+class BoardDialogue(Dialogue, Protocol):
+    """A motor board."""
+
+    def drive(self, twist: Twist2D) -> None:
+        """Set the wanted velocity [m/s, rad/s]; the next `outgoing` sends it.
+
+        A zero after something else is in the very next `outgoing`, whatever the pace of commands.
+        Before the device has been greeted, and after `begin`, it is zero.
+        """
+        ...
+
+    def take(self, now_ns: int) -> ChassisReading:
+        """Hand over what the board reported since the last call; `link` is made from `status`."""
+        ...
+
+
+class LidarDialogue(Dialogue, Protocol):
+    """A lidar."""
+
+    def take(self, now_ns: int) -> LidarReading:
+        """Hand over what was completed since the last call; `link` is made from `status`."""
+        ...

@@ -1,0 +1,1 @@
+"""Lidars by their model."""
