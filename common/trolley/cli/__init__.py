@@ -34,6 +34,8 @@ COMMANDS = {
     "tf": ("trolley.cli.tf", "Where one frame is in another."),
     "map": ("trolley.cli.maps", "The map."),
     "zones": ("trolley.cli.maps", "Mirrors, glass, keep-out and speed zones."),
+    "teleop": ("trolley.cli.teleop", "Drive by hand, with the keys of this terminal."),
+    "import": ("trolley.cli.importing", "Take over what another system's files say."),
     "completion": (
         "trolley.cli.completion",
         "Print the script that completes commands in a shell.",
@@ -62,9 +64,12 @@ class LazyGroup(click.Group):
         return None if entry is None else entry.load()
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing them."""
+        """List the commands; only those that services bring along are imported."""
+        rows = [(name, text) for name, (_, text) in COMMANDS.items()]
+        for name in self.list_commands(ctx)[len(rows) :]:
+            rows.append((name, plugins()[name].load().get_short_help_str(limit=100)))
         with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+            formatter.write_dl(rows)
 
 
 def plugins() -> dict[str, Any]:

@@ -1,0 +1,10 @@
+"""`trolley import`: what other systems' files say; its commands come with the services."""
+
+import click
+
+from trolley.cli import PluggedGroup
+
+
+@click.group(name="import", cls=PluggedGroup)
+def import_command() -> None:
+    """Take over what another system's files say."""

@@ -1,0 +1,1 @@
+"""Commands of `trolley` that need the base service's code."""
