@@ -8,7 +8,6 @@ recording stamps by its own steps.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Literal, Protocol
 
 import numpy as np
@@ -39,7 +38,8 @@ class MotionSample:
     twist: Twist2D
 
 
-NO_COUNTS: Mapping[str, int] = MappingProxyType({})
+def _no_counts() -> Mapping[str, int]:
+    return {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class ChassisReading:
     battery: Battery | None = None
     alarms: tuple[str, ...] = ()
     notes: tuple[Note, ...] = ()
-    counts: Mapping[str, int] = NO_COUNTS
+    counts: Mapping[str, int] = field(default_factory=_no_counts)
 
 
 class Chassis(Protocol):
@@ -128,7 +128,7 @@ class LidarReading:
     scans: tuple[LidarScan, ...]
     link: Link
     notes: tuple[Note, ...] = ()
-    counts: Mapping[str, int] = NO_COUNTS
+    counts: Mapping[str, int] = field(default_factory=_no_counts)
 
 
 class Lidar(Protocol):
