@@ -1,7 +1,7 @@
 """The Zenoh runtime: one process per service.
 
-Zenoh's threads only store and wake; this thread calls the service's methods. SIGTERM and SIGINT
-end it cleanly, an exception ends it with a trace for the supervisor to restart it.
+Zenoh's threads only store and wake; this thread calls the service's methods. SIGTERM, SIGINT and
+SIGHUP end it cleanly, an exception ends it with a trace for the supervisor to restart it.
 """
 
 import argparse
@@ -130,7 +130,7 @@ class ServiceProcess:
 
     def main(self) -> int:
         """Connect, settle who stays, serve; the exit code."""
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._request_stop)
         try:
             bus = open_bus_patiently(self._config.zenoh.connect, self._wait_for_router)

@@ -9,6 +9,11 @@ from trolley.messages import Robot
 from trolley.messages.motion import MAX_MESH_BYTES
 from trolley_base.limits import MotionLimits
 
+# A board that goes on for longer than this when base is gone...
+LONGEST_WATCHDOG_S = 0.5
+# ... drives no faster than this, until its owner has shortened its watchdog and says so [m/s].
+UNWATCHED_SPEED = 0.2
+
 
 def footprint_of(config: RobotConfig) -> NDArray[np.float64]:
     """Return the footprint (n, 2) [m] in `base_link`, counter-clockwise.
@@ -27,11 +32,17 @@ def footprint_of(config: RobotConfig) -> NDArray[np.float64]:
         raise ConfigError(f"[robot.footprint] {error}") from error
 
 
-def limits_of(config: RobotConfig) -> MotionLimits:
-    """Return what no source may exceed."""
+def limits_of(config: RobotConfig, watchdog_s: float = 0.0) -> MotionLimits:
+    """Return what no source may exceed.
+
+    Args:
+        config: the settings.
+        watchdog_s: after what silence the motor board stops by itself [s].
+    """
     limits = config.base.limits
+    speed = limits.max_speed_mps
     return MotionLimits(
-        speed=limits.max_speed_mps,
+        speed=min(speed, UNWATCHED_SPEED) if watchdog_s > LONGEST_WATCHDOG_S else speed,
         wz=limits.max_wz_radps,
         acceleration=limits.acceleration_mps2,
         deceleration=limits.deceleration_mps2,
@@ -63,22 +74,22 @@ def mesh_of(config: RobotConfig) -> bytes | None:
 def robot_message(
     config: RobotConfig,
     footprint: NDArray[np.float64],
+    limits: MotionLimits,
     mesh: bytes | None,
     stamp_ns: int,
     *,
     simulated: bool,
 ) -> Robot:
     """Return the message that makes the robot known."""
-    limits = config.base.limits
     return Robot(
         stamp_ns=stamp_ns,
         name=config.robot.name,
         title=config.robot.title or config.robot.name,
         footprint=[(float(x), float(y)) for x, y in footprint],
         drive=config.robot.drive,
-        max_speed=limits.max_speed_mps,
-        max_wz=limits.max_wz_radps,
-        deceleration=limits.deceleration_mps2,
+        max_speed=limits.speed,
+        max_wz=limits.wz,
+        deceleration=limits.deceleration,
         mesh=mesh,
         simulated=simulated,
     )

@@ -11,7 +11,6 @@ from trolley_base.governor import Block, Hindrance
 SCAN_SILENCE_NS = 500_000_000
 
 STOPPED_MESSAGE = "The robot was stopped and stays so until it is resumed."
-RECORDING_MESSAGE = "A recorded drive is being played, so commands go nowhere."
 FIRST_SCAN_MESSAGE = "The robot waits for the lidar's first scan."
 
 
@@ -20,14 +19,14 @@ class Condition:
     """What base knows about itself.
 
     Attributes:
-        is_recording: nothing can be driven, a recording is played.
+        cannot_drive: why commands go nowhere at all, "" where they drive.
         is_stopped: the stop latch.
         chassis: the newest reading.
         lidar: the connection to the lidar.
         scan_age_ns: since the newest scan arrived, None before the first.
     """
 
-    is_recording: bool
+    cannot_drive: str
     is_stopped: bool
     chassis: ChassisReading
     lidar: Link
@@ -36,8 +35,8 @@ class Condition:
 
 def find_hindrance(now: Condition) -> Hindrance | None:
     """Return what matters most of all that forbids to drive, None if nothing does."""
-    if now.is_recording:
-        return Hindrance(Block.ALL, "ok", "", RECORDING_MESSAGE)
+    if now.cannot_drive:
+        return Hindrance(Block.ALL, "ok", "", now.cannot_drive)
     if now.is_stopped:
         return Hindrance(Block.ALL, "stopped", codes.BUTTON, STOPPED_MESSAGE)
     if now.chassis.link.state != "up":
@@ -45,9 +44,9 @@ def find_hindrance(now: Condition) -> Hindrance | None:
     if now.lidar.state == "down":
         return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
     if now.scan_age_ns is None:
-        return _held(Block.ALL, codes.SCAN_LOST, FIRST_SCAN_MESSAGE)
+        return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message or FIRST_SCAN_MESSAGE)
     if now.scan_age_ns > SCAN_SILENCE_NS:
-        return _held(Block.ALL, codes.SCAN_LOST)
+        return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
     return _alarm(now.chassis.alarms)
 
 

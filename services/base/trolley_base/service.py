@@ -1,6 +1,7 @@
 """The base service: the hardware or the simulated world, and everything that may move it."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -14,21 +15,19 @@ from trolley.messages import (
     Clock,
     Link,
     Odometry,
-    Robot,
     Scan,
     Transform,
-    Truth,
     VelocityCommand,
     floats_to_bytes,
 )
 from trolley.messages.asking import Nothing
 from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_base.description import footprint_of, limits_of, mesh_of, robot_message
+from trolley_base.device_notes import DeviceNotes
 from trolley_base.drivers import ChassisReading, LidarScan
 from trolley_base.echoes import NearEchoes
 from trolley_base.governor import Decision, Governor
 from trolley_base.hindrances import SCAN_SILENCE_NS, Condition, find_hindrance
-from trolley_base.neighbours import Neighbours
 from trolley_base.odometry import OdometryTrack
 from trolley_base.opening import choose_device
 from trolley_base.robot_clock import Beat, RobotClock
@@ -43,6 +42,9 @@ from trolley_base.saved import (
 )
 from trolley_base.stop_field import StopField
 
+if TYPE_CHECKING:
+    from trolley_base.shared_world import SharedWorld
+
 # One period: read, decide, drive. It is two steps of a simulated world.
 CONTROL_S = 0.02
 CLOCK_S = 0.1
@@ -50,7 +52,6 @@ CLOCK_S = 0.1
 ODOMETRY_S = 0.04
 COMMAND_S = 0.1
 STATE_S = 1.0
-TRUTH_S = 0.05
 SAVE_TIME_S = 60.0
 SAVE_WORLD_S = 1.0
 # A stop is answered after this long even where the disk is slower.
@@ -72,14 +73,14 @@ class BaseService(Service):
         self._footprint = footprint_of(config)
         self._mesh = mesh_of(config)
         self._device = choose_device(config, self._footprint)
-        limits = limits_of(config)
-        field = StopField(self._footprint, limits, config.base.stop_margin_m)
+        limits = self._limits = limits_of(config, self._device.watchdog_s)
+        margin, reaction_s = config.base.stop_margin_m, self._device.reaction_s
+        field = StopField(self._footprint, limits, margin, reaction_s)
         self._governor = Governor(config.base.sources, limits, field)
         self._echoes = NearEchoes(self._device.base_T_laser, field.reach)
         self._clock = self.own_time = RobotClock()
-        self._neighbours: Neighbours | None = None
+        self._world: SharedWorld | None = None
         self._published_state: BaseState | None = None
-        self._saved_world: SavedWorld | None = None
         self._scan_arrived_ns: int | None = None
         self._chassis_reading = ChassisReading((), Link(name="chassis", state="searching"))
         self._lidar_link = Link(name="lidar", state="searching")
@@ -87,8 +88,7 @@ class BaseService(Service):
         self._decision = Decision(Twist2D.zero(), None, 0, "ok")
         self._has_moved = True
         self._odometry_beat, self._command_beat = Beat(ODOMETRY_S), Beat(COMMAND_S)
-        self._state_beat, self._truth_beat = Beat(STATE_S), Beat(TRUTH_S)
-        self._time_beat = Beat(SAVE_TIME_S)
+        self._state_beat, self._time_beat = Beat(STATE_S), Beat(SAVE_TIME_S)
         self._stops: list[tuple[int, Later[BaseState], BaseState]] = []
 
     def start(self) -> None:
@@ -98,8 +98,9 @@ class BaseService(Service):
         # A file that says nothing readable may have said that the robot is stopped.
         self._is_stopped = was_saved if latch is None else latch.stopped
         epoch_ns = first_stamp_ns(self.unix_ns, self.state.read(TIME_FILE, SavedTime))
-        self._saved_world = self.state.read(WORLD_FILE, SavedWorld)
-        opened = self._device.open(epoch_ns, self._saved_world)
+        saved_world = self.state.read(WORLD_FILE, SavedWorld)
+        self._notes = DeviceNotes(self.log, self.count)
+        opened = self._device.open(epoch_ns, saved_world, self._robot_ns)
         self._hardware = opened.hardware
         self._simulated, self._recorded = opened.simulated, opened.recorded
         self._track = OdometryTrack(epoch_ns)
@@ -107,10 +108,13 @@ class BaseService(Service):
         step_ns = None if is_real else round(CONTROL_S * 1e9)
         self._clock.begin(epoch_ns, self.monotonic_ns, self._device.rate, step_ns)
         self._introduce(epoch_ns)
-        if self._device.world is not None:
-            self._neighbours = Neighbours(self.robot, self._device.world)
-            self.watch(topics.ROBOT, robot="*", then=self._hear_robot)
-            self.watch(topics.SIM_TRUTH, robot="*", then=self._hear_truth)
+        if self._simulated is not None and self._device.world is not None:
+            from trolley_base.shared_world import SharedWorld
+
+            self._world = SharedWorld(self, self._simulated, self._device.world, self._save)
+
+    def _robot_ns(self, monotonic_ns: int) -> int:
+        return self._clock.now(monotonic_ns) or 0
 
     def stop(self) -> None:
         """Stand, say so, and keep what must outlive the process."""
@@ -143,7 +147,7 @@ class BaseService(Service):
         arrived_ns = self._scan_arrived_ns
         hindrance = find_hindrance(
             Condition(
-                is_recording=self._recorded is not None,
+                cannot_drive=self._device.cannot_drive,
                 is_stopped=self._is_stopped,
                 chassis=self._chassis_reading,
                 lidar=self._lidar_link,
@@ -210,6 +214,7 @@ class BaseService(Service):
         for imu in reading.imu:
             self.publish(topics.IMU, imu)
         self._battery = reading.battery or self._battery
+        self._notes.hear(reading.link, reading.notes, reading.counts)
         if codes.BUTTON in reading.alarms and not self._is_stopped:
             self._set_latch(is_stopped=True)
             self._save_latch()
@@ -217,6 +222,7 @@ class BaseService(Service):
     def _read_lidar(self, now_ns: int) -> None:
         reading = self._hardware.lidar.read()
         self._lidar_link = reading.link
+        self._notes.hear(reading.link, reading.notes, reading.counts)
         # With each scan the odometry up to its last beam, so that nobody has to wait for it.
         if self._has_moved and (self._odometry_beat.is_due(now_ns) or reading.scans):
             self._has_moved = False
@@ -252,7 +258,7 @@ class BaseService(Service):
         """Publish what does not change during a run."""
         simulated = self._simulated is not None
         robot = robot_message(
-            self._config, self._footprint, self._mesh, now_ns, simulated=simulated
+            self._config, self._footprint, self._limits, self._mesh, now_ns, simulated=simulated
         )
         self.publish(topics.ROBOT, robot)
         laser = Transform(
@@ -269,9 +275,8 @@ class BaseService(Service):
             self._publish_command(now_ns)
         if self._state_beat.is_due(now_ns) or self._state_has_changed(now_ns):
             self._publish_state(now_ns)
-        if self._simulated is not None and self._truth_beat.is_due(now_ns):
-            self.publish(topics.SIM_TRUTH, self._simulated.truth())
-            self._place_neighbours()
+        if self._world is not None:
+            self._world.tell(now_ns)
         if self._time_beat.is_due(now_ns):
             self._save(TIME_FILE, SavedTime(stamp_ns=now_ns))
 
@@ -346,31 +351,11 @@ class BaseService(Service):
         else:
             self.set_health("ok")
 
-    # A simulated world.
     @every(SAVE_WORLD_S, clock="local")
     def save_world(self) -> None:
-        """Keep where a simulated robot stands, so that a restart goes on there."""
-        if self._simulated is None:
-            return
-        saved = self._simulated.saved()
-        if saved != self._saved_world:
-            self._saved_world = saved
-            self._save(WORLD_FILE, saved)
-
-    def _hear_robot(self, robot: Robot, name: str) -> None:
-        if self._neighbours is not None:
-            self._neighbours.hear_robot(name, robot)
-
-    def _hear_truth(self, truth: Truth, name: str) -> None:
-        if self._neighbours is not None:
-            self._neighbours.hear_truth(name, truth, self.arrived_ns)
-
-    def _place_neighbours(self) -> None:
-        if self._neighbours is None or self._simulated is None:
-            return
-        outlines = self._neighbours.outlines(self.monotonic_ns)
-        if outlines is not None:
-            self._simulated.set_others(outlines)
+        """Keep where a simulated robot stands."""
+        if self._world is not None:
+            self._world.save()
 
     # Saving.
     def _save(

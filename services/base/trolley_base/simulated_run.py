@@ -1,6 +1,6 @@
 """`[base] driver = "simulated"`: a world, and a run of the robot in it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +10,20 @@ from trolley import worlds
 from trolley.config import ConfigError, RobotConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Truth
+from trolley_base.device import Opened
 from trolley_base.drivers.simulated import SimulatedHardware
 from trolley_base.drivers.world_file import load_world
-from trolley_base.opening import Opened
 from trolley_base.saved import SavedWorld
+from trolley_base.stop_field import REACTION_S
 from trolley_base.world import OtherRobot, RobotBody, Simulation, WorldError
 
 
 class SimulatedDevice:
     """The world of the configuration, with a robot that fits into it."""
+
+    cannot_drive = ""
+    reaction_s = REACTION_S
+    watchdog_s = 0.5
 
     def __init__(self, config: RobotConfig, footprint: NDArray[np.float64]) -> None:
         settings = config.base.simulated
@@ -37,8 +42,11 @@ class SimulatedDevice:
             raise ConfigError(f"[base.simulated] {error}") from error
         self.world: str | None = self._world.name
 
-    def open(self, start_ns: int, saved: SavedWorld | None) -> Opened:
+    def open(
+        self, start_ns: int, saved: SavedWorld | None, robot_ns: Callable[[int], int]
+    ) -> Opened:
         """Put the robot into its world."""
+        del robot_ns
         start = self._start
         # Where somebody has named another start since, that is where the robot is meant to be.
         if saved is not None and saved.world == self.world and saved.start == self._start:

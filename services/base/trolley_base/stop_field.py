@@ -38,12 +38,20 @@ class StopField:
         footprint: (n, 2) corners [m] in `base_link`, counter-clockwise.
         limits: what the robot can brake with.
         margin: how far before an echo it stops, in the direction of motion [m].
+        reaction_s: time until a command acts.
     """
 
-    def __init__(self, footprint: Floats, limits: MotionLimits, margin: float) -> None:
+    def __init__(
+        self,
+        footprint: Floats,
+        limits: MotionLimits,
+        margin: float,
+        reaction_s: float = REACTION_S,
+    ) -> None:
         self._footprint = footprint
         self._limits = limits
         self._margin = margin
+        self._reaction_s = reaction_s
         self._driving = _outline(footprint, min(SIDE_MARGIN_M, margin))
         self._turning = _outline(footprint, min(TURNING_MARGIN_M, margin))
         self._radius = circumscribed_radius(self._driving[0])
@@ -82,7 +90,7 @@ class StopField:
     def _reach_of(self, speed: float) -> float:
         braking = 0.5 * speed * speed / self._limits.deceleration
         # A turn carries corners on, at most by their own circle; the rest is margin.
-        return 2.0 * self._radius + braking + speed * REACTION_S + 2.0 * self._margin
+        return 2.0 * self._radius + braking + speed * self._reaction_s + 2.0 * self._margin
 
     def _outline_for(self, points: Floats, twist: Twist2D) -> tuple[Floats, float]:
         """Return the outline that must stay clear of points (n, 2) outside, and its margin [m].
@@ -117,8 +125,8 @@ class StopField:
             return 0.0
         # Driving part s and braking evenly: s reaction + s^2 stopping / 2 <= seconds.
         stopping = self._limits.stopping_time(twist)
-        root = math.sqrt(REACTION_S * REACTION_S + 2.0 * stopping * seconds)
-        return min(1.0, 2.0 * seconds / (root + REACTION_S))
+        root = math.sqrt(self._reaction_s * self._reaction_s + 2.0 * stopping * seconds)
+        return min(1.0, 2.0 * seconds / (root + self._reaction_s))
 
 
 def _outline(footprint: Floats, side: float) -> tuple[Floats, float]:

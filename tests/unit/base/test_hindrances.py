@@ -11,7 +11,7 @@ UP = Link(name="chassis", state="up")
 
 def condition(
     *,
-    recording: bool = False,
+    cannot_drive: str = "",
     stopped: bool = False,
     chassis: Link = UP,
     alarms: tuple[str, ...] = (),
@@ -19,7 +19,7 @@ def condition(
     scan_age_ns: int | None = 100_000_000,
 ) -> Condition:
     return Condition(
-        recording, stopped, ChassisReading((), chassis, alarms=alarms), lidar, scan_age_ns
+        cannot_drive, stopped, ChassisReading((), chassis, alarms=alarms), lidar, scan_age_ns
     )
 
 
@@ -38,7 +38,7 @@ def test_nothing_forbids_to_drive_when_all_is_well() -> None:
         (condition(scan_age_ns=500_000_001), "held", codes.SCAN_LOST),
         (condition(alarms=(codes.BATTERY, codes.BUMPER)), "held", codes.BATTERY),
         (condition(alarms=("overheated",)), "fault", "overheated"),
-        (condition(recording=True, scan_age_ns=None), "ok", ""),
+        (condition(cannot_drive="A recording is played.", scan_age_ns=None), "ok", ""),
     ],
 )
 def test_each_trouble_stops_the_robot_and_says_why(now: Condition, mode: str, reason: str) -> None:

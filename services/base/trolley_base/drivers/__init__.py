@@ -9,6 +9,7 @@ from trolley_base.drivers.interface import (
     LidarReading,
     LidarScan,
     MotionSample,
+    Note,
 )
 
 __all__ = [
@@ -20,4 +21,5 @@ __all__ = [
     "LidarReading",
     "LidarScan",
     "MotionSample",
+    "Note",
 ]

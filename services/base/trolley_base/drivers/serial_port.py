@@ -1,0 +1,134 @@
+"""A serial port as drivers need it: exclusive, never blocking, any baud rate."""
+
+import errno
+import fcntl
+import os
+import select
+import termios
+
+import serial
+
+from trolley_base.drivers.dialogue import Line
+
+# At most this much is read at a time; a device that floods cannot keep the reader in one call.
+MOST_READ = 4096
+PSEUDO_TERMINALS = "/dev/pts/"
+# What modem lines answer where there are none (a pseudo-terminal), and what a lost device answers.
+NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL, errno.EIO, errno.ENODEV, errno.ENXIO)
+
+
+class SerialPort:
+    """An open port, for one reading and one writing thread.
+
+    Args:
+        path: the device, or a link to it.
+        line: how to open it.
+
+    Raises:
+        OSError: it cannot be opened; `errno` says why (EBUSY: somebody else has it).
+    """
+
+    def __init__(self, path: str, line: Line) -> None:
+        self._line = line
+        self._serial = serial.Serial(None, line.baud, timeout=0, write_timeout=0, exclusive=True)
+        self._serial.port = path
+        if line.dtr is not None:
+            self._serial.dtr = line.dtr
+        try:
+            self._serial.open()
+        except serial.SerialException as error:
+            raise _as_os_error(path, error) from error
+        self._unsent = b""
+        self._is_pseudo = os.path.realpath(path).startswith(PSEUDO_TERMINALS)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        handle = self._serial.fileno()
+        # pyserial's lock stops its own kind only, this one everybody. A pseudo-terminal would keep
+        # it beyond a crash, as long as its other end lives.
+        if not self._is_pseudo:
+            fcntl.ioctl(handle, termios.TIOCEXCL)
+        if self._line.dtr_after:
+            # Else Linux clears DTR when the port is closed.
+            attributes = termios.tcgetattr(handle)
+            attributes[2] &= ~termios.HUPCL
+            termios.tcsetattr(handle, termios.TCSANOW, attributes)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for bytes; whether there are any (or the device is gone, which `read` tells)."""
+        return bool(select.select([self._serial.fileno()], [], [], timeout_s)[0])
+
+    def read(self) -> bytes:
+        """Return what has arrived, at most 4096 bytes; b"" if nothing has.
+
+        Raises:
+            OSError: the device is gone.
+        """
+        try:
+            data = os.read(self._serial.fileno(), MOST_READ)
+        except BlockingIOError:
+            return b""
+        if not data:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return data
+
+    def write(self, data: bytes) -> bool:
+        """Send bytes without waiting; False where the line took nothing and they were dropped.
+
+        What the line took in part is completed first at the next call, so that no frame is cut.
+
+        Raises:
+            OSError: the device is gone.
+        """
+        waiting = self._unsent + data
+        if not waiting:
+            return True
+        try:
+            sent = os.write(self._serial.fileno(), waiting)
+        except BlockingIOError:
+            sent = 0
+        if sent == 0 or sent < len(self._unsent):
+            # A command that waits would be driven late: better none than an old one.
+            self._flush(termios.TCOFLUSH)
+            self._unsent = b""
+            return False
+        self._unsent = waiting[sent:]
+        return True
+
+    def discard_input(self) -> None:
+        """Drop what has arrived and was not read.
+
+        Raises:
+            OSError: the device is gone.
+        """
+        self._flush(termios.TCIFLUSH)
+
+    def close(self) -> None:
+        """Set DTR as the line says, and let go of the port; may be called more than once."""
+        if not self._serial.is_open:
+            return
+        try:
+            if self._line.dtr_after is not None:
+                self._serial.dtr = self._line.dtr_after
+            if not self._is_pseudo:
+                fcntl.ioctl(self._serial.fileno(), termios.TIOCNXCL)
+        except OSError as error:
+            if error.errno not in NO_SUCH_LINE:
+                raise
+        finally:
+            self._serial.close()
+
+    def _flush(self, queue: int) -> None:
+        try:
+            termios.tcflush(self._serial.fileno(), queue)
+        except termios.error as error:
+            raise OSError(*error.args) from error
+
+
+def _as_os_error(path: str, error: serial.SerialException) -> OSError:
+    """Return the system's error behind pyserial's."""
+    if error.errno in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
+        return OSError(errno.EBUSY, os.strerror(errno.EBUSY), path)
+    if error.errno is None:  # a file, or a device that has no baud rate
+        return OSError(errno.ENOTTY, os.strerror(errno.ENOTTY), path)
+    return OSError(error.errno, os.strerror(error.errno), path)
