@@ -151,9 +151,7 @@ class SerialDevice:
         while not (self._is_closing.is_set() or self._wants_reopen):
             if not port.wait(POLL_S):
                 continue
-            data = port.read()
-            if data:
-                self._store(Arrived(data, time.monotonic_ns()))
+            self._store(Arrived(port.read(), time.monotonic_ns()))
             time.sleep(GATHER_S)
 
     def _store(self, event: Event) -> None:

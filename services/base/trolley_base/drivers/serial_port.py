@@ -59,15 +59,12 @@ class SerialPort:
         return bool(select.select([self._serial.fileno()], [], [], timeout_s)[0])
 
     def read(self) -> bytes:
-        """Return what has arrived, at most 4096 bytes; b"" if nothing has.
+        """Return what has arrived, at most 4096 bytes; to be called when `wait` said so.
 
         Raises:
             OSError: the device is gone.
         """
-        try:
-            data = os.read(self._serial.fileno(), MOST_READ)
-        except BlockingIOError:
-            return b""
+        data = os.read(self._serial.fileno(), MOST_READ)
         if not data:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
         return data
