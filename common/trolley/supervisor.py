@@ -93,7 +93,8 @@ class Supervisor:
     """The children of a context: started on entering, ended on leaving, restarted in between.
 
     Args:
-        modules: What to run, by service: `{"base": "trolley_base"}` is `python -m trolley_base`.
+        modules: What to run, by service: `{"base": "trolley_base"}` is `python -m trolley_base`;
+            a list is a module with arguments.
         environment: Added to this process's environment.
         report: Called, on a thread of its own, with a sentence about each child that ended.
         held: Those that start only when `release` is called.
@@ -101,13 +102,13 @@ class Supervisor:
 
     def __init__(
         self,
-        modules: Mapping[str, str],
+        modules: Mapping[str, str | Sequence[str]],
         environment: Mapping[str, str],
         report: Callable[[str], None],
         held: Collection[str] = (),
     ) -> None:
         self.children = {
-            name: Child(name, [sys.executable, "-m", module], is_held=name in held)
+            name: Child(name, _command(module), is_held=name in held)
             for name, module in modules.items()
         }
         self.failure: str | None = None
@@ -170,6 +171,11 @@ class Supervisor:
                 self._report(f"{child.name} does not end; killing it")
                 child.signal(signal.SIGKILL)
                 child.wait(GRACE_S)
+
+
+def _command(module: str | Sequence[str]) -> list[str]:
+    words = [module] if isinstance(module, str) else module
+    return [sys.executable, "-m", *words]
 
 
 def _how_it_ended(code: int) -> str:

@@ -3,16 +3,23 @@
 import os
 import tempfile
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
 from trolley import ports
 from trolley.cli import exits
-from trolley.cli.demo_robot import NAME, TOUR_NAME, Choices, parse_pose, write_settings
+from trolley.cli.demo_robot import (
+    NAME,
+    TOUR_NAME,
+    Choices,
+    emulator_command,
+    parse_pose,
+    write_settings,
+)
 from trolley.cli.demo_run import (
     LOCALIZED_WITHIN_S,
     describe_localized,
@@ -34,6 +41,7 @@ from trolley.cli.running import (
 )
 from trolley.client import Robot
 from trolley.config import ConfigError, load_config
+from trolley.config.hardware import Board, LidarModel
 from trolley.connection import Connection
 
 DEFAULT_PORT = 7447
@@ -45,6 +53,21 @@ def _pose_option(_context: click.Context, _parameter: click.Parameter, text: str
         return None if text is None else parse_pose(text)
     except ValueError as error:
         raise click.BadParameter(str(error)) from error
+
+
+def _devices_option(
+    _context: click.Context, _parameter: click.Parameter, text: str | None
+) -> tuple[str, str] | None:
+    if text is None:
+        return None
+    board, _, lidar = text.partition(",")
+    for name, known in ((board, get_args(Board)), (lidar, get_args(LidarModel))):
+        if name not in known:
+            raise click.BadParameter(
+                f"a board and a lidar such as linorobot,ld19 are wanted; {name!r} is none of "
+                f"{', '.join(known)}"
+            )
+    return board, lidar
 
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -75,6 +98,13 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--recording", type=FILE, help="Play a recorded drive (npz) instead.")
 @click.option("--map", "map_file", type=FILE, help="The map of the recorded drive.")
 @click.option("--start", callback=_pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
+@click.option(
+    "--emulate",
+    "devices",
+    callback=_devices_option,
+    metavar="BOARD,LIDAR",
+    help="Emulate these devices on serial ports, and drive them as real ones (linorobot,ld19).",
+)
 @click.option("-v", "--verbose", is_flag=True, help="Show all that the services log.")
 @reports_errors
 def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> None:
@@ -90,6 +120,8 @@ def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> N
         click.secho("The viewer is not installed; going on without it.", err=True, fg="yellow")
         headless = True
     choices = Choices(viz_port=None if headless else _viz_port(viz_port), **options)
+    if choices.devices is not None and (choices.speed != 1.0 or choices.recording is not None):
+        raise ConfigError("--emulate plays real devices, at --speed 1 and without --recording")
     if tour and not choices.has_places:
         raise ConfigError(f"--tour drives the tour {TOUR_NAME}, which belongs to the apartment")
     check_port(choices.port, "choose another one with --port (and --name for a second robot)")
@@ -142,7 +174,10 @@ def _run(
     click.echo(f"Starting robot {choices.name}: {', '.join(modules)} ...")
     # A recording does not wait for anybody, so it begins when everybody listens.
     held = ["base"] if choices.recording is not None else []
-    with supervised(modules, environment, choices.endpoint, held=held) as supervisor:
+    children: dict[str, str | Sequence[str]] = {**modules}
+    if choices.devices is not None:
+        children["emulator"] = emulator_command(choices, config)
+    with supervised(children, environment, choices.endpoint, held=held) as supervisor:
         if not headless:
             announce_viewer(settings)
         started_s = time.monotonic()

@@ -19,6 +19,10 @@ NAME = "trolley"
 TOUR_NAME = "article"
 TITLE = "Demo robot"
 FOOTPRINT = {"length_m": 0.30, "width_m": 0.24}
+PORTS = "ports"
+"""The folder of emulated ports, beside robot.toml."""
+WHEELS = {"ticks_per_revolution": 1550.0, "diameter_m": 0.10, "track_m": 0.20}
+"""Of a board that counts ticks."""
 
 
 def _about_z(x: float, y: float, z: float, w: float) -> Pose2D:
@@ -49,6 +53,8 @@ class Choices:
     recording: Path | None = None
     map_file: Path | None = None
     start: Pose2D | None = None
+    devices: tuple[str, str] | None = None
+    """A board and a lidar to emulate, behind the real drivers; None: base's own simulation."""
 
     @property
     def endpoint(self) -> str:
@@ -71,6 +77,8 @@ def settings(choices: Choices) -> dict[str, Any]:
         base, map_file, start = _recorded(choices, choices.recording)
     else:
         base, map_file, start = _simulated(choices)
+    if choices.devices is not None:
+        base = _real(*choices.devices)
     robot = {"name": choices.name, "title": TITLE, "footprint": FOOTPRINT}
     plain: dict[str, Any] = {
         "robot": robot,
@@ -108,6 +116,35 @@ def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
     elif isinstance(plain.get("start"), dict):
         start = _pose(plain["start"])
     return {"driver": "simulated", "simulated": simulated}, map_file.resolve(), start
+
+
+def _real(board: str, lidar: str) -> dict[str, Any]:
+    """The settings of real drivers, whose ports the emulator puts beside robot.toml."""
+    chassis: dict[str, Any] = {"board": board, "port": f"{PORTS}/{board}"}
+    if board == "arduino_bridge":
+        chassis["wheels"] = WHEELS
+    seeing = {"model": lidar, "port": f"{PORTS}/{lidar}"}
+    return {"driver": "hardware", "chassis": chassis, "lidar": seeing}
+
+
+def emulator_command(choices: Choices, config: Path) -> list[str]:
+    """What plays the devices of `settings`: `python -m` these words.
+
+    Raises:
+        ConfigError: There is no such world.
+    """
+    assert choices.devices is not None
+    try:
+        world = worlds.find(choices.world or WORLD)
+    except FileNotFoundError as error:
+        raise ConfigError(f"--world: {error}") from error
+    words = ["trolley.cli", "emulate", *choices.devices, "--config", str(config)]
+    words += ["--world", str(world), "--seed", str(choices.seed)]
+    words += ["--ports", str(config.parent / PORTS)]
+    if choices.start is not None:
+        start = choices.start
+        words += [f"--start={start.x},{start.y},{start.yaw}"]
+    return words
 
 
 def _recorded(choices: Choices, recording: Path) -> tuple[dict[str, Any], Path, Pose2D | None]:

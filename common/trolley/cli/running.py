@@ -86,7 +86,7 @@ def interruptible() -> Generator[None]:
 
 @contextmanager
 def supervised(
-    modules: Mapping[str, str],
+    modules: Mapping[str, str | Sequence[str]],
     environment: Mapping[str, str],
     router: str | None,
     uplink: Sequence[str] = (),
