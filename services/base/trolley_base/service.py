@@ -108,6 +108,11 @@ class BaseService(Service):
         step_ns = None if is_real else round(CONTROL_S * 1e9)
         self._clock.begin(epoch_ns, self.monotonic_ns, self._device.rate, step_ns)
         self._introduce(epoch_ns)
+        if self._limits.speed < self._config.base.limits.max_speed_mps:
+            self.log.warning(
+                f"Driving at most {self._limits.speed} m/s: without base the motor board stops only "
+                f"after {self._device.watchdog_s:g} s; see [base.chassis] watchdog_s"
+            )
         if self._simulated is not None and self._device.world is not None:
             from trolley_base.shared_world import SharedWorld
 
