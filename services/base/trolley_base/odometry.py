@@ -10,6 +10,10 @@ from trolley_base.drivers import MotionSample
 
 # Poses that are kept: 1.3 s at 50 Hz, several revolutions of any lidar.
 KEPT = 64
+# No robot that can be configured is faster; a motion beyond it is a counter that wrapped or a
+# board that began anew. The rest is for two readings that lie close together in time.
+FASTEST_MPS, FASTEST_RADPS = 6.0, 12.0
+SLACK_M, SLACK_RAD = 0.05, 0.3
 
 
 class OdometryTrack:
@@ -23,6 +27,14 @@ class OdometryTrack:
         self._track: deque[tuple[int, float, float, float]] = deque(maxlen=KEPT)
         self._yaw = 0.0
         self._keep()
+
+    def accepts(self, motion: MotionSample) -> bool:
+        """Say whether a motion is newer than all before and one that a robot can do."""
+        pose, seconds = motion.previous_T_base, (motion.stamp_ns - self.stamp_ns) * 1e-9
+        if seconds < 0.0 or not (pose.is_finite() and motion.twist.is_finite()):
+            return False
+        is_far = pose.distance_to(Pose2D.identity()) > FASTEST_MPS * seconds + SLACK_M
+        return not is_far and abs(pose.yaw) <= FASTEST_RADPS * seconds + SLACK_RAD
 
     def add(self, motion: MotionSample) -> None:
         """Join a motion to those before."""

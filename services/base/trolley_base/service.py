@@ -22,13 +22,13 @@ from trolley.messages import (
 )
 from trolley.messages.asking import Nothing
 from trolley.runtime.service import Later, Service, answers, every, gets, on
+from trolley_base.dead_reckoning import DeadReckoning
 from trolley_base.description import footprint_of, limits_of, mesh_of, robot_message
 from trolley_base.device_notes import DeviceNotes
 from trolley_base.drivers import ChassisReading, LidarScan
 from trolley_base.echoes import NearEchoes
 from trolley_base.governor import Decision, Governor
 from trolley_base.hindrances import SCAN_SILENCE_NS, Condition, find_hindrance
-from trolley_base.odometry import OdometryTrack
 from trolley_base.opening import choose_device
 from trolley_base.robot_clock import Beat, RobotClock
 from trolley_base.saved import (
@@ -41,6 +41,7 @@ from trolley_base.saved import (
     first_stamp_ns,
 )
 from trolley_base.stop_field import StopField
+from trolley_base.wheel_scales import scales_of
 
 if TYPE_CHECKING:
     from trolley_base.shared_world import SharedWorld
@@ -67,11 +68,12 @@ class BaseService(Service):
         """Read what the configuration names.
 
         Raises:
-            ConfigError: a world, recording, mesh or footprint cannot be used.
+            ConfigError: a world, recording, mesh, footprint or wheel ratio cannot be used.
         """
         self._config = config
         self._footprint = footprint_of(config)
         self._mesh = mesh_of(config)
+        self._scales = scales_of(config)
         self._device = choose_device(config, self._footprint)
         limits = self._limits = limits_of(config, self._device.watchdog_s)
         margin, reaction_s = config.base.stop_margin_m, self._device.reaction_s
@@ -103,7 +105,8 @@ class BaseService(Service):
         opened = self._device.open(epoch_ns, saved_world, self._robot_ns)
         self._hardware = opened.hardware
         self._simulated, self._recorded = opened.simulated, opened.recorded
-        self._track = OdometryTrack(epoch_ns)
+        self._reckoning = DeadReckoning(self._config, self._scales, epoch_ns)
+        self._track = self._reckoning.track
         is_real = self._simulated is None and self._recorded is None
         step_ns = None if is_real else round(CONTROL_S * 1e9)
         self._clock.begin(epoch_ns, self.monotonic_ns, self._device.rate, step_ns)
@@ -161,7 +164,7 @@ class BaseService(Service):
         )
         echoes = self._echoes.points(self._track.odom_T_base)
         self._decision = self._governor.decide(now_ns, echoes, hindrance)
-        self._hardware.chassis.drive(self._decision.twist)
+        self._hardware.chassis.drive(self._scales.reported_twist(self._decision.twist))
 
     @on(topics.COMMAND)
     def take_command(self, command: VelocityCommand, source: str) -> None:
@@ -212,10 +215,9 @@ class BaseService(Service):
 
     # Reading.
     def _read_chassis(self) -> None:
-        reading = self._chassis_reading = self._hardware.chassis.read()
-        for motion in reading.motions:
-            self._track.add(motion)
-            self._has_moved = True
+        reading = self._reckoning.take(self._hardware.chassis.read())
+        self._chassis_reading = reading
+        self._has_moved = self._has_moved or bool(reading.motions)
         for imu in reading.imu:
             self.publish(topics.IMU, imu)
         self._battery = reading.battery or self._battery
