@@ -113,7 +113,7 @@ class BaseService(Service):
         self._introduce(epoch_ns)
         if self._limits.speed < self._config.base.limits.max_speed_mps:
             self.log.warning(
-                f"Driving at most {self._limits.speed} m/s: without base the motor board stops only "
+                f"At most {self._limits.speed} m/s: without base the motor board stops only "
                 f"after {self._device.watchdog_s:g} s; see [base.chassis] watchdog_s"
             )
         if self._simulated is not None and self._device.world is not None:
