@@ -1,0 +1,189 @@
+"""`trolley detect`: which board and which lidar are plugged in, and where."""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trolley.cli import exits
+from trolley.cli.options import given, json_option, where_options
+from trolley.cli.robots import reports_errors
+from trolley.cli.show import Progress, print_json, print_table
+from trolley.config import ConfigError, find_config
+from trolley_base.detection import robot_toml, settings, udev_rules
+from trolley_base.detection.found import Seen
+from trolley_base.detection.looking import look
+from trolley_base.detection.ports import find_ports
+from trolley_base.detection.settings import Proposal
+
+# An option that may stand without a value: for "the usual file", and for "the screen".
+USUAL, SCREEN = "<usual>", "-"
+
+
+@click.command(name="detect")
+@click.argument("ports", nargs=-1, metavar="[PORT]...")
+@click.option(
+    "--write",
+    is_flag=False,
+    flag_value=USUAL,
+    metavar="[ROBOT.TOML]",
+    help="Put the settings into this file, else the usual one; name ports before it.",
+)
+@click.option(
+    "--udev",
+    is_flag=False,
+    flag_value=SCREEN,
+    metavar="[FILE]",
+    help="Print a udev rule with lasting names for the ports, or write it to this file.",
+)
+@where_options
+@json_option
+@reports_errors
+def detect_command(
+    ports: tuple[str, ...], write: str | None, udev: str | None, as_json: bool
+) -> int:
+    """Find the motor board and the lidar by what they answer; nothing on wheels moves.
+
+    Looks at the serial ports named, else at all of them; that takes about 8 s. Devices are left as
+    they were found, except that a lidar that nobody listens to is told to stop.
+    """
+    for value in (write, udev):
+        if value is not None and value.startswith("/dev/"):
+            raise click.UsageError(f"name the port {value} before the options")
+    path = _file_to_write(write) if write is not None else find_config(given("config"))
+    text = robot_toml.read_text(path) if path is not None and (write or path.exists()) else ""
+    candidates = find_ports(ports)
+    progress = Progress()
+    progress.show(f"Looking at {len(candidates)} serial ports ...")
+    try:
+        seen = look(
+            candidates, lambda one, left: progress.show(_progress(one, left), one.port.name)
+        )
+    finally:
+        progress.clear()
+    proposal = settings.propose(seen, tomllib.loads(text))
+    if as_json:
+        print_json(_plain(seen, proposal))
+    else:
+        _show(seen)
+    if udev is not None:
+        _give_rule(udev, seen, quiet=as_json)
+    if write is not None:
+        assert path is not None
+        _write(path, text, proposal, quiet=as_json)
+    elif not as_json and udev is None:
+        _show_settings(proposal)
+    return exits.OK if any(one.found for one in seen) else exits.FAILED
+
+
+def _file_to_write(write: str) -> Path:
+    path = find_config(given("config")) if write == USUAL else Path(write)
+    if path is None:
+        raise ConfigError(
+            "there is no robot.toml to write to: name it (--write robot.toml), or make one first "
+            "with `trolley init`"
+        )
+    if not path.exists():
+        raise ConfigError(f"{path} is not there: make it first with `trolley init {path}`")
+    return path
+
+
+def _progress(one: Seen, left: int) -> str:
+    what = one.found.title if one.found is not None else "nothing known"
+    rest = f", {left} more to look at" if left else ""
+    return f"{one.port.name}: {what}{rest}"
+
+
+def _show(seen: Sequence[Seen]) -> None:
+    """Print a table, and below it what is to be said of each port."""
+    if not seen:
+        click.echo(
+            "There is no serial port: is anything plugged in, and by a data cable (not "
+            "charge-only)? In a virtual machine or container, is the device passed on?"
+        )
+        return
+    rows = [
+        (
+            one.port.name,
+            one.found.title if one.found is not None else "-",
+            (one.found.model or "no driver") if one.found is not None else "-",
+            ", ".join(one.found.details) if one.found is not None else one.port.description,
+        )
+        for one in seen
+    ]
+    print_table(("port", "device", "model", "details"), rows)
+    for one in seen:
+        remarks = [*one.problems]
+        if one.found is not None and one.port.reason:
+            remarks.append(one.port.reason)
+        if remarks:
+            click.echo(f"\n{one.port.name}")
+        for remark in remarks:
+            click.echo(f"  {remark}")
+
+
+def _show_settings(proposal: Proposal) -> None:
+    for note in proposal.notes:
+        click.echo(f"\n{note}")
+    if proposal.values:
+        click.echo("\nFor robot.toml (`trolley detect --write` puts it there):\n")
+        click.echo(settings.render(proposal), nl=False)
+
+
+def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
+    new = robot_toml.with_values(old, proposal.values, proposal.remarks)
+    if new != old:
+        robot_toml.replace_text(path, new)
+    if quiet:
+        return
+    for note in proposal.notes:
+        click.echo(f"\n{note}")
+    if new == old:
+        click.echo(f"\n{path} stays as it is.")
+        return
+    click.echo(f"\nChanged in {path}:\n")
+    click.echo(robot_toml.difference(path, old, new), nl=False)
+
+
+def _give_rule(udev: str, seen: Sequence[Seen], *, quiet: bool) -> None:
+    if udev == SCREEN:
+        if not quiet:
+            click.echo("\n" + udev_rules.render(seen), nl=False)
+        return
+    path = Path(udev)
+    try:
+        path.write_text(udev_rules.render(seen, udev), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+    if not quiet:
+        click.echo(f"\nWrote {path}; its first lines say how to install it.")
+
+
+def _plain(seen: Sequence[Seen], proposal: Proposal) -> dict[str, Any]:
+    """What was seen, for a program."""
+    return {
+        "ports": [
+            {
+                "port": one.port.name,
+                "device": one.port.device,
+                "description": one.port.description,
+                "name_reason": one.port.reason,
+                "found": None
+                if one.found is None
+                else {
+                    "kind": one.found.kind,
+                    "model": one.found.model,
+                    "title": one.found.title,
+                    "baud": one.found.baud,
+                    "details": one.found.details,
+                },
+                "problems": one.problems,
+            }
+            for one in seen
+        ],
+        "settings": {".".join(keys): value for keys, value in proposal.values.items()},
+        "notes": proposal.notes,
+        "toml": settings.render(proposal) if proposal.values else "",
+    }

@@ -1,0 +1,128 @@
+"""Telling a device by its answer to a harmless question.
+
+Sources:
+    SLAMTEC rplidar_sdk (`sl_lidar_protocol.h`); YDLIDAR X4 development manual; hbrobotics
+    ros_arduino_bridge (`commands.h`).
+"""
+
+import re
+import struct
+from typing import NamedTuple
+
+from trolley_base.detection.found import Found
+
+RPLIDAR_BAUD, YDLIDAR_BAUD, BRIDGE_BAUD = 115200, 128000, 57600
+
+# RPLIDAR and YDLIDAR begin an answer alike: A5 5A, its length, and of what kind it is.
+_INFO = bytes.fromhex("A55A 1400 0000 04")
+_HEALTH = bytes.fromhex("A55A 0300 0000 06")
+_INFO_BYTES, _HEALTH_BYTES = 20, 3
+_X4 = 6
+_FAULTY = 2
+
+_REFUSAL = "Invalid Command"
+_BAUD_LINE = re.compile(rb"(?:^|[\r\n])57600\r\n")
+_COUNTS_LINE = re.compile(rb"(?:^|\n)(-?\d+ -?\d+|Invalid Command)\r\n")
+
+
+class Info(NamedTuple):
+    """What a lidar says of itself."""
+
+    model: int
+    firmware: str
+    hardware: int
+    serial: str
+
+
+def read_info(data: bytes) -> Info | None:
+    """Find the answer to "who are you" of an RPLIDAR or YDLIDAR; None while it is not there."""
+    body = _body(data, _INFO, _INFO_BYTES)
+    if body is None:
+        return None
+    model, minor, major, hardware = struct.unpack_from("<4B", body)
+    return Info(model, f"{major}.{minor:02d}", hardware, body[4:].hex().upper())
+
+
+def read_health(data: bytes) -> tuple[int, int] | None:
+    """Find the answer to "how are you": status (0 good, 1 warning, 2 error) and error code."""
+    body = _body(data, _HEALTH, _HEALTH_BYTES)
+    if body is None:
+        return None
+    status, code = struct.unpack("<BH", body)
+    return status, code
+
+
+def rplidar(info: Info, health: tuple[int, int] | None) -> Found:
+    """Say which RPLIDAR it is."""
+    series = info.model >> 4
+    details, problems = _details(info, health)
+    if series == 1:
+        return Found("lidar", "rplidar_a1", "RPLIDAR A1", RPLIDAR_BAUD, details, problems)
+    title = f"RPLIDAR A{series}" if series in (2, 3) else f"RPLIDAR (model 0x{info.model:02X})"
+    missing = f"Trolley has no driver for the {title}; `rplidar_a1` with mode standard may do."
+    return Found("lidar", None, title, RPLIDAR_BAUD, details, (*problems, missing))
+
+
+def ydlidar(info: Info, health: tuple[int, int] | None) -> Found:
+    """Say which YDLIDAR it is."""
+    details, problems = _details(info, health)
+    if info.model == _X4:
+        return Found("lidar", "ydlidar_x4", "YDLIDAR X4", YDLIDAR_BAUD, details, problems)
+    title = f"YDLIDAR (model {info.model})"
+    missing = f"Trolley has no driver for the {title}."
+    return Found("lidar", None, title, YDLIDAR_BAUD, details, (*problems, missing))
+
+
+def is_bridge(data: bytes) -> bool:
+    """Whether these are a ROSArduinoBridge's words to `b`: its baud rate, on a line of its own."""
+    return _BAUD_LINE.search(data) is not None
+
+
+def read_counts(data: bytes) -> str | None:
+    """Find a ROSArduinoBridge's answer to `e`, two counts or a refusal; None until it is there."""
+    answer = _COUNTS_LINE.search(data)
+    return None if answer is None else answer[1].decode("ascii")
+
+
+def bridge(counts: str | None) -> Found:
+    """Say what a ROSArduinoBridge's answer to `e` tells.
+
+    Args:
+        counts: what `read_counts` found.
+    """
+    details: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+    if counts is None:
+        problems = ("It does not answer the question for its encoders.",)
+    elif counts == _REFUSAL:
+        problems = (
+            "Its sketch was built without USE_BASE and cannot drive: take the // away before "
+            '"#define USE_BASE" in ROSArduinoBridge.ino, choose your motor driver, and upload it.',
+        )
+    else:
+        details = (f"encoders at {counts}",)
+    title = "ROSArduinoBridge"
+    return Found("board", "arduino_bridge", title, BRIDGE_BAUD, details, problems)
+
+
+def _body(data: bytes, descriptor: bytes, length: int) -> bytes | None:
+    start = data.find(descriptor)
+    body = data[start + len(descriptor) :][:length] if start >= 0 else b""
+    return body if len(body) == length else None
+
+
+def _details(info: Info, health: tuple[int, int] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What a lidar says of itself in words, and what is wrong with it."""
+    details = (f"firmware {info.firmware}", f"serial {info.serial}")
+    if health is None:
+        return details, ("It does not say how it is: a weak 5 V supply is the usual cause.",)
+    status, code = health
+    if status == 0:
+        return (*details, "health good"), ()
+    if status < _FAULTY:
+        return (*details, f"health warning (code {code})"), ()
+    problem = (
+        f"It reports a fault (code {code}): take its power away for some seconds; if the fault "
+        f"stays, is the head free to turn and the 5 V supply strong enough?"
+    )
+    return (*details, f"health error {code}"), (problem,)

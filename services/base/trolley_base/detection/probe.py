@@ -1,0 +1,203 @@
+"""Asks what is at the other end of a serial port, without moving anything on wheels.
+
+First it listens, then it asks in an order in which no question can harm a device that it is not
+meant for:
+
+- 230400 and 115200 baud: an LD19, a running LDS-01 and an XV11 talk unasked.
+- 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
+  passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
+  by the CR that follows; to rosserial, letters are noise between frames.
+- 115200, 128000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead program has
+  left streaming. Bits at 57600 are two at 115200 and more at 128000, so the questions before cannot
+  be read as A5, with which every command to these lidars begins.
+- 230400: `b` starts an LDS-01 that waits; `e` stops it again.
+
+DTR stays as Linux sets it on opening: boards with USB of their own want it, an A1 stands and an X4
+turns meanwhile. Closing the port brings back what was. The port is opened once, and its speed
+changed, so that a board reboots once.
+"""
+
+import termios
+import threading
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import serial
+
+from trolley_base.detection import answers, rosserial_answer, streams
+from trolley_base.detection.found import Found
+from trolley_base.drivers.dialogue import Line
+from trolley_base.drivers.serial_port import SerialPort
+
+T = TypeVar("T")
+
+FAST_BAUD, XV11_BAUD = 230400, 115200
+LISTEN_S = 0.6
+# The slowest boards talk about 2 s after their port was opened.
+BOARDS_UNTIL_S = 3.2
+ROSSERIAL_S = 0.35
+TOPICS_S = 0.5
+LINE_S = 0.2
+LIDAR_S = 0.5
+LIDAR_TRIES = 2
+SPIN_UP_S = 1.5
+# What a lidar needs to take a "stop".
+STOPPING_S = 0.1
+POLL_S = 0.05
+# Of what was heard in one step, no more than this is looked at.
+MOST_HEARD = 65536
+
+
+class Interrupted(Exception):
+    """The person does not want to wait any longer."""
+
+
+class ProbePort(SerialPort):
+    """A port whose speed can be changed while it is open."""
+
+    def set_baud(self, baud: int) -> None:
+        """Change the speed, and forget what came at the old one.
+
+        Raises:
+            OSError: the device is gone.
+        """
+        try:
+            self._serial.baudrate = baud
+        except (termios.error, serial.SerialException) as error:
+            raise OSError(*error.args) from error
+        self.discard_input()
+
+
+class Probe:
+    """One look at one port.
+
+    Args:
+        port: as it was just opened, at `OPENING`.
+        interrupt: set when the look is to end early.
+    """
+
+    OPENING = Line(baud=FAST_BAUD)
+
+    def __init__(self, port: ProbePort, interrupt: threading.Event) -> None:
+        self._port = port
+        self._interrupt = interrupt
+        self._opened_s = time.monotonic()
+        self.heard: dict[int, int] = {}
+        """How many bytes came at each speed before the first question."""
+
+    def identify(self) -> Found | None:
+        """Find out what is there; None if nothing answered as a known device does.
+
+        Raises:
+            OSError: the port was lost.
+            Interrupted: the look was to end.
+        """
+        return (
+            self._listen(FAST_BAUD, streams.hear_fast)
+            or self._listen(XV11_BAUD, streams.hear_xv11)
+            or self._ask_boards()
+            or self._ask_rplidar()
+            or self._ask_ydlidar()
+            or self._wake_lds01()
+        )
+
+    def _listen(self, baud: int, recognise: Callable[[bytes], Found | None]) -> Found | None:
+        self._port.set_baud(baud)
+        data = bytearray()
+        found = self._hear(LISTEN_S, recognise, data)
+        self.heard[baud] = len(data)
+        return found
+
+    def _ask_boards(self) -> Found | None:
+        self._port.set_baud(answers.BRIDGE_BAUD)
+        data = bytearray()
+        while time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
+            self._port.write(rosserial_answer.ASK_FOR_TOPICS)
+            if self._hear(ROSSERIAL_S, rosserial_answer.read_topics, data):
+                return self._describe_linorobot(data)
+            # The CR ends what the questions before have left in an Arduino's line.
+            self._port.write(b"\r")
+            self._pause(LINE_S)
+            self._port.write(b"b\r")
+            if self._hear(LINE_S, answers.is_bridge, data):
+                return self._describe_bridge()
+        return None
+
+    def _describe_linorobot(self, data: bytearray) -> Found:
+        """Wait for the rest of the topics, and let the board fall silent again."""
+
+        def all_topics(heard: bytes) -> bool:
+            return rosserial_answer.is_complete(rosserial_answer.read_topics(heard))
+
+        self._hear(TOPICS_S, all_topics, data)
+        self._port.write(rosserial_answer.STOP_SENDING)
+        return rosserial_answer.describe(rosserial_answer.read_topics(bytes(data)))
+
+    def _describe_bridge(self) -> Found:
+        self._pause(LINE_S)  # answers that are still on their way belong to earlier questions
+        self._port.discard_input()
+        self._port.write(b"e\r")
+        return answers.bridge(self._hear(LINE_S, answers.read_counts))
+
+    def _ask_rplidar(self) -> Found | None:
+        self._port.set_baud(answers.RPLIDAR_BAUD)
+        info = self._ask_lidar((b"\xa5\x25",), b"\xa5\x50", answers.read_info)
+        if info is None:
+            return None
+        return answers.rplidar(info, self._ask_lidar((), b"\xa5\x52", answers.read_health))
+
+    def _ask_ydlidar(self) -> Found | None:
+        self._port.set_baud(answers.YDLIDAR_BAUD)
+        info = self._ask_lidar((b"\xa5\x00", b"\xa5\x65"), b"\xa5\x90", answers.read_info)
+        if info is None:
+            return None
+        return answers.ydlidar(info, self._ask_lidar((), b"\xa5\x92", answers.read_health))
+
+    def _ask_lidar(
+        self, stop: tuple[bytes, ...], question: bytes, read: Callable[[bytes], T | None]
+    ) -> T | None:
+        for _ in range(LIDAR_TRIES):
+            for command in stop:
+                self._port.write(command)
+                self._pause(STOPPING_S)
+            self._port.discard_input()
+            self._port.write(question)
+            answer = self._hear(LIDAR_S, read)
+            if answer is not None:
+                return answer
+        return None
+
+    def _wake_lds01(self) -> Found | None:
+        self._port.set_baud(FAST_BAUD)
+        self._port.write(b"b")
+        try:
+            return self._hear(SPIN_UP_S, streams.hear_fast)
+        finally:
+            self._port.write(b"e")
+            time.sleep(POLL_S)  # closing drops what has not left
+
+    def _hear(
+        self,
+        seconds: float,
+        recognise: Callable[[bytes], T | None],
+        data: bytearray | None = None,
+    ) -> T | None:
+        """Gather what comes until it is recognised or the time is over."""
+        heard = bytearray() if data is None else data
+        deadline_s = time.monotonic() + seconds
+        while (left_s := deadline_s - time.monotonic()) > 0.0:
+            if self._interrupt.is_set():
+                raise Interrupted
+            if not self._port.wait(min(left_s, POLL_S)):
+                continue
+            heard += self._port.read()
+            del heard[:-MOST_HEARD]
+            result = recognise(bytes(heard))
+            if result:
+                return result
+        return None
+
+    def _pause(self, seconds: float) -> None:
+        if self._interrupt.wait(seconds):
+            raise Interrupted
