@@ -18,6 +18,7 @@ STAMPS := $(VENV)/.stamps
 MEMBERS := common $(patsubst %/pyproject.toml,%,$(wildcard services/*/pyproject.toml))
 MEMBER_FILES := $(addsuffix /pyproject.toml,$(MEMBERS))
 KERNEL_FILES := $(shell grep -rlE --include='*.py' '^from trolley.jit import' common services)
+SERIAL_TESTS := tests/process tests/browser
 BENCHES := $(shell grep -lE '__main__' bench/*.py 2>/dev/null)
 
 export UV_PYTHON_DOWNLOADS := never
@@ -31,8 +32,14 @@ setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernel
 demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `trolley demo`.
 	@$(BIN)/trolley demo $(ARGS)
 
+# Tests of whole processes count seconds, so they run one at a time, and the others on all cores.
 test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
+ifeq ($(ARGS),)
+	@$(BIN)/python -m pytest --numprocesses auto $(addprefix --ignore=,$(SERIAL_TESTS))
+	@$(BIN)/python -m pytest $(SERIAL_TESTS)
+else
 	@$(BIN)/python -m pytest $(ARGS)
+endif
 
 lint: setup ## ruff, its formatter and pyright, changing nothing.
 	@$(BIN)/ruff check .
