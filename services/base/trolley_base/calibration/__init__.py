@@ -1,0 +1,29 @@
+"""Finding the systematic errors of odometry: the drive, the estimate, and what is proposed.
+
+Nothing here does I/O or knows a clock: `trolley_base.commands.calibrate` brings both.
+"""
+
+from trolley_base.calibration.comparison import Comparison
+from trolley_base.calibration.correction import Correction, combined
+from trolley_base.calibration.course import Place, find_obstacle, square
+from trolley_base.calibration.drive import CalibrationDrive
+from trolley_base.calibration.estimate import Estimate, estimate
+from trolley_base.calibration.legs import Leg, OdometryLog
+from trolley_base.calibration.umbmark import Benchmark, Return, benchmark
+
+__all__ = [
+    "Benchmark",
+    "CalibrationDrive",
+    "Comparison",
+    "Correction",
+    "Estimate",
+    "Leg",
+    "OdometryLog",
+    "Place",
+    "Return",
+    "benchmark",
+    "combined",
+    "estimate",
+    "find_obstacle",
+    "square",
+]

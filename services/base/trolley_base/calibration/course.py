@@ -1,0 +1,98 @@
+"""Where the calibration drives: places to drive to and to turn to, and whether there is room."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, Twist2D, distance_to_segments, wrap_angle
+from trolley_base.calibration.umbmark import Direction
+
+QUARTER = 0.5 * math.pi
+# Room beside the robot on its way, for a heading that is corrected late [m].
+CLEARANCE_M = 0.10
+# Slow enough for base and a scan's delay; what it comes to rest with [m/s^2, rad/s^2].
+BRAKE_MPS2, BRAKE_RADPS2 = 0.15, 0.6
+SLOWEST_MPS, SLOWEST_RADPS = 0.03, 0.08
+FASTEST_RADPS = 0.7
+NEAR_M, NEAR_RAD = 0.008, 0.012
+# Back to the line: turn rate per metre and per m/s aside, and per radian off its direction.
+ASIDE_GAIN, HEADING_GAIN = 6.0, 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Drive straight to a pose, or turn to it.
+
+    Attributes:
+        pose: start_T_base at its end, where `start` is the pose at the beginning of the course.
+        drives: whether it lies ahead; else only the heading changes.
+    """
+
+    pose: Pose2D
+    drives: bool
+
+    def command(self, place_T_base: Pose2D, speed_mps: float) -> Twist2D | None:
+        """Return the velocity towards the place, None where the robot is there.
+
+        Args:
+            place_T_base: where the robot is, seen from the place.
+            speed_mps: on the straight.
+        """
+        if not self.drives:
+            left = -place_T_base.yaw
+            if abs(left) < NEAR_RAD:
+                return None
+            rate = min(FASTEST_RADPS, math.sqrt(2.0 * BRAKE_RADPS2 * abs(left)))
+            return Twist2D(0.0, 0.0, math.copysign(max(SLOWEST_RADPS, rate), left))
+        ahead = -place_T_base.x
+        if ahead < NEAR_M:
+            return None
+        speed = max(SLOWEST_MPS, min(speed_mps, math.sqrt(2.0 * BRAKE_MPS2 * ahead)))
+        turn = -ASIDE_GAIN * speed * place_T_base.y - HEADING_GAIN * place_T_base.yaw
+        return Twist2D(speed, 0.0, max(-FASTEST_RADPS, min(FASTEST_RADPS, turn)))
+
+
+def square(side_m: float, direction: Direction, begin: Pose2D | None = None) -> list[Place]:
+    """Return the eight places of a square that begins along x of `begin` and ends there.
+
+    Args:
+        side_m: of a side.
+        direction: which way round.
+        begin: start_T_begin; at the start if not given.
+    """
+    at = begin or Pose2D.identity()
+    turn = QUARTER if direction == "ccw" else -QUARTER
+    places: list[Place] = []
+    for _ in range(4):
+        at = at @ Pose2D(side_m, 0.0, 0.0)
+        places.append(Place(at, drives=True))
+        at = Pose2D(at.x, at.y, wrap_angle(at.yaw + turn))
+        places.append(Place(at, drives=False))
+    return places
+
+
+def find_obstacle(
+    points_start: NDArray[np.float64], places: list[Place], radius_m: float
+) -> tuple[float, float] | None:
+    """Return the nearest echo that stands in the way of a course, None if there is none.
+
+    Rough: what hides behind something else is not seen from the start.
+
+    Args:
+        points_start: (n, 2) echoes x, y [m], seen from the start; not finite ones are left out.
+        places: of the course.
+        radius_m: of the robot.
+    """
+    points = points_start[np.isfinite(points_start).all(axis=1)]
+    # What the lidar sees of the robot itself does not stand in its way.
+    points = points[np.hypot(points[:, 0], points[:, 1]) > radius_m]
+    if len(points) == 0:
+        return None
+    corners = np.array([(0.0, 0.0), *((place.pose.x, place.pose.y) for place in places)])
+    gaps = distance_to_segments(points, corners[:-1], corners[1:])
+    nearest = int(np.argmin(gaps))
+    if gaps[nearest] > radius_m + CLEARANCE_M:
+        return None
+    return float(points[nearest, 0]), float(points[nearest, 1])

@@ -1,0 +1,198 @@
+"""Drives a course, rests at each of its places, and notes where the robot was there.
+
+It steers by the map where a localizer knows it: with wheels five per cent unequal a square of one
+metre by odometry ends half a metre beside its start, and the next one in the furniture. What the
+odometry made of each piece is compared all the same. Where a person measures, the odometry steers.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from trolley import codes
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.messages import BaseState, Odometry, PoseEstimate
+from trolley_base.calibration.course import Place
+from trolley_base.calibration.legs import Leg, OdometryLog
+
+SOURCE = "calibrate"
+# At each place: until the robot and the localizer have settled, and then the mean of so long [ns].
+SETTLE_NS, MEASURE_NS = 1_000_000_000, 1_000_000_000
+MIN_ESTIMATES = 5
+STILL_MPS, STILL_RADPS = 0.005, 0.01
+# What a mean of the localizer's poses at rest is wrong by.
+MAP_ERROR_M, MAP_ERROR_RAD = 0.012, 0.010
+# Silence of odometry or base, a pose that is not sure, and base not following [ns].
+SILENCE_NS, UNSURE_NS, FOLLOW_NS = 1_000_000_000, 2_000_000_000, 1_500_000_000
+# Longer than this a place takes only when something holds the robot [ns].
+LONGEST_NS = 60_000_000_000
+SURE = ("localized", "unsure")
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """A rest: a moment in the middle of it, and map_T_base, None without a localizer."""
+
+    stamp_ns: int
+    map_T_base: Pose2D | None
+
+
+class CalibrationDrive:
+    """Turns what the robot says into velocities, until the course is driven or given up.
+
+    Args:
+        places: one after the other, seen from where the robot stands at the beginning.
+        speed_mps: on straights.
+        uses_map: whether the localizer's poses steer and measure; else only odometry is used.
+    """
+
+    def __init__(self, places: Sequence[Place], speed_mps: float, *, uses_map: bool = True) -> None:
+        self.log = OdometryLog()
+        self.stops: list[Stop] = []
+        """The rest before the first place, and one at each."""
+        self.problem: str | None = None
+        """Why it was given up."""
+        self._places = list(places)
+        self._speed_mps = speed_mps
+        self._uses_map = uses_map
+        self._odometry: Odometry | None = None
+        self._base: BaseState | None = None
+        self._world_T_odom = Pose2D.identity()
+        self._world_T_start: Pose2D | None = None
+        self._estimates: deque[tuple[int, Pose2D]] = deque(maxlen=200)
+        self._sure_ns: int | None = None
+        self._begun_ns: int | None = None
+        self._still_ns: int | None = None
+        self._leg_ns = 0
+        self._is_driving = False
+        self._followed_ns: int | None = None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether nothing more is to be driven."""
+        return self.problem is not None or len(self.stops) > len(self._places)
+
+    def hear_odometry(self, odometry: Odometry) -> None:
+        """Take a message of `odom`."""
+        self._odometry = odometry
+        self.log.add(odometry)
+
+    def hear_base(self, state: BaseState) -> None:
+        """Take a message of `base`."""
+        self._base = state
+
+    def hear_pose(self, estimate: PoseEstimate) -> None:
+        """Take a message of `pose`."""
+        if not self._uses_map or estimate.pose is None or estimate.state not in SURE:
+            return
+        if self.log.latest_ns is None:
+            return
+        if estimate.state == "localized":
+            self._sure_ns = estimate.stamp_ns
+            self._estimates.append((estimate.stamp_ns, estimate.pose))
+        self._world_T_odom = estimate.pose @ self.log.pose_at(estimate.stamp_ns).inverse()
+
+    def give_up(self, problem: str) -> None:
+        """End it, with the reason."""
+        self.problem = self.problem or problem
+
+    def step(self, now_ns: int) -> Twist2D:
+        """Return the velocity until the next step; zero once it has ended.
+
+        Args:
+            now_ns: robot time.
+        """
+        if self._begun_ns is None:
+            self._begun_ns = self._leg_ns = now_ns
+        problem = self._find_problem(now_ns)
+        if problem is not None:
+            self.give_up(problem)
+        if self.has_ended or self._odometry is None:
+            return Twist2D.zero()
+        if not self._is_driving:
+            self._rest(now_ns, self._odometry)
+            return Twist2D.zero()
+        command = self._steer(self._odometry.pose)
+        if command is None:
+            self._is_driving, self._still_ns = False, None
+            return Twist2D.zero()
+        return command
+
+    def legs(self) -> list[Leg]:
+        """Return the pieces between two rests that the localizer measured."""
+        found: list[Leg] = []
+        for before, after in zip(self.stops[:-1], self.stops[1:], strict=True):
+            if before.map_T_base is not None and after.map_T_base is not None:
+                moved = before.map_T_base.inverse() @ after.map_T_base
+                steps = self.log.steps(before.stamp_ns, after.stamp_ns)
+                found.append(Leg(steps, moved, MAP_ERROR_M, MAP_ERROR_RAD))
+        return found
+
+    def _steer(self, odom_T_base: Pose2D) -> Twist2D | None:
+        place = self._places[len(self.stops) - 1]
+        assert self._world_T_start is not None  # set by the first rest
+        world_T_place = self._world_T_start @ place.pose
+        place_T_base = world_T_place.inverse() @ self._world_T_odom @ odom_T_base
+        return place.command(place_T_base, self._speed_mps)
+
+    def _rest(self, now_ns: int, odometry: Odometry) -> None:
+        """Wait until the robot stands, measure, and go on to the next place."""
+        twist = odometry.twist
+        if twist.speed > STILL_MPS or abs(twist.wz) > STILL_RADPS:
+            self._still_ns = None
+            return
+        if self._still_ns is None:
+            self._still_ns = odometry.stamp_ns
+        from_ns = self._still_ns + SETTLE_NS
+        if odometry.stamp_ns < from_ns + MEASURE_NS:
+            return
+        poses = [pose for stamp_ns, pose in self._estimates if stamp_ns >= from_ns]
+        if self._uses_map and len(poses) < MIN_ESTIMATES:
+            return
+        mean = _mean(poses) if self._uses_map else None
+        self.stops.append(Stop((from_ns + odometry.stamp_ns) // 2, mean))
+        if self._world_T_start is None:
+            self._world_T_start = odometry.pose if mean is None else mean
+        self._is_driving, self._leg_ns, self._followed_ns = True, now_ns, None
+
+    def _find_problem(self, now_ns: int) -> str | None:
+        """Say why the drive cannot go on, None if it can."""
+        assert self._begun_ns is not None
+        heard_ns = max(self._begun_ns, self.log.latest_ns or 0)
+        if now_ns - heard_ns > SILENCE_NS:
+            return "the odometry fell silent"
+        if self._uses_map and now_ns - max(self._begun_ns, self._sure_ns or 0) > UNSURE_NS:
+            return "the robot does not know surely where it is"
+        if now_ns - self._leg_ns > LONGEST_NS:
+            return "the robot does not get on: something holds it, or it never comes to rest"
+        return self._find_hindrance(now_ns)
+
+    def _find_hindrance(self, now_ns: int) -> str | None:
+        base = self._base
+        if base is None:
+            return None
+        if base.source not in (None, SOURCE):
+            return f"{base.source} has taken over"
+        if base.reason == codes.COMMAND_LOST:  # of who drove before
+            return None
+        if base.mode != "ok":
+            return base.message or base.reason or base.mode
+        if not self._is_driving:
+            return None
+        if base.source == SOURCE or self._followed_ns is None:
+            self._followed_ns = now_ns
+        if now_ns - self._followed_ns > FOLLOW_NS:
+            return 'base does not take the commands: is "calibrate" in [base.sources]?'
+        return None
+
+
+def _mean(poses: Sequence[Pose2D]) -> Pose2D:
+    count, first = len(poses), poses[0]
+    return Pose2D(
+        math.fsum(pose.x for pose in poses) / count,
+        math.fsum(pose.y for pose in poses) / count,
+        wrap_angle(
+            first.yaw + math.fsum(wrap_angle(pose.yaw - first.yaw) for pose in poses) / count
+        ),
+    )
