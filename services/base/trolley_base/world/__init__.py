@@ -4,6 +4,7 @@ The pure core: no files, no clock, no wire. `drivers/simulated.py` puts it behin
 of the hardware, `worlds/README.md` says how a world is written down.
 """
 
+from trolley_base.world.scanner import Shots
 from trolley_base.world.simulation import (
     STEP_NS,
     Contact,
@@ -21,6 +22,7 @@ __all__ = [
     "LidarSpec",
     "OtherRobot",
     "RobotBody",
+    "Shots",
     "Simulation",
     "TrueState",
     "WorldError",

@@ -79,6 +79,47 @@ def cast_beams_into(
         out_ranges[i] = distance if distance >= sweep.limits[0] else 0.0
 
 
+class Shots(NamedTuple):
+    """Beams of any sensor that were fired within one step of the world.
+
+    Attributes:
+        parts: (n,) when each was fired, as part of the step, 0...1.
+        bearings: (n,) direction in frame `laser`, counter-clockwise [rad].
+        draws: (n,) uniform 0...1, decides what mirrors and panes do to the beam.
+        reach: longest range [m].
+    """
+
+    parts: NDArray[np.float64]
+    bearings: NDArray[np.float64]
+    draws: NDArray[np.float64]
+    reach: float
+
+
+@kernel
+def cast_shots_into(
+    out_ranges: NDArray[np.float64], shots: Shots, poses: NDArray[np.float64], scene: Scene
+) -> None:
+    """Write the exact ranges of the shots of one step; +inf without an echo within reach.
+
+    Args:
+        out_ranges: (n,) [m], overwritten.
+        shots: which beams.
+        poses: (2, 3) map_T_laser x, y, yaw at the start and the end of the step.
+        scene: what they can meet.
+    """
+    ray = np.empty(4)
+    start, end = poses[0], poses[1]
+    turn = end[2] - start[2]
+    turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+    for i in range(out_ranges.shape[0]):
+        part = shots.parts[i]
+        angle = start[2] + part * turn + shots.bearings[i]
+        ray[0] = start[0] + part * (end[0] - start[0])
+        ray[1] = start[1] + part * (end[1] - start[1])
+        ray[2], ray[3] = math.cos(angle), math.sin(angle)
+        out_ranges[i] = beam_range(scene, ray, shots.reach, shots.draws[i])
+
+
 class Scanner:
     """Turns steps of the world into revolutions.
 

@@ -14,7 +14,7 @@ from trolley_base.world.body import SKIN_M, move_into
 from trolley_base.world.gaps import Things, place_outline_into
 from trolley_base.world.people import Walk, Walker
 from trolley_base.world.rays import Scene
-from trolley_base.world.scanner import Scanner
+from trolley_base.world.scanner import Scanner, Shots, cast_shots_into
 from trolley_base.world.scene import (
     Segments,
     build_segments,
@@ -136,7 +136,7 @@ class Simulation:
         self._state = np.zeros(len(names), dtype=np.int8)
         self.contacts: deque[Contact] = deque(maxlen=256)
         self._now_ns = 0
-        self._pose = start or spec.start.as_pose()
+        self._before = self._pose = start or spec.start.as_pose()
         self._twist = Twist2D.zero()
         self._collisions = self._bumps = 0
         self._motion = Pose2D.identity()
@@ -202,17 +202,16 @@ class Simulation:
         """
         touched = self._move_people()
         motion = self._drive.step(command, STEP_S)
-        before = self._pose
+        self._before = self._pose
         part, self._clearance = self._move(motion, STEP_S)
         self._twist = motion.own.scaled(part)
         self._motion = self._motion @ motion.reported
         self._now_ns += STEP_NS
         self._count_contacts(touched)
         mount = self._robot.base_T_laser
+        laser = (self._before @ mount, self._pose @ mount)
         scene = self._scene(self._segments)
-        self._scans += self._scanner.step(
-            self._now_ns - STEP_NS, self._now_ns, (before @ mount, self._pose @ mount), scene
-        )
+        self._scans += self._scanner.step(self._now_ns - STEP_NS, self._now_ns, laser, scene)
 
     def _scene(self, segments: Segments) -> Scene:
         return Scene(
@@ -282,6 +281,16 @@ class Simulation:
         """Return what the wheels reported since the last call, stamped now."""
         motion, self._motion = self._motion, Pose2D.identity()
         return MotionSample(self._now_ns, motion, self._drive.twist)
+
+    def measure(self, base_T_laser: Pose2D, shots: Shots) -> NDArray[np.float64]:
+        """Return the exact ranges (n,) [m] of beams that another sensor fired in the last step.
+
+        Each is cast from where the robot was at its moment; +inf where nothing is within reach.
+        """
+        poses = np.array([(p @ base_T_laser).as_array() for p in (self._before, self._pose)])
+        ranges = np.empty(len(shots.bearings))
+        cast_shots_into(ranges, shots, poses, self._scene(self._segments))
+        return ranges
 
     def take_scans(self) -> tuple[LidarScan, ...]:
         """Return the revolutions completed since the last call."""

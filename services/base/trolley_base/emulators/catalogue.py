@@ -1,0 +1,101 @@
+"""The devices that can be emulated, by name, and their options."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from trolley_base.emulators.arduino_bridge import ArduinoBridge, WheelFacts
+from trolley_base.emulators.device import Board, Device, DeviceError
+from trolley_base.emulators.ld19 import Ld19
+from trolley_base.emulators.lds01 import Lds01
+from trolley_base.emulators.lidar import MakeLidar, Mount
+from trolley_base.emulators.linorobot import Linorobot, LinorobotOptions
+from trolley_base.emulators.rplidar_a1 import RplidarA1
+from trolley_base.emulators.xv11 import Xv11
+from trolley_base.emulators.ydlidar_x4 import YdlidarX4
+from trolley_base.world import LidarSpec
+
+LIDARS: dict[str, MakeLidar] = {
+    "rplidar_a1": RplidarA1,
+    "ydlidar_x4": YdlidarX4,
+    "ld19": Ld19,
+    "xv11": Xv11,
+    "lds01": Lds01,
+}
+BOARDS = {
+    "linorobot": {
+        "exact": "its wheel speeds are no whole revolutions per minute",
+        "quiet": "built without DEBUG: no log lines",
+        "no-imu": "no inertial unit answers",
+    },
+    "arduino_bridge": {"no-base": "built without USE_BASE, as the sketch ships"},
+}
+"""Boards and their options."""
+NAMES = (*BOARDS, *LIDARS)
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What devices are built from.
+
+    Attributes:
+        mount: how the lidars sit on the robot.
+        errors: of the world's lidar.
+        wheels: of a board that counts ticks.
+    """
+
+    mount: Mount
+    errors: LidarSpec
+    wheels: WheelFacts
+
+
+def make_devices(wanted: Sequence[str], surroundings: Surroundings, seed: int) -> dict[str, Device]:
+    """Build devices, each with random errors of its own.
+
+    Args:
+        wanted: such as "ld19" or "linorobot:quiet,exact".
+        surroundings: what they are built from.
+        seed: fixes all their errors.
+
+    Returns:
+        The devices by the names of their ports: a second "ld19" is "ld19-2".
+
+    Raises:
+        DeviceError: there is no such device or option, or more than one board.
+    """
+    if not wanted:
+        raise DeviceError(f"name a device: {', '.join(NAMES)}")
+    devices: dict[str, Device] = {}
+    streams = np.random.SeedSequence(seed).spawn(len(wanted))
+    for text, stream in zip(wanted, streams, strict=True):
+        kind, _, options = text.partition(":")
+        number = sum(name.partition("-")[0] == kind for name in devices) + 1
+        name = kind if number == 1 else f"{kind}-{number}"
+        devices[name] = _make(kind, options, surroundings, np.random.default_rng(stream))
+    boards = [name for name, device in devices.items() if isinstance(device, Board)]
+    if len(boards) > 1:
+        raise DeviceError(f"a robot has one motor board, not {' and '.join(boards)}")
+    return devices
+
+
+def _make(kind: str, options: str, surroundings: Surroundings, rng: np.random.Generator) -> Device:
+    given = set(filter(None, options.split(",")))
+    known = BOARDS.get(kind, {})
+    if kind not in NAMES:
+        raise DeviceError(f"there is no device {kind!r}; there are {', '.join(NAMES)}")
+    if given - set(known):
+        have = f"only {', '.join(known)}" if known else "none"
+        raise DeviceError(f"{kind} has no option {', '.join(sorted(given - set(known)))}; {have}")
+    match kind:
+        case "linorobot":
+            built = LinorobotOptions(
+                truncates="exact" not in given,
+                debug="quiet" not in given,
+                has_imu="no-imu" not in given,
+            )
+            return Linorobot(built, rng)
+        case "arduino_bridge":
+            return ArduinoBridge(surroundings.wheels, use_base="no-base" not in given)
+        case _:
+            return LIDARS[kind](surroundings.mount, surroundings.errors, rng)

@@ -1,0 +1,91 @@
+"""What an emulated device is: a state machine between bytes and a simulated world.
+
+It has no port, thread or clock. `robot.py` hands it what the host wrote and each step of the world,
+and sends what it answers. All times are one monotonic clock in nanoseconds.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+from trolley.geometry import Twist2D
+from trolley_base.world import Simulation
+
+MOST_COMMANDS = 20_000
+
+
+class DeviceError(ValueError):
+    """A device that there is not, or an option that it does not have; the text says which."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Bytes that belong together: they leave from `due_ns` on."""
+
+    due_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedCommand:
+    """A command that reached a board: when, and what it means to its wheels [m/s, rad/s]."""
+
+    at_ns: int
+    twist: Twist2D
+
+
+class Device:
+    """One device behind a serial port; subclasses are the boards and lidars.
+
+    Args:
+        baud: the speed of its line.
+    """
+
+    def __init__(self, baud: int) -> None:
+        self.baud = baud
+        self.is_stuck = False
+        """Fault: it reports the same values (board) or the same angle (lidar) again and again."""
+        self._frames: list[Frame] = []
+        self._remarks: list[str] = []
+
+    def restart(self, now_ns: int) -> None:
+        """Begin anew, as when the power comes."""
+        raise NotImplementedError
+
+    def opened(self, now_ns: int) -> None:
+        """The host has opened the port; few devices notice."""
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Take what the host wrote; a device that has nothing to receive with ignores it."""
+
+    def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
+        """Live through the step of the world that `simulation` has just made."""
+        raise NotImplementedError
+
+    def take_frames(self) -> list[Frame]:
+        """Return what it sent since the last call, in order."""
+        frames, self._frames = self._frames, []
+        return frames
+
+    def take_remarks(self) -> list[str]:
+        """Return what is worth telling a person, since the last call."""
+        remarks, self._remarks = self._remarks, []
+        return remarks
+
+    def _send(self, due_ns: int, data: bytes) -> None:
+        self._frames.append(Frame(due_ns, data))
+
+
+class Board(Device):
+    """A motor board: it decides what the wheels do."""
+
+    def __init__(self, baud: int) -> None:
+        super().__init__(baud)
+        self.commands: deque[ReceivedCommand] = deque(maxlen=MOST_COMMANDS)
+        """The newest commands, oldest first."""
+
+    def wheels(self) -> Twist2D:
+        """Return what the wheels are told for the next step [m/s, rad/s]."""
+        raise NotImplementedError
+
+    def _keep(self, now_ns: int, twist: Twist2D) -> None:
+        self.commands.append(ReceivedCommand(now_ns, twist))

@@ -1,0 +1,211 @@
+"""Faults on demand: what may go wrong with a device, how it is written, when it holds.
+
+ld19:silence@10+5           from 10 s after the start on, for 5 s
+linorobot:noise=500         from now on, 500 random bytes per second
+arduino_bridge:pin=d4:0+2   digital pin 4 reads 0, for 2 s
+ld19:ok                     everything that holds for this device ends
+"""
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from trolley_base.emulators.device import Frame
+
+KINDS = {
+    "silence": "it sends nothing",
+    "noise": "random bytes between its frames; =BYTES per second, else 200",
+    "cut": "frames cut short; =SHARE of them, else 0.3",
+    "stuck": "a lidar reports one angle, a board the same values, again and again",
+    "unplug": "the port is gone; plugged in again at the end",
+    "flood": "its last frame again and again, more than the line carries",
+    "md5": "linorobot: another firmware, with another `raw_vel`",
+    "pin": "arduino_bridge: =d4:0 or =a0:700, what a pin reads",
+    "ok": "all faults of the device end",
+}
+_FAULT = re.compile(
+    r"(?P<device>[\w-]+):(?P<kind>\w+)(=(?P<value>[^@+]+))?"
+    r"(@(?P<start>\d+(\.\d+)?))?(\+(?P<duration>\d+(\.\d+)?))?"
+)
+_PIN = re.compile(r"(?P<pin>[da]\d+):(?P<value>\d+)")
+_DEFAULTS = {"noise": 200.0, "cut": 0.3}
+FLOOD = 1.5
+"""How much more than the line carries a flood is."""
+
+
+class FaultError(ValueError):
+    """A fault that is not understood: one sentence that says what is expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that goes wrong.
+
+    Attributes:
+        device: the name of its port.
+        kind: one of `KINDS`.
+        amount: of noise and cut.
+        pin: of pin: its name and what it reads.
+        start_s: after the start of the emulator; None: at once.
+        duration_s: None: for ever.
+        text: as it was written.
+    """
+
+    device: str
+    kind: str
+    amount: float
+    pin: tuple[str, int]
+    start_s: float | None
+    duration_s: float | None
+    text: str
+
+
+def parse_fault(text: str, devices: Collection[str]) -> Fault:
+    """Read a fault.
+
+    Raises:
+        FaultError: it is none, or not of these devices.
+    """
+    text = text.strip()
+    match = _FAULT.fullmatch(text)
+    if match is None:
+        raise FaultError(
+            f"{text!r} is no fault; write device:kind, device:kind=value, and @start and +duration "
+            "in seconds behind it, such as ld19:silence@10+5"
+        )
+    device, kind, value = match["device"], match["kind"], match["value"]
+    if device not in devices:
+        raise FaultError(f"{text!r}: there is no {device} here, only {', '.join(devices)}")
+    if kind not in KINDS:
+        raise FaultError(f"{text!r}: there is no fault {kind}, only {', '.join(KINDS)}")
+    if kind == "md5" and not device.startswith("linorobot"):
+        raise FaultError(f"{text!r}: only linorobot says an md5")
+    if kind == "pin" and not device.startswith("arduino_bridge"):
+        raise FaultError(f"{text!r}: only arduino_bridge has pins")
+    start, duration = match["start"], match["duration"]
+    return Fault(
+        device,
+        kind,
+        _amount(text, kind, value),
+        _pin(text, kind, value),
+        None if start is None else float(start),
+        None if duration is None else float(duration),
+        text,
+    )
+
+
+def _amount(text: str, kind: str, value: str | None) -> float:
+    if kind not in _DEFAULTS:
+        if value is not None and kind != "pin":
+            raise FaultError(f"{text!r}: {kind} takes no value")
+        return 0.0
+    if value is None:
+        return _DEFAULTS[kind]
+    most = 1e5 if kind == "noise" else 1.0
+    try:
+        amount = float(value)
+    except ValueError:
+        amount = -1.0
+    if not 0.0 <= amount <= most:
+        raise FaultError(f"{text!r}: the value of {kind} must be from 0 to {most:g}")
+    return amount
+
+
+def _pin(text: str, kind: str, value: str | None) -> tuple[str, int]:
+    if kind != "pin":
+        return "", 0
+    match = _PIN.fullmatch(value or "")
+    if match is None:
+        raise FaultError(f"{text!r}: write what a pin reads as pin=d4:0 or pin=a0:700")
+    return match["pin"], int(match["value"])
+
+
+class FaultPlan:
+    """Which faults hold when."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, Fault]] = []
+        self._holding: list[tuple[float | None, Fault]] = []
+
+    def add(self, fault: Fault, now_s: float) -> None:
+        """Let a fault begin at its time, now if it names none."""
+        self._waiting.append((now_s if fault.start_s is None else fault.start_s, fault))
+
+    def advance(self, now_s: float) -> tuple[list[Fault], list[Fault]]:
+        """Return the faults that begin now and those that end."""
+        begun = [fault for start_s, fault in self._waiting if start_s <= now_s]
+        self._waiting = [(start_s, fault) for start_s, fault in self._waiting if start_s > now_s]
+        well = {fault.device for fault in begun if fault.kind == "ok"}
+        ended = [
+            fault
+            for end_s, fault in self._holding
+            if fault.device in well or (end_s is not None and end_s <= now_s)
+        ]
+        self._holding = [held for held in self._holding if held[1] not in ended]
+        begun = [fault for fault in begun if fault.kind != "ok"]
+        for fault in begun:
+            duration_s = fault.duration_s
+            self._holding.append((None if duration_s is None else now_s + duration_s, fault))
+        return begun, ended
+
+    def of(self, device: str) -> dict[str, Fault]:
+        """Return the faults that hold for a device, by kind."""
+        return {fault.kind: fault for _, fault in self._holding if fault.device == device}
+
+
+class Damage:
+    """Does to a device's frames what its faults say.
+
+    Args:
+        baud: of its line, for floods.
+        rng: source of the rubbish.
+    """
+
+    def __init__(self, baud: int, rng: np.random.Generator) -> None:
+        self._bytes_per_s = baud / 10.0
+        self._rng = rng
+        self._owed = 0.0
+        self._last = b""
+
+    def apply(
+        self, frames: list[Frame], faults: dict[str, Fault], from_ns: int, to_ns: int
+    ) -> list[Frame]:
+        """Return what is sent in a span of time in place of `frames`."""
+        if frames:
+            self._last = frames[-1].data
+        if not faults:
+            return frames
+        if "silence" in faults:
+            return []
+        if "cut" in faults:
+            frames = [self._cut(frame, faults["cut"].amount) for frame in frames]
+        seconds = (to_ns - from_ns) * 1e-9
+        if "noise" in faults:
+            frames = self._with_noise(frames, faults["noise"].amount * seconds, to_ns)
+        if "flood" in faults:
+            again = self._last or self.rubbish(16)
+            count = int(FLOOD * self._bytes_per_s * seconds / len(again)) + 1
+            frames = [*frames, *(Frame(from_ns, again) for _ in range(count))]
+        return frames
+
+    def rubbish(self, count: int) -> bytes:
+        """Random bytes."""
+        return self._rng.bytes(count)
+
+    def _cut(self, frame: Frame, share: float) -> Frame:
+        if self._rng.random() >= share:
+            return frame
+        return Frame(frame.due_ns, frame.data[: int(self._rng.integers(len(frame.data)))])
+
+    def _with_noise(self, frames: list[Frame], count: float, due_ns: int) -> list[Frame]:
+        """Put `count` bytes, on average, before one of the frames or behind them."""
+        self._owed += count
+        now = int(self._owed)
+        if now == 0:
+            return frames
+        self._owed -= now
+        place = int(self._rng.integers(len(frames) + 1))
+        when_ns = frames[place].due_ns if place < len(frames) else due_ns
+        return [*frames[:place], Frame(when_ns, self.rubbish(now)), *frames[place:]]

@@ -1,0 +1,219 @@
+"""What the emulated lidars share: a head that turns, and beams cast as it turns.
+
+Angles are the sensor's own, in degrees, growing as the head turns; 0 is the sensor's front. Most
+heads turn clockwise as seen from above. A triangulating sensor looks a little to the side of where
+its head points, by an angle that depends on the distance.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley_base.emulators.device import Device
+from trolley_base.world import LidarSpec, Shots, Simulation
+
+NS = 1_000_000_000
+SPEED_STD = 0.003
+"""Spread of the motor's speed from turn to turn, as a share."""
+BASELINE_MM, FOCUS_MM = 21.8, 155.3
+"""Of the triangulating sensors here: YDLIDAR's constants of the X4."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LidarFacts:
+    """What a model is.
+
+    Attributes:
+        baud: of its line.
+        turns_hz: how fast its head turns.
+        range_min_m: nearest distance.
+        range_max_m: farthest distance.
+        sample_s: time between two samples; None: one sample in each degree.
+        clockwise: its head turns clockwise, as seen from above.
+    """
+
+    baud: int
+    turns_hz: float
+    range_min_m: float
+    range_max_m: float
+    sample_s: float | None = None
+    clockwise: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """How a lidar sits on the robot.
+
+    Attributes:
+        base_T_laser: its place; x along the sensor's angle 0.
+        reversed: it turns the other way round, or hangs head down.
+    """
+
+    base_T_laser: Pose2D
+    reversed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """What was measured in one step, in order.
+
+    Attributes:
+        times_ns: (n,) when.
+        heads_deg: (n,) where the head pointed, 0...360.
+        ranges_m: (n,) what was found; 0: nothing, too near, too far, or failed.
+        hz: turns per second, as the sensor measures it.
+    """
+
+    times_ns: NDArray[np.int64]
+    heads_deg: Floats
+    ranges_m: Floats
+    hz: float
+
+    @property
+    def ranges_mm(self) -> NDArray[np.int64]:
+        """Ranges in whole millimetres."""
+        return np.rint(self.ranges_m * 1000.0).astype(np.int64)
+
+
+class Head:
+    """Says when which sample is taken, and where the head points then.
+
+    Args:
+        facts: the model.
+        rng: source of the motor's unsteadiness.
+        start_ns: when it begins, at angle 0.
+    """
+
+    def __init__(self, facts: LidarFacts, rng: np.random.Generator, start_ns: int) -> None:
+        self._facts = facts
+        self._rng = rng
+        self._next_ns = float(start_ns)
+        self._angle_deg = 0.0
+        self.hz = facts.turns_hz
+
+    def turn(self, until_ns: int, *, is_stuck: bool = False) -> tuple[NDArray[np.int64], Floats]:
+        """Return times (n,) [ns] and angles (n,) [deg] of the samples before `until_ns`."""
+        if self._facts.sample_s is None:
+            by_deg, period_ns = 1.0, NS / (360.0 * self.hz)
+        else:
+            by_deg, period_ns = 360.0 * self.hz * self._facts.sample_s, self._facts.sample_s * NS
+        if is_stuck:
+            by_deg = 0.0
+        index = np.arange(max(0, math.ceil((until_ns - self._next_ns) / period_ns)))
+        times_ns = self._next_ns + index * period_ns
+        angles_deg = (self._angle_deg + index * by_deg) % 360.0
+        self._next_ns += len(index) * period_ns
+        end_deg = self._angle_deg + len(index) * by_deg
+        self._angle_deg = end_deg % 360.0
+        if end_deg >= 360.0:
+            unsteady = SPEED_STD * float(np.clip(self._rng.standard_normal(), -3.0, 3.0))
+            self.hz = self._facts.turns_hz * (1.0 + unsteady)
+        return times_ns.astype(np.int64), angles_deg
+
+
+class SpinningLidar(Device):
+    """A lidar; subclasses make packets of its samples.
+
+    Args:
+        facts: the model.
+        mount: how it sits on the robot.
+        errors: of the world's lidar: noise, drop-outs, failures.
+        rng: source of all its errors.
+    """
+
+    def __init__(
+        self, facts: LidarFacts, mount: Mount, errors: LidarSpec, rng: np.random.Generator
+    ) -> None:
+        super().__init__(facts.baud)
+        self.facts = facts
+        self._mount = mount
+        self._errors = errors
+        self._rng = rng
+        self._head: Head | None = None
+        self._last_m = 2.0
+        # Angles of frame `laser` grow counter-clockwise.
+        self._sense = -1.0 if facts.clockwise is not mount.reversed else 1.0
+
+    def restart(self, now_ns: int) -> None:
+        """Begin anew: spinning, at angle 0."""
+        self._spin(now_ns)
+
+    def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
+        """Measure while the head turns, and send what is full."""
+        if self._head is not None:
+            times_ns, heads_deg = self._head.turn(to_ns, is_stuck=self.is_stuck)
+            parts = np.clip((times_ns - from_ns) / (to_ns - from_ns), 0.0, 1.0)
+            ranges_m = self._measure(simulation, parts, heads_deg)
+            self._emit(Samples(times_ns, heads_deg, ranges_m, self._head.hz))
+
+    def _spin(self, now_ns: int, facts: LidarFacts | None = None) -> None:
+        """Begin to measure at angle 0, perhaps at another pace than the model's usual one."""
+        self._head = Head(facts or self.facts, self._rng, now_ns)
+
+    def _halt(self) -> None:
+        self._head = None
+
+    def _emit(self, samples: Samples) -> None:
+        """Make packets; each leaves when its last sample has been taken."""
+        raise NotImplementedError
+
+    def _offset_deg(self, ranges_m: Floats) -> Floats:
+        """How far beside the head the beam is that finds something at these distances [deg]."""
+        return np.zeros_like(ranges_m)
+
+    def _measure(self, simulation: Simulation, parts: Floats, heads_deg: Floats) -> Floats:
+        """Cast the beams and spoil them as the sensor does; 0 where there is no range.
+
+        Where a triangulating sensor looks depends on what it finds there: guess, look, correct.
+        """
+        num = len(heads_deg)
+        draws = self._rng.random(num)
+        exact_m, guess_m = np.empty(0), np.full(num, self._last_m)
+        beside_deg = self._offset_deg(guess_m)
+        for _ in range(3):
+            bearings = self._sense * np.radians(heads_deg + beside_deg)
+            shots = Shots(parts, bearings, draws, self.facts.range_max_m)
+            exact_m = simulation.measure(self._mount.base_T_laser, shots)
+            found = self._offset_deg(np.minimum(exact_m, self.facts.range_max_m))
+            if np.allclose(found, beside_deg, rtol=0.0, atol=0.01):
+                break
+            beside_deg = found
+        if num:
+            self._last_m = float(min(exact_m[-1], self.facts.range_max_m))
+        return self._spoil(exact_m)
+
+    def _spoil(self, exact_m: Floats) -> Floats:
+        errors, facts = self._errors, self.facts
+        none = ~np.isfinite(exact_m)
+        exact_m = np.where(none, 0.0, exact_m)
+        spread = errors.noise_m + errors.noise_share * exact_m
+        noisy = exact_m + spread * self._rng.standard_normal(len(exact_m))
+        none |= (noisy < facts.range_min_m) | (noisy > facts.range_max_m)
+        none |= self._rng.random(len(exact_m)) < errors.drop_out + errors.invalid
+        return np.where(none, 0.0, noisy)
+
+
+def triangulation_deg(ranges_m: Floats) -> Floats:
+    """YDLIDAR's correction: how far beside the head a triangulating sensor looks.
+
+    Args:
+        ranges_m: (n,) distances found, > 0.
+
+    Returns:
+        (n,) degrees to add to the head's angle; about -8 far away, 0 at 155 mm.
+
+    Source:
+        YDLIDAR X4 development manual, second-level angle analysis.
+    """
+    millimetres = np.maximum(ranges_m, 0.001) * 1000.0
+    offset = BASELINE_MM * (FOCUS_MM - millimetres) / (FOCUS_MM * millimetres)
+    return np.degrees(np.arctan(offset)).astype(np.float64)
+
+
+MakeLidar = Callable[[Mount, LidarSpec, np.random.Generator], SpinningLidar]

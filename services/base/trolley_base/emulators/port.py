@@ -1,0 +1,123 @@
+"""A device behind its port: what the host writes reaches it, what it sends is paced and spoilt."""
+
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from trolley_base.emulators.arduino_bridge import ArduinoBridge
+from trolley_base.emulators.device import Device
+from trolley_base.emulators.faults import Damage, Fault
+from trolley_base.emulators.line import Line
+from trolley_base.emulators.linorobot import Linorobot
+from trolley_base.emulators.pseudo_terminal import PseudoTerminal
+from trolley_base.world import Simulation
+
+MOST_WRITES = 20_000
+BAUD_TOLERANCE = 0.03
+"""Two ends of a line understand each other up to this difference, as a share."""
+
+
+class DevicePort:
+    """One device with its terminal.
+
+    Args:
+        name: of the port.
+        device: what is behind it.
+        link: under which name the host finds it.
+        rng: source of rubbish.
+        tell: called with a line for a person.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        link: Path,
+        rng: np.random.Generator,
+        tell: Callable[[str], None],
+    ) -> None:
+        self.name = name
+        self.device = device
+        self.terminal = PseudoTerminal(link, device.baud)
+        self.writes: deque[tuple[int, bytes]] = deque(maxlen=MOST_WRITES)
+        """What the host wrote: monotonic time [ns], bytes."""
+        self._line = Line(device.baud)
+        self._damage = Damage(device.baud, rng)
+        self._faults: dict[str, Fault] = {}
+        self._tell = tell
+        self._told_baud: int | None = None
+
+    @property
+    def dropped(self) -> int:
+        """Bytes that the device could not send, its line being full."""
+        return self._line.dropped
+
+    def set_faults(self, faults: dict[str, Fault], now_ns: int) -> None:
+        """Say what is wrong from now on."""
+        before, self._faults = self._faults, faults
+        device = self.device
+        device.is_stuck = "stuck" in faults
+        if ("unplug" in faults) != ("unplug" in before):
+            device.restart(now_ns)
+            self._line.clear()
+            if "unplug" in faults:
+                self.terminal.unplug()
+            else:
+                self.terminal.plug()
+        if isinstance(device, Linorobot) and device.has_wrong_md5 != ("md5" in faults):
+            device.has_wrong_md5 = not device.has_wrong_md5
+            device.restart(now_ns)  # it has been flashed
+        if isinstance(device, ArduinoBridge):
+            device.wired = dict([faults["pin"].pin]) if "pin" in faults else {}
+
+    def look(self, now_ns: int) -> None:
+        """Notice a host that opens the port or lets go of it."""
+        was_open = self.terminal.is_open
+        if self.terminal.look():
+            self._line.clear()
+            self._told_baud = None
+            self._tell(f"{self.name}: the host opened the port")
+            self.device.opened(now_ns)
+        elif was_open and not self.terminal.is_open:
+            self._tell(f"{self.name}: the host closed the port")
+
+    def listen(self, now_ns: int) -> None:
+        """Take what the host has written."""
+        data = self.terminal.read()
+        if data:
+            self.writes.append((now_ns, data))
+            self.device.receive(self._over_the_line(data), now_ns)
+            self._collect(now_ns, now_ns)
+
+    def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
+        """Let the device live through a step of the world."""
+        if self.terminal.is_plugged:
+            self.device.step(simulation, from_ns, to_ns)
+            self._collect(from_ns, to_ns)
+
+    def talk(self, now_ns: int) -> None:
+        """Hand over to the host what has passed the line."""
+        data = self._line.take(now_ns)
+        if self.terminal.is_open:
+            self.terminal.write(self._over_the_line(data) if data else b"")
+
+    def _collect(self, from_ns: int, to_ns: int) -> None:
+        frames = self.device.take_frames()
+        for remark in self.device.take_remarks():
+            self._tell(f"{self.name}: {remark}")
+        if not self.terminal.is_open:
+            return
+        for frame in self._damage.apply(frames, self._faults, from_ns, to_ns):
+            self._line.push(frame.due_ns, frame.data)
+
+    def _over_the_line(self, data: bytes) -> bytes:
+        """What the other end understands: rubbish where it works at another speed."""
+        baud = self.terminal.host_baud()
+        if abs(baud / self.device.baud - 1.0) < BAUD_TOLERANCE:
+            return data
+        if baud != self._told_baud:
+            self._told_baud = baud
+            self._tell(f"{self.name}: the host works at {baud} baud, not {self.device.baud}")
+        return self._damage.rubbish(max(1, len(data) * baud // self.device.baud))
