@@ -114,7 +114,7 @@ class Head:
         if end_deg >= 360.0:
             unsteady = SPEED_STD * float(np.clip(self._rng.standard_normal(), -3.0, 3.0))
             self.hz = self._facts.turns_hz * (1.0 + unsteady)
-        return times_ns.astype(np.int64), angles_deg
+        return times_ns.astype(np.int64), angles_deg.astype(np.float64)
 
 
 class SpinningLidar(Device):

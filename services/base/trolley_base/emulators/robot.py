@@ -10,13 +10,13 @@ within it reaches the line at its own moment. Lateness is made up for, no step i
 """
 
 import select
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Self
 
@@ -104,29 +104,26 @@ class EmulatedRobot:
         self._polled: set[int] = set()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulator", daemon=True)
-        self._failure: BaseException | None = None
         self._began_ns = self._complained_ns = 0
         self._state = self._simulation.truth()
 
     def __enter__(self) -> Self:
-        if self._folder is None:
-            made = self._undo.enter_context(tempfile.TemporaryDirectory(prefix="trolley-ports-"))
-            self._folder = Path(made)
-        self._folder.mkdir(parents=True, exist_ok=True)
-        seeds = np.random.SeedSequence(self.body.seed).spawn(len(self.devices))
-        try:
+        with ExitStack() as undo:
+            folder = self._folder
+            if folder is None:
+                folder = Path(undo.enter_context(TemporaryDirectory(prefix="trolley-ports-")))
+            folder.mkdir(parents=True, exist_ok=True)
+            seeds = np.random.SeedSequence(self.body.seed).spawn(len(self.devices))
             for (name, device), seed in zip(self.devices.items(), seeds, strict=True):
                 rng = np.random.default_rng(seed)
-                port = DevicePort(name, device, self._folder / name, rng, self._remark)
-                self._undo.callback(port.terminal.unplug)
+                port = DevicePort(name, device, folder / name, rng, self._remark)
+                undo.callback(port.terminal.unplug)
                 self._ports[name] = port
-        except OSError:
-            self._undo.close()
-            raise
-        self._began_ns = time.monotonic_ns()
-        for device in self.devices.values():
-            device.restart(self._began_ns)
-        self._thread.start()
+            self._began_ns = time.monotonic_ns()
+            for device in self.devices.values():
+                device.restart(self._began_ns)
+            self._thread.start()
+            self._undo = undo.pop_all()
         return self
 
     def __exit__(
@@ -151,9 +148,9 @@ class EmulatedRobot:
             return {name: port.terminal.device for name, port in self._ports.items()}
 
     def check(self) -> None:
-        """Raise what the emulator's thread died of, if it did."""
-        if self._failure is not None:
-            raise RuntimeError("the emulator has died") from self._failure
+        """Raise RuntimeError if the emulator's thread has died of an error."""
+        if self._began_ns and not (self._thread.is_alive() or self._end.is_set()):
+            raise RuntimeError("the emulator has died; what of stands above")
 
     def fault(self, text: str) -> None:
         """Let something go wrong, written as `faults` says.
@@ -195,15 +192,10 @@ class EmulatedRobot:
         self._tell(f"{self._elapsed_s:8.2f} s  {text}")
 
     def _run(self) -> None:
-        try:
-            while not self._end.is_set():
-                self._poll.poll(TICK_MS)
-                with self._lock:
-                    self._pass()
-        except BaseException as error:
-            self._failure = error
-            self._remark(f"the emulator has died: {error}")
-            raise
+        while not self._end.is_set():
+            self._poll.poll(TICK_MS)
+            with self._lock:
+                self._pass()
 
     def _pass(self) -> None:
         now_ns = time.monotonic_ns()

@@ -1,0 +1,182 @@
+"""`trolley emulate`: boards and lidars on pseudo terminals, in a simulated world."""
+
+import os
+import select
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trolley import worlds
+from trolley.cli.demo_robot import parse_pose
+from trolley.cli.options import given, where_options
+from trolley.cli.robots import reports_errors
+from trolley.cli.running import interruptible
+from trolley.config import RobotConfig, load_config
+from trolley.connection import Target, find_target
+from trolley.geometry import Pose2D
+from trolley_base.description import footprint_of
+from trolley_base.drivers.world_file import load_world
+from trolley_base.emulators import (
+    DeviceError,
+    EmulatedRobot,
+    FaultError,
+    Mount,
+    RobotInWorld,
+    WheelFacts,
+)
+from trolley_base.emulators.advice import base_settings, describe_ports
+from trolley_base.emulators.catalogue import BOARDS
+from trolley_base.emulators.faults import KINDS
+from trolley_base.emulators.pseudo_terminal import PortError
+from trolley_base.emulators.truth import TruthPublisher
+from trolley_base.world import WorldError
+
+POLL_S = 0.2
+
+
+def _pose_option(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Any:
+    try:
+        return None if text is None else parse_pose(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+def _epilog() -> str:
+    options = [
+        f"  {kind}:{name:<9} {text}"
+        for kind, known in BOARDS.items()
+        for name, text in known.items()
+    ]
+    faults = [f"  {kind:<8} {text}" for kind, text in KINDS.items()]
+    lines = ["Options of devices, such as linorobot:quiet,exact :", *options, ""]
+    lines += ["Faults:", *faults]
+    return "\b\n" + "\n".join(lines).replace("\n\n", "\n\n\b\n")
+
+
+@click.command(name="emulate", epilog=_epilog())
+@click.argument("devices", nargs=-1, required=True, metavar="DEVICE[:OPTION,...]...")
+@click.option(
+    "--world",
+    default="apartment.toml",
+    show_default=True,
+    help="A world file, or the name of one that ships with Trolley.",
+)
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Fixes the world.")
+@click.option("--start", callback=_pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
+@click.option(
+    "--laser",
+    callback=_pose_option,
+    metavar="X,Y,YAW",
+    help="Where its lidar sits in base_link [default: as --config says, else 0,0,0].",
+)
+@click.option(
+    "--ports",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="The folder of the ports' names [default: a new one].",
+)
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="DEVICE:KIND[=VALUE][@S][+S]",
+    help="What goes wrong, from which second on and for how long (may be repeated).",
+)
+@where_options
+@reports_errors
+def emulate_command(
+    devices: tuple[str, ...],
+    world: str,
+    seed: int,
+    start: Pose2D | None,
+    laser: Pose2D | None,
+    ports: Path | None,
+    faults: tuple[str, ...],
+) -> None:
+    """Play motor boards and lidars at pseudo terminals, from a simulated world, until Ctrl-C.
+
+    Devices: linorobot, arduino_bridge; rplidar_a1, ydlidar_x4, ld19, xv11, lds01. They share one
+    robot: the board moves it, the lidars see from where it is. With --config the robot is as that
+    file says (outline, lidar's pose, wheels). With --robot or --config it publishes sim/truth. What
+    --fault takes can be typed while it runs, too.
+    """
+    path: Path | None = given("config")
+    config = None if path is None else load_config(path)
+    try:
+        body = _body(config, world, seed, start, laser)
+        robot = EmulatedRobot(devices, body, ports, click.echo)
+        for fault in faults:
+            robot.fault(fault)
+        with interruptible(), ExitStack() as stack:
+            stack.enter_context(robot)
+            _announce(robot)
+            target = _target()
+            if target is not None:
+                publisher = TruthPublisher(target, body.world.name, robot.truth, click.echo)
+                stack.enter_context(publisher)
+            _serve(robot)
+    except (DeviceError, FaultError, WorldError, FileNotFoundError, PortError) as error:
+        raise click.UsageError(str(error)) from error
+    except KeyboardInterrupt:
+        click.echo("The devices are gone.")
+
+
+def _body(
+    config: RobotConfig | None, world: str, seed: int, start: Pose2D | None, laser: Pose2D | None
+) -> RobotInWorld:
+    name = world if world.endswith(".toml") else f"{world}.toml"
+    options: dict[str, Any] = {"world": load_world(worlds.find(name)), "seed": seed, "start": start}
+    turns_back = False
+    if config is not None:
+        lidar, wheels = config.base.lidar, config.base.chassis.wheels
+        options["footprint"] = footprint_of(config)
+        laser = laser or lidar.pose.as_pose()
+        turns_back = lidar.upside_down is not lidar.reversed
+        if wheels is not None:
+            options["wheels"] = WheelFacts(
+                wheels.ticks_per_revolution, wheels.diameter_m, wheels.track_m
+            )
+    return RobotInWorld(mount=Mount(laser or Pose2D.identity(), turns_back), **options)
+
+
+def _target() -> Target | None:
+    """Whose truth is published where; None if nobody asked for that."""
+    if not (given("robot") or given("connect") or given("config")):
+        return None
+    target = find_target(given("robot"), given("connect"), given("config"))
+    if target.robot is None:
+        raise click.UsageError("--connect needs --robot NAME: whose sim/truth this is")
+    return target
+
+
+def _announce(robot: EmulatedRobot) -> None:
+    for line in describe_ports(robot):
+        click.echo(line)
+    click.echo("\nIn a robot.toml:\n")
+    click.echo(base_settings(robot))
+    click.echo(
+        "Ctrl-C ends it. Type a fault, such as "
+        f"{next(iter(robot.ports))}:silence+2, to make trouble."
+    )
+
+
+def _serve(robot: EmulatedRobot) -> None:
+    """Take faults that are typed, until Ctrl-C."""
+    typed = b""
+    source = [] if sys.stdin is None or sys.stdin.closed else [sys.stdin.fileno()]
+    while True:
+        robot.check()
+        readable, _, _ = select.select(source, [], [], POLL_S)
+        if not readable:
+            continue
+        data = os.read(source[0], 4096)
+        if not data:
+            source = []
+        *lines, typed = (typed + data).split(b"\n")
+        for line in filter(None, (line.decode("utf-8", "replace").strip() for line in lines)):
+            try:
+                robot.fault(line)
+            except FaultError as error:
+                click.secho(str(error), err=True, fg="red")
