@@ -1,1 +1,71 @@
 """Motor boards by their firmware."""
+
+from dataclasses import dataclass
+
+from trolley.config.hardware import Board, ChassisConfig
+from trolley.messages.motion import Drive
+from trolley_base.drivers.boards.arduino_bridge import ArduinoBridgeDialogue
+from trolley_base.drivers.boards.linorobot import LinorobotDialogue
+from trolley_base.drivers.dialogue import BoardDialogue
+from trolley_base.drivers.interface import DriverError
+
+
+@dataclass(frozen=True, slots=True)
+class BoardFacts:
+    """What is known of a firmware.
+
+    Attributes:
+        title: how people call it.
+        baud: bits per second, if the firmware was not changed.
+        watchdog_s: after what silence it stops the motors by itself [s].
+        has_imu: it can report an inertial sensor.
+        has_inputs: its pins can be read: bumpers, cliff sensors, a battery.
+    """
+
+    title: str
+    baud: int
+    watchdog_s: float
+    has_imu: bool
+    has_inputs: bool
+
+
+BOARDS: dict[Board, BoardFacts] = {
+    "linorobot": BoardFacts("linorobot (Teensy)", 57600, 0.4, has_imu=True, has_inputs=False),
+    "arduino_bridge": BoardFacts(
+        "ROSArduinoBridge (Arduino)", 57600, 2.0, has_imu=False, has_inputs=True
+    ),
+}
+
+
+def make_board(config: ChassisConfig, drive: Drive) -> BoardDialogue:
+    """Make the dialogue of the configured board.
+
+    A skid-steered robot is driven as a differential one; its wider effective track is a matter of
+    `[base.odometry] angular_scale`.
+
+    Raises:
+        DriverError: the board cannot do what is configured.
+    """
+    if config.board is None:
+        raise DriverError("[base.chassis] names no board")
+    facts, inputs = BOARDS[config.board], config.inputs
+    baud = config.baud or facts.baud
+    is_wired = inputs.bumper_pins or inputs.cliff_pins or inputs.battery_pin is not None
+    if is_wired and not facts.has_inputs:
+        raise DriverError(
+            f"[base.chassis.inputs] names pins, but {facts.title} does not tell what they read; "
+            "remove them"
+        )
+    if config.board == "linorobot":
+        return LinorobotDialogue(config, baud, can_drive_sideways=drive == "mecanum")
+    if drive == "mecanum":
+        raise DriverError(
+            f'[robot] drive = "mecanum" has four motors, and {facts.title} drives two; use '
+            "linorobot's firmware"
+        )
+    if config.wheels is None:
+        raise DriverError("arduino_bridge needs [base.chassis.wheels]")
+    return ArduinoBridgeDialogue(config, config.wheels, baud)
+
+
+__all__ = ["BOARDS", "BoardFacts", "make_board"]

@@ -1,0 +1,285 @@
+"""A board with ROSArduinoBridge: lines of text, an answer to each, never a word unasked.
+
+One question is on the line at a time; only a stop does not wait for its answer. What is not
+answered in time is given up, and the board is asked for its baud rate, which no other answer looks
+like, until the line is clear. The board stops its motors by itself only after 2 s.
+
+Counts, below `chassis/`: `timeouts` (questions without an answer), `stray_lines` (answers that do
+not fit the question), `invalid_commands` (questions that the board did not understand),
+`encoder_jumps`, `restarts` (of the board).
+
+Source:
+    ros_arduino_bridge, ROSArduinoBridge.ino, commands.h and diff_controller.h (BSD).
+"""
+
+import re
+from collections import deque
+from dataclasses import dataclass
+
+from trolley.config.hardware import ChassisConfig, PidConfig, WheelsConfig
+from trolley.geometry import Twist2D
+from trolley_base.drivers.boards.inputs import Inputs
+from trolley_base.drivers.boards.report import Report
+from trolley_base.drivers.boards.wheel_ticks import Counts, TickTargets, WheelOdometry
+from trolley_base.drivers.dialogue import Line, Status
+from trolley_base.drivers.interface import ChassisReading, DriverError
+
+# An Arduino reboots when its port is opened; its boot loader then waits for a new program.
+SETTLE_S = 1.5
+ANSWER_NS = 150_000_000
+GREET_EVERY_NS = 500_000_000
+ENCODERS_EVERY_NS = 50_000_000
+MOTORS_EVERY_NS = 100_000_000
+# A new velocity waits no longer than this, so that a robot can be steered.
+NEW_MOTORS_EVERY_NS = 50_000_000
+SILENCE_NS = 500_000_000
+REOPEN_AFTER_NS = 5_000_000_000
+# The firmware copies an argument into 16 letters without looking.
+MOST_ARGUMENT = 15
+MOST_LINE = 64
+# One command that is not understood was garbled on the line; so many in a row were not.
+MOST_INVALID = 3
+
+BAUD, ENCODERS, MOTORS, STOP = "b", "e", "m", "m 0 0"
+INVALID = b"Invalid Command"
+LINE = re.compile(rb"[^\r\n]+(?=[\r\n])")
+ANSWERS = {
+    "e": re.compile(rb"-?\d{1,10} -?\d{1,10}"),
+    "d": re.compile(rb"[01]"),
+    "a": re.compile(rb"\d{1,4}"),
+    "m": re.compile(rb"OK"),
+    "u": re.compile(rb"OK"),
+}
+
+
+@dataclass(slots=True)
+class Question:
+    """Something that is asked again and again."""
+
+    text: str
+    period_ns: int
+    due_ns: int = 0
+
+
+def pid_command(pid: PidConfig) -> str:
+    """Return the line that sets the gains.
+
+    Raises:
+        DriverError: they are not what the firmware can read.
+    """
+    gains = [pid.p, pid.d, pid.i, pid.o]
+    if not all(gain.is_integer() for gain in gains):
+        raise DriverError(
+            "[base.chassis.pid] must be whole numbers for arduino_bridge, which computes with "
+            "nothing else; multiply p, i, d and o by the same factor"
+        )
+    argument = ":".join(str(int(gain)) for gain in gains)
+    if len(argument) > MOST_ARGUMENT:
+        raise DriverError(
+            f"[base.chassis.pid] is too long for arduino_bridge: {argument} has more than "
+            f"{MOST_ARGUMENT} letters; take smaller numbers"
+        )
+    return f"u {argument}"
+
+
+class ArduinoBridgeDialogue:
+    """Talks to the firmware.
+
+    Args:
+        config: of the chassis.
+        wheels: what a tick stands for.
+        baud: bits per second.
+
+    Raises:
+        DriverError: the gains are not what the firmware can read.
+    """
+
+    def __init__(self, config: ChassisConfig, wheels: WheelsConfig, baud: int) -> None:
+        self._baud = baud
+        self._greeting = re.compile(rb"57600|%d" % baud)
+        self._setup = [] if config.pid is None else [pid_command(config.pid)]
+        self._report = Report()
+        self._wheels = WheelOdometry(wheels, self._report.count)
+        self._targets = TickTargets(wheels)
+        self._inputs = Inputs(config.inputs)
+        self._motors = Question(MOTORS, MOTORS_EVERY_NS)
+        self._questions = [self._motors, Question(ENCODERS, ENCODERS_EVERY_NS)]
+        self._questions += [Question(*item) for item in self._inputs.questions().items()]
+        self.begin(0)
+
+    @property
+    def line(self) -> Line:
+        """How the port is opened."""
+        return Line(self._baud, settle_s=SETTLE_S)
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened: ask who is there, command nothing."""
+        self._wheels.reset()
+        self._inputs.reset()
+        self._wanted = Twist2D.zero()
+        self._partial = b""
+        self._in_flight: deque[tuple[str, int]] = deque()
+        self._answer_ns = now_ns
+        self._encoders_ns: int | None = None
+        self._greeted_ns: int | None = None
+        self._has_lines = False
+        self._invalid_in_row = 0
+        self._is_greeted = False
+        self._lose_step()
+
+    def _lose_step(self) -> None:
+        """Which answer belongs to which question is not known: nor is what the motors do."""
+        self._in_flight.clear()
+        self._partial = b""
+        self._is_in_step = False
+        self._driven: Twist2D | None = None
+        self._motors_ns = 0
+
+    # What arrives.
+    def receive(self, data: bytes, arrived_ns: int) -> None:
+        """Take bytes."""
+        data = self._partial + data
+        end = max(data.rfind(b"\r"), data.rfind(b"\n")) + 1
+        for found in LINE.finditer(data, 0, end):
+            # When the board began to answer, which is when it looked.
+            late_ns = (len(data) - found.start()) * 10_000_000_000 // self._baud
+            self._take_line(found[0].strip(), arrived_ns - late_ns, arrived_ns)
+        self._partial = data[end:]
+        if len(self._partial) > MOST_LINE:
+            self._report.count("stray_lines")
+            self._partial = b""
+
+    def _take_line(self, line: bytes, stamp_ns: int, arrived_ns: int) -> None:
+        self._has_lines = True
+        question = self._in_flight[0][0] if self._in_flight else ""
+        if question == BAUD and self._greeting.fullmatch(line):
+            self._meet(arrived_ns)
+        elif question not in ("", BAUD) and line == INVALID:
+            self._report.count("invalid_commands")
+            self._invalid_in_row += question[0] in "emu"
+        elif question not in ("", BAUD) and ANSWERS[question[0]].fullmatch(line):
+            self._take_answer(question, line, stamp_ns, arrived_ns)
+        else:
+            self._report.count("stray_lines")
+            return
+        self._answer_ns = arrived_ns
+        self._in_flight.popleft()
+
+    def _meet(self, now_ns: int) -> None:
+        """The board has answered who it is, so the line is clear."""
+        self._is_in_step = True
+        if self._is_greeted:
+            return
+        self._is_greeted = True
+        self._to_set_up = list(self._setup)
+        for question in self._questions:
+            question.due_ns = now_ns
+
+    def _take_answer(self, question: str, line: bytes, stamp_ns: int, arrived_ns: int) -> None:
+        if question[0] in "em":
+            self._invalid_in_row = 0
+        if question[0] in "da":
+            self._inputs.answer(question, int(line), arrived_ns)
+        elif question == ENCODERS:
+            self._encoders_ns = arrived_ns
+            left, right = (int(number) for number in line.split())
+            motion = self._wheels.add(Counts(left, right, stamp_ns))
+            if motion is not None:
+                self._report.add_motion(motion)
+            if self._wheels.has_restarted:
+                self._report.count("restarts")
+                self._to_set_up, self._driven = list(self._setup), None
+
+    # What is sent.
+    def drive(self, twist: Twist2D) -> None:
+        """Set the wanted velocity; what it says of sideways is left out."""
+        self._wanted = Twist2D(twist.vx, 0.0, twist.wz)
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Return a stop at once, anything else when the line is free."""
+        self._give_up(now_ns)
+        wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
+        is_stopped = self._driven is not None and self._driven.is_zero
+        if self._is_greeted and wanted.is_zero and not is_stopped:
+            return self._command(wanted, now_ns)
+        if self._in_flight:
+            return b""
+        if not self._is_in_step:
+            return self._greet(now_ns)
+        if self._to_set_up:
+            return self._ask(self._to_set_up.pop(0), now_ns)
+        if wanted != self._driven:
+            soon_ns = self._motors_ns + NEW_MOTORS_EVERY_NS
+            self._motors.due_ns = min(self._motors.due_ns, soon_ns)
+        # The one that waits longest, measured by its own pace: if there are too many for the
+        # line, all of them become slower alike.
+        due = max(self._questions, key=lambda known: (now_ns - known.due_ns) / known.period_ns)
+        if due.due_ns > now_ns:
+            return b""
+        due.due_ns = max(due.due_ns + due.period_ns, now_ns)
+        return self._command(wanted, now_ns) if due is self._motors else self._ask(due.text, now_ns)
+
+    def _command(self, twist: Twist2D, now_ns: int) -> bytes:
+        self._driven, self._motors_ns = twist, now_ns
+        left, right = self._targets.of(twist)
+        return self._ask(f"{MOTORS} {left} {right}", now_ns)
+
+    def _greet(self, now_ns: int) -> bytes:
+        waited = self._greeted_ns is None or now_ns - self._greeted_ns >= GREET_EVERY_NS
+        if not (waited or self._is_greeted):
+            return b""
+        self._greeted_ns = now_ns
+        return self._ask(BAUD, now_ns)
+
+    def _ask(self, text: str, now_ns: int) -> bytes:
+        self._in_flight.append((text, now_ns))
+        return text.encode() + b"\r"
+
+    def _give_up(self, now_ns: int) -> None:
+        """Wait no longer for an answer that is late; after a longer silence greet anew."""
+        if not self._in_flight or now_ns - self._in_flight[0][1] <= ANSWER_NS:
+            return
+        if self._is_greeted:
+            self._report.count("timeouts")
+        self._lose_step()
+        if now_ns - self._answer_ns >= SILENCE_NS:
+            self._is_greeted = self._has_lines = False
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Stop the wheels."""
+        return (STOP.encode() + b"\r",) if self._is_greeted else ()
+
+    # How it goes.
+    def _is_reporting(self, now_ns: int) -> bool:
+        return self._encoders_ns is not None and now_ns - self._encoders_ns <= SILENCE_NS
+
+    def status(self, now_ns: int) -> Status:
+        """Say how it goes."""
+        is_silent = now_ns - self._answer_ns >= REOPEN_AFTER_NS
+        if self._has_lines and not self._is_greeted:
+            sentence = (
+                "What arrives is not ROSArduinoBridge's: is this the motor board's port, and is "
+                f"{self._baud} the firmware's baud rate?"
+            )
+            return Status("down" if is_silent else "searching", sentence, reopen=is_silent)
+        if is_silent:
+            return Status(
+                "down",
+                "The motor board is silent. Is it powered, and does it run ROSArduinoBridge?",
+                reopen=True,
+            )
+        if self._invalid_in_row >= MOST_INVALID:
+            return Status(
+                "down",
+                "The motor board knows no motors: its sketch was built without USE_BASE. Remove "
+                "the comment slashes before #define USE_BASE and flash it again.",
+            )
+        if self._is_reporting(now_ns):
+            return Status("up")
+        if self._encoders_ns is not None:
+            return Status("down", "The motor board has stopped answering; it is asked again.")
+        return Status("searching", "The motor board is being greeted.")
+
+    def take(self, now_ns: int) -> ChassisReading:
+        """Hand over what was reported."""
+        return self._report.take(self.status(now_ns), self._inputs.alarms(), self._inputs.battery)

@@ -1,0 +1,248 @@
+"""A board with linorobot's firmware: rosserial to a Teensy or Arduino, unchanged.
+
+The firmware waits for a topic request, announces its topics, and then reports its velocity
+(`raw_vel`) and its inertial sensor (`raw_imu`) 20 times a second. It stops its motors 0.4 s after
+the last `cmd_vel`, and reports nothing more when 11 s passed without an answer to its time
+requests.
+
+Counts, below `chassis/`: `bad_checksum`, `skipped_bytes`, `unknown_topics`, `bad_messages` (a
+payload that is not what its topic carries, or holds what no robot can do), `gaps` (a velocity
+without a usable interval before it, so that no motion came of it).
+
+Source:
+    linorobot, teensy/firmware/src/firmware.ino; rosserial_client, ros/node_handle.h.
+"""
+
+from trolley.config.hardware import ChassisConfig
+from trolley.geometry import Twist2D
+from trolley_base.drivers.boards.lino_messages import (
+    CMD_VEL,
+    PID,
+    RAW_IMU,
+    RAW_VEL,
+    encode_pid,
+    encode_twist,
+    parse_imu,
+    parse_velocities,
+)
+from trolley_base.drivers.boards.negotiation import Negotiation
+from trolley_base.drivers.boards.report import Report
+from trolley_base.drivers.boards.rosserial import (
+    LOG,
+    PUBLISHER,
+    STOP_REQUEST,
+    SUBSCRIBER,
+    TIME,
+    TOPIC_REQUEST,
+    Frame,
+    FrameDecoder,
+    encode,
+    parse_log,
+    parse_topic_info,
+    time_reply,
+)
+from trolley_base.drivers.boards.velocities import VelocityIntegrator
+from trolley_base.drivers.dialogue import Line, Status
+from trolley_base.drivers.interface import ChassisReading
+
+# The pace of `raw_vel`, and how long a silence of it is no lateness any more.
+PERIOD_NS = 50_000_000
+SILENCE_NS = 500_000_000
+# rosserial's own rule: a board asks for the time every 2.5 s, or it has forgotten its host.
+NO_TIME_REQUEST_NS = 15_000_000_000
+# Every other call of `outgoing` at 50 Hz, with room for its unevenness: 25 commands a second.
+COMMAND_EVERY_NS = 35_000_000
+REOPEN_AFTER_NS = 5_000_000_000
+# Each answer waits for one call of `outgoing`; a board that asks this often is broken.
+MOST_TIME_REQUESTS = 8
+WARNING, ERROR = 2, 3
+
+
+class LinorobotDialogue:
+    """Talks to the firmware.
+
+    Args:
+        config: of the chassis.
+        baud: bits per second; a board on native USB ignores it.
+        can_drive_sideways: it has mecanum wheels.
+    """
+
+    def __init__(self, config: ChassisConfig, baud: int, *, can_drive_sideways: bool) -> None:
+        self._config = config
+        self._baud = baud
+        self._can_drive_sideways = can_drive_sideways
+        self._report = Report()
+        self._decoder = FrameDecoder(self._report.count)
+        self._topics = Negotiation(self._report.count)
+        self._wheels = VelocityIntegrator(PERIOD_NS, self._report.count)
+        self.begin(0)
+
+    @property
+    def line(self) -> Line:
+        """A Teensy does not reboot when its port is opened; a board that does is asked again."""
+        return Line(self._baud)
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened: ask for the topics, command nothing."""
+        self._decoder.reset()
+        self._topics.begin()
+        self._wheels.reset()
+        self._wanted = self._sent = Twist2D.zero()
+        self._sent_ns: int | None = None
+        self._byte_ns = self._time_request_ns = now_ns
+        self._velocity_ns: int | None = None
+        self._has_bytes = self._has_frames = False
+        self._time_requests = 0
+        self._owes_pid = False
+
+    # What arrives.
+    def receive(self, data: bytes, arrived_ns: int) -> None:
+        """Take bytes."""
+        if not data:
+            return
+        self._byte_ns, self._has_bytes = arrived_ns, True
+        for frame in self._decoder.feed(data):
+            self._has_frames = True
+            if not self._take_frame(frame, arrived_ns):
+                self._report.count("bad_messages")
+
+    def _take_frame(self, frame: Frame, arrived_ns: int) -> bool:
+        """Take a frame; False if its payload is not what it should be."""
+        topic_id, payload = frame.topic_id, frame.payload
+        # When the board began to send it.
+        left_ns = arrived_ns - frame.following * 10_000_000_000 // self._baud
+        if topic_id in (PUBLISHER, SUBSCRIBER):
+            info = parse_topic_info(payload)
+            if info is not None:
+                self._topics.hear(info, arrived_ns, is_published=topic_id == PUBLISHER)
+            return info is not None
+        if topic_id == TIME:
+            self._time_request_ns = arrived_ns
+            self._time_requests = min(self._time_requests + 1, MOST_TIME_REQUESTS)
+            return True
+        if topic_id == LOG:
+            return self._take_log(payload)
+        if topic_id == self._topics.id_of(RAW_VEL):
+            return self._take_velocities(payload, left_ns, arrived_ns)
+        if topic_id == self._topics.id_of(RAW_IMU):
+            imu = parse_imu(payload, self._config.imu_axes, left_ns)
+            if imu is not None:
+                self._report.add_imu(imu)
+            return imu is not None
+        self._topics.meet_unknown(topic_id, arrived_ns)
+        return True
+
+    def _take_log(self, payload: bytes) -> bool:
+        line = parse_log(payload)
+        if line is None:
+            return False
+        # What the firmware calls fatal, a missing inertial sensor, costs accuracy only.
+        if line.level >= ERROR and not line.text.startswith("IMU"):
+            self._report.note("error", line.text)
+        else:
+            self._report.note("warning" if line.level >= WARNING else "info", line.text)
+        return True
+
+    def _take_velocities(self, payload: bytes, left_ns: int, arrived_ns: int) -> bool:
+        twist = parse_velocities(payload)
+        if twist is None:
+            return False
+        self._velocity_ns = arrived_ns
+        if not self._can_drive_sideways:
+            twist = Twist2D(twist.vx, 0.0, twist.wz)
+        motion = self._wheels.add(twist, left_ns)
+        if motion is not None:
+            self._report.add_motion(motion)
+        return True
+
+    # What is sent.
+    def drive(self, twist: Twist2D) -> None:
+        """Set the wanted velocity."""
+        self._wanted = twist
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Return a command if one is due, then answers and questions; less than 20 ms of bytes."""
+        self._judge(now_ns)
+        parts: list[bytes] = []
+        command_id, pid_id = self._topics.id_of(CMD_VEL), self._topics.id_of(PID)
+        if command_id is not None:
+            parts.append(self._command(command_id, now_ns))
+        if self._time_requests:
+            self._time_requests -= 1
+            parts.append(time_reply(now_ns))
+        pid = self._config.pid
+        if self._owes_pid and pid is not None and pid_id is not None:
+            self._owes_pid = False
+            parts.append(encode(pid_id, encode_pid(pid.p, pid.i, pid.d)))
+        if self._topics.should_ask(now_ns, is_forgotten=self._has_forgotten_us(now_ns)):
+            self._topics.asked(now_ns)
+            self._owes_pid = True
+            parts.append(TOPIC_REQUEST)
+        return b"".join(parts)
+
+    def _command(self, command_id: int, now_ns: int) -> bytes:
+        """Return a command: a new zero at once, zeros too, so that the board's watchdog rests."""
+        wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
+        must_stop = wanted.is_zero and not self._sent.is_zero
+        is_due = self._sent_ns is None or now_ns - self._sent_ns >= COMMAND_EVERY_NS
+        if not (must_stop or is_due):
+            return b""
+        self._sent, self._sent_ns = wanted, now_ns
+        vy = wanted.vy if self._can_drive_sideways else 0.0
+        return encode(command_id, encode_twist(Twist2D(wanted.vx, vy, wanted.wz)))
+
+    def _judge(self, now_ns: int) -> None:
+        """Say what a board lacks that can be driven without."""
+        missing = self._topics.judge(now_ns)
+        if RAW_IMU in missing and self._config.use_imu:
+            self._report.note("info", "The motor board announces no raw_imu: no gyro is used.")
+        if PID in missing and self._config.pid is not None:
+            self._report.note(
+                "warning", "The motor board takes no PID gains; [base.chassis.pid] has no effect."
+            )
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Stop the wheels, then the reports."""
+        command_id = self._topics.id_of(CMD_VEL)
+        if command_id is None:
+            return ()
+        return encode(command_id, encode_twist(Twist2D.zero())), STOP_REQUEST
+
+    # How it goes.
+    def _is_reporting(self, now_ns: int) -> bool:
+        return (
+            self._topics.is_usable
+            and self._velocity_ns is not None
+            and now_ns - self._velocity_ns <= SILENCE_NS
+        )
+
+    def _has_forgotten_us(self, now_ns: int) -> bool:
+        """Whether a board that announced its topics must be asked again, as after a reboot."""
+        is_unpunctual = now_ns - self._time_request_ns >= NO_TIME_REQUEST_NS
+        return is_unpunctual or not self._is_reporting(now_ns)
+
+    def status(self, now_ns: int) -> Status:
+        """Say how it goes."""
+        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+            return Status(
+                "down",
+                "The motor board is silent. Is it powered, and does it run linorobot's firmware?",
+                reopen=True,
+            )
+        if self._topics.fault:
+            return Status("down", self._topics.fault)
+        if self._is_reporting(now_ns):
+            return Status("up")
+        if self._velocity_ns is not None:
+            return Status("down", "The motor board has stopped reporting; it is asked again.")
+        if self._has_bytes and not self._has_frames:
+            return Status(
+                "searching",
+                "What arrives is not rosserial: is this the motor board's port, and does it run "
+                f"linorobot's firmware at {self._baud} baud?",
+            )
+        return Status("searching", "The motor board is being asked for its topics.")
+
+    def take(self, now_ns: int) -> ChassisReading:
+        """Hand over what was reported."""
+        return self._report.take(self.status(now_ns))

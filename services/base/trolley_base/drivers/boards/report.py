@@ -1,0 +1,72 @@
+"""What a motor board's dialogue keeps for the next `take`: bounded, however seldom that comes."""
+
+import re
+from collections import Counter, deque
+from typing import Literal
+
+from trolley.messages import Battery, Imu, Link
+from trolley_base.drivers.dialogue import Status
+from trolley_base.drivers.interface import ChassisReading, MotionSample, Note
+
+# 5 s of a board that reports 50 times a second.
+MOST_MOTIONS = 256
+MOST_IMU = 64
+# Lines that differ in more than their numbers; a board that says more than this only fills logs.
+MOST_KINDS = 32
+MOST_LETTERS = 200
+NUMBER = re.compile(r"[+-]?\d[\d.]*")
+
+
+class Report:
+    """Collects motions, inertial readings, notes and counts."""
+
+    def __init__(self) -> None:
+        self._motions: list[MotionSample] = []
+        self._imu: deque[Imu] = deque(maxlen=MOST_IMU)
+        self._notes: dict[str, Note] = {}
+        self._kinds: set[str] = set()
+        self._counts: Counter[str] = Counter()
+
+    def add_motion(self, motion: MotionSample) -> None:
+        """Keep a motion; if too many wait, it is joined to the last, so that none is lost."""
+        if len(self._motions) >= MOST_MOTIONS:
+            last = self._motions.pop()
+            whole = last.previous_T_base @ motion.previous_T_base
+            motion = MotionSample(motion.stamp_ns, whole, motion.twist)
+        self._motions.append(motion)
+
+    def add_imu(self, imu: Imu) -> None:
+        """Keep an inertial reading; of too many the oldest are forgotten."""
+        self._imu.append(imu)
+
+    def note(self, level: Literal["info", "warning", "error"], text: str) -> None:
+        """Keep a line for people; lines that differ in their numbers alone are one kind."""
+        text = text.strip()[:MOST_LETTERS]
+        kind = f"chassis/{NUMBER.sub('#', text)}"
+        if kind not in self._kinds and len(self._kinds) >= MOST_KINDS:
+            kind = "chassis/other"
+        self._kinds.add(kind)
+        self._notes[kind] = Note(level, kind, text)
+
+    def count(self, name: str, number: int = 1) -> None:
+        """Count what happened; `name` without the leading `chassis/`."""
+        self._counts[f"chassis/{name}"] += number
+
+    def take(
+        self, status: Status, alarms: tuple[str, ...] = (), battery: Battery | None = None
+    ) -> ChassisReading:
+        """Hand over everything and begin anew."""
+        reading = ChassisReading(
+            motions=tuple(self._motions),
+            link=Link(name="chassis", state=status.state, message=status.message),
+            imu=tuple(self._imu),
+            battery=battery,
+            alarms=alarms,
+            notes=tuple(self._notes.values()),
+            counts=dict(self._counts),
+        )
+        self._motions.clear()
+        self._imu.clear()
+        self._notes.clear()
+        self._counts.clear()
+        return reading

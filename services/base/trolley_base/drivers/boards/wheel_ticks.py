@@ -1,0 +1,142 @@
+"""Two wheels with encoders: from counts of ticks to motion, and from velocity to target ticks.
+
+With dl and dr [m] of the left and right wheel, a robot of track b has driven (dl + dr) / 2 along an
+arc and turned by (dr - dl) / b.
+
+Source:
+    Siegwart, Nourbakhsh, Introduction to Autonomous Mobile Robots (2004), section 3.2.3.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from trolley.config.hardware import WheelsConfig
+from trolley.geometry import Twist2D, exp_twist
+from trolley_base.drivers.interface import MotionSample
+
+# No wheel turns faster than this; a count that says so was misread [m/s].
+MOST_SPEED = 3.0
+# A board whose counts lie within this of zero may just have started [m].
+NEAR_START_M = 0.05
+# A board is back after a restart no sooner than this [s].
+SHORTEST_RESTART_S = 0.3
+# One round of the board's speed control [s]: 1000 / 30 ms as whole numbers.
+FRAME_S = 0.033
+# An int of the boards.
+MOST_TARGET = 32767
+
+
+class Counts(NamedTuple):
+    """What both encoders read [ticks], at a robot time [ns]."""
+
+    left: int
+    right: int
+    stamp_ns: int
+
+
+class WheelOdometry:
+    """Makes motions of encoder counts, which wrap around at 32 bits.
+
+    Attributes:
+        has_restarted: the counts added last began anew: the board has rebooted.
+
+    Args:
+        wheels: what a tick stands for.
+        count: adds to a counter: `encoder_jumps`, counts farther from those before than wheels
+            turn.
+    """
+
+    def __init__(self, wheels: WheelsConfig, count: Callable[[str, int], None]) -> None:
+        self._wheels = wheels
+        self._count = count
+        self._ticks_per_m = ticks_per_m(wheels)
+        self.has_restarted = False
+        self._last: Counts | None = None
+        self._jumped: Counts | None = None
+
+    def reset(self) -> None:
+        """Begin anew: the next counts are where the motion begins."""
+        self._last = self._jumped = None
+
+    def add(self, new: Counts) -> MotionSample | None:
+        """Return the motion since the last counts; None if these are the first or are refused."""
+        last = self._last
+        self.has_restarted = last is not None and self._is_restart(last, new)
+        if last is None or self.has_restarted:
+            self._last, self._jumped = new, None
+            return None
+        if new.stamp_ns <= last.stamp_ns:
+            return None
+        if self._is_possible(last, new):
+            self._last, self._jumped = new, None
+            return self._motion(last, new)
+        self._count("encoder_jumps", 1)
+        # One that does not fit was misread; two that fit each other were counted from a new zero.
+        self.has_restarted = self._jumped is not None and self._is_possible(self._jumped, new)
+        self._last, self._jumped = (new, None) if self.has_restarted else (last, new)
+        return None
+
+    def _motion(self, last: Counts, new: Counts) -> MotionSample:
+        left, right = wrapped(new.left - last.left), wrapped(new.right - last.right)
+        left_m = (-left if self._wheels.reverse_left else left) / self._ticks_per_m
+        right_m = (-right if self._wheels.reverse_right else right) / self._ticks_per_m
+        turn = (right_m - left_m) / self._wheels.track_m
+        way = Twist2D(0.5 * (left_m + right_m), 0.0, turn)
+        seconds = (new.stamp_ns - last.stamp_ns) * 1e-9
+        return MotionSample(new.stamp_ns, exp_twist(way), way.scaled(1.0 / seconds))
+
+    def _is_possible(self, last: Counts, new: Counts) -> bool:
+        seconds = (new.stamp_ns - last.stamp_ns) * 1e-9
+        # Stamps that lie close together are inexact.
+        most = MOST_SPEED * self._ticks_per_m * max(seconds, 0.05) + 1.0
+        return all(abs(wrapped(new[i] - last[i])) <= most for i in (0, 1))
+
+    def _is_restart(self, last: Counts, new: Counts) -> bool:
+        if new.stamp_ns - last.stamp_ns < SHORTEST_RESTART_S * 1e9:
+            return False
+        return self._is_near_start(new) and not self._is_near_start(last)
+
+    def _is_near_start(self, counts: Counts) -> bool:
+        return max(abs(counts.left), abs(counts.right)) <= NEAR_START_M * self._ticks_per_m
+
+
+class TickTargets:
+    """Turns velocities into target ticks per frame, whole numbers, without losing the rest.
+
+    What rounding leaves over is added to the next target, so that a slow wheel turns at the right
+    speed on average.
+    """
+
+    def __init__(self, wheels: WheelsConfig) -> None:
+        self._wheels = wheels
+        self._ticks_per_m = ticks_per_m(wheels)
+        self._rest = (0.0, 0.0)
+
+    def of(self, twist: Twist2D) -> tuple[int, int]:
+        """Return the targets of the left and the right wheel [ticks per frame]."""
+        if twist.is_zero:
+            self._rest = (0.0, 0.0)
+            return 0, 0
+        outward = 0.5 * self._wheels.track_m * twist.wz
+        left = (twist.vx - outward) * self._ticks_per_m * FRAME_S
+        right = (twist.vx + outward) * self._ticks_per_m * FRAME_S
+        # Beyond what the board can take: slower on the same arc.
+        scale = min(1.0, (MOST_TARGET - 1) / max(abs(left), abs(right), 1.0))
+        exact = scale * left + self._rest[0], scale * right + self._rest[1]
+        whole = round(exact[0]), round(exact[1])
+        self._rest = exact[0] - whole[0], exact[1] - whole[1]
+        return (
+            -whole[0] if self._wheels.reverse_left else whole[0],
+            -whole[1] if self._wheels.reverse_right else whole[1],
+        )
+
+
+def ticks_per_m(wheels: WheelsConfig) -> float:
+    """Return how many ticks a metre has."""
+    return wheels.ticks_per_revolution / (math.pi * wheels.diameter_m)
+
+
+def wrapped(ticks: int) -> int:
+    """Return a difference of 32-bit counts as the shorter way round."""
+    return (ticks + 2**31) % 2**32 - 2**31
