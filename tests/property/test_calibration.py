@@ -21,9 +21,7 @@ from trolley_base.calibration import (
 from trolley_base.wheel_scales import WheelScales
 
 TRACK_M = 0.2
-planted = st.builds(
-    Correction, st.floats(0.9, 1.1), st.floats(0.9, 1.1), st.floats(-0.4, 0.4)
-)
+planted = st.builds(Correction, st.floats(0.9, 1.1), st.floats(0.9, 1.1), st.floats(-0.4, 0.4))
 
 
 def square_steps(direction: str, side_m: float) -> np.ndarray:
@@ -38,9 +36,7 @@ def square_steps(direction: str, side_m: float) -> np.ndarray:
 
 
 def legs_of(steps: np.ndarray, truth: Correction, count: int) -> list[Leg]:
-    return [
-        Leg(part, truth.integrate(part), 0.01, 0.01) for part in np.array_split(steps, count)
-    ]
+    return [Leg(part, truth.integrate(part), 0.01, 0.01) for part in np.array_split(steps, count)]
 
 
 @given(st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(-0.3, 0.3)), min_size=1, max_size=50))
@@ -84,9 +80,7 @@ def test_umbmark_finds_small_errors(short: float, bend: float) -> None:
     returns = []
     for direction in ("ccw", "cw"):
         steps = square_steps(direction, 2.0)
-        returns.append(
-            Return(direction, truth.integrate(steps), Correction().integrate(steps))
-        )
+        returns.append(Return(direction, truth.integrate(steps), Correction().integrate(steps)))
     figures = benchmark(returns, 2.0)
     assert 1.0 / figures.track_ratio == pytest.approx(1.0 - short, abs=1e-3)
     scales = combined(truth, WheelScales(track_m=TRACK_M))

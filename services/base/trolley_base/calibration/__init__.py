@@ -5,7 +5,7 @@ Nothing here does I/O or knows a clock: `trolley_base.commands.calibrate` brings
 
 from trolley_base.calibration.comparison import Comparison
 from trolley_base.calibration.correction import Correction, combined
-from trolley_base.calibration.course import Place, find_obstacle, square
+from trolley_base.calibration.course import Course, Place, find_obstacle, square, squares_both_ways
 from trolley_base.calibration.drive import CalibrationDrive
 from trolley_base.calibration.estimate import Estimate, estimate
 from trolley_base.calibration.legs import Leg, OdometryLog
@@ -16,6 +16,7 @@ __all__ = [
     "CalibrationDrive",
     "Comparison",
     "Correction",
+    "Course",
     "Estimate",
     "Leg",
     "OdometryLog",
@@ -26,4 +27,5 @@ __all__ = [
     "estimate",
     "find_obstacle",
     "square",
+    "squares_both_ways",
 ]

@@ -73,6 +73,32 @@ def square(side_m: float, direction: Direction, begin: Pose2D | None = None) -> 
     return places
 
 
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Places, and which of the rests at them begin and end a square.
+
+    Attributes:
+        places: one after the other.
+        squares: direction, and the numbers of the rests before and after; rest 0 is the start.
+    """
+
+    places: list[Place]
+    squares: list[tuple[Direction, int, int]]
+
+
+def squares_both_ways(side_m: float, runs: int) -> Course:
+    """Return squares left round and right round in turn, all over the floor to the left ahead."""
+    aside = Pose2D(0.0, 0.0, QUARTER)
+    places: list[Place] = []
+    squares: list[tuple[Direction, int, int]] = []
+    for _ in range(runs):
+        squares.append(("ccw", len(places), len(places) + 8))
+        places += [*square(side_m, "ccw"), Place(aside, drives=False)]
+        squares.append(("cw", len(places), len(places) + 8))
+        places += [*square(side_m, "cw", aside), Place(Pose2D.identity(), drives=False)]
+    return Course(places, squares)
+
+
 def find_obstacle(
     points_start: NDArray[np.float64], places: list[Place], radius_m: float
 ) -> tuple[float, float] | None:

@@ -10,6 +10,9 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trolley import codes
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley.messages import BaseState, Odometry, PoseEstimate
@@ -122,12 +125,23 @@ class CalibrationDrive:
     def legs(self) -> list[Leg]:
         """Return the pieces between two rests that the localizer measured."""
         found: list[Leg] = []
-        for before, after in zip(self.stops[:-1], self.stops[1:], strict=True):
-            if before.map_T_base is not None and after.map_T_base is not None:
-                moved = before.map_T_base.inverse() @ after.map_T_base
-                steps = self.log.steps(before.stamp_ns, after.stamp_ns)
+        for index in range(len(self.stops) - 1):
+            steps, moved = self.between(index, index + 1)
+            if moved is not None:
                 found.append(Leg(steps, moved, MAP_ERROR_M, MAP_ERROR_RAD))
         return found
+
+    def between(self, first: int, last: int) -> tuple[NDArray[np.float64], Pose2D | None]:
+        """Return the odometry between two rests, by their numbers, and what the localizer says.
+
+        The odometry as small arcs (n, 3) x, y [m], turn [rad]; the pose of the last rest seen from
+        the first, None without a localizer.
+        """
+        before, after = self.stops[first], self.stops[last]
+        steps = self.log.steps(before.stamp_ns, after.stamp_ns)
+        if before.map_T_base is None or after.map_T_base is None:
+            return steps, None
+        return steps, before.map_T_base.inverse() @ after.map_T_base
 
     def _steer(self, odom_T_base: Pose2D) -> Twist2D | None:
         place = self._places[len(self.stops) - 1]

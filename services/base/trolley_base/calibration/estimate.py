@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import angle_difference
 from trolley_base.calibration.correction import Correction
 from trolley_base.calibration.legs import Leg
 
@@ -99,12 +98,11 @@ def _residuals(legs: Sequence[Leg], parameters: NDArray[np.float64]) -> NDArray[
     correction = Correction(*parameters.tolist())
     rows: list[float] = []
     for leg in legs:
-        fitted, measured = correction.integrate(leg.steps), leg.start_T_end
-        x_m, y_m, yaw_rad = leg.deviations
-        rows.append((fitted.x - measured.x) / x_m)
-        rows.append((fitted.y - measured.y) / y_m)
-        is_measured = math.isfinite(yaw_rad)
-        rows.append(angle_difference(fitted.yaw, measured.yaw) / yaw_rad if is_measured else 0.0)
+        along_m, across_m, heading_rad = leg.error_of(correction)
+        along_std, across_std, heading_std = leg.deviations
+        is_measured = math.isfinite(heading_std)
+        rows += [along_m / along_std, across_m / across_std]
+        rows.append(heading_rad / heading_std if is_measured else 0.0)
     return np.array(rows)
 
 

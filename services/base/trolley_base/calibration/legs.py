@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, interpolate, log_pose
+from trolley.geometry import Pose2D, angle_difference, interpolate, log_pose
 from trolley.messages import Odometry
+from trolley_base.calibration.correction import Correction
 
 # What slip adds to the noise, as standard deviations after a metre or a radian.
 SLIP_M, SLIP_RAD = 0.01, 0.015
@@ -42,16 +43,31 @@ class Leg:
 
     @property
     def deviations(self) -> tuple[float, float, float]:
-        """Deviation of the measured motion from a perfectly calibrated one in x, y [m], yaw."""
+        """Deviation of the measured motion from a perfectly calibrated one.
+
+        Along the line from start to end and across it [m], and in the heading [rad].
+        """
         slip_rad = SLIP_RAD * math.sqrt(self.way_m + self.turned_rad)
         start_rad = self.error_rad if math.isfinite(self.error_rad) else 0.0
         # The heading at the start and slip on the way bring the end aside.
         aside_rad = math.hypot(start_rad, slip_rad / math.sqrt(3.0))
         reach_m = math.hypot(self.start_T_end.x, self.start_T_end.y)
-        reach_m = max(reach_m, 0.25 * self.way_m)
+        detour_m = 0.25 * max(0.0, self.way_m - reach_m)
         noise_m = math.hypot(math.sqrt(2.0) * self.error_m, SLIP_M * math.sqrt(self.way_m))
-        position_m = math.hypot(noise_m, aside_rad * reach_m)
-        return position_m, position_m, math.hypot(math.sqrt(2.0) * self.error_rad, slip_rad)
+        return (
+            math.hypot(noise_m, aside_rad * detour_m),
+            math.hypot(noise_m, aside_rad * max(reach_m, detour_m)),
+            math.hypot(math.sqrt(2.0) * self.error_rad, slip_rad),
+        )
+
+    def error_of(self, correction: Correction) -> tuple[float, float, float]:
+        """Return by how much the corrected odometry misses the measured end, as `deviations`."""
+        fitted, measured = correction.integrate(self.steps), self.start_T_end
+        direction = math.atan2(measured.y, measured.x)
+        cos, sin = math.cos(direction), math.sin(direction)
+        x, y = fitted.x - measured.x, fitted.y - measured.y
+        turn = angle_difference(fitted.yaw, measured.yaw)
+        return cos * x + sin * y, cos * y - sin * x, turn
 
 
 class OdometryLog:

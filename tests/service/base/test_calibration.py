@@ -1,0 +1,165 @@
+"""The calibration's drive with base and localizer in lock-step: it finds errors that were planted.
+
+Slip and the spread of the default world stay on.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import make_config
+
+from trolley import topics
+from trolley.config import RobotConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import BaseState, Odometry, PoseEstimate, VelocityCommand
+from trolley.runtime.lockstep import Lockstep
+from trolley.runtime.service import Service, every, on
+from trolley_base.calibration import (
+    CalibrationDrive,
+    Comparison,
+    Correction,
+    Return,
+    benchmark,
+    combined,
+    estimate,
+    squares_both_ways,
+)
+from trolley_base.service import BaseService
+from trolley_base.wheel_scales import WheelScales
+from trolley_localizer.service import LocalizerService
+
+WORLDS = Path(__file__).resolve().parents[3] / "worlds"
+START = Pose2D(-2.2, -1.8, 0.0)
+TRACK_M = 0.2
+SIDE_M = 1.0
+
+
+class Calibrating(Service):
+    """What the command line does, in lock-step."""
+
+    name = "calibrating"
+
+    def __init__(self, drive: CalibrationDrive, comparison: Comparison | None = None) -> None:
+        self.drive = drive
+        self.comparison = comparison
+        self.is_on = False
+
+    @on(topics.ODOM)
+    def hear_odometry(self, odometry: Odometry) -> None:
+        self.drive.hear_odometry(odometry)
+        if self.comparison is not None:
+            self.comparison.hear_odometry(odometry)
+
+    @on(topics.POSE)
+    def hear_pose(self, pose: PoseEstimate) -> None:
+        self.drive.hear_pose(pose)
+        if self.comparison is not None:
+            self.comparison.hear_pose(pose)
+
+    @on(topics.BASE)
+    def hear_base(self, state: BaseState) -> None:
+        self.drive.hear_base(state)
+
+    @every(0.05)
+    def step(self) -> None:
+        if self.is_on and not self.drive.has_ended:
+            twist = self.drive.step(self.stamp_ns)
+            command = VelocityCommand(stamp_ns=self.stamp_ns, twist=twist, valid_for=0.3)
+            self.publish(topics.COMMAND, command, "calibrate")
+
+
+class Room:
+    """Base, localizer and the calibration in the room, with planted errors."""
+
+    def __init__(
+        self, folder: Path, seed: int, wheels: dict[str, float], **odometry: float
+    ) -> None:
+        exact = {"scale_std": 0.0, "turn_scale_std": 0.0}  # slip stays on
+        errors = "\n".join(f"{name} = {value}" for name, value in (exact | wheels).items())
+        world = folder / "wrong.toml"
+        world.write_text(
+            f'map = "{WORLDS / "room.yaml"}"\n'
+            f"start = {{ x = {START.x}, y = {START.y}, yaw = {START.yaw} }}\n[wheels]\n{errors}\n"
+        )
+        scales = "\n".join(f"{name} = {value}" for name, value in odometry.items())
+        rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n[base.odometry]\n{scales}\n'
+        self.config: RobotConfig = make_config(WORLDS / "room.yaml", START, rest)
+        self.lockstep = Lockstep(self.config.robot.name, seed)
+        self.truths = self.lockstep.record(topics.SIM_TRUTH)
+        self.poses = self.lockstep.record(topics.POSE)
+        self.states = self.lockstep.record(topics.BASE)
+        self.driven = self.lockstep.record(topics.CMD_VEL)
+        self.base = self.lockstep.add(BaseService(self.config))
+        self.lockstep.add(LocalizerService(self.config))
+        is_localized = self.lockstep.run_until(
+            lambda: bool(self.poses) and self.poses[-1].state == "localized", 20.0
+        )
+        assert is_localized
+
+    def calibrate(
+        self, drive: CalibrationDrive, comparison: Comparison | None = None
+    ) -> Calibrating:
+        service = self.lockstep.add(Calibrating(drive, comparison))
+        self.lockstep.run(0.5)
+        service.is_on = True
+        return service
+
+
+def true_scales(wheels: dict[str, float]) -> WheelScales:
+    """What a perfect calibration of such wheels says."""
+    left, right = wheels.get("left_scale", 1.0), wheels.get("right_scale", 1.0)
+    mean = 0.5 * (1.0 / left + 1.0 / right)
+    return WheelScales(
+        linear=mean,
+        angular=mean / wheels.get("turn_scale", 1.0),
+        wheel_ratio=left / right,
+        track_m=TRACK_M,
+    )
+
+
+PLANTED = {
+    "left": {"left_scale": 1.05},
+    "right": {"right_scale": 1.05},
+    "both": {"left_scale": 0.95, "right_scale": 0.95},
+    "turn": {"turn_scale": 1.05},
+    "all": {"left_scale": 1.05, "right_scale": 0.97, "turn_scale": 0.95},
+}
+
+
+def check(scales: WheelScales, wheels: dict[str, float]) -> None:
+    true = true_scales(wheels)
+    assert scales.linear == pytest.approx(true.linear, abs=0.01)
+    assert scales.angular == pytest.approx(true.angular, abs=0.01)
+    assert scales.wheel_ratio == pytest.approx(true.wheel_ratio, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", PLANTED)
+def test_squares_find_the_planted_errors_within_a_hundredth(tmp_path: Path, kind: str) -> None:
+    room, course = Room(tmp_path, 7, PLANTED[kind]), squares_both_ways(SIDE_M, 2)
+    drive = CalibrationDrive(course.places, 0.2)
+    with room.lockstep:
+        room.calibrate(drive)
+        assert room.lockstep.run_until(lambda: drive.has_ended, 600.0)
+    assert drive.problem is None
+    found = estimate(drive.legs())
+    check(combined(found.correction, WheelScales(track_m=TRACK_M)), PLANTED[kind])
+    assert room.truths[-1].collisions == 0
+    # The squares' ends were apart by odometry and are together after the correction.
+    before, after = (
+        benchmark(
+            [
+                Return(direction, moved, correction.integrate(steps))
+                for direction, first, last in course.squares
+                for steps, moved in [drive.between(first, last)]
+                if moved is not None
+            ],
+            SIDE_M,
+        )
+        for correction in (Correction(), found.correction)
+    )
+    assert after.largest_m < 0.08
+    if kind != "both":  # the size of a square does not move its end
+        assert after.largest_m < 0.4 * before.largest_m
