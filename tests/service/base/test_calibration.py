@@ -3,17 +3,14 @@
 Slip and the spread of the default world stay on.
 """
 
-import math
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from drives import make_config
 
 from trolley import topics
 from trolley.config import RobotConfig
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Odometry, PoseEstimate, VelocityCommand
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every, on

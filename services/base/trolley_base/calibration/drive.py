@@ -76,6 +76,12 @@ class CalibrationDrive:
         """Whether nothing more is to be driven."""
         return self.problem is not None or len(self.stops) > len(self._places)
 
+    @property
+    def progress(self) -> str:
+        """How far it is, for a person."""
+        place = max(1, min(len(self.stops), len(self._places)))
+        return f"place {place} of {len(self._places)}"
+
     def hear_odometry(self, odometry: Odometry) -> None:
         """Take a message of `odom`."""
         self._odometry = odometry

@@ -1,5 +1,6 @@
 """Pieces of a drive: the odometry between two moments, and the true motion between them."""
 
+import itertools
 import math
 from bisect import bisect_left
 from dataclasses import dataclass
@@ -114,6 +115,6 @@ class OdometryLog:
         poses = [self.pose_at(start_ns), *self._poses[first:last], self.pose_at(end_ns)]
         arcs = [
             log_pose(before.inverse() @ after)
-            for before, after in zip(poses[:-1], poses[1:], strict=True)
+            for before, after in itertools.pairwise(poses)
         ]
         return np.array([(arc.vx, arc.vy, arc.wz) for arc in arcs])

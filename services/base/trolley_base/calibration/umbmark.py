@@ -5,7 +5,7 @@ out; so the centres of gravity of where it ends, clockwise and counter-clockwise
 
 Source:
     Borenstein, Feng, UMBmark: A Benchmark Test for Measuring Odometry Errors in Mobile Robots
-    (1995), equations 3.1 to 3.6 and 4.5 to 4.22. x is the direction of the first side, y left of it.
+    (1995), sections 3 and 4. x is the direction of the first side, y left of it.
 """
 
 import math
@@ -37,7 +37,7 @@ class Return:
 
     @property
     def error(self) -> tuple[float, float]:
-        """Return measured less odometry, x, y [m] (equation 3.1)."""
+        """Return measured less odometry, x, y [m]."""
         return self.measured.x - self.odometry.x, self.measured.y - self.odometry.y
 
 

@@ -1,0 +1,266 @@
+"""`trolley calibrate`: find what is systematically wrong with the odometry."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from trolley.cli import exits
+from trolley.cli.options import given, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.client import Robot
+from trolley.config import ConfigError, find_config, load_config
+from trolley.geometry import Pose2D
+from trolley_base.calibration import (
+    CalibrationDrive,
+    Comparison,
+    Correction,
+    Leg,
+    Return,
+    benchmark,
+    combined,
+    estimate,
+    square,
+    squares_both_ways,
+)
+from trolley_base.calibration.report import (
+    describe_benchmark,
+    describe_estimate,
+    describe_fit,
+    describe_track,
+    usable,
+)
+from trolley_base.calibration.umbmark import Direction
+from trolley_base.commands.calibration_robot import (
+    drive_course,
+    listen,
+    refuse_narrow,
+    refuse_unready,
+)
+from trolley_base.commands.odometry_file import as_toml, settings_of, write_settings
+from trolley_base.wheel_scales import WheelScales, scales_of
+
+F = TypeVar("F", bound=Callable[..., Any])
+# Of a person with a tape measure, from where the robot was put down to where it stands.
+BY_HAND_M, BY_HAND_RAD = 0.01, math.radians(2.0)
+WAYS: dict[Direction, str] = {"ccw": "left round", "cw": "right round"}
+FREE_SIDE: dict[Direction, str] = {"ccw": "left", "cw": "right"}
+
+
+def _result_options(command: F) -> F:
+    options = [
+        click.option(
+            "--write",
+            is_flag=False,
+            flag_value="",
+            metavar="[ROBOT.TOML]",
+            help="Set [base.odometry] in this file, or in the one of --config; else it is printed.",
+        ),
+        click.option(
+            "--in-force",
+            nargs=3,
+            type=click.FloatRange(0.5, 2.0),
+            metavar="LINEAR ANGULAR RATIO",
+            help="The scales that the robot uses now, where its robot.toml is not on this machine.",
+        ),
+        click.option(
+            "--track",
+            type=click.FloatRange(0.02, 3.0),
+            metavar="METRES",
+            help="The track that the board counts with, where no robot.toml says it.",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@click.group(name="calibrate")
+def calibrate_command() -> None:
+    """Find what is systematically wrong with the odometry, and correct it."""
+
+
+@calibrate_command.command(name="square")
+@click.option("--side", default=1.0, show_default=True, type=click.FloatRange(0.3, 5.0))
+@click.option("--runs", default=3, show_default=True, type=click.IntRange(1, 20))
+@click.option("--speed", default=0.2, show_default=True, type=click.FloatRange(0.05, 0.5))
+@click.option("--by-hand", is_flag=True, help="You measure where the robot ends, with a tape.")
+@click.option("--yes", is_flag=True, help="Do not ask before driving.")
+@_result_options
+@where_options
+@reports_errors
+def square_command(
+    side: float, runs: int, speed: float, by_hand: bool, yes: bool, **result: Any
+) -> None:
+    """Drive squares of SIDE metres, left round and right round, RUNS times each (UMBmark).
+
+    The localizer says where the robot really is, or you with --by-hand. Ctrl-C stops the robot.
+    """
+    with one_robot() as robot:
+        in_force, path = _in_force(robot.name, result)
+        refuse_unready(robot, needs_pose=not by_hand)
+        measure = _drive_by_hand if by_hand else _drive_by_map
+        legs, returns = measure(robot, side, runs, speed, yes)
+    found = estimate(legs, knows_length=not by_hand)
+    correction = usable(found)
+    click.echo("\n".join(describe_estimate(found)))
+    before, after = (
+        benchmark([_return(*one, correction=kind) for one in returns], side)
+        for kind in (Correction(), correction)
+    )
+    click.echo("\n".join(describe_benchmark(before, after, side)))
+    click.echo(describe_fit(legs, correction))
+    _propose(correction, in_force, path, result)
+
+
+@calibrate_command.command(name="compare")
+@click.option("--seconds", default=120.0, show_default=True, type=click.FloatRange(5.0, 3600.0))
+@_result_options
+@where_options
+@reports_errors
+def compare_command(seconds: float, **result: Any) -> None:
+    """Compare odometry and localizer for a while; somebody else drives the robot.
+
+    Drive it by hand or let it drive a tour: straight on and turning, both ways round. Ctrl-C ends
+    it and evaluates what was heard.
+    """
+    comparison = Comparison()
+    with one_robot() as robot:
+        in_force, path = _in_force(robot.name, result)
+        robot.pose()  # refuses where there is no localizer
+        listen(robot, comparison, seconds)
+    if not comparison.legs:
+        click.echo(
+            "Nothing to compare: the robot drove less than a metre and two radians while the "
+            "localizer was sure.",
+            err=True,
+        )
+        raise SystemExit(exits.FAILED)
+    found = estimate(comparison.legs)
+    correction = usable(found)
+    click.echo("\n".join(describe_estimate(found)))
+    click.echo(describe_fit(comparison.legs, correction))
+    _propose(correction, in_force, path, result)
+
+
+Square = tuple[Direction, Leg]
+
+
+def _drive_by_map(
+    robot: Robot, side: float, runs: int, speed: float, yes: bool
+) -> tuple[list[Leg], list[Square]]:
+    course = squares_both_ways(side, runs)
+    refuse_narrow(robot, course.places)
+    _confirm(
+        f"{robot.name} will drive {2 * runs} squares of {side:g} m, over the floor ahead of it to "
+        "the left. Is it free, and somebody there to stop it?",
+        yes,
+    )
+    drive = CalibrationDrive(course.places, speed)
+    drive_course(robot, drive, "Squares")
+    squares: list[Square] = []
+    for direction, first, last in course.squares:
+        steps, moved = drive.between(first, last)
+        assert moved is not None  # the drive does not go on without
+        squares.append((direction, Leg(steps, moved, BY_HAND_M, BY_HAND_RAD)))
+    return drive.legs(), squares
+
+
+def _drive_by_hand(
+    robot: Robot, side: float, runs: int, speed: float, yes: bool
+) -> tuple[list[Leg], list[Square]]:
+    squares: list[Square] = []
+    for _ in range(runs):
+        for direction, way in WAYS.items():
+            _confirm(
+                f"Put {robot.name} on its mark. It will drive a square of {side:g} m {way}: the "
+                f"floor ahead of it to the {FREE_SIDE[direction]} must be free. Ready?",
+                yes,
+            )
+            places = square(side, direction)
+            refuse_narrow(robot, places)
+            drive = CalibrationDrive(places, speed, uses_map=False)
+            drive_course(robot, drive, f"Square {way}")
+            steps, _moved = drive.between(0, len(drive.stops) - 1)
+            end, error_rad = _ask_end()
+            squares.append((direction, Leg(steps, end, BY_HAND_M, error_rad)))
+    return [leg for _, leg in squares], squares
+
+
+def _ask_end() -> tuple[Pose2D, float]:
+    """Ask where the robot ended, seen from its mark, and how sure its heading is."""
+    x = click.prompt(
+        "How far ahead of its mark does it stand, in metres (behind: minus)", type=float
+    )
+    y = click.prompt("How far to the left of it, in metres (right: minus)", type=float)
+    yaw = click.prompt(
+        "Turned to the left by how many degrees (Enter if not measured)", default="", type=str
+    )
+    try:
+        end = Pose2D.from_array((x, y, math.radians(float(yaw)) if yaw else 0.0))
+    except ValueError as error:
+        raise click.BadParameter(f"a number is needed: {error}") from error
+    return end, BY_HAND_RAD if yaw else math.inf
+
+
+def _return(direction: Direction, leg: Leg, *, correction: Correction) -> Return:
+    return Return(direction, leg.start_T_end, correction.integrate(leg.steps))
+
+
+def _confirm(question: str, yes: bool) -> None:
+    if not yes:
+        click.confirm(question, abort=True)
+
+
+def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | None]:
+    """The scales that the robot uses now, and the file that is to be written.
+
+    Raises:
+        ConfigError: the file cannot be used, belongs to another robot, or is none.
+    """
+    wanted: str | None = result["write"]
+    path = Path(wanted) if wanted else find_config(given("config"))
+    config = None if path is None else load_config(path)
+    if wanted is not None and (path is None or config is None):
+        raise ConfigError("--write: there is no robot.toml; name one")
+    if config is not None and config.robot.name != name:
+        if wanted is not None:
+            raise ConfigError(f"{path} is of the robot {config.robot.name}, not of {name}")
+        config = None
+    if config is None and result["in_force"] is None:
+        click.echo(f"No robot.toml of {name} here: taking 1 for the scales in force.", err=True)
+    scales = WheelScales() if config is None else scales_of(config)
+    track_m: float | None = scales.track_m or result["track"]
+    if result["in_force"] is not None:
+        linear, angular, ratio = result["in_force"]
+        if ratio != 1.0 and track_m is None:
+            raise ConfigError("--in-force with a ratio needs --track")
+        return WheelScales(linear, scales.sideways, angular, ratio, track_m), path
+    return replace(scales, track_m=track_m), path
+
+
+def _propose(
+    correction: Correction, in_force: WheelScales, path: Path | None, result: dict[str, Any]
+) -> None:
+    if correction.bend != 0.0 and in_force.track_m is None:
+        click.echo("The wheels' ratio is left out: say with --track what the board counts with.")
+        correction = replace(correction, bend=0.0)
+    if correction == Correction():
+        click.echo(
+            "There is nothing sure enough to propose; drive more of what is missing.", err=True
+        )
+        raise SystemExit(exits.FAILED)
+    scales = combined(correction, in_force)
+    words = describe_track(scales)
+    if words is not None:
+        click.echo(words)
+    settings = settings_of(scales, with_track=result["track"] is not None)
+    if result["write"] is None:
+        click.echo(f"\nFor robot.toml:\n\n{as_toml(settings)}")
+        return
+    assert path is not None  # `_in_force` has refused that
+    write_settings(path, settings)
+    click.echo(f"Set [base.odometry] in {path}. Start base again for it to take effect.")
