@@ -45,15 +45,14 @@ def _pose_option(_context: click.Context, _parameter: click.Parameter, text: str
 
 
 def _epilog() -> str:
-    options = [
-        f"  {kind}:{name:<9} {text}"
-        for kind, known in BOARDS.items()
-        for name, text in known.items()
-    ]
-    faults = [f"  {kind:<8} {text}" for kind, text in KINDS.items()]
-    lines = ["Options of devices, such as linorobot:quiet,exact :", *options, ""]
-    lines += ["Faults:", *faults]
-    return "\b\n" + "\n".join(lines).replace("\n\n", "\n\n\b\n")
+    options = {f"{kind}:{name}": text for kind in BOARDS for name, text in BOARDS[kind].items()}
+    lists = {"Options of devices (several: linorobot:quiet,exact)": options, "Faults": KINDS}
+    blocks: list[str] = []
+    for title, known in lists.items():
+        wide = max(map(len, known))
+        rows = [f"  {name:<{wide}}  {text}" for name, text in known.items()]
+        blocks.append("\n".join(["\b", f"{title}:", *rows]))
+    return "\n\n".join(blocks)
 
 
 @click.command(name="emulate", epilog=_epilog())

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
+from tomlkit.items import InlineTable
 
 from trolley_base.emulators.arduino_bridge import (
     BATTERY_PIN,
@@ -53,9 +54,10 @@ def _chassis(robot: EmulatedRobot, board: Device, kind: str, port: str) -> dict[
     return chassis
 
 
-def _inline(values: Mapping[str, float]) -> Any:
+def _inline(values: Mapping[str, float]) -> InlineTable:
     table = tomlkit.inline_table()
-    table.update(values)
+    for name, value in values.items():
+        table.append(name, value)
     return table
 
 

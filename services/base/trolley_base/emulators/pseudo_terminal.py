@@ -42,6 +42,7 @@ class PseudoTerminal:
         self._baud = baud
         self._poll = select.poll()
         self._master: int | None = None
+        self._name = ""
         self.is_open = False
         """Whether a host has it open, as of the last `look`."""
         self._unread = b""
@@ -59,8 +60,8 @@ class PseudoTerminal:
 
     @property
     def device(self) -> str:
-        """The slave's own name, such as /dev/pts/5."""
-        return os.readlink(self.link) if self.is_plugged else ""
+        """The slave's own name, such as /dev/pts/5; "" while there is no terminal."""
+        return self._name
 
     def plug(self) -> None:
         """Make the terminal and its link."""
@@ -69,11 +70,11 @@ class PseudoTerminal:
         self._master, slave = os.openpty()
         self._poll.register(self._master, select.POLLIN)
         os.set_blocking(self._master, False)
-        name = os.ttyname(slave)
+        self._name = os.ttyname(slave)
         self._settle(slave)
         os.close(slave)
         self.link.unlink(missing_ok=True)
-        self.link.symlink_to(name)
+        self.link.symlink_to(self._name)
 
     def unplug(self) -> None:
         """Take terminal and link away; a host that has it open reads its end."""
@@ -84,7 +85,9 @@ class PseudoTerminal:
         self._master = None
         self.is_open = False
         self._unread = b""
-        self.link.unlink(missing_ok=True)
+        if self.link.is_symlink() and os.readlink(self.link) == self._name:
+            self.link.unlink()  # unless another emulator has taken it over
+        self._name = ""
 
     def look(self) -> bool:
         """Find out whether a host has it open; True when one has just opened it."""
