@@ -113,7 +113,7 @@ class Probe:
         self._port.set_baud(answers.BRIDGE_BAUD)
         data = bytearray()
         while time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
-            self._port.write(rosserial_answer.ASK_FOR_TOPICS)
+            self._port.write(rosserial_answer.TOPIC_REQUEST)
             if self._hear(ROSSERIAL_S, rosserial_answer.read_topics, data):
                 return self._describe_linorobot(data)
             # The CR ends what the questions before have left in an Arduino's line.
@@ -131,7 +131,7 @@ class Probe:
             return rosserial_answer.is_complete(rosserial_answer.read_topics(heard))
 
         self._hear(TOPICS_S, all_topics, data)
-        self._port.write(rosserial_answer.STOP_SENDING)
+        self._port.write(rosserial_answer.STOP_REQUEST)
         return rosserial_answer.describe(rosserial_answer.read_topics(bytes(data)))
 
     def _describe_bridge(self) -> Found:

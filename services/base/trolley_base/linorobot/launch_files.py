@@ -1,0 +1,322 @@
+"""Reads ROS 1 launch files and parameter files as roslaunch does, without ROS.
+
+Everything keeps the file and line that it comes from. What cannot be read or resolved becomes a
+sentence, and the rest is read on.
+
+Source:
+    roslaunch XML, http://wiki.ros.org/roslaunch/XML.
+"""
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.parsers import expat
+
+import yaml
+
+SUBSTITUTION = re.compile(r"\$\(\s*(\w+)([^)]*)\)")
+TRUE, FALSE = ("true", "1"), ("false", "0")
+# Deeper than this, files include each other in a circle.
+DEEPEST = 12
+
+
+class Value(NamedTuple):
+    """Something that a file says, and where."""
+
+    value: Any
+    file: Path
+    line: int
+
+
+@dataclass(slots=True)
+class Node:
+    """A program that a launch file starts.
+
+    Attributes:
+        package: where it comes from.
+        kind: the program.
+        name: what it is called.
+        arguments: its command line, the text resolved.
+        params: what it is told.
+        files: parameter files that it loads.
+    """
+
+    package: str
+    kind: str
+    name: str
+    arguments: Value
+    params: dict[str, Value] = field(default_factory=dict[str, Value])
+    files: list[Path] = field(default_factory=list[Path])
+
+
+@dataclass(slots=True)
+class Launch:
+    """What launch files start together.
+
+    Attributes:
+        nodes: programs.
+        params: parameters that stand outside of programs.
+        problems: what could not be read, one sentence each.
+    """
+
+    nodes: list[Node] = field(default_factory=list[Node])
+    params: dict[str, Value] = field(default_factory=dict[str, Value])
+    problems: list[str] = field(default_factory=list[str])
+
+    def of_kind(self, *kinds: str) -> list[Node]:
+        """Return the nodes that run one of these programs."""
+        return [node for node in self.nodes if node.kind in kinds]
+
+    def of_package(self, packages: Collection[str]) -> list[Node]:
+        """Return the nodes of these packages."""
+        return [node for node in self.nodes if node.package in packages]
+
+
+@dataclass(slots=True)
+class _Element:
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: "list[_Element]" = field(default_factory=list["_Element"])
+
+
+class Unresolved(Exception):
+    """A substitution that cannot be made: why."""
+
+
+class LaunchReader:
+    """Reads launch files of one package.
+
+    Args:
+        folder: the package's.
+        environment: what `$(env ...)` stands for.
+    """
+
+    def __init__(self, folder: Path, environment: Mapping[str, str]) -> None:
+        self._folder = folder
+        self._environment = environment
+        self._packages = _own_names(folder)
+        self._read: set[Path] = set()
+
+    def read(self, path: Path, launch: Launch) -> None:
+        """Add what a file and those that it includes say; a file is read once."""
+        self._read_file(path, {}, launch, 0)
+
+    def _read_file(self, path: Path, given: dict[str, str], launch: Launch, depth: int) -> None:
+        if path.resolve() in self._read or depth > DEEPEST:
+            return
+        self._read.add(path.resolve())
+        try:
+            root = _parse(path)
+        except OSError as error:
+            launch.problems.append(f"{self.shown(path)} cannot be read: {error.strerror}.")
+        except expat.ExpatError as error:
+            launch.problems.append(
+                f"{self.shown(path)}:{error.lineno} is no valid XML "
+                f"({expat.ErrorString(error.code)}): nothing is taken from this file."
+            )
+        else:
+            _FileReader(self, path, given, launch, depth).visit(root)
+
+    def include(self, path: Path, given: dict[str, str], launch: Launch, depth: int) -> None:
+        """Read a file that another one includes."""
+        self._read_file(path, given, launch, depth + 1)
+
+    def shown(self, path: Path) -> str:
+        """A file's name for people: from the package's folder."""
+        return shown(path, self._folder)
+
+    def resolve(self, text: str, arguments: Mapping[str, str]) -> str:
+        """Make the substitutions in a text.
+
+        Raises:
+            Unresolved: one of them cannot be made.
+        """
+
+        def replace(match: re.Match[str]) -> str:
+            return self._substitute(match[1], match[2].split(), arguments)
+
+        return SUBSTITUTION.sub(replace, text)
+
+    def _substitute(self, kind: str, words: list[str], arguments: Mapping[str, str]) -> str:
+        name = words[0] if words else ""
+        if kind == "find" and name in self._packages:
+            return str(self._folder)
+        if kind == "arg" and name in arguments:
+            return arguments[name]
+        if kind in ("env", "optenv") and name in self._environment:
+            return self._environment[name]
+        if kind == "optenv":
+            return " ".join(words[1:])
+        reason = "is not set" if kind in ("env", "arg") else "is not known here"
+        raise Unresolved(f"$({' '.join([kind, *words])}) {reason}")
+
+
+class _FileReader:
+    """One launch file with its arguments."""
+
+    def __init__(
+        self, reader: LaunchReader, path: Path, given: dict[str, str], launch: Launch, depth: int
+    ) -> None:
+        self._reader = reader
+        self._path = path
+        self._given = given
+        self._launch = launch
+        self._depth = depth
+        self._arguments: dict[str, str] = {}
+
+    def visit(self, parent: _Element) -> None:
+        """Take what stands in an element, in the order of the file."""
+        for element in parent.children:
+            try:
+                if self._is_wanted(element):
+                    self._take(element)
+            except Unresolved as error:
+                where = f"{self._reader.shown(self._path)}:{element.line}"
+                what = element.attributes.get("file") or element.attributes.get("name") or ""
+                self._launch.problems.append(
+                    f"{where}: {error}, so <{element.tag}> {what} is left out.".replace("  ", " ")
+                )
+
+    def _is_wanted(self, element: _Element) -> bool:
+        if "if" in element.attributes:
+            return self._text(element, "if").strip().lower() in TRUE
+        if "unless" in element.attributes:
+            return self._text(element, "unless").strip().lower() in FALSE
+        return True
+
+    def _take(self, element: _Element) -> None:
+        match element.tag:
+            case "arg":
+                self._take_argument(element)
+            case "include":
+                given = {
+                    self._text(child, "name"): self._text(child, "value")
+                    for child in element.children
+                    if child.tag == "arg" and "value" in child.attributes
+                }
+                path = Path(self._text(element, "file"))
+                self._reader.include(path, given, self._launch, self._depth)
+            case "group":
+                self.visit(element)
+            case "param" if "value" in element.attributes:
+                self._launch.params[self._text(element, "name").lstrip("/")] = self._value(element)
+            case "node":
+                self._launch.nodes.append(self._node(element))
+            case _:
+                pass
+
+    def _take_argument(self, element: _Element) -> None:
+        name = self._text(element, "name")
+        if "value" in element.attributes:
+            self._arguments[name] = self._text(element, "value")
+        elif name in self._given:
+            self._arguments[name] = self._given[name]
+        elif "default" in element.attributes:
+            self._arguments[name] = self._text(element, "default")
+
+    def _node(self, element: _Element) -> Node:
+        arguments = Value(self._text(element, "args"), self._path, element.line)
+        node = Node(
+            self._text(element, "pkg"),
+            self._text(element, "type"),
+            self._text(element, "name"),
+            arguments,
+        )
+        for child in element.children:
+            if child.tag == "param" and "value" in child.attributes:
+                node.params[self._text(child, "name").lstrip("~")] = self._value(child)
+            elif child.tag == "rosparam" and child.attributes.get("file"):
+                node.files.append(Path(self._text(child, "file")))
+        return node
+
+    def _value(self, element: _Element) -> Value:
+        return Value(self._text(element, "value"), self._path, element.line)
+
+    def _text(self, element: _Element, attribute: str) -> str:
+        return self._reader.resolve(element.attributes.get(attribute, ""), self._arguments)
+
+
+def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, Value]:
+    """Return the parameters of a YAML file by their last name, such as `max_vel_x`.
+
+    Args:
+        path: the file.
+        folder: the package's, for what is said.
+        problems: is added to where the file cannot be read.
+    """
+    found: dict[str, Value] = {}
+    try:
+        loader = yaml.SafeLoader(path.read_text(encoding="utf-8"))
+        root = loader.get_single_node()
+        if root is not None:
+            _flatten(loader, root, path, found)
+    except OSError as error:
+        problems.append(f"{shown(path, folder)} cannot be read: {error.strerror}.")
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        reason = getattr(error, "problem", None) or type(error).__name__
+        problems.append(
+            f"{shown(path, folder)}{line} is no valid YAML ({reason}): "
+            f"nothing is taken from this file."
+        )
+        found.clear()
+    return found
+
+
+def shown(path: Path, folder: Path) -> str:
+    """A file's name for people: from the package's folder if it lies there."""
+    try:
+        return str(path.relative_to(folder))
+    except ValueError:
+        return str(path)
+
+
+def _flatten(loader: yaml.SafeLoader, node: yaml.Node, path: Path, found: dict[str, Value]) -> None:
+    if not isinstance(node, yaml.MappingNode):
+        return
+    for key, value in node.value:
+        if isinstance(value, yaml.MappingNode):
+            _flatten(loader, value, path, found)
+        else:
+            plain = loader.construct_object(value, deep=True)  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+            found[str(key.value)] = Value(plain, path, key.start_mark.line + 1)
+
+
+def _parse(path: Path) -> _Element:
+    """Read XML; the standard library's tree does not keep lines.
+
+    Raises:
+        OSError: it cannot be read.
+        expat.ExpatError: it is no XML.
+    """
+    root = _Element("", {}, 0)
+    open_elements = [root]
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(tag, attributes, parser.CurrentLineNumber)
+        open_elements[-1].children.append(element)
+        open_elements.append(element)
+
+    def end(_tag: str) -> None:
+        open_elements.pop()
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.Parse(path.read_bytes(), True)
+    return root.children[0]
+
+
+def _own_names(folder: Path) -> set[str]:
+    """The names under which a package's launch files may speak of itself."""
+    names = {"linorobot", folder.resolve().name}
+    try:
+        text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return names  # no package.xml: then it is one of the usual names
+    found = re.search(r"<name>\s*([\w-]+)\s*</name>", text)
+    return names | {found[1]} if found else names
