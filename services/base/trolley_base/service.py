@@ -144,7 +144,7 @@ class BaseService(Service):
         """Bring the hardware to now, read it, and decide what it does until the next time."""
         now_ns = self.stamp_ns
         self._hardware.advance(now_ns)
-        self._read_chassis()
+        self._read_chassis(now_ns)
         self._read_lidar(now_ns)
         self._decide(now_ns)
         self._report(now_ns)
@@ -214,14 +214,14 @@ class BaseService(Service):
         self._stops = [stop for stop in self._stops if stop[1].is_open]
 
     # Reading.
-    def _read_chassis(self) -> None:
+    def _read_chassis(self, now_ns: int) -> None:
         reading = self._reckoning.take(self._hardware.chassis.read())
         self._chassis_reading = reading
         self._has_moved = self._has_moved or bool(reading.motions)
         for imu in reading.imu:
             self.publish(topics.IMU, imu)
         self._battery = reading.battery or self._battery
-        self._notes.hear(reading.link, reading.notes, reading.counts)
+        self._notes.hear(now_ns, reading.link, reading.notes, reading.counts)
         if codes.BUTTON in reading.alarms and not self._is_stopped:
             self._set_latch(is_stopped=True)
             self._save_latch()
@@ -229,7 +229,7 @@ class BaseService(Service):
     def _read_lidar(self, now_ns: int) -> None:
         reading = self._hardware.lidar.read()
         self._lidar_link = reading.link
-        self._notes.hear(reading.link, reading.notes, reading.counts)
+        self._notes.hear(now_ns, reading.link, reading.notes, reading.counts)
         # With each scan the odometry up to its last beam, so that nobody has to wait for it.
         if self._has_moved and (self._odometry_beat.is_due(now_ns) or reading.scans):
             self._has_moved = False

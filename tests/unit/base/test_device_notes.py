@@ -1,0 +1,51 @@
+import pytest
+
+from trolley.messages import Link
+from trolley.runtime.log import Log
+from trolley_base.device_notes import MOST_KINDS, DeviceNotes
+from trolley_base.drivers import Note
+
+UP = Link(name="chassis", state="up")
+SECOND_NS = 1_000_000_000
+
+
+@pytest.fixture
+def counted() -> dict[str, int]:
+    return {}
+
+
+@pytest.fixture
+def notes(counted: dict[str, int], caplog: pytest.LogCaptureFixture) -> DeviceNotes:
+    caplog.set_level("INFO", logger="trolley.base")
+    return DeviceNotes(Log("base"), counted.__setitem__)
+
+
+def test_a_complaint_is_logged_once_in_five_seconds(
+    notes: DeviceNotes, caplog: pytest.LogCaptureFixture
+) -> None:
+    complaint = Note("warning", "imu", "IMU failed to initialize.")
+    for tick in range(200):
+        notes.hear(tick * SECOND_NS // 20, UP, (complaint,), {})
+    assert [record.message for record in caplog.records] == [complaint.text] * 2
+
+
+def test_a_board_that_says_ever_new_things_fills_no_disk(
+    notes: DeviceNotes, caplog: pytest.LogCaptureFixture
+) -> None:
+    for number in range(500):
+        notes.hear(number, UP, (Note("error", f"word {number}", f"word {number}"),), {})
+    assert len(caplog.records) == MOST_KINDS + 1
+
+
+def test_a_link_is_logged_when_it_changes(
+    notes: DeviceNotes, caplog: pytest.LogCaptureFixture
+) -> None:
+    down = Link(name="chassis", state="down", message="The port is gone.")
+    for link in (UP, UP, down, down, UP):
+        notes.hear(0, link, (), {})
+    assert [record.message for record in caplog.records] == ["The port is gone.", "Connected"]
+
+
+def test_what_is_counted_goes_to_health(notes: DeviceNotes, counted: dict[str, int]) -> None:
+    notes.hear(0, UP, (), {"chassis/bad_checksum": 3})
+    assert counted == {"chassis/bad_checksum": 3}
