@@ -91,6 +91,8 @@ class ArduinoBridge(Board):
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
         """Turn the wheels one step further, and stop them when no command comes."""
         twist = simulation.take_motion().twist
+        if to_ns <= self._booted_ns:
+            return  # nobody counts
         half = 0.5 * self._facts.track_m * twist.wz
         for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
             self._ticks[wheel] += speed * STEP_NS * 1e-9 * self._facts.ticks_per_m

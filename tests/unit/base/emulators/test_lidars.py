@@ -1,0 +1,343 @@
+"""Each lidar's bytes: against published vectors, and decoded by hand against a known room."""
+
+import math
+import struct
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, Twist2D
+from trolley_base.emulators import ld19, lds01, rplidar_a1, xv11, ydlidar_x4
+from trolley_base.emulators.catalogue import LIDARS
+from trolley_base.emulators.lidar import Mount, SpinningLidar
+from trolley_base.world import STEP_NS, LidarSpec, Simulation
+
+MakeSimulation = Callable[..., Simulation]
+Decode = Callable[[bytes], NDArray[np.float64]]
+AT_BASE = Mount(Pose2D.identity())
+PERFECT = LidarSpec(noise_m=0.0, noise_share=0.0, drop_out=0.0, invalid=0.0)
+# Ahead on the left, so that a mirrored or turned picture is a wrong one.
+POST = "[[circle]]\nx = 1.0\ny = 0.8\nradius_m = 0.2\n"
+EXPRESS = bytes.fromhex("a58205000000000022")
+
+
+def test_ld19_packet_matches_the_manual():
+    manual = bytes.fromhex(
+        "542c6808ab7ee000e4dc00e2d900e5d500e3d300e4d000e9cd00e4ca00e2c700e9c500e5c200e5c000e5be82"
+        "3a1a50"
+    )
+    assert ld19.encode(2152, (32427, 33470), manual[6:42], 6714) == manual
+
+
+def test_xv11_packet_matches_the_vector():
+    assert xv11.encode(0, 5.0, [(1000 + i, 100) for i in range(4)]) == bytes.fromhex(
+        "faa0004be8036400e9036400ea036400eb0364009930"
+    )
+
+
+def test_lds01_packet_matches_the_vector():
+    assert lds01.encode(0, 5.0, [(200, 1000 + i) for i in range(6)]) == bytes.fromhex(
+        "faa0b80bc800e8030000c800e9030000c800ea030000c800eb030000c800ec030000c800ed0300006161"
+    )
+
+
+def test_x4_packet_matches_the_manual():
+    frame = bytes.fromhex("aa55010153ae53aeab540000")
+    head = (0xAE53 - 1) // 2
+    assert ydlidar_x4.encode(0.0, (head, head), [0]) == frame
+
+
+def test_rplidar_sample_matches_the_vector():
+    assert rplidar_a1.encode_sample(True, 45 * 64, 1000) == bytes.fromhex("3d8116a00f")
+
+
+def run(
+    lidar: SpinningLidar, simulation: Simulation, seconds: float, command: Twist2D
+) -> list[tuple[int, bytes]]:
+    sent: list[tuple[int, bytes]] = []
+    for _ in range(round(seconds * 100)):
+        simulation.step(command)
+        lidar.step(simulation, simulation.now_ns - STEP_NS, simulation.now_ns)
+        sent += [(frame.due_ns, frame.data) for frame in lidar.take_frames()]
+    return sent
+
+
+def start(
+    kind: str,
+    mount: Mount = AT_BASE,
+    errors: LidarSpec = PERFECT,
+) -> SpinningLidar:
+    lidar = LIDARS[kind](mount, errors, np.random.default_rng(5))
+    lidar.restart(0)
+    return lidar
+
+
+# Decoders in the plainest form: rows of angle [deg, as the sensor counts] and distance [m].
+def decode_ld19(data: bytes) -> NDArray[np.float64]:
+    rows = []
+    for at in range(0, len(data), 47):
+        head, kind, _speed, first = struct.unpack("<BBHH", data[at : at + 6])
+        last, _stamp = struct.unpack("<HH", data[at + 42 : at + 46])
+        assert (head, kind) == (0x54, 0x2C)
+        check = 0
+        for byte in data[at : at + 46]:
+            check ^= byte
+            for _ in range(8):
+                check = ((check << 1) ^ (0x4D if check & 0x80 else 0)) & 0xFF
+        assert check == data[at + 46]
+        by = (last - first) % 36000 / 11
+        for i in range(12):
+            (mm,) = struct.unpack("<H", data[at + 6 + 3 * i : at + 8 + 3 * i])
+            rows.append(((first + i * by) / 100, mm / 1000))
+    return np.array(rows)
+
+
+def decode_xv11(data: bytes) -> NDArray[np.float64]:
+    rows = []
+    for at in range(0, len(data), 22):
+        words = struct.unpack("<11H", data[at : at + 22])
+        total = 0
+        for word in words[:10]:
+            total = (total << 1) + word
+        assert words[10] == ((total & 0x7FFF) + (total >> 15)) & 0x7FFF
+        for i in range(4):
+            word = words[2 + 2 * i]
+            mm = 0 if word & 0x8000 else word & 0x3FFF
+            rows.append((4 * (data[at + 1] - 0xA0) + i, mm / 1000))
+    return np.array(rows)
+
+
+def decode_lds01(data: bytes) -> NDArray[np.float64]:
+    rows = []
+    for at in range(0, len(data), 42):
+        assert data[at] == 0xFA
+        assert data[at + 40] == data[at + 41] == 0xFF - sum(data[at : at + 40]) % 256
+        for i in range(6):
+            _, mm, _ = struct.unpack("<HHH", data[at + 4 + 6 * i : at + 10 + 6 * i])
+            rows.append((6 * (data[at + 1] - 0xA0) + i, mm / 1000))
+    return np.array(rows)
+
+
+def decode_standard(data: bytes) -> NDArray[np.float64]:
+    assert data.startswith(bytes.fromhex("a55a0500004081"))
+    rows = []
+    for at in range(7, len(data), 5):
+        flags, angle, distance = struct.unpack("<BHH", data[at : at + 5])
+        assert (flags & 1) != (flags >> 1 & 1)
+        assert angle & 1
+        rows.append(((angle >> 1) / 64, distance / 4000))
+    return np.array(rows)
+
+
+def decode_express(data: bytes) -> NDArray[np.float64]:
+    assert data.startswith(bytes.fromhex("a55a5400004082"))
+    capsules = [data[at : at + 84] for at in range(7, len(data), 84)]
+    rows = []
+    for one, two in pairwise(capsules):
+        check = 0
+        for byte in one[2:]:
+            check ^= byte
+        assert (one[0], one[1]) == (0xA0 | check & 15, 0x50 | check >> 4)
+        first, after = (struct.unpack("<H", c[2:4])[0] & 0x7FFF for c in (one, two))
+        by = (after - first) % (360 * 64) / 64 / 32
+        for i in range(16):
+            a, b, c = struct.unpack("<HHB", one[4 + 5 * i : 9 + 5 * i])
+            lags = ((a & 3) << 4 | c & 15) / 8, ((b & 3) << 4 | c >> 4) / 8
+            rows.append((first / 64 + 2 * i * by - lags[0], (a & 0xFFFC) / 4000))
+            rows.append((first / 64 + (2 * i + 1) * by - lags[1], (b & 0xFFFC) / 4000))
+    return np.array(rows)
+
+
+def decode_x4(data: bytes) -> NDArray[np.float64]:
+    assert data.startswith(bytes.fromhex("a55a0500004081"))
+    at, rows = 7, []
+    while at < len(data):
+        _, kind, count, first, last, check = struct.unpack("<HBBHHH", data[at : at + 10])
+        samples = struct.unpack(f"<{count}H", data[at + 10 : at + 10 + 2 * count])
+        for word in (0x55AA, first, *samples, count << 8 | kind, last):
+            check ^= word
+        assert check == 0
+        assert (kind & 1 == 1) == (count == 1 and first == last)
+        by = ((last >> 1) - (first >> 1)) % (360 * 64) / 64 / max(1, count - 1)
+        for i, sample in enumerate(samples):
+            mm = sample / 4
+            beside = math.degrees(math.atan(21.8 * (155.3 - mm) / (155.3 * mm))) if mm else 0.0
+            rows.append(((first >> 1) / 64 + i * by + beside, mm / 1000))
+        at += 10 + 2 * count
+    return np.array(rows)
+
+
+KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
+    # model, decoder, what starts it, samples per second
+    "ld19": ("ld19", decode_ld19, b"", 4500.0),
+    "xv11": ("xv11", decode_xv11, b"", 1800.0),
+    "lds01": ("lds01", decode_lds01, b"", 1800.0),
+    "standard": ("rplidar_a1", decode_standard, b"\xa5\x20", 1 / 508e-6),
+    "express": ("rplidar_a1", decode_express, EXPRESS, 1 / 254e-6),
+    "x4": ("ydlidar_x4", decode_x4, b"\xa5\x60", 5000.0),
+}
+
+
+def samples(kind: str, simulation: Simulation, seconds: float = 1.0, **more) -> NDArray[np.float64]:
+    model, decode, begin, _ = KINDS[kind]
+    lidar = start(model, **more)
+    lidar.receive(begin, 0)
+    sent = run(lidar, simulation, seconds, Twist2D.zero())
+    return decode(b"".join(data for _, data in sent))
+
+
+def to_walls(bearings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Range [m] from the middle of the 6 x 4 m room."""
+    along, across = np.abs(np.cos(bearings)), np.abs(np.sin(bearings))
+    return np.minimum(3.0 / np.maximum(along, 1e-6), 2.0 / np.maximum(across, 1e-6))
+
+
+def off_walls(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance [m] of points from the walls of the 6 x 4 m room, or from the post in it."""
+    x, y = np.abs(points).T
+    walls = np.minimum(np.hypot(x - 3, np.maximum(y - 2, 0)), np.hypot(y - 2, np.maximum(x - 3, 0)))
+    post = np.abs(np.hypot(points[:, 0] - 1.0, points[:, 1] - 0.8) - 0.2)
+    return np.minimum(walls, post)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("hangs", [False, True])
+def test_what_it_says_is_where_things_are(simulate: MakeSimulation, kind: str, hangs: bool):
+    mount = Mount(Pose2D(0.1, 0.05, 0.7), reversed=hangs)
+    angles, ranges = samples(kind, simulate(POST), mount=mount).T
+    found = ranges > 0.0
+    assert found.mean() > 0.6  # some do not see that far
+    counter_clockwise = (kind == "xv11") is not hangs
+    bearing = np.radians(angles[found]) * (1 if counter_clockwise else -1)
+    points = np.column_stack((np.cos(bearing), np.sin(bearing))) * ranges[found, None]
+    errors = off_walls(mount.base_T_laser.transform_points(points))
+    assert np.quantile(errors, 0.97) < 0.012
+    near_post = np.hypot(*(mount.base_T_laser.transform_points(points) - (1.0, 0.8)).T) < 0.25
+    assert near_post.sum() > 20
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_measures_at_its_pace_and_sends_as_it_measures(simulate: MakeSimulation, kind: str):
+    model, decode, begin, per_s = KINDS[kind]
+    lidar = start(model)
+    lidar.receive(begin, 0)
+    sent = run(lidar, simulate(), 2.0, Twist2D.zero())
+    num = len(decode(b"".join(data for _, data in sent)))
+    assert num == pytest.approx(2.0 * per_s, rel=0.02)
+    turns = np.abs(np.diff(np.unwrap(np.radians(decode(b"".join(d for _, d in sent))[:, 0])))).sum()
+    assert turns / (2 * math.pi) == pytest.approx(2.0 * lidar.facts.turns_hz, rel=0.03)
+    dues = np.array([due_ns for due_ns, _ in sent[1:]])
+    assert np.all(np.diff(dues) >= 0)
+    assert np.diff(dues).max() < 40 / per_s * 1e9 + STEP_NS
+    carried = sum(len(data) for _, data in sent) * 10 / 2.0
+    assert carried < lidar.baud
+
+
+def test_the_robot_drives_on_while_the_head_turns(simulate: MakeSimulation):
+    simulation = simulate()
+    lidar = start("ld19")
+    run(lidar, simulation, 1.0, Twist2D(0.0, 0.0, 2.0))
+    yaw_ns = simulation.truth().pose.yaw, simulation.now_ns
+    first = run(lidar, simulation, 0.1, Twist2D(0.0, 0.0, 2.0))
+    wrong = []
+    for due_ns, data in first[1:]:
+        angles, ranges = decode_ld19(data).T
+        yaw = yaw_ns[0] + 2.0 * ((due_ns - yaw_ns[1]) * 1e-9 - np.arange(11, -1, -1) / 4500)
+        wrong += np.abs(ranges - to_walls(yaw - np.radians(angles))).tolist()
+    assert max(wrong) < 0.003
+
+
+def test_noise_and_failures_are_the_worlds(simulate: MakeSimulation):
+    noisy = LidarSpec(noise_m=0.01, noise_share=0.0, drop_out=0.1, invalid=0.0)
+    spoilt = samples("ld19", simulate(), 2.0, errors=noisy)
+    failed = spoilt[:, 1] == 0.0
+    assert failed.mean() == pytest.approx(0.1, abs=0.02)
+    expected = to_walls(-np.radians(spoilt[~failed, 0]))
+    assert np.std(spoilt[~failed, 1] - expected) == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_stuck_it_reports_one_angle_and_goes_on_later(simulate: MakeSimulation, kind: str):
+    model, decode, begin, _ = KINDS[kind]
+    lidar, simulation = start(model), simulate()
+    lidar.receive(begin, 0)
+    opening = run(lidar, simulation, 0.5, Twist2D.zero())[:1] if begin else []
+    prefix = opening[0][1] if opening else b""
+    lidar.is_stuck = True
+    run(lidar, simulation, 0.1, Twist2D.zero())
+    stuck = run(lidar, simulation, 0.5, Twist2D.zero())
+    angles = decode(prefix + b"".join(data for _, data in stuck))[:, 0]
+    within = 6.0 if kind in ("xv11", "lds01") else 0.2
+    if kind != "express":  # whose host can only guess the angles of a head that does not turn
+        assert np.ptp(angles) <= within
+    lidar.is_stuck = False
+    run(lidar, simulation, 0.1, Twist2D.zero())
+    later = run(lidar, simulation, 0.5, Twist2D.zero())
+    assert np.ptp(decode(prefix + b"".join(data for _, data in later))[:, 0]) > 350.0
+
+
+def answers(kind: str, request: str) -> str:
+    lidar = start(kind)
+    lidar.receive(bytes.fromhex(request), 0)
+    return b"".join(frame.data for frame in lidar.take_frames()).hex()
+
+
+@pytest.mark.parametrize(
+    ("kind", "request_hex", "begin"),
+    [
+        ("rplidar_a1", "a550", "a55a1400000004" + "18"),
+        ("rplidar_a1", "a552", "a55a0300000006" + "000000"),
+        ("rplidar_a1", "a559", "a55a0400000015" + "fc01fe00"),
+        ("rplidar_a1", "a5840470000000" + "55", "a55a0600000020" + "70000000" + "0200"),
+        ("rplidar_a1", "a584047c00000059", "a55a0600000020" + "7c000000" + "0100"),
+        ("rplidar_a1", "a58406710000000000" + "56", "a55a0800000020" + "71000000" + "00fc0100"),
+        ("ydlidar_x4", "a590", "a55a1400000004" + "06"),
+        ("ydlidar_x4", "a592", "a55a0300000006" + "000000"),
+    ],
+)
+def test_requests_are_answered(kind: str, request_hex: str, begin: str):
+    assert answers(kind, request_hex).startswith(begin)
+
+
+def test_a_request_with_a_wrong_checksum_is_ignored():
+    assert answers("rplidar_a1", "a58205000000000023") == ""
+    assert answers("rplidar_a1", "a58205000000000023" + "a550") != ""
+
+
+@pytest.mark.parametrize(
+    ("kind", "begin", "stop"),
+    [
+        ("rplidar_a1", b"\xa5\x20", b"\xa5\x25"),
+        ("rplidar_a1", EXPRESS, b"\xa5\x25"),
+        ("ydlidar_x4", b"\xa5\x60", b"\xa5\x65"),
+        ("lds01", b"b", b"e"),
+    ],
+)
+def test_it_scans_when_told_to_and_stops(
+    simulate: MakeSimulation, kind: str, begin: bytes, stop: bytes
+):
+    lidar, simulation = start(kind), simulate()
+    lidar.receive(stop, 0)
+    assert run(lidar, simulation, 0.3, Twist2D.zero()) == []
+    lidar.receive(begin, simulation.now_ns)
+    assert run(lidar, simulation, 0.5, Twist2D.zero())
+    lidar.receive(stop, simulation.now_ns)
+    assert run(lidar, simulation, 0.3, Twist2D.zero()) == []
+
+
+def test_a_turn_of_the_a1_begins_with_a_flag_and_one_of_the_x4_with_a_packet(
+    simulate: MakeSimulation,
+):
+    lidar = start("rplidar_a1")
+    lidar.receive(b"\xa5\x20", 0)
+    frames = [data for _, data in run(lidar, simulate(), 2.0, Twist2D.zero())[1:]]
+    assert sum(data[0] & 1 for data in frames) == 11
+    lidar = start("ydlidar_x4")
+    lidar.receive(b"\xa5\x60", 0)
+    packets = [data for _, data in run(lidar, simulate(), 2.0, Twist2D.zero())[1:]]
+    zero = [data for data in packets if data[2] & 1]
+    assert len(zero) == pytest.approx(16, abs=1)
+    assert all(data[3] == 1 and data[2] >> 1 == pytest.approx(80, abs=1) for data in zero)

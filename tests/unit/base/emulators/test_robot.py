@@ -1,0 +1,209 @@
+"""Devices on real pseudo terminals, their world moved by the clock."""
+
+import math
+import os
+import struct
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import serial
+from support.waiting import wait_until
+
+from trolley.geometry import Twist2D
+from trolley_base.drivers.world_file import load_world
+from trolley_base.emulators import DeviceError, EmulatedRobot, FaultError, RobotInWorld
+
+from .test_linorobot import TOPICS_PLEASE, twist
+
+Make = Callable[..., EmulatedRobot]
+
+
+@pytest.fixture
+def make(worlds: Path) -> Make:
+    """Make a robot in the plain room."""
+    body = RobotInWorld(load_world(worlds / "room.toml"), seed=7)
+
+    def make(*devices: str, **more) -> EmulatedRobot:
+        return EmulatedRobot(devices, body, **more)
+
+    return make
+
+
+def collect(port: serial.Serial, seconds: float) -> bytes:
+    end_s, data = time.monotonic() + seconds, b""
+    while time.monotonic() < end_s:
+        data += port.read(4096)
+    return data
+
+
+def good_packets(data: bytes) -> int:
+    """LD19 packets with the header at both ends, so that none is counted by chance."""
+    return sum(
+        data[at : at + 2] == b"\x54\x2c" and data[at + 47 : at + 49] == b"\x54\x2c"
+        for at in range(len(data))
+    )
+
+
+def test_bytes_come_at_the_devices_pace(make: Make):
+    with (
+        make("ld19") as robot,
+        serial.Serial(str(robot.ports["ld19"]), 230400, timeout=0.02) as port,
+    ):
+        collect(port, 0.2)
+        began_s = time.monotonic()
+        data = collect(port, 2.0)
+        rate = len(data) / (time.monotonic() - began_s)
+        assert rate == pytest.approx(375 * 47, rel=0.15)
+        assert good_packets(data) >= len(data) // 47 - 3
+        assert robot.dropped("ld19") == 0
+
+
+def test_a_flood_is_no_faster_than_the_line(make: Make):
+    with (
+        make("xv11") as robot,
+        serial.Serial(str(robot.ports["xv11"]), 115200, timeout=0.02) as port,
+    ):
+        robot.fault("xv11:flood")
+        wait_until(lambda: robot.dropped("xv11") > 0, 5.0, "the line is full")
+        began_s = time.monotonic()
+        data = collect(port, 1.0)
+        assert 0.7 * 11520 < len(data) / (time.monotonic() - began_s) < 1.3 * 11520
+
+
+def test_the_board_moves_the_robot_and_commands_are_kept(make: Make):
+    with (
+        make("linorobot") as robot,
+        serial.Serial(str(robot.ports["linorobot"]), 57600, timeout=0.02) as port,
+    ):
+        port.write(TOPICS_PLEASE)
+        began_ns = time.monotonic_ns()
+        for _ in range(15):
+            port.write(twist(0.3, 0.0))
+            port.read(4096)
+            time.sleep(0.05)
+        truth = robot.truth()
+        assert math.hypot(truth.pose.x, truth.pose.y) > 0.1
+        assert truth.stamp_ns > began_ns
+        commands = wait_until(
+            lambda: robot.commands() if len(robot.commands()) == 15 else (), 3.0, "15 commands"
+        )
+        assert commands[0].twist == Twist2D(0.3, 0.0, 0.0)
+        assert began_ns < commands[0].at_ns < commands[-1].at_ns < time.monotonic_ns()
+        writes = robot.writes("linorobot")
+        assert b"".join(data for _, data in writes) == TOPICS_PLEASE + 15 * twist(0.3, 0.0)
+        wait_until(lambda: robot.truth().twist.vx == 0.0, 3.0, "its watchdog has stopped it")
+
+
+def test_a_frame_that_comes_in_drips_is_not_taken(make: Make):
+    with (
+        make("linorobot:quiet") as robot,
+        serial.Serial(str(robot.ports["linorobot"]), 57600, timeout=0.02) as port,
+    ):
+        frame = twist(0.3, 0.0)
+        for at in range(0, len(frame), 14):
+            port.write(frame[at : at + 14])
+            time.sleep(0.03)
+        port.write(frame)
+        wait_until(lambda: len(robot.commands()) > 0, 3.0, "a whole frame")
+        assert len(robot.commands()) == 1
+
+
+def test_at_another_speed_both_sides_hear_rubbish(make: Make):
+    lines: list[str] = []
+    with make("linorobot", "ld19", tell=lines.append) as robot:
+        with serial.Serial(str(robot.ports["ld19"]), 115200, timeout=0.02) as port:
+            data = collect(port, 0.5)
+            assert len(data) > 1000
+            assert good_packets(data) == 0
+        with serial.Serial(str(robot.ports["linorobot"]), 115200, timeout=0.3) as port:
+            port.write(TOPICS_PLEASE)
+            assert port.read(100) == b""
+        with serial.Serial(str(robot.ports["linorobot"]), 57600, timeout=0.3) as port:
+            port.write(TOPICS_PLEASE)
+            assert port.read(16).startswith(b"\xff\xfe\x08\x00\xf7\x0a")
+    assert any("ld19: the host works at 115200 baud, not 230400" in line for line in lines)
+
+
+def test_the_arduino_reboots_when_its_port_is_opened(make: Make):
+    with make("arduino_bridge") as robot:
+        for _ in range(2):
+            with serial.Serial(str(robot.ports["arduino_bridge"]), 57600, timeout=0.1) as port:
+                port.write(b"b\r")
+                assert port.read(20) == b""
+                began_s = time.monotonic()
+                while not (answer := port.read(20)):
+                    port.write(b"b\r")
+                assert answer.startswith(b"57600\r\n")
+                assert time.monotonic() - began_s > 0.6
+            time.sleep(0.05)
+
+
+def test_faults_begin_and_end(make: Make):
+    lines: list[str] = []
+    with make("ld19", tell=lines.append) as robot:
+        with serial.Serial(str(robot.ports["ld19"]), 230400, timeout=0.02) as port:
+            wait_until(lambda: port.read(4096), 3.0, "it streams")
+            robot.fault("ld19:silence+0.4")
+            wait_until(lambda: not port.read(4096), 3.0, "it is silent")
+            wait_until(lambda: port.read(4096), 3.0, "it streams again")
+            robot.fault("ld19:unplug+0.3")
+            with pytest.raises(serial.SerialException):
+                collect(port, 3.0)
+        wait_until(lambda: not robot.ports["ld19"].is_symlink(), 1.0, "the link is gone")
+        wait_until(robot.ports["ld19"].is_symlink, 3.0, "it is back")
+        with serial.Serial(str(robot.ports["ld19"]), 230400, timeout=0.02) as port:
+            assert good_packets(collect(port, 0.3)) > 10
+        with pytest.raises(FaultError, match="no fault dance"):
+            robot.fault("ld19:dance")
+    assert [line.split("s  ")[1] for line in lines if "begins" in line or "ends" in line] == [
+        "ld19: silence begins (ld19:silence+0.4)",
+        "ld19: silence ends",
+        "ld19: unplug begins (ld19:unplug+0.3)",
+        "ld19: unplug ends",
+    ]
+
+
+def test_two_of_a_kind_have_two_names_and_everything_is_tidied_up(make: Make, tmp_path: Path):
+    folder = tmp_path / "deep" / "ports"
+    before = threading.active_count()
+    with make("ld19", "ld19", folder=folder) as robot:
+        assert sorted(os.listdir(folder)) == ["ld19", "ld19-2"]
+        terminals = list(robot.terminals.values())
+        assert all(Path(name).exists() for name in terminals)
+    assert os.listdir(folder) == []
+    assert not any(Path(name).exists() for name in terminals)
+    assert threading.active_count() == before
+
+
+def test_what_there_is_not_is_refused(make: Make):
+    for devices, says in {
+        ("ld20",): "no device 'ld20'; there are linorobot",
+        ("ld19:quiet",): "ld19 has no option quiet; none",
+        ("linorobot:loud",): "no option loud; only exact, quiet, no-imu",
+        ("linorobot", "arduino_bridge"): "one motor board",
+        (): "name a device",
+    }.items():
+        with pytest.raises(DeviceError, match=says):
+            make(*devices)
+
+
+def test_the_world_keeps_time(make: Make):
+    with make("linorobot", "ld19") as robot:
+        wait_until(lambda: robot.truth().stamp_ns > time.monotonic_ns() - 10**8, 3.0, "in time")
+        first = robot.truth().stamp_ns
+        wait_until(lambda: robot.truth().stamp_ns > first + 5 * 10**8, 3.0, "it goes on")
+        assert robot.truth().stamp_ns <= time.monotonic_ns() + 10_000_000
+
+
+def test_velocities_arrive_20_times_a_second(make: Make):
+    with (
+        make("linorobot:quiet,no-imu") as robot,
+        serial.Serial(str(robot.ports["linorobot"]), 57600, timeout=0.02) as port,
+    ):
+        port.write(TOPICS_PLEASE)
+        data = collect(port, 2.0)
+        head = b"\xff\xfe\x0c\x00\xf3" + struct.pack("<H", 125)
+        assert 32 <= data.count(head) <= 44
