@@ -1,5 +1,6 @@
 """`[base.odometry]` in a robot.toml: what is in force, and setting it without touching the rest."""
 
+import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,7 +43,7 @@ def write_settings(path: Path, settings: Mapping[str, float]) -> None:
     """
     path = path.resolve()  # of a link the target is replaced
     try:
-        document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
+        document: Any = tomlkit.parse(_with_places(path.read_text(encoding="utf-8"), settings))
         table: Any = document
         for name in ("base", "odometry"):
             if name not in table:
@@ -55,6 +56,19 @@ def write_settings(path: Path, settings: Mapping[str, float]) -> None:
         write_atomically(path, content)
     except (OSError, UnicodeDecodeError, TOMLKitError, TypeError) as error:
         raise ConfigError(f"{path}: [base.odometry] cannot be set there: {error}") from error
+
+
+def _with_places(text: str, settings: Mapping[str, float]) -> str:
+    """Take the `#` from settings that stand as comments in the table, as `trolley init` writes.
+
+    A key that is new to the table would come behind all its comments.
+    """
+    head, title, rest = text.partition("\n[base.odometry]")
+    body, following, tail = rest.partition("\n[")
+    for name, value in settings.items():
+        if not re.search(rf"(?m)^\s*{name}\s*=", body):
+            body = re.sub(rf"(?m)^# {name} =.*$", f"{name} = {value}", body, count=1)
+    return head + title + body + following + tail
 
 
 def _refuse_invalid(path: Path, content: bytes) -> None:
