@@ -31,7 +31,7 @@ class Info(NamedTuple):
     model: int
     firmware: str
     hardware: int
-    serial: str
+    serial: bytes
 
 
 def read_info(data: bytes) -> Info | None:
@@ -40,7 +40,7 @@ def read_info(data: bytes) -> Info | None:
     if body is None:
         return None
     model, minor, major, hardware = struct.unpack_from("<4B", body)
-    return Info(model, f"{major}.{minor:02d}", hardware, body[4:].hex().upper())
+    return Info(model, f"{major}.{minor:02d}", hardware, body[4:])
 
 
 def read_health(data: bytes) -> tuple[int, int] | None:
@@ -55,7 +55,7 @@ def read_health(data: bytes) -> tuple[int, int] | None:
 def rplidar(info: Info, health: tuple[int, int] | None) -> Found:
     """Say which RPLIDAR it is."""
     series = info.model >> 4
-    details, problems = _details(info, health)
+    details, problems = _details(info, info.serial.hex().upper(), health)
     if series == 1:
         return Found("lidar", "rplidar_a1", "RPLIDAR A1", RPLIDAR_BAUD, details, problems)
     title = f"RPLIDAR A{series}" if series in (2, 3) else f"RPLIDAR (model 0x{info.model:02X})"
@@ -65,7 +65,9 @@ def rplidar(info: Info, health: tuple[int, int] | None) -> Found:
 
 def ydlidar(info: Info, health: tuple[int, int] | None) -> Found:
     """Say which YDLIDAR it is."""
-    details, problems = _details(info, health)
+    # 16 numbers from 0 to 9, as the vendor's SDK prints them.
+    serial = "".join(f"{digit:X}" for digit in info.serial)
+    details, problems = _details(info, serial, health)
     if info.model == _X4:
         return Found("lidar", "ydlidar_x4", "YDLIDAR X4", YDLIDAR_BAUD, details, problems)
     title = f"YDLIDAR (model {info.model})"
@@ -111,9 +113,11 @@ def _body(data: bytes, descriptor: bytes, length: int) -> bytes | None:
     return body if len(body) == length else None
 
 
-def _details(info: Info, health: tuple[int, int] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _details(
+    info: Info, serial: str, health: tuple[int, int] | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What a lidar says of itself in words, and what is wrong with it."""
-    details = (f"firmware {info.firmware}", f"serial {info.serial}")
+    details = (f"firmware {info.firmware}", f"serial {serial}")
     if health is None:
         return details, ("It does not say how it is: a weak 5 V supply is the usual cause.",)
     status, code = health

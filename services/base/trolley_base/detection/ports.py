@@ -63,7 +63,7 @@ def find_ports(
     known = {device: udev_properties(device, udev_data) for device in {*every, *wanted}}
     serials = Counter(_identity(properties) for properties in known.values())
     spoken = {os.path.realpath(port.device): port.description for port in list_ports.comports()}
-    called = {os.path.realpath(name): name for name in given}
+    called = {os.path.realpath(name): os.path.abspath(name) for name in given}
     ports: list[Port] = []
     for device in wanted:
         properties = known[device]

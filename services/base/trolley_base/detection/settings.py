@@ -84,7 +84,7 @@ def _the_only(
 ) -> tuple[Port, Found] | None:
     """Return the one device of a kind; several are left to the person."""
     if len(found) > 1:
-        names = " and ".join(f"{one.title} at {port.name}" for port, one in found)
+        names = ", ".join(f"{one.title} at {port.name}" for port, one in found)
         proposal.notes.append(
             f"There is more than one {what}: {names}. Name the ports of this robot: "
             f"`trolley detect PORT PORT`."

@@ -1,0 +1,136 @@
+"""What devices say of themselves; the bytes are those of the vendors' documents."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trolley_base.detection import answers, rosserial_answer, streams
+from trolley_base.drivers.boards.lino_messages import TOPICS
+from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
+
+LD19 = bytes.fromhex(
+    "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2"
+    "C7 00 E9 C5 00 E5 C2 00 E5 C0 00 E5 BE 82 3A 1A 50"
+)
+XV11 = bytes.fromhex("FA A0 00 4B E8 03 64 00 E9 03 64 00 EA 03 64 00 EB 03 64 00 99 30")
+LDS01 = bytes.fromhex(
+    "FA A0 B8 0B C8 00 E8 03 00 00 C8 00 E9 03 00 00 C8 00 EA 03 00 00 C8 00 EB 03 00 00"
+    "C8 00 EC 03 00 00 C8 00 ED 03 00 00 61 61"
+)
+INFO = bytes.fromhex("A55A 1400 0000 04")
+HEALTH = bytes.fromhex("A55A 0300 0000 06")
+
+
+@pytest.mark.parametrize(("frame", "model"), [(LD19, "ld19"), (LDS01, "lds01"), (XV11, "xv11")])
+@given(before=st.binary(max_size=60), flipped=st.integers(0, 20))
+def test_a_lidar_is_known_by_sound_frames_only(
+    frame: bytes, model: str, before: bytes, flipped: int
+) -> None:
+    hear = streams.hear_xv11 if model == "xv11" else streams.hear_fast
+    spoilt = bytearray(frame)
+    spoilt[flipped] ^= 0x10
+    found = hear(before + frame[7:] + (bytes(spoilt) + frame) * 6)
+    assert found is not None
+    assert found.model == model
+    assert hear(before + bytes(spoilt) * 20) is None
+    assert hear(frame * 4) is None
+
+
+@given(st.binary(max_size=4000))
+def test_rubbish_is_no_device(data: bytes) -> None:
+    assert streams.hear_fast(data) is None
+    assert streams.hear_xv11(data) is None
+    assert rosserial_answer.read_topics(data) == {}
+
+
+def info(model: int) -> bytes:
+    return INFO + struct.pack("<4B", model, 29, 1, 7) + bytes(range(16))
+
+
+def test_an_rplidar_says_who_it_is() -> None:
+    told = answers.read_info(b"\x00\xa5" + info(0x18))
+    assert told is not None
+    found = answers.rplidar(told, answers.read_health(HEALTH + b"\x00\x00\x00"))
+    assert (found.model, found.title) == ("rplidar_a1", "RPLIDAR A1")
+    serial = "000102030405060708090A0B0C0D0E0F"
+    assert found.details == ("firmware 1.29", f"serial {serial}", "health good")
+    assert found.problems == ()
+
+
+def test_an_answer_that_is_not_all_there_is_none() -> None:
+    for length in range(len(info(0x18))):
+        assert answers.read_info(info(0x18)[:length]) is None
+
+
+def test_another_rplidar_is_named_but_not_taken_for_an_a1() -> None:
+    told = answers.read_info(info(0x28))
+    assert told is not None
+    found = answers.rplidar(told, (0, 0))
+    assert (found.model, found.title) == (None, "RPLIDAR A2")
+
+
+def test_a_faulty_lidar_is_said() -> None:
+    told = answers.read_info(info(6))
+    assert told is not None
+    found = answers.ydlidar(told, (2, 0x8002))
+    assert found.model == "ydlidar_x4"
+    assert f"serial {'0123456789ABCDEF'}" in found.details
+    assert "reports a fault (code 32770)" in found.problems[0]
+    assert answers.ydlidar(told._replace(model=4), (0, 0)).model is None
+
+
+def test_an_arduino_is_known_by_its_baud_rate_on_a_line() -> None:
+    assert answers.is_bridge(b"Invalid Command\r\n57600\r\n")
+    assert not answers.is_bridge(b"157600\r\n")
+    assert not answers.is_bridge(b"57600")
+    counts = answers.read_counts(b"57600\r\n-12 3456\r\n")
+    assert answers.bridge(counts).details == ("encoders at -12 3456",)
+
+
+def test_an_arduino_without_motors_is_told_what_to_do() -> None:
+    found = answers.bridge(answers.read_counts(b"Invalid Command\r\n"))
+    assert found.model == "arduino_bridge"
+    assert "USE_BASE" in found.problems[0]
+    assert "does not answer" in answers.bridge(None).problems[0]
+
+
+def announce(name: str, kind: int, type_name: str, md5: str) -> bytes:
+    texts = b"".join(
+        struct.pack("<I", len(text)) + text.encode() for text in (name, type_name, md5)
+    )
+    return encode(kind, struct.pack("<H", 125) + texts + struct.pack("<i", 512))
+
+
+def announced(**other_md5: str) -> bytes:
+    return b"".join(
+        announce(
+            topic.name,
+            PUBLISHER if topic.is_published else SUBSCRIBER,
+            topic.type_name,
+            other_md5.get(topic.name, topic.md5),
+        )
+        for topic in TOPICS
+    )
+
+
+def test_a_linorobot_is_known_by_its_topics() -> None:
+    topics = rosserial_answer.read_topics(b"\xff\xfe\x00" + announced())
+    assert rosserial_answer.is_complete(topics)
+    found = rosserial_answer.describe(topics)
+    assert (found.model, found.problems) == ("linorobot", ())
+
+
+def test_a_linorobot_with_other_messages_is_not_driven() -> None:
+    found = rosserial_answer.describe(rosserial_answer.read_topics(announced(raw_vel="0" * 32)))
+    assert found.model is None
+    assert "raw_vel" in found.problems[0]
+    assert "0" * 32 in found.problems[0]
+
+
+def test_another_rosserial_board_is_none() -> None:
+    one = announce("chatter", PUBLISHER, "std_msgs/String", "1" * 32)
+    found = rosserial_answer.describe(rosserial_answer.read_topics(one))
+    assert found.model is None
+    assert "does not announce raw_vel and cmd_vel" in found.problems[0]

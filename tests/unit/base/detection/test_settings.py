@@ -1,0 +1,161 @@
+"""Which settings are proposed, and how they come into a robot.toml."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trolley.config import ConfigError, load_config
+from trolley_base.detection import robot_toml, settings
+from trolley_base.detection.found import Found, Seen
+from trolley_base.detection.ports import Port
+
+LINOROBOT = Seen(
+    Port("/dev/ttyACM0", "/dev/serial/by-id/teensy"),
+    Found("board", "linorobot", "linorobot", 57600),
+)
+BRIDGE = Seen(
+    Port("/dev/ttyACM0", "/dev/serial/by-id/arduino"),
+    Found("board", "arduino_bridge", "ROSArduinoBridge", 57600),
+)
+LD19 = Seen(
+    Port("/dev/ttyUSB0", "/dev/serial/by-path/pci-1"), Found("lidar", "ld19", "LD19", 230400)
+)
+NOTHING = Seen(Port("/dev/ttyUSB1", "/dev/ttyUSB1"))
+
+ROBOT = """\
+# My robot.
+[robot]
+name = "haro"   # the cat's name
+footprint = { length_m = 0.3, width_m = 0.2 }
+"""
+
+
+def changed(text: str, *seen: Seen) -> str:
+    proposal = settings.propose(seen, tomllib.loads(text))
+    return robot_toml.with_values(text, proposal.values, proposal.remarks)
+
+
+def base_of(text: str) -> dict[str, Any]:
+    return tomllib.loads(text)["base"]
+
+
+def test_sets_what_was_found_and_keeps_the_rest(tmp_path: Path) -> None:
+    text = changed(ROBOT, LINOROBOT, LD19, NOTHING)
+    assert text.startswith(ROBOT)
+    path = tmp_path / "robot.toml"
+    path.write_text(text)
+    config = load_config(path)
+    assert config.base.driver == "hardware"
+    assert config.base.chassis.board == "linorobot"
+    assert config.base.chassis.port == "/dev/serial/by-id/teensy"
+    assert config.base.lidar.model == "ld19"
+    assert config.base.lidar.port == "/dev/serial/by-path/pci-1"
+
+
+def test_overwrites_neither_pose_nor_scales() -> None:
+    text = changed(
+        ROBOT
+        + """
+[base.lidar]
+# Measured twice.
+pose = { x = 0.1, y = 0.0, yaw = 3.1 }  # backwards
+port = "/dev/ttyUSB9"
+[base.odometry]
+linear_scale = 1.02
+""",
+        LD19,
+    )
+    base = base_of(text)
+    assert base["lidar"]["pose"] == {"x": 0.1, "y": 0.0, "yaw": 3.1}
+    assert base["lidar"]["port"] == "/dev/serial/by-path/pci-1"
+    assert base["odometry"] == {"linear_scale": 1.02}
+    assert "chassis" not in base
+    assert "# Measured twice." in text
+    assert "# backwards" in text
+
+
+def test_changes_nothing_the_second_time() -> None:
+    for seen in ((LINOROBOT, LD19), (BRIDGE, LD19)):
+        once = changed(ROBOT, *seen)
+        assert changed(once, *seen) == once
+
+
+def test_leaves_a_board_commented_out_until_its_wheels_are_known(tmp_path: Path) -> None:
+    text = changed(ROBOT, BRIDGE)
+    path = tmp_path / "robot.toml"
+    path.write_text(text)
+    assert load_config(path).base.chassis.board is None
+    lines = text.splitlines()
+    start = next(i for i, line in enumerate(lines) if "Measure these" in line)
+    lines[start + 1 :] = [line.removeprefix("# ") for line in lines[start + 1 :]]
+    filled = "\n".join(lines).replace("revolution = 0 ", "revolution = 1550 ")
+    path.write_text(filled.replace("_m = 0.0", "_m = 0.1"))
+    config = load_config(path)
+    assert config.base.chassis.board == "arduino_bridge"
+    assert config.base.chassis.wheels is not None
+
+
+def test_keeps_known_wheels() -> None:
+    wheels = "\n[base.chassis.wheels]\nticks_per_revolution = 1\ndiameter_m = 0.1\ntrack_m = 0.2\n"
+    text = changed(ROBOT + wheels, BRIDGE)
+    chassis = base_of(text)["chassis"]
+    assert chassis["board"] == "arduino_bridge"
+    assert chassis["wheels"]["track_m"] == 0.2
+
+
+@pytest.mark.parametrize(
+    "base",
+    [
+        "\n[base]\nchassis.port = 'x'\n",
+        "\n[base]\nchassis = { port = 'x' }\n",
+        "\n[base.chassis]\nport = 'x'\n\n[base.chassis.inputs]\nbumper_pins = [1]\n",
+        "\n[base.chassis.inputs]\nbumper_pins = [1]\n\n[base]\ndriver = 'simulated'\n",
+    ],
+)
+def test_copes_with_all_ways_to_write_a_table(base: str) -> None:
+    chassis = base_of(changed(ROBOT + base, LINOROBOT))["chassis"]
+    assert chassis["board"] == "linorobot"
+    assert chassis["port"] == "/dev/serial/by-id/teensy"
+
+
+def test_corrects_a_speed_that_was_of_another_device() -> None:
+    text = changed(ROBOT + "\n[base.lidar]\nbaud = 115200\n", LD19)
+    assert base_of(text)["lidar"]["baud"] == 230400
+
+
+def test_leaves_the_choice_among_several_to_the_person() -> None:
+    proposal = settings.propose((LD19, LD19, LINOROBOT), {})
+    assert not any(key[1] == "lidar" for key in proposal.values)
+    assert "more than one lidar" in proposal.notes[0]
+
+
+def test_proposes_nothing_for_nothing() -> None:
+    assert settings.propose((NOTHING,), {}).values == {}
+
+
+def test_prints_toml_that_can_be_read() -> None:
+    proposal = settings.propose((BRIDGE, LD19), {})
+    base = base_of(settings.render(proposal))
+    assert base["driver"] == "hardware"
+    assert base["lidar"] == {"model": "ld19", "port": "/dev/serial/by-path/pci-1"}
+    assert "# ticks_per_revolution" in settings.render(proposal)
+
+
+def test_a_file_that_would_not_load_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(ROBOT)
+    with pytest.raises(ConfigError, match=r"robot.toml: \[base.driver\]"):
+        robot_toml.replace_text(path, ROBOT + '[base]\ndriver = "magic"\n')
+    assert path.read_text() == ROBOT
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    path, link = tmp_path / "robot.toml", tmp_path / "link.toml"
+    path.write_text(ROBOT)
+    link.symlink_to(path)
+    robot_toml.replace_text(link, ROBOT + "\n# more\n")
+    assert link.is_symlink()
+    assert path.read_text().endswith("# more\n")
