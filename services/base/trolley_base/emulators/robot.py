@@ -31,7 +31,15 @@ from trolley_base.emulators.device import Board, ReceivedCommand
 from trolley_base.emulators.faults import FaultPlan, parse_fault
 from trolley_base.emulators.lidar import Mount
 from trolley_base.emulators.port import DevicePort
-from trolley_base.world import STEP_NS, LidarSpec, RobotBody, Shots, Simulation, TrueState
+from trolley_base.world import (
+    STEP_NS,
+    LidarSpec,
+    RobotBody,
+    Shots,
+    Simulation,
+    TrueState,
+    WorldError,
+)
 
 TICK_MS = 2
 """The longest wait: bytes leave in portions of so many ms."""
@@ -75,7 +83,7 @@ class EmulatedRobot:
 
     Raises:
         DeviceError: there is no such device or option.
-        WorldError: the robot would stand in something solid.
+        WorldError: the robot would stand in something solid, or off the map.
         PortError: a port's name is taken.
     """
 
@@ -93,6 +101,12 @@ class EmulatedRobot:
             devices, Surroundings(body.mount, spec.lidar, body.wheels), body.seed
         )
         self._simulation = Simulation(spec, body.world.grid, robot, body.seed, body.start)
+        start = self._simulation.truth().pose
+        if not body.world.grid.contains(start.as_array()[None, :2])[0]:
+            raise WorldError(
+                f"the start at x = {start.x:g}, y = {start.y:g} lies outside of the map "
+                f"{body.world.map_file}; choose another"
+            )
         _compile(Simulation(spec, body.world.grid, robot, body.seed, body.start))
         self._folder = folder
         self._tell = tell

@@ -1,0 +1,199 @@
+"""`trolley emulate` as a process: its ports, its bytes, its faults, its truth, its end."""
+
+import os
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import serial
+from support.processes import write_config
+from support.waiting import wait_until
+
+from trolley import topics
+from trolley.config import load_config
+from trolley.connection import Connection
+from trolley.messages import Clock
+from trolley.runtime import codec
+
+TOPICS_PLEASE = bytes.fromhex("fffe0000ff0000ff")
+TROLLEY = str(Path(sys.executable).with_name("trolley"))
+Trolley = Callable[..., subprocess.CompletedProcess[str]]
+
+
+class Emulator:
+    """The running command; its output goes to a file, faults can be typed."""
+
+    def __init__(self, process: subprocess.Popen[bytes], log: Path, ports: Path) -> None:
+        self.process = process
+        self.ports = ports
+        self._log = log
+
+    @property
+    def log(self) -> str:
+        return self._log.read_text(encoding="utf-8")
+
+    def wait_for(self, text: str) -> None:
+        def said() -> bool:
+            assert self.process.poll() is None or text in self.log, self.log
+            return text in self.log
+
+        wait_until(said, 30.0, f"{text!r} in the output")
+
+    def type(self, line: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{line}\n".encode())
+        self.process.stdin.flush()
+
+
+@pytest.fixture
+def emulate(tmp_path: Path) -> Callable[..., "contextmanager"]:
+    @contextmanager
+    def run(*arguments: str) -> Iterator[Emulator]:
+        ports, log = tmp_path / "ports", tmp_path / "emulate.log"
+        environment = {**os.environ, "TROLLEY_CONFIG": "", "PYTHONUNBUFFERED": "1"}
+        with (
+            log.open("wb") as output,
+            subprocess.Popen(
+                [TROLLEY, "emulate", *arguments, "--ports", str(ports)],
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=output,
+                env=environment,
+            ) as process,
+        ):
+            emulator = Emulator(process, log, ports)
+            try:
+                emulator.wait_for("Ctrl-C ends it")
+                yield emulator
+            finally:
+                process.kill()
+
+    return run
+
+
+def read_some(port: serial.Serial, count: int) -> bytes:
+    data = b""
+
+    def enough() -> bool:
+        nonlocal data
+        data += port.read(4096)
+        return len(data) >= count
+
+    wait_until(enough, 15.0, f"{count} bytes")
+    return data
+
+
+def crc8(data: bytes) -> int:
+    value = 0
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = ((value << 1) ^ (0x4D if value & 0x80 else 0)) & 0xFF
+    return value
+
+
+def test_a_host_negotiates_reads_and_sees_faults(emulate):
+    with emulate("linorobot", "ld19", "--world", "room", "--fault", "ld19:noise=1@600") as one:
+        board = serial.Serial(str(one.ports / "linorobot"), 57600, timeout=0.05)
+        lidar = serial.Serial(str(one.ports / "ld19"), 230400, timeout=0.05)
+        with board, lidar:
+            board.write(TOPICS_PLEASE)
+            told = read_some(board, 700)
+            assert told.startswith(bytes.fromhex("fffe0800f70a000000000000000000f5fffe4d00b20000"))
+            for text in (b"raw_vel", b"lino_msgs/Imu", b"geometry_msgs/Twist", b"lino_msgs/PID"):
+                assert text in told
+            assert b"\xff\xfe\x0c\x00\xf3\x7d\x00" in told
+
+            data = read_some(lidar, 47 * 400)
+            data = data[data.index(b"\x54\x2c") :]
+            packets = [data[at : at + 47] for at in range(0, len(data) - 46, 47)]
+            good = [one for one in packets if crc8(one[:46]) == one[46] and one[0] == 0x54]
+            assert len(good) > 0.9 * len(packets)
+
+            one.type("ld19:silence+1")
+            one.type("ld19:whatever")
+            wait_until(lambda: not lidar.read(4096), 10.0, "silence")
+            wait_until(lambda: lidar.read(4096), 10.0, "data again")
+        one.wait_for("ld19: silence begins (ld19:silence+1)")
+        one.wait_for("ld19: silence ends")
+        one.wait_for("there is no fault whatever")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_ends_cleanly(emulate, number: signal.Signals):
+    with emulate("arduino_bridge", "rplidar_a1", "--world", "room") as one:
+        assert sorted(os.listdir(one.ports)) == ["arduino_bridge", "rplidar_a1"]
+        one.process.send_signal(number)
+        assert one.process.wait(10.0) == 0
+        assert os.listdir(one.ports) == []
+        assert "The devices are gone." in one.log
+        assert "Traceback" not in one.log
+
+
+def test_it_says_what_a_robot_toml_needs(emulate, tmp_path: Path):
+    with emulate("arduino_bridge", "rplidar_a1", "--laser", "0.1,0,3.14") as one:
+        log = one.log
+    lines = log.splitlines()
+    assert lines[0].startswith(f"arduino_bridge  {one.ports}/arduino_bridge -> /dev/pts/")
+    assert lines[0].endswith("57600 baud")
+    text = log[log.index("[base]") : log.index("Ctrl-C")]
+    settings = tomllib.loads(text)["base"]
+    assert settings["chassis"]["wheels"]["ticks_per_revolution"] == 1550.0
+    base = load_config(write_config(tmp_path / "robot.toml", "tcp/127.0.0.1:7447", more=text)).base
+    assert base.driver == "hardware"
+    assert base.chassis.board == "arduino_bridge"
+    assert base.lidar.model == "rplidar_a1"
+    assert base.lidar.pose.as_pose().x == 0.1
+    assert base.lidar.port == str(one.ports / "rplidar_a1")
+
+
+def test_it_publishes_the_truth_in_robot_time(emulate, endpoint: str):
+    with (
+        emulate("ld19", "--robot", "tester", "--connect", endpoint) as one,
+        Connection([endpoint]) as connection,
+    ):
+        one.wait_for("sim/truth of tester goes to")
+        clock = Clock(stamp_ns=5_000_000_000, rate=1.0, epoch=1_000_000_000)
+        key, mime = topics.CLOCK.key("tester"), codec.MIME["msgpack"]
+        with connection.subscribe("tester", topics.SIM_TRUTH) as truths:
+            assert truths.next(0.3) is None  # nobody knows what time it is
+
+            def stamped():
+                connection.bus.put(key, codec.encode(clock, "msgpack"), mime, topics.CLOCK.qos)
+                return truths.next(0.05)
+
+            arrival = wait_until(stamped, 10.0, "the truth")
+            assert arrival.message.world == "apartment"
+            assert 4_900_000_000 < arrival.message.stamp_ns < 8_000_000_000
+            assert arrival.message.pose.x == pytest.approx(0.549)
+            assert arrival.message.collisions == 0
+        latest = connection.latest("tester", topics.SIM_TRUTH)
+        assert latest is not None
+
+
+def test_without_a_router_it_works_alone(emulate, port: int):
+    with emulate("ld19", "--robot", "tester", "--connect", f"tcp/127.0.0.1:{port}") as one:
+        one.wait_for("working alone until there is one")
+        with serial.Serial(str(one.ports / "ld19"), 230400, timeout=0.05) as lidar:
+            assert len(read_some(lidar, 1000)) >= 1000
+
+
+def test_mistakes_are_named(trolley: Trolley):
+    for arguments, says in {
+        ("ld20",): "there is no device 'ld20'; there are linorobot",
+        ("ld19", "--fault", "ld19:x"): "there is no fault x, only silence",
+        ("ld19", "--world", "nowhere"): "there is no file nowhere.toml",
+        ("ld19", "--start", "0,0"): "X,Y,YAW",
+        ("ld19", "--start", "90,0,0"): "lies outside of the map",
+        ("ld19", "--connect", "tcp/127.0.0.1:1"): "--connect needs --robot NAME",
+        (): "Missing argument",
+    }.items():
+        done = trolley("emulate", *arguments)
+        assert done.returncode == 2, done.stderr
+        assert says in done.stderr
+        assert "Traceback" not in done.stderr
