@@ -24,18 +24,27 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 
-from trolley import codes, requests, topics
+from trolley import codes, requests, teleop, topics
 from trolley.codes import Refused
 from trolley.connection import (
     ASK_TIMEOUT_S,
     Connection,
+    RobotTime,
     RobotUnreachable,
     Subscription,
     find_target,
     pick_robot,
 )
-from trolley.geometry import Pose2D
-from trolley.messages import BaseState, CapturedPose, GoalStatus, PoseEstimate, TourStatus, asking
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import (
+    BaseState,
+    CapturedPose,
+    GoalStatus,
+    PoseEstimate,
+    TourStatus,
+    VelocityCommand,
+    asking,
+)
 from trolley.requests import Request
 from trolley.topics import Topic
 
@@ -84,14 +93,20 @@ class Robot:
             undo.enter_context(connection)
             self.name = pick_robot(connection, target)
             undo.pop_all()  # from now on `close` ends the connection
-        self._connection = connection
+        self._talk_over(connection)
 
     @classmethod
     def over(cls, connection: Connection, name: str) -> "Robot":
         """A robot over a connection that somebody else opens and closes."""
         robot = cls.__new__(cls)
-        robot._connection, robot.name = connection, name
+        robot.name = name
+        robot._talk_over(connection)
         return robot
+
+    def _talk_over(self, connection: Connection) -> None:
+        self._connection = connection
+        self._time: RobotTime | None = None
+        self._stamp_ns = 0  # of the last command
 
     def close(self) -> None:
         """End the connection."""
@@ -250,6 +265,29 @@ class Robot:
                     return
                 if _left(deadline) <= 0.0:
                     raise Refused(codes.TIMEOUT, f"Not done after {timeout:.0f} s.", trip=trip)
+
+    # Driving by hand.
+    def now_ns(self) -> int | None:
+        """Robot time [ns], None while nothing is heard of the robot."""
+        if self._time is None:
+            self._time = RobotTime(self._connection, self.name)
+        return self._time.now_ns()
+
+    def drive(self, twist: Twist2D, valid_for: float = teleop.VALID_S) -> None:
+        """Drive at a velocity for a moment, as from a joystick: call it 10 to 30 times a second.
+
+        It goes before what the planner wants. The robot stands `valid_for` seconds (at most 0.5)
+        after the last call; the planner's goal is paused then.
+
+        Raises:
+            RobotUnreachable: Nothing is heard of the robot, so nothing was sent.
+        """
+        stamp_ns = self.now_ns()
+        if stamp_ns is None:
+            raise RobotUnreachable(f"NOT CONNECTED: nothing is heard of {self.name}")
+        self._stamp_ns = max(stamp_ns, self._stamp_ns + 1)  # base drops what is not newer
+        command = VelocityCommand(stamp_ns=self._stamp_ns, twist=twist, valid_for=valid_for)
+        self._connection.publish(self.name, topics.COMMAND, command, teleop.SOURCE)
 
     # Stopping.
     def stop(self) -> BaseState:

@@ -19,11 +19,12 @@ import msgspec
 from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig, find_config, load_config
-from trolley.messages import BaseState
+from trolley.messages import BaseState, Clock
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Reply, Sample
 from trolley.runtime.gathering import outcome
+from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
 from trolley.topics import Topic
 
@@ -37,6 +38,7 @@ ASK_TIMEOUT_S = 2.5
 """Requests are answered within 2 s."""
 GET_TIMEOUT_S = 2.0
 MOST_WAITING = 1000
+CLOCK_PATIENCE_S = 1.0
 
 
 class RobotUnreachable(Exception):
@@ -254,6 +256,11 @@ class Connection:
             )
         return subscription
 
+    def publish(self, robot: str, topic: Topic[M], message: M, *parts: str) -> None:
+        """Publish a message; without a router it is dropped, like one that may not be sent."""
+        payload = codec.encode(message, "msgpack")
+        self.bus.put(topic.key(robot, *parts), payload, codec.MIME["msgpack"], topic.qos)
+
     def listen(self, key_expr: str, callback: Callable[[Sample], None]) -> Closer:
         """Call back, on a thread of the bus, with everything that is published under a key."""
         return self.bus.subscribe(key_expr, callback)
@@ -273,7 +280,7 @@ class Connection:
         return sorted({robot for robot, _ in self.services()})
 
     def robot_now_ns(self, robot: str) -> int | None:
-        """Robot time, at most 0.1 s behind; None without `base`."""
+        """Robot time, at most 0.1 s behind; None without `base`. `RobotTime` is exact."""
         clock = self.latest(robot, topics.CLOCK)
         return None if clock is None else clock.stamp_ns
 
@@ -286,6 +293,29 @@ class Connection:
         # Zenoh ends the query by itself at its deadline; the margin is for that to arrive.
         in_time = done.wait(timeout_s + 0.5)
         return list(replies), not in_time
+
+
+class RobotTime:
+    """The time of a robot, followed from its clock as long as the connection lasts.
+
+    Making one waits up to a second for the first word of the clock.
+    """
+
+    def __init__(self, connection: Connection, robot: str) -> None:
+        self._clocks = connection.subscribe(robot, topics.CLOCK)
+        self._time = FollowedTime()
+        first = self._clocks.next(CLOCK_PATIENCE_S)
+        if first is not None:
+            self._hear(first)
+
+    def now_ns(self) -> int | None:
+        """Robot time [ns], None where nothing was heard of the robot for a second."""
+        while (heard := self._clocks.next(0.0)) is not None:
+            self._hear(heard)
+        return self._time.now(time.monotonic_ns())
+
+    def _hear(self, heard: Arrival[Clock]) -> None:
+        self._time.hear(heard.message, round(heard.arrived_s * 1e9))
 
 
 @dataclasses.dataclass(frozen=True)
