@@ -1,18 +1,22 @@
-"""When a board sent what arrived: a steady clock behind arrivals that are late by chance.
+"""When a board sent what arrived: an even clock behind arrivals that are late by chance.
 
 A board without stamps reports at its own even pace; serial drivers, threads and a busy host delay
-its frames, never the other way round. So the clock runs on by one period per frame, is set back at
-once when a frame arrives before it was due, and follows late frames slowly: frames that were held
-up and come together get the times at which they were sent. Since no stamp is later than its
-arrival, and none falls far behind, the sum of all intervals is the time that really passed.
+its frames, never the other way round. So arrivals are compared with a grid of that pace, and the
+least delayed of the last frames says how the grid lies: frames that were held up and come together
+get the times at which they were sent. No stamp is later than its arrival or earlier than the stamp
+before, and all intervals together are the time that passed.
 """
 
-# Share of a frame's lateness by which the clock follows it.
-FOLLOW = 1 / 8
-# Share of an interval between two arrivals by which the period follows it.
-LEARN = 1 / 64
-# No stamp is older than this behind its arrival [ns]: frames were lost, not late.
-MOST_LATE_NS = 150_000_000
+from collections import deque
+
+# Frames among which at least one is expected to have come without delay; after a frame was lost
+# the grid lies right again after so many.
+WINDOW = 16
+# The period is the mean of at most so many intervals between arrivals; the nominal one counts as
+# this many of them at first.
+MOST_INTERVALS, NOMINAL_INTERVALS = 256, 32
+# Until the period of a board with another pace is known, no stamp lies farther behind [ns].
+MOST_BEHIND_NS = 300_000_000
 
 
 class ArrivalClock:
@@ -24,24 +28,25 @@ class ArrivalClock:
 
     def __init__(self, period_ns: int) -> None:
         self._nominal_ns = period_ns
-        self._period_ns = float(period_ns)
-        self._stamp_ns: int | None = None
-        self._arrived_ns = 0
+        self.reset()
 
     def reset(self) -> None:
         """Forget the board: the next frame is the first."""
         self._period_ns = float(self._nominal_ns)
-        self._stamp_ns = None
+        self._intervals = NOMINAL_INTERVALS
+        self._grid_ns: int | None = None
+        self._arrived_ns = 0
+        self._delays_ns: deque[int] = deque(maxlen=WINDOW)
 
     def stamp(self, arrived_ns: int) -> int:
-        """Return when a frame was sent [ns]: not after `arrived_ns`, which never goes back."""
-        if self._stamp_ns is None:
-            self._stamp_ns = arrived_ns
+        """Return when a frame was sent [ns]; `arrived_ns` never goes back."""
+        if self._grid_ns is None:
+            self._grid_ns = arrived_ns
         else:
-            self._period_ns += LEARN * (arrived_ns - self._arrived_ns - self._period_ns)
-            due_ns = self._stamp_ns + round(self._period_ns)
-            late_ns = arrived_ns - due_ns
-            following_ns = due_ns + round(FOLLOW * late_ns) if late_ns > 0 else arrived_ns
-            self._stamp_ns = max(following_ns, arrived_ns - MOST_LATE_NS)
+            unexpected_ns = arrived_ns - self._arrived_ns - self._period_ns
+            self._period_ns += unexpected_ns / self._intervals
+            self._intervals = min(self._intervals + 1, MOST_INTERVALS)
+            self._grid_ns += round(self._period_ns)
         self._arrived_ns = arrived_ns
-        return self._stamp_ns
+        self._delays_ns.append(arrived_ns - self._grid_ns)
+        return max(self._grid_ns + min(self._delays_ns), arrived_ns - MOST_BEHIND_NS)
