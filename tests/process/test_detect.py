@@ -1,0 +1,160 @@
+"""`trolley detect` at the ports of emulated devices."""
+
+import json
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+from support.processes import write_config
+
+from trolley.config import load_config
+from trolley_base.drivers.world_file import load_world
+from trolley_base.emulators import EmulatedRobot, RobotInWorld
+
+from .metal import make_hall
+
+Trolley = Callable[..., subprocess.CompletedProcess[str]]
+
+BAUDS = {"linorobot": 57600, "rplidar_a1": 115200, "ydlidar_x4": 128000, "lds01": 230400}
+
+
+@contextmanager
+def emulated(folder: Path, *devices: str) -> Iterator[EmulatedRobot]:
+    body = RobotInWorld(load_world(make_hall(folder)), seed=3)
+    with EmulatedRobot(devices, body, folder / "ports") as robot:
+        yield robot
+
+
+def detect(trolley: Trolley, *arguments: object) -> dict[str, Any]:
+    done = trolley("detect", *map(str, arguments), "--json")
+    assert done.returncode in (0, 1), done.stderr
+    report = json.loads(done.stdout)
+    assert (done.returncode == 0) == any(port["found"] for port in report["ports"])
+    return report
+
+
+def models(report: dict[str, Any]) -> dict[str, str | None]:
+    """The models found, by the last part of their ports' names."""
+    return {
+        Path(port["port"]).name: port["found"] and port["found"]["model"]
+        for port in report["ports"]
+    }
+
+
+def bytes_in(port: Path, baud: int, seconds: float) -> int:
+    """How much a device sends unasked."""
+    with serial.Serial(str(port), baud, timeout=seconds) as line:
+        return len(line.read(4096))
+
+
+def test_recognises_every_device_and_leaves_it_as_it_was(tmp_path: Path, trolley: Trolley) -> None:
+    devices = ("linorobot", "rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01")
+    # Its log lines go on after a session, as the firmware has it.
+    with emulated(tmp_path, "linorobot:quiet", *devices[1:]) as robot:
+        before = robot.truth().pose
+        report = detect(trolley, *robot.ports.values())
+        assert models(report) == {name: name for name in devices}
+        assert all(not port["problems"] for port in report["ports"])
+        assert robot.truth().pose == before
+        assert robot.commands() == ()
+        sent = {name: bytes_in(robot.ports[name], baud, 0.5) for name, baud in BAUDS.items()}
+        assert sent["lds01"] > 1000
+        assert (sent["linorobot"], sent["rplidar_a1"], sent["ydlidar_x4"]) == (0, 0, 0)
+
+
+def test_wakes_a_sleeping_lidar_and_lets_it_sleep_again(tmp_path: Path, trolley: Trolley) -> None:
+    with emulated(tmp_path, "lds01") as robot:
+        port = robot.ports["lds01"]
+        with serial.Serial(str(port), 230400) as line:
+            line.write(b"e")
+            time.sleep(0.2)
+        assert models(detect(trolley, port)) == {"lds01": "lds01"}
+        assert bytes_in(port, 230400, 0.5) == 0
+
+
+def test_takes_lidars_over_that_were_left_streaming(tmp_path: Path, trolley: Trolley) -> None:
+    start = {"rplidar_a1": b"\xa5\x20", "ydlidar_x4": b"\xa5\x60"}
+    with emulated(tmp_path, *start) as robot:
+        for name, command in start.items():
+            with serial.Serial(str(robot.ports[name]), BAUDS[name], timeout=2.0) as line:
+                line.write(command)
+                assert line.read(200)
+        report = detect(trolley, *robot.ports.values())
+        assert models(report) == {name: name for name in start}
+
+
+def test_says_that_a_sketch_cannot_drive(tmp_path: Path, trolley: Trolley) -> None:
+    with emulated(tmp_path, "arduino_bridge:no-base") as robot:
+        (port,) = detect(trolley, *robot.ports.values())["ports"]
+        assert port["found"]["model"] == "arduino_bridge"
+        assert "USE_BASE" in port["problems"][0]
+        assert robot.commands() == ()
+
+
+def test_does_not_propose_a_board_with_other_messages(tmp_path: Path, trolley: Trolley) -> None:
+    with emulated(tmp_path, "linorobot") as robot:
+        robot.fault("linorobot:md5")
+        time.sleep(0.2)
+        report = detect(trolley, *robot.ports.values())
+        assert models(report) == {"linorobot": None}
+        assert "md5" in report["ports"][0]["problems"][0]
+        assert report["settings"] == {}
+
+
+def test_says_why_nothing_was_found(tmp_path: Path, trolley: Trolley) -> None:
+    with emulated(tmp_path, "ld19", "xv11") as robot:
+        robot.fault("ld19:silence")
+        robot.fault("xv11:cut=1")
+        gone = tmp_path / "ttyUSB9"
+        report = detect(trolley, *robot.ports.values(), gone)
+        assert models(report) == {"ld19": None, "xv11": None, "ttyUSB9": None}
+        silent, cut, missing = (port["problems"][0] for port in report["ports"])
+        assert silent.startswith("Nothing answers: has the device power")
+        assert cut.startswith("Bytes arrive")
+        assert "unplugged" in missing
+
+
+def test_names_the_program_that_has_the_port(tmp_path: Path, trolley: Trolley) -> None:
+    with emulated(tmp_path, "ld19") as robot:
+        port = robot.ports["ld19"]
+        with serial.Serial(str(port), 230400, exclusive=True):
+            (seen,) = detect(trolley, port)["ports"]
+        assert seen["found"] is None
+        assert "is in use by" in seen["problems"][0]
+
+
+def test_writes_robot_toml_and_a_rule(tmp_path: Path, trolley: Trolley) -> None:
+    config = write_config(tmp_path / "robot.toml", "tcp/127.0.0.1:1", "haro", "# the end\n")
+    rule = tmp_path / "99-trolley.rules"
+    with emulated(tmp_path, "linorobot", "ld19") as robot:
+        ports = list(map(str, robot.ports.values()))
+        done = trolley("detect", *ports, "--write", str(config), "--udev", str(rule))
+        assert done.returncode == 0, done.stderr
+        assert '+board = "linorobot"' in done.stdout
+        base = load_config(config).base
+        assert base.driver == "hardware"
+        assert (base.chassis.port, base.lidar.port) == tuple(ports)
+        assert "# the end" in config.read_text()
+        assert "udevadm control --reload" in rule.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--write"], "make one first"),
+        (["--write", "missing.toml"], "trolley init missing.toml"),
+        (["--write", "/dev/ttyUSB0"], "name the port /dev/ttyUSB0 before the options"),
+    ],
+)
+def test_refuses_before_it_looks(
+    trolley: Trolley, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: str
+) -> None:
+    monkeypatch.delenv("TROLLEY_CONFIG", raising=False)
+    done = trolley("detect", *arguments)
+    assert done.returncode == 2
+    assert words in done.stderr
