@@ -151,8 +151,9 @@ class FaultPlan:
         return begun, ended
 
     def of(self, device: str) -> dict[str, Fault]:
-        """Return the faults that hold for a device, by kind."""
-        return {fault.kind: fault for _, fault in self._holding if fault.device == device}
+        """Return the faults that hold for a device, by kind; of pins, by kind and pin."""
+        mine = [fault for _, fault in self._holding if fault.device == device]
+        return {" ".join(filter(None, (fault.kind, fault.pin[0]))): fault for fault in mine}
 
 
 class Damage:

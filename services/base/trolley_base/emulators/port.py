@@ -70,7 +70,7 @@ class DevicePort:
             device.has_wrong_md5 = not device.has_wrong_md5
             device.restart(now_ns)  # it has been flashed
         if isinstance(device, ArduinoBridge):
-            device.wired = dict([faults["pin"].pin]) if "pin" in faults else {}
+            device.wired = dict(fault.pin for fault in faults.values() if fault.kind == "pin")
 
     def look(self, now_ns: int) -> None:
         """Notice a host that opens the port or lets go of it."""

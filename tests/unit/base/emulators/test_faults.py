@@ -75,6 +75,14 @@ def test_faults_hold_for_their_time():
     assert plan.of("ld19") == {}
 
 
+def test_several_pins_may_be_pulled_at_once():
+    plan = FaultPlan()
+    for text in ("arduino_bridge:pin=d4:0", "arduino_bridge:pin=a0:600"):
+        plan.add(parse_fault(text, DEVICES), 0.0)
+    plan.advance(0.0)
+    assert {fault.pin for fault in plan.of("arduino_bridge").values()} == {("d4", 0), ("a0", 600)}
+
+
 def spoil(*texts: str, seconds: int = 1) -> list[list[Frame]]:
     """What becomes of a frame of 20 bytes every 10 ms on a line of 5760 bytes per second."""
     damage = Damage(57600, np.random.default_rng(1))
