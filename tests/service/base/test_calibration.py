@@ -3,14 +3,16 @@
 Slip and the spread of the default world stay on.
 """
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from drives import make_config
 
-from trolley import topics
+from trolley import codes, requests, topics
 from trolley.config import RobotConfig
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, Odometry, PoseEstimate, VelocityCommand
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every, on
@@ -18,14 +20,16 @@ from trolley_base.calibration import (
     CalibrationDrive,
     Comparison,
     Correction,
+    Leg,
     Return,
     benchmark,
     combined,
     estimate,
+    square,
     squares_both_ways,
 )
 from trolley_base.service import BaseService
-from trolley_base.wheel_scales import WheelScales
+from trolley_base.wheel_scales import WheelScales, scales_of
 from trolley_localizer.service import LocalizerService
 
 WORLDS = Path(__file__).resolve().parents[3] / "worlds"
@@ -72,18 +76,25 @@ class Room:
     """Base, localizer and the calibration in the room, with planted errors."""
 
     def __init__(
-        self, folder: Path, seed: int, wheels: dict[str, float], **odometry: float
+        self,
+        folder: Path,
+        seed: int,
+        wheels: dict[str, float],
+        start: Pose2D = START,
+        things: str = "",
+        **odometry: float,
     ) -> None:
         exact = {"scale_std": 0.0, "turn_scale_std": 0.0}  # slip stays on
         errors = "\n".join(f"{name} = {value}" for name, value in (exact | wheels).items())
         world = folder / "wrong.toml"
         world.write_text(
             f'map = "{WORLDS / "room.yaml"}"\n'
-            f"start = {{ x = {START.x}, y = {START.y}, yaw = {START.yaw} }}\n[wheels]\n{errors}\n"
+            f"start = {{ x = {start.x}, y = {start.y}, yaw = {start.yaw} }}\n"
+            f"{things}[wheels]\n{errors}\n"
         )
         scales = "\n".join(f"{name} = {value}" for name, value in odometry.items())
         rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n[base.odometry]\n{scales}\n'
-        self.config: RobotConfig = make_config(WORLDS / "room.yaml", START, rest)
+        self.config: RobotConfig = make_config(WORLDS / "room.yaml", start, rest)
         self.lockstep = Lockstep(self.config.robot.name, seed)
         self.truths = self.lockstep.record(topics.SIM_TRUTH)
         self.poses = self.lockstep.record(topics.POSE)
@@ -160,3 +171,115 @@ def test_squares_find_the_planted_errors_within_a_hundredth(tmp_path: Path, kind
     assert after.largest_m < 0.08
     if kind != "both":  # the size of a square does not move its end
         assert after.largest_m < 0.4 * before.largest_m
+
+
+def test_a_second_calibration_finds_what_the_first_left(tmp_path: Path) -> None:
+    """Scales in force are half right; what is found is joined with them."""
+    wheels = PLANTED["all"]
+    half = {"linear_scale": 1.01, "angular_scale": 1.02, "wheel_ratio": 1.04, "track_m": TRACK_M}
+    room, course = Room(tmp_path, 3, wheels, **half), squares_both_ways(SIDE_M, 2)
+    drive = CalibrationDrive(course.places, 0.2)
+    with room.lockstep:
+        room.calibrate(drive)
+        assert room.lockstep.run_until(lambda: drive.has_ended, 600.0)
+    assert drive.problem is None
+    check(combined(estimate(drive.legs()).correction, scales_of(room.config)), wheels)
+
+
+def test_listening_to_a_drive_finds_the_planted_errors(tmp_path: Path) -> None:
+    wheels = PLANTED["turn"] | {"left_scale": 1.03}
+    room, comparison = Room(tmp_path, 5, wheels), Comparison()
+    drive = CalibrationDrive(squares_both_ways(1.5, 2).places, 0.4)
+    with room.lockstep:
+        room.calibrate(drive, comparison)
+        assert room.lockstep.run_until(lambda: drive.has_ended, 900.0)
+    found = estimate(comparison.legs)
+    check(combined(found.correction, WheelScales(track_m=TRACK_M)), wheels)
+    assert max(found.linear_std, found.angular_std) < 0.01
+
+
+def test_squares_measured_by_hand_find_turn_and_bend(tmp_path: Path) -> None:
+    """By odometry alone; the truth stands in for the tape measure, and gives no heading."""
+    wheels = {"left_scale": 1.02, "turn_scale": 1.02}
+    legs: list[Leg] = []
+    for seed, direction in enumerate(("ccw", "cw") * 3):
+        start = START if direction == "ccw" else START @ Pose2D(0.0, 1.2, 0.0)
+        room = Room(tmp_path, seed, wheels, start)
+        drive = CalibrationDrive(square(1.2, direction), 0.2, uses_map=False)
+        with room.lockstep:
+            mark = room.truths[-1].pose
+            room.calibrate(drive)
+            assert room.lockstep.run_until(lambda d=drive: d.has_ended, 200.0)
+            end = mark.inverse() @ room.truths[-1].pose
+        assert drive.problem is None
+        steps, moved = drive.between(0, 8)
+        assert moved is None
+        legs.append(Leg(steps, end, 0.01, math.inf))
+    found = estimate(legs, knows_length=False).correction
+    true = true_scales(wheels)
+    assert found.angular == pytest.approx(true.angular, abs=0.01)
+    scales = combined(found, WheelScales(track_m=TRACK_M))
+    assert scales.wheel_ratio == pytest.approx(true.wheel_ratio, abs=0.005)
+
+
+class Driving:
+    """A calibration under way in the room."""
+
+    def __init__(self, folder: Path) -> None:
+        self.room = Room(folder, 1, {})
+        self.drive = CalibrationDrive(squares_both_ways(SIDE_M, 1).places, 0.2)
+        self.room.calibrate(self.drive)
+        self.room.lockstep.run(5.0)
+        assert self.room.driven[-1].twist.vx > 0.1
+
+    def ends(self, seconds: float) -> str | None:
+        """Let time pass until it is given up and the robot stands; the reason."""
+        assert self.room.lockstep.run_until(lambda: self.drive.has_ended, seconds)
+        self.room.lockstep.run(1.0)
+        assert self.room.truths[-1].twist.vx == pytest.approx(0.0, abs=0.01)
+        return self.drive.problem
+
+
+@pytest.fixture
+def driving(tmp_path: Path) -> Iterator[Driving]:
+    made = Driving(tmp_path)
+    yield made
+    made.room.lockstep.close()
+
+
+def test_a_hand_on_teleop_ends_it(driving: Driving) -> None:
+    room = driving.room
+    stamp_ns = room.base.stamp_ns
+    command = VelocityCommand(stamp_ns=stamp_ns, twist=Twist2D.zero(), valid_for=0.5)
+    room.lockstep.publish(topics.COMMAND, command, "teleop")
+    assert driving.ends(1.0) == "teleop has taken over"
+
+
+def test_a_stop_ends_it(driving: Driving) -> None:
+    driving.room.lockstep.ask(requests.BASE_STOP)
+    assert "stopped" in (driving.ends(1.0) or "")
+
+
+def test_a_lost_pose_ends_it(driving: Driving) -> None:
+    driving.room.lockstep.kill("localizer")
+    assert driving.ends(4.0) == "the robot does not know surely where it is"
+
+
+def test_silent_odometry_ends_it(driving: Driving) -> None:
+    driving.room.lockstep.kill("base")
+    driving.room.lockstep.run(0.5)
+    for _ in range(40):
+        twist = driving.drive.step(driving.room.base.stamp_ns + 2_000_000_000)
+    assert twist.is_zero
+    assert driving.drive.problem == "the odometry fell silent"
+
+
+def test_what_stands_in_the_way_ends_it(tmp_path: Path) -> None:
+    box = "[[box]]\nx = -1.4\ny = -1.8\nlength_m = 0.2\nwidth_m = 0.2\n"
+    room = Room(tmp_path, 1, {}, things=box)
+    drive = CalibrationDrive(squares_both_ways(SIDE_M, 1).places, 0.2)
+    with room.lockstep:
+        room.calibrate(drive)
+        assert room.lockstep.run_until(lambda: drive.has_ended, 30.0)
+    assert drive.problem == codes.SENTENCES[codes.STOP_FIELD]
+    assert room.truths[-1].collisions == 0

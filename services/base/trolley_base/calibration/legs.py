@@ -113,8 +113,5 @@ class OdometryLog:
         first = bisect_left(self._stamps_ns, start_ns + 1)
         last = bisect_left(self._stamps_ns, end_ns)
         poses = [self.pose_at(start_ns), *self._poses[first:last], self.pose_at(end_ns)]
-        arcs = [
-            log_pose(before.inverse() @ after)
-            for before, after in itertools.pairwise(poses)
-        ]
+        arcs = [log_pose(before.inverse() @ after) for before, after in itertools.pairwise(poses)]
         return np.array([(arc.vx, arc.vy, arc.wz) for arc in arcs])

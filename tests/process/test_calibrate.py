@@ -1,0 +1,124 @@
+"""`trolley calibrate` with real services in a simulated room."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from support.processes import Process, RouterProcess, write_config
+from support.waiting import wait_until
+
+from trolley import topics, worlds
+from trolley.config import load_config
+from trolley.connection import Connection
+
+WORLD = """\
+map = "{map}"
+start = {{ x = -2.0, y = -1.6, yaw = 0.0 }}
+[wheels]
+left_scale = 1.05
+scale_std = 0.0
+turn_scale_std = 0.0
+"""
+REST = """
+[map]
+file = "{map}"
+[start]
+pose = {{ x = -2.0, y = -1.6, yaw = 0.0 }}
+[base.simulated]
+world = "wrong.toml"
+seed = 4
+[base.odometry]
+track_m = 0.2  # by the ruler
+"""
+COMMAND = [str(Path(sys.executable).with_name("trolley")), "calibrate"]
+
+
+@pytest.fixture
+def robot_file(router: RouterProcess, tmp_path: Path) -> Iterator[Path]:
+    """Base and localizer run, and know where they are; their robot.toml."""
+    room = worlds.find("room.yaml")
+    (tmp_path / "wrong.toml").write_text(WORLD.format(map=room))
+    path = write_config(tmp_path / "robot.toml", router.endpoint, more=REST.format(map=room))
+    environment = {"TROLLEY_STATE": str(tmp_path / "state")}
+    services = [
+        Process(["-m", name, "--config", str(path)], tmp_path / f"{name}.log", environment)
+        for name in ("trolley_base", "trolley_localizer")
+    ]
+    try:
+        with Connection([router.endpoint]) as connection:
+            wait_until(lambda: _is_localized(connection), 60.0, "the robot is localized")
+        yield path
+    finally:
+        for service in services:
+            service.kill()
+
+
+def _is_localized(connection: Connection) -> bool:
+    pose = connection.latest("tester", topics.POSE)
+    return pose is not None and pose.state == "localized"
+
+
+def start(robot_file: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*COMMAND, *arguments, "--config", str(robot_file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        stdin=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TROLLEY_STATE": str(robot_file.parent / "state")},
+    )
+
+
+@pytest.mark.slow
+def test_a_square_finds_the_wheels_and_writes_them_down(robot_file: Path) -> None:
+    with start(robot_file, "square", "--side", "0.8", "--runs", "1", "--yes", "--write") as process:
+        printed, problem = process.communicate(timeout=400.0)
+    assert process.returncode == 0, problem
+    # A person reads of a clear improvement ...
+    before, after = map(float, re.findall(r"E_max,syst (\S+) m", printed))
+    assert after < 0.4 * before
+    # ... and the file holds what is true.
+    odometry = load_config(robot_file).base.odometry
+    mean = 0.5 * (1.0 + 1.0 / 1.05)
+    assert odometry.wheel_ratio == pytest.approx(1.05, abs=0.01)
+    assert odometry.linear_scale == pytest.approx(mean, abs=0.02)  # a single small square
+    assert odometry.angular_scale == pytest.approx(mean, abs=0.015)
+    assert "# by the ruler" in robot_file.read_text()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+def test_a_calibration_that_is_broken_off_leaves_the_robot_standing(
+    router: RouterProcess, robot_file: Path, number: signal.Signals, code: int
+) -> None:
+    with Connection([router.endpoint]) as connection:
+
+        def speed() -> float:
+            truth = connection.latest("tester", topics.SIM_TRUTH)
+            return 0.0 if truth is None else abs(truth.twist.vx) + abs(truth.twist.wz)
+
+        with start(robot_file, "square", "--side", "0.8", "--yes") as process:
+            wait_until(lambda: speed() > 0.1, 30.0, "the robot drives")
+            process.send_signal(number)
+            process.communicate(timeout=15.0)
+        assert process.returncode == code
+        wait_until(lambda: speed() < 0.001, 3.0, "the robot stands")
+
+
+def test_where_there_is_no_room_nothing_is_driven(robot_file: Path) -> None:
+    with start(robot_file, "square", "--side", "5.0", "--yes") as process:
+        _, problem = process.communicate(timeout=30.0)
+    assert process.returncode == 1
+    assert "Something stands in the way" in problem
+
+
+def test_nothing_is_driven_before_somebody_says_yes(robot_file: Path) -> None:
+    with start(robot_file, "square", "--side", "0.8") as process:
+        printed, _ = process.communicate("n\n", timeout=30.0)
+    assert process.returncode != 0
+    assert "2 squares" not in printed
+    assert "6 squares of 0.8 m" in printed
