@@ -64,6 +64,7 @@ def _match(port: Port) -> tuple[str, str]:
         return match, "known by its serial number, in any USB socket."
     if PLAIN.fullmatch(path):
         return f'ENV{{ID_PATH}}=="{path}"', "known by its USB socket; leave it plugged in there."
-    if Path(port.device).name.startswith("ttyAMA") or Path(port.device).name.startswith("ttyS"):
-        return f'KERNEL=="{Path(port.device).name}"', "this computer's own UART."
+    name = Path(port.device).name
+    if name.startswith(("ttyAMA", "ttyS")):
+        return f'KERNEL=="{name}"', "this computer's own UART."
     return "", f"udev knows nothing of {port.device} that it could be known by again."
