@@ -39,6 +39,8 @@ MOST_ARGUMENT = 15
 MOST_LINE = 64
 # One command that is not understood was garbled on the line; so many in a row were not.
 MOST_INVALID = 3
+# A board that boots may begin with a line or two that were cut.
+MOST_STRAYS = 3
 
 BAUD, ENCODERS, MOTORS, STOP = "b", "e", "m", "m 0 0"
 INVALID = b"Invalid Command"
@@ -97,7 +99,7 @@ class ArduinoBridgeDialogue:
     def __init__(self, config: ChassisConfig, wheels: WheelsConfig, baud: int) -> None:
         self._baud = baud
         self._greeting = re.compile(rb"57600|%d" % baud)
-        self._setup = [] if config.pid is None else [pid_command(config.pid)]
+        self._gains = "" if config.pid is None else pid_command(config.pid)
         self._report = Report()
         self._wheels = WheelOdometry(wheels, self._report.count)
         self._targets = TickTargets(wheels)
@@ -122,9 +124,9 @@ class ArduinoBridgeDialogue:
         self._answer_ns = now_ns
         self._encoders_ns: int | None = None
         self._greeted_ns: int | None = None
-        self._has_lines = False
+        self._strays = 0
         self._invalid_in_row = 0
-        self._is_greeted = False
+        self._is_known = self._is_greeted = self._owes_gains = False
         self._lose_step()
 
     def _lose_step(self) -> None:
@@ -147,12 +149,13 @@ class ArduinoBridgeDialogue:
         self._partial = data[end:]
         if len(self._partial) > MOST_LINE:
             self._report.count("stray_lines")
+            self._strays += 1
             self._partial = b""
 
     def _take_line(self, line: bytes, stamp_ns: int, arrived_ns: int) -> None:
-        self._has_lines = True
         question = self._in_flight[0][0] if self._in_flight else ""
-        if question == BAUD and self._greeting.fullmatch(line):
+        is_awaited = any(text == BAUD for text, _ in self._in_flight)
+        if is_awaited and self._greeting.fullmatch(line):
             self._meet(arrived_ns)
         elif question not in ("", BAUD) and line == INVALID:
             self._report.count("invalid_commands")
@@ -161,24 +164,30 @@ class ArduinoBridgeDialogue:
             self._take_answer(question, line, stamp_ns, arrived_ns)
         else:
             self._report.count("stray_lines")
+            self._strays += 1
             return
         self._answer_ns = arrived_ns
         self._in_flight.popleft()
 
     def _meet(self, now_ns: int) -> None:
         """The board has answered who it is, so the line is clear."""
-        self._is_in_step = True
+        while self._in_flight[0][0] != BAUD:
+            # Not answered: a stop, perhaps not heard.
+            self._in_flight.popleft()
+            self._driven = None
+        self._is_in_step = self._is_known = True
         if self._is_greeted:
             return
-        self._is_greeted = True
-        self._to_set_up = list(self._setup)
+        self._is_greeted = self._owes_gains = True
         for question in self._questions:
             question.due_ns = now_ns
 
     def _take_answer(self, question: str, line: bytes, stamp_ns: int, arrived_ns: int) -> None:
         if question[0] in "em":
             self._invalid_in_row = 0
-        if question[0] in "da":
+        if question == self._gains:
+            self._owes_gains = False
+        elif question[0] in "da":
             self._inputs.answer(question, int(line), arrived_ns)
         elif question == ENCODERS:
             self._encoders_ns = arrived_ns
@@ -188,7 +197,7 @@ class ArduinoBridgeDialogue:
                 self._report.add_motion(motion)
             if self._wheels.has_restarted:
                 self._report.count("restarts")
-                self._to_set_up, self._driven = list(self._setup), None
+                self._owes_gains, self._driven = True, None
 
     # What is sent.
     def drive(self, twist: Twist2D) -> None:
@@ -200,14 +209,16 @@ class ArduinoBridgeDialogue:
         self._give_up(now_ns)
         wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
         is_stopped = self._driven is not None and self._driven.is_zero
-        if self._is_greeted and wanted.is_zero and not is_stopped:
-            return self._command(wanted, now_ns)
+        if self._is_known and wanted.is_zero and not is_stopped:
+            # Even to a board that does not answer: it may hear.
+            stop = self._command(wanted, now_ns)
+            return stop if self._is_in_step else stop + self._greet(now_ns)
         if self._in_flight:
             return b""
         if not self._is_in_step:
             return self._greet(now_ns)
-        if self._to_set_up:
-            return self._ask(self._to_set_up.pop(0), now_ns)
+        if self._gains and self._owes_gains:
+            return self._ask(self._gains, now_ns)
         if wanted != self._driven:
             soon_ns = self._motors_ns + NEW_MOTORS_EVERY_NS
             self._motors.due_ns = min(self._motors.due_ns, soon_ns)
@@ -243,11 +254,11 @@ class ArduinoBridgeDialogue:
             self._report.count("timeouts")
         self._lose_step()
         if now_ns - self._answer_ns >= SILENCE_NS:
-            self._is_greeted = self._has_lines = False
+            self._is_greeted = False
 
     def goodbye(self) -> tuple[bytes, ...]:
         """Stop the wheels."""
-        return (STOP.encode() + b"\r",) if self._is_greeted else ()
+        return (STOP.encode() + b"\r",) if self._is_known else ()
 
     # How it goes.
     def _is_reporting(self, now_ns: int) -> bool:
@@ -256,7 +267,7 @@ class ArduinoBridgeDialogue:
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
         is_silent = now_ns - self._answer_ns >= REOPEN_AFTER_NS
-        if self._has_lines and not self._is_greeted:
+        if self._encoders_ns is None and self._strays >= MOST_STRAYS:
             sentence = (
                 "What arrives is not ROSArduinoBridge's: is this the motor board's port, and is "
                 f"{self._baud} the firmware's baud rate?"

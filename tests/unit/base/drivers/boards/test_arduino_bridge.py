@@ -142,6 +142,18 @@ def test_gains_are_sent_in_the_order_of_the_wire_and_after_a_reboot(board: FakeA
     assert talk.total("restarts") == 1
 
 
+def test_gains_are_sent_until_they_are_acknowledged(board: FakeArduino) -> None:
+    talk = Talk(make(pid=PidConfig(p=20.0, i=1.0, d=12.0)), board)
+    talk.spoil = lambda data: data.replace(b"OK\r\n", b"")
+    talk.run(1.0)
+    talk.spoil = lambda data: data
+    talk.run(0.5)
+    board.lines.clear()
+    talk.run(1.0)
+    assert lines_of(board, "u") == []
+    assert talk.readings[-1].link.state == "up"
+
+
 def test_a_reboot_within_a_moment_is_noticed(board: FakeArduino) -> None:
     talk = Talk(make(pid=PidConfig(p=20.0, i=1.0, d=12.0)), board)
     talk.run(1.0)
@@ -190,6 +202,24 @@ def test_an_endless_line_is_not_kept(talk: Talk) -> None:
     assert talk.total("stray_lines") >= 100
 
 
+def test_a_board_that_is_not_heard_is_stopped_all_the_same(talk: Talk, board: FakeArduino) -> None:
+    talk.run(1.0)
+    talk.wanted = TURNING
+    talk.run(1.0)
+    talk.spoil = lambda data: b"?" * len(data)
+    while talk.tick().link.state == "up":
+        assert board.targets != [0, 0]
+    talk.wanted = Twist2D.zero()
+    talk.tick()
+    assert board.targets == [0, 0]
+    board.targets = [9, 9]  # as if that had not been heard
+    talk.run(0.3)
+    assert board.targets == [0, 0]
+    assert talk.dialogue.goodbye() != ()
+    talk.spoil = lambda data: data
+    assert talk.run(1.0).link.state == "up"
+
+
 def test_a_sketch_without_motors_is_named() -> None:
     talk = Talk(make(), FakeArduino(has_base=False))
     link = talk.run(2.0).link
@@ -223,7 +253,7 @@ def test_silence_is_told_then_reopened(talk: Talk, board: FakeArduino) -> None:
 def test_another_device_is_told_from_silence() -> None:
     dialogue = make()
     dialogue.begin(0)
-    dialogue.receive(b"hello\r\n", 100 * MS)
+    dialogue.receive(b"hello\r\n" * 3, 100 * MS)
     assert "not ROSArduinoBridge" in dialogue.status(200 * MS).message
     assert dialogue.status(6000 * MS).reopen
 

@@ -168,6 +168,21 @@ def test_silence_is_told_then_reopened(talk: Talk, board: FakeLinorobot) -> None
     assert talk.run(1.5).link.state == "up"
 
 
+def test_a_board_that_is_not_heard_is_stopped_all_the_same(
+    talk: Talk, board: FakeLinorobot
+) -> None:
+    talk.run(1.0)
+    talk.wanted = TURNING
+    talk.run(1.0)
+    talk.spoil = lambda data: b""
+    while talk.tick().link.state == "up":
+        assert not board.twist.is_zero
+    assert board.commands[-1] == (talk.now_ns - talk.start_ns, Twist2D.zero())
+    talk.run(1.0)
+    assert board.watchdog_trips == 0
+    assert talk.now_ns - talk.start_ns - board.commands[-1][0] <= 60 * MS
+
+
 def test_noise_between_frames_costs_nothing(talk: Talk, board: FakeLinorobot) -> None:
     dice = random.Random(3)
     talk.run(1.0)
