@@ -46,14 +46,15 @@ def detect_command(
 ) -> int:
     """Find the motor board and the lidar by what they answer; nothing on wheels moves.
 
-    Looks at the serial ports named, else at all of them; that takes about 8 s. Devices are left as
-    they were found, except that a lidar that nobody listens to is told to stop.
+    Looks at the serial ports named, else at all that nobody has open; that takes about 8 s. Each
+    is asked some short questions: name the ports if other things are plugged in that must not be.
+    Devices are left as they were found, only a lidar left measuring for nobody is told to stop.
     """
     for value in (write, udev):
         if value is not None and value.startswith("/dev/"):
             raise click.UsageError(f"name the port {value} before the options")
-    path = _file_to_write(write) if write is not None else find_config(given("config"))
-    text = robot_toml.read_text(path) if path is not None and (write or path.exists()) else ""
+    path = _file_to_write(write) if write is not None else None
+    text = robot_toml.read_text(path) if path is not None else ""
     candidates = find_ports(ports)
     progress = Progress()
     progress.show(f"Looking at {len(candidates)} serial ports ...")
@@ -70,8 +71,7 @@ def detect_command(
         _show(seen)
     if udev is not None:
         _give_rule(udev, seen, quiet=as_json)
-    if write is not None:
-        assert path is not None
+    if path is not None:
         _write(path, text, proposal, quiet=as_json)
     elif not as_json and udev is None:
         _show_settings(proposal)
@@ -186,4 +186,5 @@ def _plain(seen: Sequence[Seen], proposal: Proposal) -> dict[str, Any]:
         "settings": {".".join(keys): value for keys, value in proposal.values.items()},
         "notes": proposal.notes,
         "toml": settings.render(proposal) if proposal.values else "",
+        "udev_rule": udev_rules.render(seen),
     }

@@ -9,7 +9,6 @@ from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.ports import Port
 from trolley_base.detection.probe import Interrupted, Probe, ProbePort
 from trolley_base.drivers.diagnosis import explain, holders, modem_manager_warning
-from trolley_base.drivers.serial_port import PSEUDO_TERMINALS
 
 MOST_AT_ONCE = 16
 
@@ -51,28 +50,27 @@ def look_at(port: Port, interrupt: threading.Event) -> Seen:
         port: where to look.
         interrupt: set when the look is to end early.
     """
-    warning = modem_manager_warning(port.device)
+    warning = modem_manager_warning(port.name)
     problems = () if warning is None else (warning,)
     if port.twin_serial:
         problems += (
             f"Another adapter here has the same serial number {port.twin_serial}: only the USB "
             f"socket tells them apart.",
         )
-    # A login shell or another driver would eat the answers. An emulator holds its own
-    # pseudo-terminal.
+    # A login shell or another driver that has not locked the port would eat the answers.
     taken = holders(port.device)
-    if taken.seen and not port.device.startswith(PSEUDO_TERMINALS):
-        busy = f"It is in use {taken.in_words(port.device)}; end that program first."
+    if taken.seen:
+        busy = f"It is in use {taken.in_words(port.name)}; end that program first."
         return Seen(port, None, (*problems, busy))
     try:
         opened = ProbePort(port.device, Probe.OPENING)
     except OSError as error:
-        return Seen(port, None, (*problems, explain(port.device, error)))
+        return Seen(port, None, (*problems, explain(port.name, error)))
     probe = Probe(opened, interrupt)
     try:
         found = probe.identify()
     except OSError as error:
-        return Seen(port, None, (*problems, explain(port.device, error)))
+        return Seen(port, None, (*problems, explain(port.name, error)))
     except Interrupted:
         return Seen(port, None, problems)
     finally:

@@ -130,8 +130,11 @@ class Probe:
         def all_topics(heard: bytes) -> bool:
             return rosserial_answer.is_complete(rosserial_answer.read_topics(heard))
 
-        self._hear(TOPICS_S, all_topics, data)
-        self._port.write(rosserial_answer.STOP_REQUEST)
+        try:
+            self._hear(TOPICS_S, all_topics, data)
+        finally:
+            self._port.write(rosserial_answer.STOP_REQUEST)
+            time.sleep(POLL_S)  # closing drops what has not left
         return rosserial_answer.describe(rosserial_answer.read_topics(bytes(data)))
 
     def _describe_bridge(self) -> Found:
