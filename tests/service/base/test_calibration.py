@@ -80,9 +80,9 @@ class Room:
         folder: Path,
         seed: int,
         wheels: dict[str, float],
+        odometry: dict[str, float] | None = None,
         start: Pose2D = START,
         things: str = "",
-        **odometry: float,
     ) -> None:
         exact = {"scale_std": 0.0, "turn_scale_std": 0.0}  # slip stays on
         errors = "\n".join(f"{name} = {value}" for name, value in (exact | wheels).items())
@@ -92,7 +92,7 @@ class Room:
             f"start = {{ x = {start.x}, y = {start.y}, yaw = {start.yaw} }}\n"
             f"{things}[wheels]\n{errors}\n"
         )
-        scales = "\n".join(f"{name} = {value}" for name, value in odometry.items())
+        scales = "\n".join(f"{name} = {value}" for name, value in (odometry or {}).items())
         rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n[base.odometry]\n{scales}\n'
         self.config: RobotConfig = make_config(WORLDS / "room.yaml", start, rest)
         self.lockstep = Lockstep(self.config.robot.name, seed)
@@ -177,7 +177,7 @@ def test_a_second_calibration_finds_what_the_first_left(tmp_path: Path) -> None:
     """Scales in force are half right; what is found is joined with them."""
     wheels = PLANTED["all"]
     half = {"linear_scale": 1.01, "angular_scale": 1.02, "wheel_ratio": 1.04, "track_m": TRACK_M}
-    room, course = Room(tmp_path, 3, wheels, **half), squares_both_ways(SIDE_M, 2)
+    room, course = Room(tmp_path, 3, wheels, half), squares_both_ways(SIDE_M, 2)
     drive = CalibrationDrive(course.places, 0.2)
     with room.lockstep:
         room.calibrate(drive)
@@ -204,7 +204,7 @@ def test_squares_measured_by_hand_find_turn_and_bend(tmp_path: Path) -> None:
     legs: list[Leg] = []
     for seed, direction in enumerate(("ccw", "cw") * 3):
         start = START if direction == "ccw" else START @ Pose2D(0.0, 1.2, 0.0)
-        room = Room(tmp_path, seed, wheels, start)
+        room = Room(tmp_path, seed, wheels, start=start)
         drive = CalibrationDrive(square(1.2, direction), 0.2, uses_map=False)
         with room.lockstep:
             mark = room.truths[-1].pose

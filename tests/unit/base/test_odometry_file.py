@@ -23,7 +23,7 @@ TRACK = "[base.odometry]\n# measured with a ruler\ntrack_m = 0.21\n# not more\n"
     "rest",
     [
         TRACK,
-        f"[base]\nstop_margin_m = 0.1 # wide\n[base.limits]\nmax_speed_mps = 0.4\n{TRACK}[planner]\n",
+        f"[base]\nstop_margin_m = 0.1 # w\n[base.limits]\nmax_speed_mps = 0.4\n{TRACK}[viz]\n",
         f"[base.limits]\nmax_speed_mps = 0.4\n[planner]\n# none\n{TRACK}\n[viz]\n",
         "[base]\nodometry = {track_m = 0.21}\n",
         "[base]\nodometry.track_m = 0.21\n",

@@ -13,7 +13,7 @@ from trolley_base.wheel_scales import WheelScales
 
 # An estimate that is less sure than this is not proposed: better drive once more.
 UNSURE_SCALE = 0.01
-UNSURE_BEND = 0.05
+UNSURE_BEND = 0.03
 
 
 def usable(found: Estimate) -> Correction:
@@ -35,7 +35,7 @@ def describe_estimate(found: Estimate) -> list[str]:
     elif math.isfinite(found.linear_std):
         lines.append("  a metre: not known; the drive held too few straight parts")
     else:
-        lines.append("  a metre: not measured this way; see --by-hand in the manual")
+        lines.append("  a metre: not known; where a closed path ends does not say it")
     if found.angular_std <= UNSURE_SCALE:
         lines.append(
             f"  a full turn that it reports is {360.0 * one.angular:.1f}° "
