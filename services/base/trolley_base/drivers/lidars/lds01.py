@@ -1,0 +1,79 @@
+"""LDS-01, HLS-LFCD2 (TurtleBot3): a sample in each degree, 6 a frame; `b` starts it, `e` stops it.
+
+Frame of 42 bytes: FA, index A0...DB (of 6 degrees each), speed [rpm / 10], 6 × (intensity, distance
+[mm], 0), and twice what the sum of the bytes before lacks to FF.
+
+Source:
+    ROBOTIS hls_lfcd_lds_driver; thijses/HLS_LFCD for the checksum.
+"""
+
+from collections import Counter
+
+import numpy as np
+
+from trolley.config.hardware import LidarConfig
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
+from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
+from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.streaming import StreamingLidar
+
+FRAME_BYTES, SAMPLES = 42, 6
+DPS_PER_COUNT = 360.0 / 60.0 / 10.0
+START, STOP = b"b", b"e"
+ASK_AGAIN_NS = 1_000_000_000
+
+
+def _lengths(heads: Bytes) -> Indices:
+    is_head = (heads[:, 0] == 0xFA) & (heads[:, 1] >= 0xA0) & (heads[:, 1] <= 0xDB)
+    return np.where(is_head, FRAME_BYTES, 0)
+
+
+def _check(frames: Bytes) -> Flags:
+    lacks = 0xFF - (frames[:, :40].sum(axis=1, dtype=np.int64) & 0xFF)
+    return (frames[:, 40] == lacks) & (frames[:, 41] == lacks)
+
+
+FORMAT = FrameFormat(2, FRAME_BYTES, _lengths, _check)
+
+
+class Lds01Decoder(FrameDecoder):
+    """Reads its frames."""
+
+    def __init__(self, counts: Counter[str]) -> None:
+        super().__init__(FORMAT, MODELS["lds01"].usual_hz, counts)
+
+    def _samples(self, frames: Frames) -> Decoded:
+        first = SAMPLES * (frames.data[:, 1].astype(np.float64) - 0xA0)
+        angle = first[:, None] + np.arange(SAMPLES)
+        numbers = words(frames.data[:, 2:40]).astype(np.float64)
+        values = numbers[:, 2::3] / 1000.0, numbers[:, 1::3]
+        return self._evenly(frames, angle, numbers[:, 0] * DPS_PER_COUNT, values)
+
+
+class Lds01(StreamingLidar):
+    """The sensor; see the module.
+
+    Raises:
+        DriverError: the configuration asks for what it cannot do.
+    """
+
+    def __init__(self, config: LidarConfig) -> None:
+        super().__init__("lds01", config, Lds01Decoder)
+        self._asked_ns: int | None = None
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened: start the sensor."""
+        super().begin(now_ns)
+        self._asked_ns = None
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Ask it to start, again and again while it is silent."""
+        is_patient = self._asked_ns is not None and now_ns - self._asked_ns < ASK_AGAIN_NS
+        if is_patient or not self.is_silent(now_ns, ASK_AGAIN_NS if self._asked_ns else 0):
+            return b""
+        self._asked_ns = now_ns
+        return START
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Stop the sensor."""
+        return (STOP,)
