@@ -1,0 +1,165 @@
+"""Base as a real process on the ports of an emulated robot, and somebody who drives it by hand."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from support.processes import Process, write_config
+from support.waiting import wait_until
+from trolley_base.drivers.world_file import load_world
+from trolley_base.emulators import EmulatedRobot, RobotInWorld
+
+from trolley import topics
+from trolley.client import Robot
+from trolley.connection import Connection
+from trolley.geometry import Pose2D, Twist2D, footprint_from_box
+from trolley.gridmap import FREE, OCCUPIED, GridMap, save_map
+from trolley.messages import BaseState
+
+NAME = "tester"
+WHEELS = """
+[base.chassis.wheels]
+ticks_per_revolution = 1550
+diameter_m = 0.10
+track_m = 0.20
+"""
+
+
+def make_hall(folder: Path) -> Path:
+    """A world of 8 x 4 m around the origin; the robot stands 3 m before its east wall."""
+    cells = np.full((84, 164), OCCUPIED, dtype=np.int8)
+    cells[2:-2, 2:-2] = FREE
+    save_map(GridMap("hall", 0.05, Pose2D(-4.1, -2.1, 0.0), cells), folder / "hall.yaml")
+    world = folder / "hall.toml"
+    world.write_text('map = "hall.yaml"\nstart = {x = 1.0, y = 0.0, yaw = 0.0}\n')
+    return world
+
+
+def settings(ports: Path, board: str, lidar: str, more: str = "") -> str:
+    """The `[base]` part of robot.toml for devices on these ports."""
+    return f"""
+[base]
+driver = "hardware"
+
+[base.chassis]
+board = "{board}"
+port = "{ports / board}"
+{more}
+{WHEELS if board == "arduino_bridge" else ""}
+[base.lidar]
+model = "{lidar}"
+port = "{ports / lidar}"
+"""
+
+
+class Hand:
+    """Drives by `cmd_vel/teleop`, 20 times a second, until it lets go."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._wanted: Twist2D | None = None
+        self.let_go_ns = 0
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def drive(self, twist: Twist2D) -> None:
+        self._wanted = twist
+
+    def let_go(self) -> None:
+        """Send nothing more."""
+        self._wanted = None
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._end.wait(0.05):
+            wanted = self._wanted
+            if wanted is not None:
+                self._robot.drive(wanted, valid_for=0.2)
+                self.let_go_ns = time.monotonic_ns() + 200_000_000
+
+
+class Metal:
+    """An emulated robot and base on its ports."""
+
+    def __init__(
+        self, folder: Path, endpoint: str, board: str, lidar: str, more: str = ""
+    ) -> None:
+        world = load_world(make_hall(folder))
+        body = RobotInWorld(world, seed=3, footprint=footprint_from_box(0.4, 0.3))
+        self.ports = folder / "ports"
+        self.emulated = EmulatedRobot([board, lidar], body, self.ports)
+        self.board, self.lidar = board, lidar
+        self._folder = folder
+        text = settings(self.ports, board, lidar, more)
+        self._config = write_config(folder / "robot.toml", endpoint, NAME, text)
+        self.base: Process | None = None
+        self._connection = Connection([endpoint])
+        self.states: list[BaseState] = []
+
+    def start_base(self) -> Process:
+        environment = {"TROLLEY_STATE": str(self._folder / "state")}
+        arguments = ["-m", "trolley_base", "--config", str(self._config)]
+        self.base = Process(arguments, self._folder / "base.log", environment)
+        return self.base
+
+    @contextmanager
+    def running(self) -> Iterator["Metal"]:
+        with self.emulated, self._connection:
+            self.robot = Robot.over(self._connection, NAME)
+            base = self.start_base()
+            self.hand = Hand(self.robot)
+            try:
+                yield self
+            finally:
+                self.hand.close()
+                if self.base is not None:
+                    self.base.kill()
+                print(base.log)
+
+    @property
+    def state(self) -> BaseState | None:
+        """What base says now."""
+        return self.robot.latest(topics.BASE)
+
+    def wait_for(self, mode: str, reason: str = "", seconds: float = 20.0) -> BaseState:
+        def is_so() -> BaseState | None:
+            state = self.state
+            return state if state and (state.mode, state.reason) == (mode, reason) else None
+
+        found = wait_until(is_so, seconds, f"base is {mode} {reason}: {self.state}")
+        assert found is not None
+        return found
+
+    @property
+    def speed(self) -> float:
+        """How fast it really moves [m/s]."""
+        return self.emulated.truth().twist.speed
+
+    def start_driving(self, twist: Twist2D, at_least: float = 0.08) -> None:
+        """Set off and return when it moves."""
+        self.hand.drive(twist)
+        wait_until(lambda: self.speed > at_least, 10.0, f"it moves: {self.state}")
+
+    def wait_for_standing(self, seconds: float = 5.0) -> None:
+        wait_until(lambda: self.speed < 0.005, seconds, "it stands")
+
+    def first_zero_after(self, cause_ns: int) -> float:
+        """Seconds from a cause until a zero command had come over the line, for good."""
+
+        def zero_ns() -> int | None:
+            commands = [one for one in self.emulated.commands() if one.at_ns >= cause_ns]
+            moving = [one.at_ns for one in commands if not one.twist.is_zero]
+            zeros = [one.at_ns for one in commands if one.twist.is_zero]
+            after = [at_ns for at_ns in zeros if not moving or at_ns > moving[-1]]
+            return after[0] if after else None
+
+        found = wait_until(zero_ns, 5.0, "a zero command")
+        assert found is not None
+        return (found - cause_ns) * 1e-9
