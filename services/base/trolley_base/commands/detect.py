@@ -133,7 +133,7 @@ def _show_settings(proposal: Proposal) -> None:
 
 
 def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
-    new = robot_toml.with_values(old, proposal.values, proposal.remarks)
+    new = robot_toml.with_values(old, proposal.values, proposal.waiting, proposal.appendix)
     if new != old:
         robot_toml.replace_text(path, new)
     if quiet:

@@ -10,18 +10,18 @@ import struct
 from typing import NamedTuple
 
 from trolley_base.detection.found import Found
+from trolley_base.drivers.boards import BOARDS
+from trolley_base.drivers.lidars.asked import HEALTH, HEALTH_BYTES, INFO, INFO_BYTES
+from trolley_base.drivers.lidars.models import MODELS
 
-RPLIDAR_BAUD, YDLIDAR_BAUD, BRIDGE_BAUD = 115200, 128000, 57600
+RPLIDAR_BAUD, YDLIDAR_BAUD = MODELS["rplidar_a1"].baud, MODELS["ydlidar_x4"].baud
+BRIDGE = BOARDS["arduino_bridge"]
 
-# RPLIDAR and YDLIDAR begin an answer alike: A5 5A, its length, and of what kind it is.
-_INFO = bytes.fromhex("A55A 1400 0000 04")
-_HEALTH = bytes.fromhex("A55A 0300 0000 06")
-_INFO_BYTES, _HEALTH_BYTES = 20, 3
 _X4 = 6
 _FAULTY = 2
 
 _REFUSAL = "Invalid Command"
-_BAUD_LINE = re.compile(rb"(?:^|[\r\n])57600\r\n")
+_BAUD_LINE = re.compile(rb"(?:^|[\r\n])%d\r\n" % BRIDGE.baud)
 _COUNTS_LINE = re.compile(rb"(?:^|\n)(-?\d+ -?\d+|Invalid Command)\r\n")
 
 
@@ -36,7 +36,7 @@ class Info(NamedTuple):
 
 def read_info(data: bytes) -> Info | None:
     """Find the answer to "who are you" of an RPLIDAR or YDLIDAR; None while it is not there."""
-    body = _body(data, _INFO, _INFO_BYTES)
+    body = _body(data, INFO, INFO_BYTES)
     if body is None:
         return None
     model, minor, major, hardware = struct.unpack_from("<4B", body)
@@ -45,7 +45,7 @@ def read_info(data: bytes) -> Info | None:
 
 def read_health(data: bytes) -> tuple[int, int] | None:
     """Find the answer to "how are you": status (0 good, 1 warning, 2 error) and error code."""
-    body = _body(data, _HEALTH, _HEALTH_BYTES)
+    body = _body(data, HEALTH, HEALTH_BYTES)
     if body is None:
         return None
     status, code = struct.unpack("<BH", body)
@@ -103,8 +103,7 @@ def bridge(counts: str | None) -> Found:
         )
     else:
         details = (f"encoders at {counts}",)
-    title = "ROSArduinoBridge"
-    return Found("board", "arduino_bridge", title, BRIDGE_BAUD, details, problems)
+    return Found("board", "arduino_bridge", BRIDGE.title, BRIDGE.baud, details, problems)
 
 
 def _body(data: bytes, descriptor: bytes, length: int) -> bytes | None:

@@ -27,6 +27,7 @@ import serial
 
 from trolley_base.detection import answers, rosserial_answer, streams
 from trolley_base.detection.found import Found
+from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.serial_port import SerialPort
 
@@ -110,10 +111,10 @@ class Probe:
         return found
 
     def _ask_boards(self) -> Found | None:
-        self._port.set_baud(answers.BRIDGE_BAUD)
+        self._port.set_baud(answers.BRIDGE.baud)
         data = bytearray()
         while time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
-            self._port.write(rosserial_answer.TOPIC_REQUEST)
+            self._port.write(TOPIC_REQUEST)
             if self._hear(ROSSERIAL_S, rosserial_answer.read_topics, data):
                 return self._describe_linorobot(data)
             # The CR ends what the questions before have left in an Arduino's line.
@@ -133,7 +134,7 @@ class Probe:
         try:
             self._hear(TOPICS_S, all_topics, data)
         finally:
-            self._port.write(rosserial_answer.STOP_REQUEST)
+            self._port.write(STOP_REQUEST)
             time.sleep(POLL_S)  # closing drops what has not left
         return rosserial_answer.describe(rosserial_answer.read_topics(bytes(data)))
 

@@ -2,6 +2,7 @@
 
 import difflib
 import os
+import re
 import tempfile
 import tomllib
 from collections.abc import Mapping, MutableMapping
@@ -12,6 +13,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from trolley.config import ConfigError, load_config
+from trolley.config.describe import to_toml
 from trolley.files import write_atomically
 
 Values = Mapping[tuple[str, ...], str | int | float]
@@ -28,30 +30,31 @@ def read_text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def with_values(text: str, values: Values, remarks: Mapping[tuple[str, ...], str]) -> str:
+def with_values(text: str, values: Values, waiting: Values, appendix: str) -> str:
     """Return the text with these settings, everything else as it was, comments included.
+
+    A new setting takes the place of the line that explains it (`# port = ""`, as `trolley init`
+    writes it), else it stands first in its table.
 
     Args:
         text: a file that TOML can read.
         values: the settings.
-        remarks: comments to put at the end of tables, by the table's keys; several lines each. One
-            that the file has already is not repeated.
+        waiting: settings to write as comments, for a person to take the # away.
+        appendix: comments for the file's end, if it does not have them yet.
 
     Raises:
         ConfigError: the file is written in a way that cannot be changed without changing more.
     """
+    changed = text
     try:
-        document = tomlkit.parse(text)
         for keys, value in values.items():
-            table = _table(document, keys[:-1])
-            if keys[-1] not in table or table[keys[-1]] != value:
-                table[keys[-1]] = value
-        for keys, remark in remarks.items():
-            if remark.splitlines()[0] not in text:
-                _remark(_table(document, keys), remark)
-        changed = tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
+            changed = _with_value(changed, keys, value)
     except (TOMLKitError, TypeError, AttributeError) as error:
         raise ConfigError(f"these settings cannot be put into the file: {error}") from error
+    for keys, value in waiting.items():
+        changed = _with_line(changed, keys, f"# {keys[-1]} = {to_toml(value)}") or changed
+    if appendix and appendix not in changed:
+        changed += f"\n{appendix}"
     if tomllib.loads(changed) != _expected(tomllib.loads(text), values):
         raise ConfigError(
             "these settings cannot be put into the file without changing others; "
@@ -103,6 +106,39 @@ def difference(path: Path, old: str, new: str) -> str:
     return "".join(lines)
 
 
+def _with_value(text: str, keys: tuple[str, ...], value: str | float) -> str:
+    """Return the text with one setting."""
+    document = tomlkit.parse(text)
+    table = _table(document, keys[:-1])
+    if keys[-1] in table and table[keys[-1]] == value:
+        return text
+    if keys[-1] not in table:
+        # tomlkit would put it behind the comments that belong to the next table.
+        changed = _with_line(text, keys, f"{keys[-1]} = {to_toml(value)}")
+        if changed is not None:
+            return changed
+    table[keys[-1]] = value
+    return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
+
+
+def _with_line(text: str, keys: tuple[str, ...], line: str) -> str | None:
+    """Put a line into its table; None where the table has no header of its own."""
+    lines = text.split("\n")
+    header = re.compile(r"\s*\[\s*" + r"\s*\.\s*".join(keys[:-1]) + r"\s*\]\s*(#.*)?")
+    start = next((i for i, one in enumerate(lines) if header.fullmatch(one)), None)
+    if start is None:
+        return None
+    ends = (i for i in range(start + 1, len(lines)) if lines[i].lstrip().startswith("["))
+    explained = re.compile(rf"#\s*{keys[-1]}\s*=.*")
+    end = next(ends, len(lines))
+    place = next((i for i in range(start + 1, end) if explained.fullmatch(lines[i])), None)
+    if place is None:
+        lines.insert(start + 1, line)
+    else:
+        lines[place] = line
+    return "\n".join(lines)
+
+
 def _table(document: MutableMapping[str, Any], keys: tuple[str, ...]) -> MutableMapping[str, Any]:
     """Return a table of the document, made where it is not there."""
     table = document
@@ -111,11 +147,6 @@ def _table(document: MutableMapping[str, Any], keys: tuple[str, ...]) -> Mutable
             table[key] = tomlkit.table()
         table = cast("MutableMapping[str, Any]", table[key])
     return table
-
-
-def _remark(table: MutableMapping[str, Any], remark: str) -> None:
-    for line in remark.splitlines():
-        cast("Any", table).add(tomlkit.comment(line))
 
 
 def _expected(plain: dict[str, Any], values: Values) -> dict[str, Any]:

@@ -3,27 +3,17 @@
 from collections.abc import Mapping
 
 from trolley_base.detection.found import Found
+from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import (
     PUBLISHER,
-    STOP_REQUEST,
     SUBSCRIBER,
-    TOPIC_REQUEST,
     FrameDecoder,
     TopicInfo,
     parse_topic_info,
 )
 
-__all__ = [
-    "ROSSERIAL_BAUD",
-    "STOP_REQUEST",
-    "TOPIC_REQUEST",
-    "describe",
-    "is_complete",
-    "read_topics",
-]
-
-ROSSERIAL_BAUD = 57600
+LINOROBOT = BOARDS["linorobot"]
 
 
 def read_topics(data: bytes) -> dict[str, TopicInfo]:
@@ -51,7 +41,7 @@ def describe(topics: Mapping[str, TopicInfo]) -> Found:
             f"It speaks rosserial but does not announce {' and '.join(missing)}, so this is no "
             f"linorobot firmware that Trolley can drive."
         )
-        return Found("board", None, "a rosserial board", ROSSERIAL_BAUD, (names,), (problem,))
+        return Found("board", None, "a rosserial board", LINOROBOT.baud, (names,), (problem,))
     problems = tuple(
         f"Its firmware has {topic.name} as {other.type_name} with md5 {other.md5} instead of "
         f"{topic.type_name} with {topic.md5}: upload the firmware of linorobot (ROS 1) unchanged."
@@ -60,7 +50,7 @@ def describe(topics: Mapping[str, TopicInfo]) -> Found:
         and (other.type_name, other.md5) != (topic.type_name, topic.md5)
     )
     model = None if problems else "linorobot"
-    return Found("board", model, "linorobot", ROSSERIAL_BAUD, (names,), problems)
+    return Found("board", model, LINOROBOT.title, LINOROBOT.baud, (names,), problems)
 
 
 def _ignore(_name: str, _number: int) -> None:

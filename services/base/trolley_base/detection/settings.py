@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from trolley.config.describe import to_toml
 from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.looking import found_of
 from trolley_base.detection.ports import Port
@@ -11,13 +12,15 @@ from trolley_base.detection.ports import Port
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
 
 WHEELS = """\
-Measure these, then take the # away from this line and those below:
-board = "arduino_bridge"
-[base.chassis.wheels]
-ticks_per_revolution = 0  # of the wheel: the encoder's resolution times the gear
-diameter_m = 0.0          # of a driven wheel
-track_m = 0.0             # between the middles of the left and the right wheel"""
+# Measure these, then take the # away here and before board = "arduino_bridge":
+# [base.chassis.wheels]
+# ticks_per_revolution = 0  # of the wheel: the encoder's resolution times the gear
+# diameter_m = 0.0          # of a driven wheel
+# track_m = 0.0             # between the middles of the left and the right wheel
+"""
 """What an `arduino_bridge` needs and nobody but its owner knows."""
+
+Settings = dict[tuple[str, ...], str | int | float]
 
 
 @dataclass(slots=True)
@@ -26,14 +29,14 @@ class Proposal:
 
     Attributes:
         values: by their keys.
-        remarks: comments for the end of tables, by the table's keys.
+        waiting: what must be commented out until a person has added to it.
+        appendix: comments that say what to add.
         notes: sentences for the person.
     """
 
-    values: dict[tuple[str, ...], str | int | float] = field(
-        default_factory=dict[tuple[str, ...], str | int | float]
-    )
-    remarks: dict[tuple[str, ...], str] = field(default_factory=dict[tuple[str, ...], str])
+    values: Settings = field(default_factory=Settings)
+    waiting: Settings = field(default_factory=Settings)
+    appendix: str = ""
     notes: list[str] = field(default_factory=list[str])
 
 
@@ -67,16 +70,16 @@ def propose(seen: Sequence[Seen], settings: dict[str, Any]) -> Proposal:
 def render(proposal: Proposal) -> str:
     """Return the settings as TOML."""
     lines: list[str] = []
-    tables = dict.fromkeys(keys[:-1] for keys in proposal.values)
-    for table in tables:
+    for table in dict.fromkeys(keys[:-1] for keys in proposal.values):
         lines += ["", f"[{'.'.join(table)}]"]
-        lines += [
-            f"{keys[-1]} = {_quoted(value)}"
-            for keys, value in proposal.values.items()
-            if keys[:-1] == table
-        ]
-        lines += [f"# {line}" for line in proposal.remarks.get(table, "").splitlines()]
-    return "\n".join(lines[1:]) + "\n"
+        for settings, mark in ((proposal.waiting, "# "), (proposal.values, "")):
+            lines += [
+                f"{mark}{keys[-1]} = {to_toml(value)}"
+                for keys, value in settings.items()
+                if keys[:-1] == table
+            ]
+    appendix = f"\n{proposal.appendix}" if proposal.appendix else ""
+    return "\n".join(lines[1:]) + "\n" + appendix
 
 
 def _the_only(
@@ -95,7 +98,8 @@ def _the_only(
 
 def _propose_board(proposal: Proposal, port: Port, found: Found, chassis: dict[str, Any]) -> None:
     if found.model == "arduino_bridge" and "wheels" not in chassis:
-        proposal.remarks[CHASSIS] = WHEELS
+        proposal.waiting[*CHASSIS, "board"] = found.model
+        proposal.appendix = WHEELS
         proposal.notes.append(
             "The wheels are still to be measured: [base.chassis] board stays commented out, and "
             "nothing is driven, until [base.chassis.wheels] says how large they are."
@@ -112,8 +116,3 @@ def _propose_baud(
     """Correct a speed in the file that is not the one at which the device answered."""
     if present.get("baud", found.baud) != found.baud:
         proposal.values[*table, "baud"] = found.baud
-
-
-def _quoted(value: str | float) -> str:
-    """A value as TOML writes it; what stands here are names and whole numbers."""
-    return f'"{value}"' if isinstance(value, str) else f"{value}"

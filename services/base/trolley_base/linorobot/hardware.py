@@ -6,13 +6,16 @@ Source:
 
 import math
 
+from trolley.config.hardware import LidarModel
+from trolley_base.drivers.boards import BOARDS
+from trolley_base.drivers.lidars import MODELS
 from trolley_base.linorobot.findings import Findings, first
 from trolley_base.linorobot.launch_files import Value
 from trolley_base.linorobot.mounting import find_mount
 
 DRIVES = {"2wd": "differential", "4wd": "skid_steer", "mecanum": "mecanum"}
 """What `LINOBASE` may be; it knows Ackermann steering too, which Trolley does not."""
-LIDARS = {
+LIDARS: dict[str, LidarModel] = {
     "rplidar": "rplidar_a1",
     "ydlidar": "ydlidar_x4",
     "xv11": "xv11",
@@ -21,7 +24,7 @@ LIDARS = {
     "lds01": "lds01",
 }
 """What `LINOLIDAR` may be, and what it is to Trolley."""
-PACKAGES = {
+PACKAGES: dict[str, LidarModel] = {
     "rplidar_ros": "rplidar_a1",
     "ydlidar": "ydlidar_x4",
     "ydlidar_ros": "ydlidar_x4",
@@ -31,14 +34,6 @@ PACKAGES = {
     "ldlidar_stl_ros": "ld19",
 }
 ROSSERIAL = ("rosserial_python", "rosserial_server")
-BOARD_BAUD = 57600
-BAUDS = {
-    "rplidar_a1": 115200,
-    "ydlidar_x4": 128000,
-    "xv11": 115200,
-    "ld19": 230400,
-    "lds01": 230400,
-}
 MOST_HEIGHT_M = 3.0
 
 
@@ -80,11 +75,11 @@ def _take_board(findings: Findings) -> None:
     findings.set("base.chassis.board", "linorobot")
     findings.take("base.chassis.port", port.value, f"motor board at {port.value}", port)
     baud = _baud(first(nodes, ("baud", "_baud")))
-    if baud is not None and baud.value != BOARD_BAUD:
+    if baud is not None and baud.value != BOARDS["linorobot"].baud:
         findings.take("base.chassis.baud", baud.value, f"its line at {baud.value} baud", baud)
 
 
-def _take_lidar(findings: Findings, lidar: str) -> str | None:
+def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
     """Take the lidar; return its model."""
     nodes = findings.launch.of_package(tuple(PACKAGES))
     model = PACKAGES[nodes[0].package] if nodes else LIDARS.get(lidar)
@@ -96,7 +91,7 @@ def _take_lidar(findings: Findings, lidar: str) -> str | None:
         )
         return None
     baud = _baud(first(nodes, ("serial_baudrate", "baudrate", "baud_rate", "serial_baud")))
-    if baud is not None and baud.value != BAUDS[model]:
+    if baud is not None and baud.value != MODELS[model].baud:
         place = findings.place(baud)
         if model == "rplidar_a1":
             findings.note(
@@ -107,7 +102,7 @@ def _take_lidar(findings: Findings, lidar: str) -> str | None:
         if model == "ydlidar_x4":
             findings.note(
                 f"{place}: linorobot opens the YDLIDAR at {baud.value} baud, but an X4 talks at "
-                f"{BAUDS[model]}; Trolley uses that."
+                f"{MODELS[model].baud}; Trolley uses that."
             )
         else:
             findings.take("base.lidar.baud", baud.value, f"its line at {baud.value} baud", baud)

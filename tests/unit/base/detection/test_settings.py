@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from trolley.cli.init import render
 from trolley.config import ConfigError, load_config
 from trolley_base.detection import robot_toml, settings
 from trolley_base.detection.found import Found, Seen
@@ -31,10 +32,12 @@ name = "haro"   # the cat's name
 footprint = { length_m = 0.3, width_m = 0.2 }
 """
 
+EXPLAINED = render({"robot.name": '"haro"', "robot.footprint": "{ radius_m = 0.2 }"})
+
 
 def changed(text: str, *seen: Seen) -> str:
     proposal = settings.propose(seen, tomllib.loads(text))
-    return robot_toml.with_values(text, proposal.values, proposal.remarks)
+    return robot_toml.with_values(text, proposal.values, proposal.waiting, proposal.appendix)
 
 
 def base_of(text: str) -> dict[str, Any]:
@@ -77,24 +80,42 @@ linear_scale = 1.02
 
 
 def test_changes_nothing_the_second_time() -> None:
-    for seen in ((LINOROBOT, LD19), (BRIDGE, LD19)):
-        once = changed(ROBOT, *seen)
-        assert changed(once, *seen) == once
+    for text in (ROBOT, EXPLAINED):
+        for seen in ((LINOROBOT, LD19), (BRIDGE, LD19)):
+            once = changed(text, *seen)
+            assert changed(once, *seen) == once
 
 
-def test_leaves_a_board_commented_out_until_its_wheels_are_known(tmp_path: Path) -> None:
-    text = changed(ROBOT, BRIDGE)
+@pytest.mark.parametrize("is_explained", [False, True], ids=["short", "as init writes it"])
+def test_leaves_a_board_commented_out_until_its_wheels_are_known(
+    tmp_path: Path, is_explained: bool
+) -> None:
     path = tmp_path / "robot.toml"
+    text = changed(EXPLAINED if is_explained else ROBOT, BRIDGE)
     path.write_text(text)
     assert load_config(path).base.chassis.board is None
-    lines = text.splitlines()
+    lines = text.replace('# board = "arduino_bridge"', 'board = "arduino_bridge"').splitlines()
     start = next(i for i, line in enumerate(lines) if "Measure these" in line)
     lines[start + 1 :] = [line.removeprefix("# ") for line in lines[start + 1 :]]
     filled = "\n".join(lines).replace("revolution = 0 ", "revolution = 1550 ")
     path.write_text(filled.replace("_m = 0.0", "_m = 0.1"))
     config = load_config(path)
     assert config.base.chassis.board == "arduino_bridge"
+    assert config.base.chassis.port == "/dev/serial/by-id/arduino"
     assert config.base.chassis.wheels is not None
+
+
+def test_takes_the_place_of_the_lines_that_explain() -> None:
+    before, after = EXPLAINED.splitlines(), changed(EXPLAINED, LINOROBOT, LD19).splitlines()
+    assert len(before) == len(after)
+    differing = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert differing == [
+        ('# driver = "simulated"', 'driver = "hardware"'),
+        ("# board =", 'board = "linorobot"'),
+        ('# port = ""', 'port = "/dev/serial/by-id/teensy"'),
+        ("# model =", 'model = "ld19"'),
+        ('# port = ""', 'port = "/dev/serial/by-path/pci-1"'),
+    ]
 
 
 def test_keeps_known_wheels() -> None:
