@@ -72,7 +72,9 @@ class FrameDecoder:
         """
         per_frame = angle_deg.shape[1]
         angle_deg = angle_deg.ravel() % 360.0
-        elapsed_s, begins = self._rotation.follow(angle_deg, np.repeat(rate_dps, per_frame))
+        angle_deg, elapsed_s, begins = self._rotation.follow(
+            angle_deg, np.repeat(rate_dps, per_frame)
+        )
         samples = Samples(
             angle_deg, np.zeros(len(angle_deg)), elapsed_s, begins, *(v.ravel() for v in values)
         )

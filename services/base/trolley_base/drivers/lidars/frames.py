@@ -76,6 +76,11 @@ class FrameFinder:
         self._rest: Bytes = np.empty(0, np.uint8)
         self._has_gap = True
 
+    @property
+    def held_bytes(self) -> int:
+        """How many bytes wait for what follows them; less than the longest frame."""
+        return len(self._rest)
+
     def feed(self, data: bytes) -> Frames:
         """Return the frames that these bytes complete."""
         buffer = np.concatenate([self._rest, np.frombuffer(data, np.uint8)])

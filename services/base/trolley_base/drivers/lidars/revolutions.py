@@ -39,7 +39,7 @@ class Samples(NamedTuple):
     """Samples in the order in which they were measured; all (n,), intensity may be (0,).
 
     Attributes:
-        angle_deg: where the head pointed, 0...360, growing as it turns.
+        angle_deg: where the head pointed, growing from about 0 to 360 in each revolution.
         shift_deg: to add to it, for where the beam looked.
         elapsed_s: since the sample before, by the sensor's own time.
         begins: whether it is the first of a revolution.
@@ -64,22 +64,37 @@ class Rotation:
 
     def __init__(self, usual_hz: float) -> None:
         self._usual_dps = 360.0 * usual_hz
+        # Of the last sample and of the farthest, in the turn of the farthest.
         self._last_deg: float | None = None
+        self._farthest_deg = 0.0
 
-    def follow(self, angle_deg: Floats, rate_dps: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the time since the sample before (n,) [s], and where revolutions begin (n,).
+    def follow(
+        self, angle_deg: Floats, rate_dps: Floats
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Place samples in their revolutions.
 
         Args:
             angle_deg: (n,) 0...360.
             rate_dps: (n,) how fast the head turned, degrees per second.
+
+        Returns:
+            (n,) angles in the revolution, less than 0 where a frame came twice about its
+            beginning; (n,) times since the sample before [s]; (n,) whether a revolution begins.
         """
-        first = angle_deg[0] if self._last_deg is None else self._last_deg
-        step = np.diff(angle_deg, prepend=first)
-        begins = step <= -STEP_BACK_DEG
-        advance = np.where(begins, step + 360.0, np.maximum(step, 0.0))
-        self._last_deg = float(angle_deg[-1])
+        if self._last_deg is None:
+            self._last_deg = self._farthest_deg = float(angle_deg[0])
+        step = np.diff(angle_deg, prepend=self._last_deg)
+        # Whole turns, so that no sum of many angles drifts.
+        turns = np.cumsum(-np.floor((step + STEP_BACK_DEG) / 360.0))
+        unwrapped = angle_deg + 360.0 * turns
+        farthest = np.maximum.accumulate(np.maximum(unwrapped, self._farthest_deg))
+        advance = np.diff(farthest, prepend=self._farthest_deg)
+        turn = np.floor(farthest / 360.0)
+        self._last_deg = float(unwrapped[-1] - 360.0 * turn[-1])
+        self._farthest_deg = float(farthest[-1] - 360.0 * turn[-1])
         is_known = (rate_dps >= SLOWEST_DPS) & (rate_dps <= FASTEST_DPS)
-        return advance / np.where(is_known, rate_dps, self._usual_dps), begins
+        elapsed_s = advance / np.where(is_known, rate_dps, self._usual_dps)
+        return unwrapped - 360.0 * turn, elapsed_s, np.diff(turn, prepend=0.0) > 0.0
 
 
 class _Crossing(NamedTuple):
@@ -96,17 +111,9 @@ class Revolutions:
         facts: of the model.
         config: how it is mounted and what of it counts.
         counts: what goes wrong is added here.
-        is_flagged: revolutions begin where the sensor says, near 0, not where its angle wraps.
     """
 
-    def __init__(
-        self,
-        facts: LidarFacts,
-        config: LidarConfig,
-        counts: Counter[str],
-        *,
-        is_flagged: bool = False,
-    ) -> None:
+    def __init__(self, facts: LidarFacts, config: LidarConfig, counts: Counter[str]) -> None:
         self.scans: deque[LidarScan] = deque(maxlen=MOST_SCANS)
         self.turns_hz: float | None = None
         """How fast the head turned in the last revolution."""
@@ -120,7 +127,6 @@ class Revolutions:
         self._far_m = config.range_max_m or facts.range_max_m
         self._masks_deg = config.masks_deg
         self._counts = counts
-        self._is_flagged = is_flagged
         self._parts: list[NDArray[np.float64]] = []
         self._held = 0
         self._start: _Crossing | None = None
@@ -182,9 +188,6 @@ class Revolutions:
             return None
         steps = np.rint(between / usual).astype(np.int64)
         count = np.concatenate([[0], np.cumsum(steps)])
-        if self._is_flagged:
-            expected = 360.0 * (moment_s - start.sensor_s) / turn_s
-            angle_deg -= 360.0 * np.rint((angle_deg - expected) / 360.0)
         grid = fit_grid(count, angle_deg)
         if grid is None:
             return None

@@ -80,7 +80,7 @@ class RplidarA1(AskedLidar):
                 answer = yield Step(START_EXPRESS, START_S, EXPRESS_STREAM)
                 if answer is not None:
                     period_s = _period_s(periods, 2, EXPRESS_S)
-                    self._restart(CapsuleDecoder(self._counts, period_s), is_flagged=False)
+                    self._restart(CapsuleDecoder(self._counts, period_s))
                     return
                 yield Step(STOP, DRAIN_S)
             if self._config.mode == "express":
@@ -88,7 +88,7 @@ class RplidarA1(AskedLidar):
             answer = yield Step(START_STANDARD, START_S, STANDARD_STREAM)
             if answer is not None:
                 period_s = _period_s(periods, 0, STANDARD_S)
-                self._restart(StandardDecoder(self._counts, period_s), is_flagged=True)
+                self._restart(StandardDecoder(self._counts, period_s))
                 return
 
 

@@ -96,7 +96,7 @@ class CapsuleDecoder:
         angle = angle.ravel() % 360.0
         range_m, lag_deg = (values.ravel() for values in read_cabins(capsules[pairs]))
         rates = width_deg / (SAMPLES * self._sample_s)
-        elapsed_s, begins = self._rotation.follow(angle, np.repeat(rates, SAMPLES))
+        angle, elapsed_s, begins = self._rotation.follow(angle, np.repeat(rates, SAMPLES))
         samples = Samples(angle, -lag_deg, elapsed_s, begins, range_m, np.empty(0))
         closing = np.arange(1, len(pairs) + 1) * SAMPLES - 1
         # The arrival of a pair is that of its second capsule.

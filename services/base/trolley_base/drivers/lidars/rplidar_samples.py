@@ -15,6 +15,9 @@ Since there is no checksum, where samples begin is found by being in step:
   at most one has S, with angles that each differ from the one before by less than 20 deg either way
   and have gone forward by more than 0 and less than 60 deg in all.
 
+The angles are corrected by the distance, so now and then one is less than that before; a revolution
+begins where the farthest passes zero, which holds where the sample with S is lost too.
+
 Counts: `lidar/bad_checksum` once each time that it falls out of step, `lidar/skipped_bytes` what it
 skips until it is in step again.
 
@@ -30,7 +33,8 @@ from numpy.typing import NDArray
 
 from trolley_base.drivers.lidars.decoding import Decoded, words
 from trolley_base.drivers.lidars.frames import BAD_CHECKSUM, SKIPPED_BYTES, Bytes, Flags
-from trolley_base.drivers.lidars.revolutions import Samples
+from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.revolutions import Rotation, Samples
 from trolley_base.drivers.lidars.scan_grid import Floats
 
 SAMPLE_BYTES = 5
@@ -183,6 +187,7 @@ class StandardDecoder:
         self, counts: Counter[str], sample_s: float = SAMPLE_S, *, in_step: bool = True
     ) -> None:
         self._finder = SampleFinder(counts, in_step=in_step)
+        self._rotation = Rotation(MODELS["rplidar_a1"].usual_hz)
         self._sample_s = sample_s
         self._last_deg: float | None = None
         self._step_deg = 1.0
@@ -197,12 +202,13 @@ class StandardDecoder:
         closing = np.cumsum(lengths) - 1
         missed = np.zeros(len(rows))
         missed[closing - lengths + 1] = [run.missed / SAMPLE_BYTES for run in runs]
-        angle_deg = (_angles(rows[:, 1], rows[:, 2]) >> 1) / 64.0
+        seen_deg = (_angles(rows[:, 1], rows[:, 2]) >> 1) / 64.0
+        angle_deg, _, begins = self._rotation.follow(seen_deg, np.zeros(len(rows)))
         samples = Samples(
             angle_deg,
             np.zeros(len(rows)),
-            self._elapsed_s(angle_deg, missed),
-            rows[:, 0] & 1 == 1,
+            self._elapsed_s(seen_deg, missed),
+            begins,
             words(rows[:, 3:5])[:, 0] / 4000.0,
             (rows[:, 0] >> 2).astype(np.float64),
         )

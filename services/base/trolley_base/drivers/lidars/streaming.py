@@ -81,7 +81,7 @@ class StreamingLidar:
         self._begun_ns = self._stream_ns = now_ns
         self._bytes_ns = self._frame_ns = self._turn_ns = now_ns - REOPEN_NS
         self._was_up = False
-        self._restart(self._make_decoder(self._counts), is_flagged=False)
+        self._restart(self._make_decoder(self._counts))
 
     def receive(self, data: bytes, arrived_ns: int) -> None:
         """Take bytes, the last of which arrived at `arrived_ns`."""
@@ -128,12 +128,10 @@ class StreamingLidar:
         """Say whether the last good frame is longer ago than this."""
         return now_ns - self._frame_ns > longer_ns
 
-    def _restart(self, decoder: Decoder, *, is_flagged: bool) -> None:
+    def _restart(self, decoder: Decoder) -> None:
         """Begin to listen to a stream, with the clock and the revolution forgotten."""
         finished = self._revolutions.scans
-        self._revolutions = Revolutions(
-            self.facts, self._config, self._counts, is_flagged=is_flagged
-        )
+        self._revolutions = Revolutions(self.facts, self._config, self._counts)
         self._revolutions.scans.extend(finished)
         self._decoder, self._clock, self._sensor_s = decoder, SampleClock(), 0.0
 

@@ -94,7 +94,7 @@ class X4Decoder(FrameDecoder):
         angle = (ends_deg[frame, 0] + steps_deg[frame] * number) % 360.0
         range_m = numbers[:, HEAD_BYTES // 2 :][inside] / 4000.0
         rates = self._rates(steps_deg, sizes)
-        elapsed_s, begins = self._rotation.follow(angle, rates[frame])
+        angle, elapsed_s, begins = self._rotation.follow(angle, rates[frame])
         shift = triangulation_deg(range_m)
         samples = Samples(angle, shift, elapsed_s, begins, range_m, np.empty(0))
         closing = np.cumsum(sizes) - 1
@@ -145,5 +145,5 @@ class YdlidarX4(AskedLidar):
                 yield Step(b"", FAULT_PAUSE_S)
                 continue
             if (yield Step(START, START_S, STREAM)) is not None:
-                self._restart(X4Decoder(self._counts), is_flagged=False)
+                self._restart(X4Decoder(self._counts))
                 return

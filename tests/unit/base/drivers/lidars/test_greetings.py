@@ -1,0 +1,130 @@
+"""How lidars are started, taken over and stopped."""
+
+import pytest
+from support.lidars import Session, rplidar, started, stream, ydlidar
+
+from trolley.config.hardware import LidarConfig
+
+STOP, RESET, STANDARD = b"\xa5\x25", b"\xa5\x40", b"\xa5\x20"
+EXPRESS = bytes.fromhex("A58205000000000022")
+
+
+def test_an_rplidar_is_stopped_asked_and_started_in_the_express_scan() -> None:
+    device = rplidar()
+    session = Session(LidarConfig(model="rplidar_a1"), device)
+    session.wait_for_stream()
+    assert device.heard == [STOP, b"\xa5\x50", b"\xa5\x52", b"\xa5\x59", EXPRESS]
+    session.hear(stream("RPLIDAR A1 express", 1.0))
+    assert session.status.state == "up"
+    assert len(session.scans[-1].intensities) == 0
+
+
+def test_an_rplidar_without_the_express_scan_does_the_standard_one() -> None:
+    device = rplidar(express=False)
+    session = Session(LidarConfig(model="rplidar_a1"), device)
+    session.wait_for_stream()
+    assert device.heard[-3:] == [EXPRESS, STOP, STANDARD]
+    session.hear(stream("RPLIDAR A1 standard", 1.0))
+    assert session.status.state == "up"
+    assert set(session.scans[-1].intensities.tolist()) == {15.0}
+
+
+@pytest.mark.parametrize(
+    ("mode", "express", "never"), [("standard", True, EXPRESS), ("express", False, STANDARD)]
+)
+def test_an_rplidar_is_never_asked_for_the_other_mode(
+    mode: str, express: bool, never: bytes
+) -> None:
+    device = rplidar(express=express)
+    session = Session(LidarConfig(model="rplidar_a1", mode=mode), device)  # pyright: ignore[reportArgumentType]
+    session.wait(12.0)
+    assert never not in device.heard
+    assert device.streams == (mode == "standard")
+
+
+def test_a_streaming_rplidar_is_taken_over() -> None:
+    session = Session(LidarConfig(model="rplidar_a1"), rplidar())
+    session.hear(stream("RPLIDAR A1 standard", 0.08))
+    session.wait_for_stream()
+    session.hear(stream("RPLIDAR A1 express", 1.0))
+    assert session.status.state == "up"
+    assert not session.counts
+
+
+def test_a_faulty_rplidar_is_reset_and_never_started() -> None:
+    device = rplidar(health=b"\x02\x34\x12")
+    session = Session(LidarConfig(model="rplidar_a1"), device)
+    session.wait(12.0)
+    assert RESET in device.heard
+    assert not {EXPRESS, STANDARD} & set(device.heard)
+    assert session.status.state == "searching"
+    assert "health error 4660" in session.status.message
+
+
+def test_an_rplidar_that_a_reset_mends_is_started() -> None:
+    device = rplidar(health=b"\x02\x01\x00")
+    session = Session(LidarConfig(model="rplidar_a1"), device)
+    while RESET not in device.heard:
+        session.wait(0.02)
+    device.answers[b"\xa5\x52"] = rplidar().answers[b"\xa5\x52"]
+    session.wait_for_stream()
+    session.hear(stream("RPLIDAR A1 express", 1.0))
+    assert session.status.message == ""
+
+
+def test_a_rplidar_that_falls_silent_is_greeted_again() -> None:
+    session = started("RPLIDAR A1 express")
+    session.hear(stream("RPLIDAR A1 express", 1.0))
+    session.device.streams = False
+    session.wait(0.6)
+    assert session.status.state == "down"
+    session.wait(2.0)
+    session.wait_for_stream()
+    session.hear(stream("RPLIDAR A1 express", 1.0))
+    assert session.status.state == "up"
+
+
+def test_another_model_is_named() -> None:
+    session = Session(LidarConfig(model="rplidar_a1"), rplidar(model=0x28))
+    session.wait_for_stream()
+    assert "0x28" in session.notes["lidar_model"]
+
+
+def test_a_warning_of_its_health_is_passed_on() -> None:
+    session = Session(LidarConfig(model="ydlidar_x4"), ydlidar(health=b"\x01\x07\x00"))
+    session.wait_for_stream()
+    assert "health code 7" in session.notes["lidar_health"]
+
+
+def test_a_ydlidar_is_stopped_asked_and_started() -> None:
+    device = ydlidar()
+    session = Session(LidarConfig(model="ydlidar_x4"), device)
+    session.wait(0.4)
+    assert device.heard == []  # its motor gets up to speed
+    session.wait_for_stream()
+    assert device.heard == [b"\xa5\x00", b"\xa5\x65", b"\xa5\x90", b"\xa5\x92", b"\xa5\x60"]
+
+
+def test_an_lds01_is_asked_to_start_until_it_does() -> None:
+    session = Session(LidarConfig(model="lds01"))
+    start_ns = session.now_ns
+    asked = [at_s for at_s in range(4) if session.lidar.outgoing(start_ns + at_s * 10**9) == b"b"]
+    assert asked == [0, 1, 2, 3]
+    session.hear(stream("LDS-01", 1.0))
+    assert session.lidar.outgoing(session.now_ns) == b""
+
+
+@pytest.mark.parametrize(
+    ("model", "dtr", "goodbye"),
+    [
+        ("rplidar_a1", (False, True), (STOP,)),
+        ("ydlidar_x4", (True, False), (b"\xa5\x00", b"\xa5\x65")),
+        ("ld19", (None, None), ()),
+        ("xv11", (None, None), ()),
+        ("lds01", (None, None), (b"e",)),
+    ],
+)
+def test_what_stops_it(model: str, dtr: tuple[bool | None, ...], goodbye: tuple[bytes]) -> None:
+    lidar = Session(LidarConfig(model=model)).lidar  # pyright: ignore[reportArgumentType]
+    assert (lidar.line.dtr, lidar.line.dtr_after) == dtr
+    assert lidar.goodbye() == goodbye

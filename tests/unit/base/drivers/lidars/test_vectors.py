@@ -1,0 +1,109 @@
+"""Frames whose bytes are known, as the makers' documents give them or their rules make them."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from lidar_streams import capsule
+
+from trolley_base.drivers.lidars.decoding import Decoded, Decoder
+from trolley_base.drivers.lidars.ld19 import Ld19Decoder
+from trolley_base.drivers.lidars.lds01 import Lds01Decoder
+from trolley_base.drivers.lidars.rplidar_capsules import CapsuleDecoder
+from trolley_base.drivers.lidars.rplidar_samples import StandardDecoder
+from trolley_base.drivers.lidars.xv11 import Xv11Decoder
+from trolley_base.drivers.lidars.ydlidar_x4 import X4Decoder, triangulation_deg
+
+
+def decoded(decoder: Decoder, data: bytes) -> Decoded:
+    result = decoder.decode(data)
+    assert result is not None
+    return result
+
+
+def test_ld19() -> None:
+    frame = bytes.fromhex(
+        "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4"
+        "CA 00 E2 C7 00 E9 C5 00 E5 C2 00 E5 C0 00 E5 BE 82 3A 1A 50"
+    )
+    result = decoded(Ld19Decoder(Counter()), frame)
+    assert result.samples.angle_deg[[0, -1]] == pytest.approx([324.27, 334.70])
+    assert np.diff(result.samples.angle_deg) == pytest.approx(10.43 / 11)
+    assert result.samples.range_m[[0, -1]] == pytest.approx([0.224, 0.192])
+    assert result.samples.intensity[[0, -1]].tolist() == [228, 229]
+    assert result.turns_hz == pytest.approx(2152 / 360)
+
+
+def test_xv11() -> None:
+    frame = bytes.fromhex("FA A0 00 4B E8 03 64 00 E9 03 64 00 EA 03 64 00 EB 03 64 00 99 30")
+    result = decoded(Xv11Decoder(Counter()), frame)
+    assert result.samples.angle_deg.tolist() == [0, 1, 2, 3]
+    assert result.samples.range_m == pytest.approx([1.0, 1.001, 1.002, 1.003])
+    assert result.samples.intensity.tolist() == [100] * 4
+    assert result.turns_hz == pytest.approx(5.0)
+
+
+def test_lds01() -> None:
+    frame = bytes.fromhex(
+        "FA A0 B8 0B C8 00 E8 03 00 00 C8 00 E9 03 00 00 C8 00 EA 03 00 00 C8 00 EB 03 00 00"
+        "C8 00 EC 03 00 00 C8 00 ED 03 00 00 61 61"
+    )
+    result = decoded(Lds01Decoder(Counter()), frame)
+    assert result.samples.angle_deg.tolist() == [0, 1, 2, 3, 4, 5]
+    assert result.samples.range_m == pytest.approx(np.arange(1.0, 1.0055, 0.001))
+    assert result.samples.intensity.tolist() == [200] * 6
+    assert result.turns_hz == pytest.approx(5.0)
+
+
+def test_ydlidar_x4() -> None:
+    result = decoded(X4Decoder(Counter()), bytes.fromhex("AA 55 01 01 53 AE 53 AE AB 54 00 00"))
+    assert result.samples.angle_deg.tolist() == [(0xAE53 >> 1) / 64]
+    assert result.samples.range_m.tolist() == [0]
+
+
+def test_the_x4_looks_from_beside_its_axis() -> None:
+    assert triangulation_deg(np.array([1.0, 8.0, 0.1553])) == pytest.approx(
+        [-6.762, -7.837, 0.0], abs=5e-4
+    )
+
+
+def test_rplidar_standard_sample() -> None:
+    result = decoded(StandardDecoder(Counter()), bytes.fromhex("3D 81 16 A0 0F"))
+    samples = result.samples
+    assert samples.angle_deg.tolist() == [45.0]
+    assert samples.range_m.tolist() == [1.0]
+    assert samples.intensity.tolist() == [15]
+
+
+def test_a_capsule_tells_its_angles_with_the_next() -> None:
+    # 10 deg to 42 deg: a degree a sample, of which the lags are taken away.
+    first = capsule(False, 10.0, [(1000 + k, k) for k in range(32)])
+    decoder = CapsuleDecoder(Counter())
+    assert decoder.decode(first) is None
+    samples = decoded(decoder, capsule(False, 42.0, [(0, 0)] * 32)).samples
+    assert samples.angle_deg == pytest.approx(np.arange(10.0, 42.0))
+    assert samples.shift_deg == pytest.approx(-np.arange(32) / 8)
+    assert samples.range_m == pytest.approx((1000 + np.arange(32)) / 1000)
+
+
+@pytest.mark.parametrize("between", [b"\x00", capsule(False, 20.0, [(1, 0)] * 32)[:-1] + b"\x55"])
+def test_a_capsule_before_a_damaged_one_is_dropped(between: bytes) -> None:
+    decoder = CapsuleDecoder(Counter())
+    assert decoder.decode(capsule(False, 10.0, [(1000, 0)] * 32) + between) is None
+    assert decoder.decode(capsule(False, 42.0, [(1000, 0)] * 32)) is None
+    assert decoder.decode(capsule(False, 74.0, [(1000, 0)] * 32)) is not None
+
+
+def test_a_capsule_before_one_that_begins_a_scan_is_dropped() -> None:
+    decoder = CapsuleDecoder(Counter())
+    assert decoder.decode(capsule(False, 10.0, [(1000, 0)] * 32)) is None
+    assert decoder.decode(capsule(True, 42.0, [(1000, 0)] * 32)) is None
+    assert decoder.decode(capsule(False, 74.0, [(1000, 0)] * 32)) is not None
+
+
+def test_an_xv11_distance_marked_invalid_is_none() -> None:
+    from lidar_streams import xv11_frame
+
+    frame = xv11_frame(3, 300.0, [(0x8035, 0), (0x4000 | 700, 9), (0x8000 | 900, 1), (5000, 2)])
+    result = decoded(Xv11Decoder(Counter()), frame)
+    assert result.samples.range_m == pytest.approx([0.0, 0.7, 0.0, 5.0])
