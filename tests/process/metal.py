@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 from support.processes import Process, write_config
 from support.waiting import wait_until
-from trolley_base.drivers.world_file import load_world
-from trolley_base.emulators import EmulatedRobot, RobotInWorld
 
 from trolley import topics
 from trolley.client import Robot
+from trolley.config import load_config
 from trolley.connection import Connection
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
 from trolley.gridmap import FREE, OCCUPIED, GridMap, save_map
 from trolley.messages import BaseState
+from trolley_base.drivers.world_file import load_world
+from trolley_base.emulators import EmulatedRobot, Mount, RobotInWorld
 
 NAME = "tester"
 WHEELS = """
@@ -38,7 +39,7 @@ def make_hall(folder: Path) -> Path:
     return world
 
 
-def settings(ports: Path, board: str, lidar: str, more: str = "") -> str:
+def settings(ports: Path, board: str, lidar: str, more: str = "", lidar_more: str = "") -> str:
     """The `[base]` part of robot.toml for devices on these ports."""
     return f"""
 [base]
@@ -52,6 +53,7 @@ port = "{ports / board}"
 [base.lidar]
 model = "{lidar}"
 port = "{ports / lidar}"
+{lidar_more}
 """
 
 
@@ -89,16 +91,23 @@ class Metal:
     """An emulated robot and base on its ports."""
 
     def __init__(
-        self, folder: Path, endpoint: str, board: str, lidar: str, more: str = ""
+        self,
+        folder: Path,
+        endpoint: str,
+        board: str,
+        lidar: str,
+        more: str = "",
+        lidar_more: str = "",
     ) -> None:
         world = load_world(make_hall(folder))
-        body = RobotInWorld(world, seed=3, footprint=footprint_from_box(0.4, 0.3))
         self.ports = folder / "ports"
-        self.emulated = EmulatedRobot([board, lidar], body, self.ports)
         self.board, self.lidar = board, lidar
         self._folder = folder
-        text = settings(self.ports, board, lidar, more)
+        text = settings(self.ports, board, lidar, more, lidar_more)
         self._config = write_config(folder / "robot.toml", endpoint, NAME, text)
+        mount = Mount(load_config(self._config).base.lidar.pose.as_pose())
+        body = RobotInWorld(world, 3, footprint=footprint_from_box(0.4, 0.3), mount=mount)
+        self.emulated = EmulatedRobot([board, lidar], body, self.ports)
         self.base: Process | None = None
         self._connection = Connection([endpoint])
         self.states: list[BaseState] = []
@@ -113,7 +122,7 @@ class Metal:
     def running(self) -> Iterator["Metal"]:
         with self.emulated, self._connection:
             self.robot = Robot.over(self._connection, NAME)
-            base = self.start_base()
+            self.start_base()
             self.hand = Hand(self.robot)
             try:
                 yield self
@@ -121,7 +130,6 @@ class Metal:
                 self.hand.close()
                 if self.base is not None:
                     self.base.kill()
-                print(base.log)
 
     @property
     def state(self) -> BaseState | None:

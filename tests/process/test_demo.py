@@ -30,6 +30,16 @@ def test_demo_reaches_all_stops(tmp_path: Path, speed: int, seed: int) -> None:
     assert "0 collisions" in demo.process.log
 
 
+def test_demo_reaches_all_stops_over_emulated_ports(tmp_path: Path) -> None:
+    demo = Demo(tmp_path, "--headless", "--tour", "--emulate", "linorobot,ld19")
+    try:
+        assert demo.process.wait(150.0) == 0, demo.process.log
+    finally:
+        demo.process.kill()
+    assert "3 of 3 stops reached" in demo.process.log
+    assert "0 collisions" in demo.process.log
+
+
 def is_localized(robot: Robot) -> bool:
     """Whether the newest pose says so."""
     pose = robot.latest(topics.POSE)

@@ -122,7 +122,8 @@ def test_another_firmware_gets_no_command(make_metal: Callable[..., Metal]) -> N
             10.0,
             f"the md5 is named: {state}",
         )
-        assert state is not None and "raw_vel" in state.message
+        assert state is not None
+        assert "raw_vel" in state.message
         metal.hand.drive(AHEAD)
         time.sleep(1.0)
         assert metal.emulated.commands() == ()
@@ -139,7 +140,7 @@ def test_the_stop_field_stops_in_time(linorobot: Metal, speed: float) -> None:
         f"it stands before the wall: {linorobot.emulated.truth()}",
     )
     truth = linorobot.emulated.truth()
-    assert truth.collisions == 0 and truth.bumps == 0
+    assert (truth.collisions, truth.bumps) == (0, 0)
     assert 0.02 < truth.clearance < 0.2
 
 

@@ -138,7 +138,7 @@ def emulator_command(choices: Choices, config: Path) -> list[str]:
         world = worlds.find(choices.world or WORLD)
     except FileNotFoundError as error:
         raise ConfigError(f"--world: {error}") from error
-    words = ["trolley.cli", "emulate", *choices.devices, "--config", str(config)]
+    words = ["trolley.cli", "emulate", *choices.devices, "--quiet", "--config", str(config)]
     words += ["--world", str(world), "--seed", str(choices.seed)]
     words += ["--ports", str(config.parent / PORTS)]
     if choices.start is not None:

@@ -52,7 +52,7 @@ class LookRound:
         may = base is not None and base.mode == "ok" and base.source in (None, "planner")
         if self._is_spent or odometry is None:
             return None
-        if not may or senses.is_blind(now_ns) or not self._has_room(senses):
+        if not may or senses.silence(now_ns) is not None or not self._has_room(senses):
             self.stop()
             return None
         if self._turn is None:

@@ -288,9 +288,8 @@ class Navigator:
 
     def _must_wait(self, now_ns: int) -> bool:
         """Say whether the robot must stand because it does not know enough; fail if that lasts."""
-        trouble = self.senses.pose_trouble(now_ns)
-        if trouble is None and self.senses.is_blind(now_ns):
-            trouble = codes.SCAN_LOST
+        # What fell silent is named first: without it there is no new pose either.
+        trouble = self.senses.silence(now_ns) or self.senses.pose_trouble(now_ns)
         if trouble is None:
             self._trouble_since_ns = None
             return False

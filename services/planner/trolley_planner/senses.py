@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist, interpolate
 from trolley.messages import (
@@ -127,12 +128,15 @@ class Senses:
             return "lost"
         return "stale" if now_ns - self.pose.stamp_ns > STALE_S * 1e9 else None
 
-    def is_blind(self, now_ns: int) -> bool:
-        """Say whether the lidar or the odometry fell silent."""
-        if self.scan is None or self.odometry is None:
-            return True
-        oldest = min(self.scan.stamp_ns, self.odometry.stamp_ns)
-        return now_ns - oldest > SILENT_S * 1e9
+    def silence(self, now_ns: int) -> str | None:
+        """Return the code of what fell silent: the lidar, or the wheels' odometry; None if neither.
+
+        The robot's own `base` sends both, so the odometry is silent when its motor board is.
+        """
+        for message, code in ((self.scan, codes.SCAN_LOST), (self.odometry, codes.LINK_LOST)):
+            if message is None or now_ns - message.stamp_ns > SILENT_S * 1e9:
+                return code
+        return None
 
     @property
     def is_unsure(self) -> bool:

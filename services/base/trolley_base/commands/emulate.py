@@ -83,10 +83,12 @@ def _epilog() -> str:
     metavar="DEVICE:KIND[=VALUE][@S][+S]",
     help="What goes wrong, from which second on and for how long (may be repeated).",
 )
+@click.option("-q", "--quiet", is_flag=True, help="Say nothing but what goes wrong.")
 @where_options
 @reports_errors
 def emulate_command(
     devices: tuple[str, ...],
+    quiet: bool,
     world: str,
     seed: int,
     start: Pose2D | None,
@@ -105,21 +107,24 @@ def emulate_command(
     config = None if path is None else load_config(path)
     try:
         body = _body(config, world, seed, start, laser)
-        robot = EmulatedRobot(devices, body, ports, click.echo)
+        tell = _say_nothing if quiet else click.echo
+        robot = EmulatedRobot(devices, body, ports, tell)
         for fault in faults:
             robot.fault(fault)
         with interruptible(), ExitStack() as stack:
             stack.enter_context(robot)
-            _announce(robot)
+            if not quiet:
+                _announce(robot)
             target = _target()
             if target is not None:
-                publisher = TruthPublisher(target, body.world.name, robot.truth, click.echo)
+                publisher = TruthPublisher(target, body.world.name, robot.truth, tell)
                 stack.enter_context(publisher)
             _serve(robot)
     except (DeviceError, FaultError, WorldError, FileNotFoundError, PortError) as error:
         raise click.UsageError(str(error)) from error
     except KeyboardInterrupt:
-        click.echo("The devices are gone.")
+        if not quiet:
+            click.echo("The devices are gone.")
 
 
 def _body(
@@ -148,6 +153,10 @@ def _target() -> Target | None:
     if target.robot is None:
         raise click.UsageError("--connect needs --robot NAME: whose sim/truth this is")
     return target
+
+
+def _say_nothing(_line: str) -> None:
+    """In place of `click.echo`, where nothing is to be said."""
 
 
 def _announce(robot: EmulatedRobot) -> None:
