@@ -6,22 +6,26 @@ drives a robot.
 """
 
 import contextlib
-import functools
 import io
 import logging
 import re
 import socket
-from collections.abc import Generator
+from collections.abc import Awaitable, Callable, Generator, Mapping
 from typing import Any, cast
 
 import viser
 import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
 
 from trolley.config.viz import VizConfig
 from trolley_viz import camera
 
 OWN_PAGES = re.compile(r"https?://(localhost|127\.\d+\.\d+\.\d+|\[::1\])(:\d+)?")
 """Origins of pages that this host serves itself, on any port, since ports may be forwarded."""
+
+
+Serve = Callable[[ServerConnection], Awaitable[None]]
+"""Talks with one browser until one of them has enough."""
 
 
 class PortTaken(RuntimeError):
@@ -37,8 +41,12 @@ class LocalServer(viser.ViserServer):
         return None
 
 
-def open_server(config: VizConfig) -> LocalServer:
+def open_server(config: VizConfig, sockets: Mapping[str, Serve] = {}) -> LocalServer:
     """Serve the viewer at exactly the configured address.
+
+    Args:
+        config: the address.
+        sockets: who serves the WebSocket of a path; viser's own is at "/".
 
     Raises:
         PortTaken: Something else listens there, or the address is not this host's.
@@ -47,7 +55,7 @@ def open_server(config: VizConfig) -> LocalServer:
     # A probe of the port, or a browser that leaves early, is no error of ours with a traceback.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     # viser prints a banner whatever it is told; what people need to know stands in the log.
-    with contextlib.redirect_stdout(io.StringIO()), _own_pages_only(config.host):
+    with contextlib.redirect_stdout(io.StringIO()), _changed_serving(config.host, sockets):
         server = LocalServer(host=config.host, port=config.port, verbose=False)
     if server.get_port() != config.port:
         close_server(server)
@@ -74,16 +82,26 @@ def configure_look(server: viser.ViserServer, *, dark: bool) -> None:
 
 
 @contextlib.contextmanager
-def _own_pages_only(host: str) -> Generator[None]:
-    """Refuse the pages of other sites: a browser lets any of them talk to a server on its host.
+def _changed_serving(host: str, sockets: Mapping[str, Serve]) -> Generator[None]:
+    """Refuse the pages of other sites, and serve more paths than viser's own.
 
-    viser does not ask where a page comes from, so the check is put under it while it starts. It
+    A browser lets any page talk to a server on its host. viser does not ask where a page comes
+    from, so the check is put under it while it starts, and the other sockets beside it. The check
     holds on loopback only; elsewhere the server does not know the names that it is called by.
     """
     plain = websockets.asyncio.server.serve
-    if _is_loopback(host):
-        checked = functools.partial(plain, origins=[OWN_PAGES, None])
-        websockets.asyncio.server.serve = cast(Any, checked)
+
+    def serve(viser_serves: Serve, *args: Any, **options: Any) -> Any:
+        async def route(connection: ServerConnection) -> None:
+            request = connection.request
+            path = "/" if request is None else request.path.partition("?")[0]
+            await sockets.get(path, viser_serves)(connection)
+
+        if _is_loopback(host):
+            options["origins"] = [OWN_PAGES, None]
+        return plain(route, *args, **options)
+
+    websockets.asyncio.server.serve = cast(Any, serve)
     try:
         yield
     finally:

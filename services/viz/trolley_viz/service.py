@@ -9,13 +9,15 @@ from typing import Any
 import msgspec
 import viser
 
-from trolley import topics
+from trolley import teleop, topics
 from trolley.config import RobotConfig
 from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
 from trolley_viz import camera
 from trolley_viz.actions import Actions
 from trolley_viz.feeds import Feeds
+from trolley_viz.joystick.by_hand import ByHand
+from trolley_viz.joystick.page import pad_html
 from trolley_viz.panels.console import Console
 from trolley_viz.placement import Placement
 from trolley_viz.pointing import Pointing
@@ -29,6 +31,7 @@ from trolley_viz.stopping import StopPresses
 from trolley_viz.words import Tone
 
 PANEL_PERIOD_NS = 200_000_000
+JOYSTICK_PATH = "/joystick"
 NOTICE_S = 8.0
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
@@ -60,8 +63,10 @@ class VizService(Service):
     # Life.
     def start(self) -> None:
         """Open the web page."""
+        self._by_hand = ByHand(self, self._robots, self.robot_ns)
+        sockets = {JOYSTICK_PATH: self._by_hand.sockets.serve}
         try:
-            server = self._server = open_server(self._config)
+            server = self._server = open_server(self._config, sockets)
         except PortTaken as taken:
             # Nothing to trace: the sentence says it all, so it is no exception in the log.
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
@@ -75,6 +80,7 @@ class VizService(Service):
         self._stops = StopPresses(self._actions.ask_stop)
         self._scene = Scene(server, self._settings.layers)
         self._console = Console(server.gui, self, self._scene, dark=self._settings.dark)
+        server.gui.add_html(pad_html())
 
         # async, and only handing over: these run on the thread of the web server.
         async def came(client: viser.ClientHandle) -> None:
@@ -112,6 +118,12 @@ class VizService(Service):
         if self.monotonic_ns >= self._panels_due_ns:
             self._panels_due_ns = self.monotonic_ns + PANEL_PERIOD_NS
             self._console.update(view)
+            self._by_hand.tell(view.feeds.latest(topics.BASE), view.feeds.latest(topics.GOAL))
+
+    @every(teleop.PERIOD_S, clock="local")
+    def drive_by_hand(self) -> None:
+        """Send what the joystick wants."""
+        self._by_hand.drive()
 
     # What the panels read.
     @property
@@ -157,6 +169,7 @@ class VizService(Service):
         if name != self._robots.selected:
             self._pointing.disarm()
             self._actions.put_away()
+            self._by_hand.drop()
             self._robots.selected = name
             self._forget()
 

@@ -22,7 +22,7 @@ STYLE = """<style>
 #trolley-stop{{position:fixed;z-index:9000;left:18px;bottom:96px;max-width:min(80vw,560px)}}
 #trolley-stop div{{padding:10px 16px;border-radius:10px;color:#fff;font-size:19px;font-weight:700;
  line-height:1.3;box-shadow:0 3px 12px rgba(0,0,0,.35)}}
-#trolley-hint{{position:fixed;z-index:8000;left:366px;bottom:30px;max-width:40vw;padding:9px 16px;
+#trolley-hint{{position:fixed;z-index:8000;left:570px;bottom:30px;max-width:32vw;padding:9px 16px;
  border-radius:10px;background:#0b6b35;color:#fff;font-size:15px}}
 @keyframes trolley-flash{{50%{{opacity:.55}}}}
 .trolley-flash{{animation:trolley-flash .8s infinite}}

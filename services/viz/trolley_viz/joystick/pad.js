@@ -1,0 +1,149 @@
+// The pad in the page. What is held here drives the robot only as long as this says so, ten times a
+// second; everything that might be a release is one.
+function startPad(root) {
+  if (root.dataset.started) return; // an image may be loaded twice
+  root.dataset.started = "yes";
+  const BEAT_MS = 100, RETRY_MS = 1000, SILENCE_MS = 1500, MAX_WAITING_BYTES = 1000;
+  const find = (name) => root.querySelector(name);
+  const toggle = find(".hand-open"), card = find(".hand-card"), pad = find(".hand-pad");
+  const knob = find(".hand-knob"), slider = find("input"), speed = find("output");
+  const say = find(".hand-say");
+  const ending = new AbortController();
+  let socket = null, pointer = null, beat = null, retry = null;
+  let x = 0, y = 0, can = false, heardMs = 0;
+
+  function show(text, tone) {
+    say.textContent = text;
+    say.dataset.tone = tone;
+  }
+
+  function showState() {
+    card.classList.toggle("hand-off", !can);
+    card.classList.toggle("hand-held", pointer !== null && can);
+    speed.textContent = `${Number(slider.value).toFixed(2)} m/s`;
+  }
+
+  function isOpen() {
+    return socket !== null && socket.readyState === WebSocket.OPEN;
+  }
+
+  function send() {
+    const held = pointer !== null;
+    // On a connection that does not get rid of what it has, more would only come late.
+    if (!isOpen() || (held && socket.bufferedAmount > MAX_WAITING_BYTES)) return;
+    const sent_ms = performance.now();
+    socket.send(JSON.stringify({ x, y, held, speed: Number(slider.value), sent_ms }));
+  }
+
+  function release() {
+    if (pointer === null) return;
+    pointer = null;
+    clearInterval(beat);
+    x = y = 0;
+    knob.style.transform = "";
+    send();
+    showState();
+  }
+
+  function move(event) {
+    const box = pad.getBoundingClientRect(), radius = box.width / 2;
+    const reach = radius - knob.offsetWidth / 2;
+    const right = (event.clientX - box.left - radius) / reach;
+    const up = (box.top + radius - event.clientY) / reach;
+    const length = Math.max(1, Math.hypot(right, up));
+    x = right / length;
+    y = up / length;
+    knob.style.transform = `translate(${x * reach}px, ${-y * reach}px)`;
+  }
+
+  function press(event) {
+    if (pointer !== null || !can || event.button !== 0) return;
+    event.preventDefault();
+    pad.setPointerCapture(event.pointerId);
+    pointer = event.pointerId;
+    move(event);
+    send();
+    beat = setInterval(tick, BEAT_MS);
+    showState();
+  }
+
+  function tick() {
+    if (!root.isConnected) return end();
+    if (performance.now() - heardMs > SILENCE_MS) return lose();
+    send();
+  }
+
+  function take(word) {
+    heardMs = performance.now();
+    can = word.can;
+    if (word.max_speed > 0 && Number(slider.max) !== word.max_speed) {
+      slider.max = word.max_speed;
+    }
+    show(word.text, word.tone);
+    showState();
+  }
+
+  function lose() {
+    can = false;
+    release();
+    show("No connection to the viewer.", "bad");
+    showState();
+  }
+
+  function connect() {
+    if (!root.isConnected) return end();
+    const url = new URL("joystick", location.href);
+    url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+    url.search = url.hash = "";
+    const mine = (socket = new WebSocket(url));
+    mine.onmessage = (event) => {
+      if (!root.isConnected) return end();
+      if (mine === socket) take(JSON.parse(event.data));
+    };
+    mine.onclose = () => {
+      if (mine !== socket) return;
+      socket = null;
+      lose();
+      retry = setTimeout(connect, RETRY_MS);
+    };
+  }
+
+  function disconnect() {
+    release();
+    clearTimeout(retry);
+    const closed = socket;
+    socket = null;
+    if (closed !== null) closed.close();
+    can = false;
+  }
+
+  function setOpen(wanted) {
+    toggle.setAttribute("aria-expanded", String(wanted));
+    card.hidden = !wanted;
+    disconnect();
+    show("", "idle");
+    showState();
+    if (wanted) connect();
+  }
+
+  function end() {
+    disconnect();
+    ending.abort();
+  }
+
+  const on = (target, name, action) =>
+    target.addEventListener(name, action, { signal: ending.signal });
+  on(toggle, "click", () => setOpen(card.hidden));
+  on(find(".hand-close"), "click", () => setOpen(false));
+  on(slider, "input", showState);
+  on(pad, "pointerdown", press);
+  on(pad, "pointermove", (event) => event.pointerId === pointer && move(event));
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
+    on(pad, name, (event) => event.pointerId === pointer && release());
+  }
+  on(pad, "contextmenu", (event) => event.preventDefault());
+  on(window, "blur", release);
+  on(window, "pagehide", release);
+  on(document, "visibilitychange", () => document.hidden && release());
+  showState();
+}

@@ -1,0 +1,175 @@
+"""The joystick on the screen: pressed, dragged and let go in a real browser."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+from support.waiting import wait_until
+
+from trolley import topics
+from trolley.geometry import Twist2D
+
+from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
+
+if TYPE_CHECKING:
+    from .conftest import Shown
+
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+STANDS_WITHIN_S = 1.2
+"""0.5 s, and what a loaded machine without a graphics card takes."""
+UP, LEFT = (0.0, -1.0), (-1.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        expect.set_options(timeout=PATIENCE_MS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_pad(shown: "Shown", browser: Browser) -> Iterator[Callable[[], Page]]:
+    opened: list[Page] = []
+
+    def open_it(width: int = 420, height: int = 560) -> Page:
+        """A small page: the fewer pixels to draw in software, the more time for the rest."""
+        page = browser.new_page(viewport={"width": width, "height": height})
+        opened.append(page)
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(shown.url)
+        page.get_by_text("Localized").wait_for()
+        page.get_by_role("button", name="Drive by hand").click()
+        expect(page.locator(".hand-card")).not_to_have_class("hand-card hand-off")
+        return page
+
+    yield open_it
+    for page in opened:
+        if not page.is_closed():
+            page.close()
+
+
+def press(page: Page, towards: tuple[float, float]) -> None:
+    """Press in the middle of the pad and drag to its rim."""
+    box = page.locator(".hand-pad").bounding_box()
+    assert box is not None
+    x, y, reach = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["width"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + reach * towards[0], y + reach * towards[1], steps=4)
+
+
+def truth(shown: "Shown") -> Twist2D:
+    found = shown.robot.latest(topics.SIM_TRUTH)
+    assert found is not None
+    return found.twist
+
+
+def stands(shown: "Shown") -> bool:
+    twist = truth(shown)
+    return twist.speed < 0.01 and abs(twist.wz) < 0.02
+
+
+def source(shown: "Shown") -> str | None:
+    base = shown.robot.latest(topics.BASE)
+    return None if base is None else base.source
+
+
+def test_press_drives_and_release_stops(
+    shown: "Shown", open_pad: Callable[..., Page], pictures: Path
+) -> None:
+    page = open_pad()
+    press(page, UP)
+    wait_until(lambda: truth(shown).vx > 0.2, 10.0, "it drives forward")
+    assert truth(shown).vx < 0.27
+    page.screenshot(path=pictures / "joystick.png", timeout=60_000)
+    page.mouse.up()
+    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+    wait_until(lambda: source(shown) is None, 5.0, "the joystick gives the robot back")
+    press(page, LEFT)
+    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns left")
+    page.mouse.up()
+    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+
+
+def test_the_slider_bounds_the_speed(shown: "Shown", open_pad: Callable[..., Page]) -> None:
+    page = open_pad()
+    page.get_by_label("Speed", exact=True).fill("0.1")
+    press(page, (0.0, 1.0))
+    wait_until(lambda: truth(shown).vx < -0.08, 10.0, "it backs up")
+    assert truth(shown).vx > -0.12
+    page.mouse.up()
+    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+
+
+@pytest.mark.parametrize("way", ["crashed", "closed", "hanging", "left"])
+def test_a_page_that_is_gone_holds_nothing(
+    shown: "Shown", browser: Browser, open_pad: Callable[..., Page], way: str
+) -> None:
+    page = open_pad()
+    press(page, LEFT)
+    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns")
+    if way == "crashed":
+        session = browser.new_browser_cdp_session()
+        for process in session.send("SystemInfo.getProcessInfo")["processInfo"]:
+            if process["type"] == "renderer":
+                os.kill(process["id"], signal.SIGKILL)
+    elif way == "closed":
+        page.close()
+    elif way == "hanging":
+        page.evaluate("setTimeout(() => { for (const t = Date.now(); Date.now() < t + 3000;); })")
+    else:
+        page.evaluate("window.dispatchEvent(new Event('blur'))")
+    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+
+
+def test_one_browser_drives_and_the_other_is_told(
+    shown: "Shown", open_pad: Callable[..., Page]
+) -> None:
+    one, other = open_pad(), open_pad()
+    press(one, LEFT)
+    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns left")
+    expect(other.get_by_text("Somebody else drives")).to_be_visible()
+    press(other, (1.0, 0.0))
+    assert truth(shown).wz > 0.0
+    one.mouse.up()
+    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands: the other has to press anew")
+    other.mouse.up()
+    expect(other.get_by_text("Somebody else drives")).to_have_count(0)
+    press(other, (1.0, 0.0))
+    wait_until(lambda: truth(shown).wz < -0.5, 10.0, "it turns right")
+    other.mouse.up()
+    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+
+
+def test_stop_while_it_is_held_stops_for_good(
+    shown: "Shown", open_pad: Callable[..., Page]
+) -> None:
+    page = open_pad()
+    press(page, LEFT)
+    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns")
+    shown.robot.stop()
+    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+    expect(page.locator(".hand-say")).to_contain_text("Press Resume to let it drive again")
+    page.mouse.up()
+    shown.robot.resume()
+    expect(page.locator(".hand-say")).to_have_text("")
+    assert stands(shown)
+
+
+def test_without_base_it_cannot_be_held(shown: "Shown", open_pad: Callable[..., Page]) -> None:
+    page = open_pad()
+    press(page, LEFT)
+    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns")
+    shown.demo.kill_service("base")
+    expect(page.get_by_text("Nothing is heard of the robot").last).to_be_visible()
+    wait_until(lambda: shown.robot.now_ns() is not None, 30.0, "base is back")
+    expect(page.locator(".hand-card")).not_to_have_class("hand-card hand-off")
+    assert stands(shown)  # still pressed, but nothing sets off by itself
+    page.mouse.up()
