@@ -56,17 +56,18 @@ def import_linorobot(
 ) -> None:
     """Write a robot.toml from the files of a linorobot (ROS 1).
 
-    FOLDER is its package, with launch, param and maps. The files are only read, never run.
+    FOLDER is its package, with launch, param and maps, or what you have of it. The files are only
+    read, never run.
     """
     if not re.fullmatch(r"[a-z0-9_-]{1,32}", name):
         raise click.BadParameter("a robot's name is 1 to 32 of a-z, 0-9, _ and -")
-    if not (folder / "launch").is_dir() and not (folder / "param").is_dir():
+    findings = read_linorobot(folder, base, lidar)
+    if not findings.taken:
         raise click.BadParameter(
-            f"{folder} holds neither launch nor param: give the folder of the package, such as "
-            f"~/linorobot_ws/src/linorobot",
+            f"{folder} holds no file of a linorobot that says anything: give the folder of the "
+            f"package, with launch, param and maps, such as ~/linorobot_ws/src/linorobot",
             param_hint="FOLDER",
         )
-    findings = read_linorobot(folder, base, lidar)
     files = _map_files(findings, output.parent / MAPS)
     if not force:
         _refuse_to_overwrite(output, files)

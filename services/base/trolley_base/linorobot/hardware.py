@@ -69,10 +69,10 @@ def _take_drive(findings: Findings, base: str) -> None:
 def _take_board(findings: Findings) -> None:
     nodes = findings.launch.of_package(ROSSERIAL)
     port = first(nodes, ("port", "_port"))
-    if port is None:
-        findings.note("No motor board was found: `trolley detect --write` finds its port.")
-        return
     findings.set("base.chassis.board", "linorobot")
+    if port is None:
+        findings.note("No port of the motor board was found: `trolley detect --write` finds it.")
+        return
     findings.take("base.chassis.port", port.value, f"motor board at {port.value}", port)
     baud = _baud(first(nodes, ("baud", "_baud")))
     if baud is not None and baud.value != BOARDS["linorobot"].baud:

@@ -6,6 +6,7 @@ Source:
 """
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,18 +17,14 @@ import yaml
 from trolley.geometry import footprint_from_polygon, footprint_from_radius, pose_from_quaternion
 from trolley.gridmap import MapError, load_map
 from trolley_base.linorobot.findings import Findings
-from trolley_base.linorobot.launch_files import Value, read_parameters
+from trolley_base.linorobot.launch_files import Value, read_parameters, shown
 
-# Where parameters lie if no launch file says so, in the versions of linorobot.
-COSTMAP_FILES = (
-    "param/navigation/costmap_common_params.yaml",
-    "param/costmap_common_params.yaml",
-)
-PLANNER_FILES = (
-    "param/navigation/base_local_planner_default_params.yaml",
-    "param/base_local_planner_params.yaml",
-)
-HOLONOMIC_FILES = ("param/navigation/base_local_planner_holonomic_params.yaml",)
+# What parameters lie in if no launch file says so, in the versions of linorobot.
+COSTMAP_FILES = ("costmap_common_params.yaml",)
+PLANNER_FILES = ("base_local_planner_default_params.yaml", "base_local_planner_params.yaml")
+HOLONOMIC_FILES = ("base_local_planner_holonomic_params.yaml",)
+# linorobot's own name for the map, if there are several and no launch file says which.
+USUAL_MAP = "house"
 
 SPEEDS = ("max_vel_x", "max_vel_trans", "max_trans_vel")
 # In place, ROS's planner turns at least as fast as the last, whatever the others say.
@@ -58,7 +55,7 @@ def _read_parameters(findings: Findings, base: str) -> Parameters:
     files = [path for node in findings.launch.of_kind("move_base") for path in node.files]
     if not files:
         names = (*COSTMAP_FILES, *(HOLONOMIC_FILES if base == "mecanum" else PLANNER_FILES))
-        files = [path for name in names if (path := findings.folder / name).is_file()]
+        files = [path for name in names for path in sorted(findings.folder.rglob(name))[:1]]
     parameters: dict[str, Value] = {}
     for path in dict.fromkeys(files):
         parameters |= read_parameters(path, findings.folder, findings.notes)
@@ -145,21 +142,41 @@ def _numbers(
 def _take_map(findings: Findings) -> None:
     for node in findings.launch.of_kind("map_server"):
         words = node.arguments.value.split()
-        if not words:
-            continue
-        path = Path(words[0])
-        try:
-            grid = load_map(path)
-        except MapError as error:
-            findings.note(f"{findings.place(node.arguments)}: no map is taken: {error}.")
+        if words:
+            _use_map(findings, node.arguments._replace(value=Path(words[0])))
             return
-        findings.map_file = path
-        rows, columns = grid.cells.shape
-        size = f"{columns * grid.resolution:.1f} x {rows * grid.resolution:.1f} m"
-        words_for = f"map {path.stem}, {size}"
-        findings.take("map.file", f"maps/{path.name}", words_for, node.arguments)
+    maps = [path for path in sorted(findings.folder.rglob("*.yaml")) if _looks_like_map(path)]
+    usual = [path for path in maps if path.stem == USUAL_MAP]
+    if len(maps) == 1 or usual:
+        path = (usual or maps)[0]
+        _use_map(findings, Value(path, path, 1))
+    elif maps:
+        names = ", ".join(shown(path, findings.folder) for path in maps)
+        findings.note(f"There are several maps ({names}): name one in [map] file.")
+    else:
+        findings.note("No map was found: name one in [map] file before the robot drives to places.")
+
+
+def _looks_like_map(path: Path) -> bool:
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False  # what cannot be read is no map that could be taken
+    return all(re.search(rf"(?m)^{key}:", text) for key in ("image", "resolution", "origin"))
+
+
+def _use_map(findings: Findings, source: Value) -> None:
+    """Take the map whose file is the value of `source`, if it is one."""
+    path: Path = source.value
+    try:
+        grid = load_map(path)
+    except MapError as error:
+        findings.note(f"{findings.place(source)}: no map is taken: {error}.")
         return
-    findings.note("No map was found: name one in [map] file before the robot drives to places.")
+    findings.map_file = path
+    rows, columns = grid.cells.shape
+    size = f"{columns * grid.resolution:.1f} x {rows * grid.resolution:.1f} m"
+    findings.take("map.file", f"maps/{path.name}", f"map {path.stem}, {size}", source)
 
 
 def _take_start(findings: Findings) -> None:

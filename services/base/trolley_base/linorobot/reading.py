@@ -7,24 +7,16 @@ from trolley_base.linorobot.hardware import take_hardware
 from trolley_base.linorobot.launch_files import Launch, LaunchReader
 from trolley_base.linorobot.navigation import take_navigation
 
-LAUNCH_FILES = ("launch/bringup.launch", "launch/navigate.launch")
+LAUNCH_FILES = ("bringup.launch", "navigate.launch")
 # Where programs are started that the two do not lead to, in the versions of linorobot.
-ELSEWHERE = {
-    "amcl": ("launch/include/amcl.launch", "launch/amcl.launch"),
-    "static_transform_publisher": (
-        "launch/include/laser.launch",
-        "launch/include/tf.launch",
-        "launch/laser.launch",
-        "launch/tf.launch",
-    ),
-}
+ELSEWHERE = {"amcl": ("amcl.launch",), "static_transform_publisher": ("laser.launch", "tf.launch")}
 
 
 def read_linorobot(folder: Path, base: str, lidar: str) -> Findings:
     """Find out what a linorobot's files say of the robot.
 
     Args:
-        folder: its package, which holds `launch`, `param` and `maps`.
+        folder: its package, which holds `launch`, `param` and `maps`, or some files of them.
         base: `LINOBASE`, such as 2wd; "" if unknown.
         lidar: `LINOLIDAR`, such as rplidar; "" if unknown.
     """
@@ -32,16 +24,23 @@ def read_linorobot(folder: Path, base: str, lidar: str) -> Findings:
     reader = LaunchReader(folder, {name: text for name, text in environment.items() if text})
     launch = Launch()
     for name in LAUNCH_FILES:
-        if (folder / name).is_file():
-            reader.read(folder / name, launch)
-        else:
+        path = _find(folder, name)
+        if path is None:
             launch.problems.append(f"There is no {name}.")
+        else:
+            reader.read(path, launch)
     for kind, names in ELSEWHERE.items():
-        for name in names:
-            if not launch.of_kind(kind) and (folder / name).is_file():
-                reader.read(folder / name, launch)
+        for path in filter(None, (_find(folder, name) for name in names)):
+            if not launch.of_kind(kind):
+                reader.read(path, launch)
     findings = Findings(folder, launch)
     findings.notes.extend(launch.problems)
     take_navigation(findings, base)
     take_hardware(findings, base, lidar)
     return findings
+
+
+def _find(folder: Path, name: str) -> Path | None:
+    """Return the file of a name in a folder or below, the one that lies least deep."""
+    found = sorted(folder.rglob(name), key=lambda path: (len(path.parts), path))
+    return found[0] if found else None

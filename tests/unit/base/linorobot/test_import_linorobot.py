@@ -73,7 +73,7 @@ def test_may_write_into_the_package_itself(package: Package) -> None:
 def test_refuses_a_folder_that_is_no_package(tmp_path: Path) -> None:
     result = run(tmp_path, "-o", tmp_path / "robot.toml")
     assert result.exit_code == 2
-    assert "holds neither launch nor param" in result.output
+    assert "holds no file of a linorobot" in result.output
 
 
 def test_refuses_a_value_that_no_robot_has(package: Package, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -271,12 +272,35 @@ def test_finds_the_older_places(package: Package) -> None:
     findings = read_linorobot(package.folder, "2wd", "xv11")
     assert "start.pose" in findings.chosen
     assert value(findings, "robot.footprint") == {"length_m": 0.32, "width_m": 0.22}
-    assert "There is no launch/navigate.launch." in notes(findings)
+    assert "There is no navigate.launch." in notes(findings)
 
 
 def test_an_empty_package_gives_defaults_and_says_them(package: Package) -> None:
     for path in package.folder.rglob("*.*"):
         path.unlink()
     findings = read_linorobot(package.folder, "", "")
-    assert findings.chosen == {"base.driver": '"hardware"'}
+    assert findings.chosen == {"base.driver": '"hardware"', "base.chassis.board": '"linorobot"'}
+    assert findings.taken == []
     assert len(findings.notes) >= 8
+
+
+def test_a_few_files_in_one_folder_are_enough(package: Package, tmp_path: Path) -> None:
+    few = tmp_path / "few"
+    few.mkdir()
+    for path in (package.path(AMCL), package.path(COSTMAP), *package.path("maps").iterdir()):
+        (few / path.name).write_bytes(path.read_bytes())
+    findings = read_linorobot(few, "", "")
+    assert {"start.pose", "robot.footprint", "map.file"} <= findings.chosen.keys()
+    assert findings.map_file is not None
+    assert findings.map_file.parent == few
+
+
+def test_of_several_maps_none_is_guessed(package: Package) -> None:
+    package.path("launch/navigate.launch").unlink()
+    first = next(package.path("maps").glob("*.yaml"))
+    for name in ("cellar", "attic"):
+        first.with_name(f"{name}.yaml").write_bytes(first.read_bytes())
+    first.unlink()
+    findings = read_linorobot(package.folder, "", "")
+    assert "map.file" not in findings.chosen
+    assert "There are several maps (maps/attic.yaml, maps/cellar.yaml)" in notes(findings)
