@@ -5,6 +5,7 @@ compared with.
 """
 
 import itertools
+import math
 import struct
 from collections.abc import Callable
 from functools import reduce
@@ -194,3 +195,104 @@ PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
 }
 """Decoders by the titles of `lidar_streams.STREAMS`."""
+
+
+Polar = list[tuple[float, float]]
+"""Angles [deg] and distances [mm]."""
+
+
+def ld19_samples(frame: bytes) -> Polar:
+    """Twelve, evenly between two angles."""
+    first, last = struct.unpack_from("<H", frame, 4)[0], struct.unpack_from("<H", frame, 42)[0]
+    step = (last - first) % 36000 / 11
+    return [
+        ((first + i * step) / 100 % 360, frame[6 + 3 * i] | frame[7 + 3 * i] << 8)
+        for i in range(12)
+    ]
+
+
+def xv11_samples(frame: bytes) -> Polar:
+    """Four, a degree each."""
+    words = struct.unpack_from("<8H", frame, 4)
+    first = 4 * (frame[1] - 0xA0)
+    return [(first + i, 0 if one & 0x8000 else one & 0x3FFF) for i, one in enumerate(words[::2])]
+
+
+def lds01_samples(frame: bytes) -> Polar:
+    """Six, a degree each."""
+    words = struct.unpack_from("<18H", frame, 4)
+    return [(6 * (frame[1] - 0xA0) + i, one) for i, one in enumerate(words[1::3])]
+
+
+def x4_samples(frame: bytes) -> Polar:
+    """Up to forty, each corrected by its distance."""
+    size = frame[3]
+    first, last = (one >> 1 for one in struct.unpack_from("<HH", frame, 4))
+    step = (last - first) % 23040 / 64 / max(size - 1, 1)
+    samples: Polar = []
+    for i, quarter in enumerate(struct.unpack_from(f"<{size}H", frame, 10)):
+        mm = quarter / 4
+        beside = math.atan(21.8 * (155.3 - mm) / (155.3 * mm)) if mm else 0.0
+        samples.append(((first / 64 + i * step + math.degrees(beside)) % 360, mm))
+    return samples
+
+
+def standard_samples(frame: bytes) -> Polar:
+    """One."""
+    return [(sample_angle(frame), (frame[3] | frame[4] << 8) / 4)]
+
+
+class PlainCapsules:
+    """Reads capsules, each with the next."""
+
+    def __init__(self) -> None:
+        self._last: bytes | None = None
+
+    def __call__(self, frame: bytes) -> Polar:
+        """Return the 32 samples of the capsule before this one."""
+        before, self._last = self._last, frame
+        if before is None:
+            return []
+        start, end = ((one[2] | one[3] << 8) & 0x7FFF for one in (before, frame))
+        step = (end - start) % 23040 / 64 / 32
+        samples: Polar = []
+        for i in range(16):
+            one, two, low = struct.unpack_from("<HHB", before, 4 + 5 * i)
+            for k, word, rest in ((2 * i, one, low & 15), (2 * i + 1, two, low >> 4)):
+                lag = ((word & 3) << 4 | rest) / 8
+                samples.append(((start / 64 + k * step - lag) % 360, word >> 2))
+        return samples
+
+
+class PlainDriver:
+    """Finds frames and sorts their samples into the degrees of a turn, the nearest first."""
+
+    def __init__(self, title: str) -> None:
+        self._finder = PLAIN[title]()
+        self._samples = SAMPLES[title]()
+        self._degrees = [math.inf] * 360
+        self._last_deg = 0.0
+        self.turns: list[list[float]] = []
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes; whole turns are added to `turns`."""
+        for frame in self._finder.feed(data):
+            for angle, mm in self._samples(frame):
+                if angle < self._last_deg - 180:
+                    self.turns.append(self._degrees)
+                    self._degrees = [math.inf] * 360
+                self._last_deg = angle
+                if mm:
+                    degree = int(angle)
+                    self._degrees[degree] = min(self._degrees[degree], mm)
+
+
+SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
+    "RPLIDAR A1 standard": lambda: standard_samples,
+    "RPLIDAR A1 express": PlainCapsules,
+    "YDLIDAR X4": lambda: x4_samples,
+    "LD19": lambda: ld19_samples,
+    "XV11": lambda: xv11_samples,
+    "LDS-01": lambda: lds01_samples,
+}
+"""Readers of frames by the same titles."""

@@ -9,9 +9,9 @@ import math
 
 NS = 1_000_000_000
 # By how much a sensor's time may be wrong, as a share; crystals and motors keep within this.
-DRIFT = 0.01
+DRIFT = 0.003
 # All that came in this time [s] was later than thought: then it is so.
-LOOK_S = 0.25
+LOOK_S = 0.5
 # This much later than thought [ns], and something has been lost; less than the shortest turn.
 GAP_NS = 60_000_000
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Grids do not begin a beam later for less than this part of a step.
-SLACK = 0.1
+# A grid may begin this part of a step later than a beam after zero: at the seam of two turns
+# uneven samples are a little farther apart.
+SLACK = 0.5
 # A turn that is a whole number of steps but for this is one.
 CLOSE = 1e-3
 # A sample this far beside its beam [steps] may stand for the beam on its other side too, where

@@ -25,9 +25,9 @@ def errors_ms(lateness_s: np.ndarray, drift: float, period_s: float = 0.02) -> n
 def test_jitter_of_usb_is_smoothed(drift: float) -> None:
     lateness_s = np.random.default_rng(2).uniform(0.0, 0.016, 2000)
     found = errors_ms(lateness_s, drift)[50:]
-    assert found.std() < 1.5
-    assert abs(np.median(found)) < 2.5
-    assert found.max() < 6.0
+    assert found.std() < 1.5  # uniform jitter of 16 ms has 4.6 ms
+    assert abs(found.mean()) < 3.0
+    assert np.abs(found).max() < 8.0
 
 
 def test_what_comes_later_from_now_on_is_believed() -> None:
