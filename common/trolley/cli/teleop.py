@@ -30,11 +30,11 @@ DRIVEN_S = 0.5
 
 HELP = """\
 Hold a key to drive {name}; let go and it stands.
-  W, Up     forward        A, Left   turn left       Q  forward and left
-  S, Down   back           D, Right  turn right      E  forward and right
-{sideways}  + -  speed   Shift  slowly   Space  stand   P  stop   R  resume   X, Esc, Ctrl-C  leave
+  W, Up    forward      A, Left   turn left      Q  forward and left
+  S, Down  back         D, Right  turn right     E  forward and right
+{sideways}  Shift  slowly   + -  speed   Space  stand   P  stop   R  resume   X, Esc  leave
 """
-SIDEWAYS = "  J L       sideways\n"
+SIDEWAYS = "  J, L     sideways\n"
 
 
 @click.command(name="teleop")
@@ -206,5 +206,5 @@ class Driving:
         source = "" if base is None or base.source in (None, SOURCE) else f" ({base.source})"
         speed, turn = self._pace.limits(about)
         motion = f"{twist_words(twist)}{source}".capitalize()
-        line = f"{motion:<48}  keys: {speed:.2f} m/s, {turn:.2f} rad/s"
+        line = f"{motion:<46}  keys: {speed:.2f} m/s, {turn:.2f} rad/s"
         self._terminal.show((line, None), trouble if self._wishes.trouble else base_line(base))
