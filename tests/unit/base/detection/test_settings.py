@@ -8,7 +8,8 @@ import pytest
 
 from trolley.cli.init import render
 from trolley.config import ConfigError, load_config
-from trolley_base.detection import robot_toml, settings
+from trolley_base import robot_toml
+from trolley_base.detection import settings
 from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.ports import Port
 
