@@ -176,6 +176,17 @@ def test_speed_is_at_most_the_robots(room: Room, teleop: Callable[..., Terminal]
     assert 0.0 < arrival.message.valid_for <= 0.3
 
 
+def test_says_what_keeps_it_from_driving(room: Room, teleop: Callable[..., Terminal]) -> None:
+    terminal = teleop("--speed", "0.5", tells_releases=True)
+    terminal.type(UP)
+    terminal.wait_for("Held: Something is too close in the direction of travel.", 30.0)
+    room.wait_until_it_stands()
+    truth = room.robot.latest(topics.SIM_TRUTH)
+    assert truth is not None
+    assert truth.collisions == 0
+    assert truth.clearance > 0.0
+
+
 @pytest.mark.parametrize("way", ["killed", "closed", "frozen", "unreachable"])
 def test_stands_where_the_keys_are_lost(
     room: Room, teleop: Callable[..., Terminal], way: str
