@@ -3,9 +3,9 @@
     python bench/decoding.py [--seconds 4] [--chunk-ms 10 20 50]
 
 Each stream is what an honest sensor sends, cut as it arrives when the port is read every 10, 20 or
-50 ms. Measured is all from bytes to scans, as base does it. Plain Python, in the same run, finds the
-same frames byte by byte and sorts their samples into whole degrees; it stamps nothing, fits no grid
-and knows no mounting. What ours costs is mostly the number of readings, not of bytes.
+50 ms. Measured is all from bytes to scans, as base does it. Plain Python, in the same run, finds
+the same frames byte by byte and sorts their samples into whole degrees; it stamps nothing, fits no
+grid and knows no mounting. What ours costs is mostly the number of readings, not of bytes.
 """
 
 import argparse
@@ -77,7 +77,7 @@ def measure(title: str, seconds: float, chunk_s: float) -> tuple[float, float, i
 
 def main() -> None:
     """Measure each model."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=4.0, help="of each stream")
     parser.add_argument("--chunk-ms", type=float, nargs="+", default=[10.0, 20.0, 50.0])
     options = parser.parse_args()

@@ -101,7 +101,7 @@ FUZZES: dict[str, Fuzz] = {title: lidar_fuzz(title) for title in STREAMS}
 
 def main() -> None:
     """Fuzz each device for its share of the time."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="in all")
     parser.add_argument("--seed", type=int, default=None, help="play one round again")
     options = parser.parse_args()

@@ -101,7 +101,7 @@ class PlainFrames:
         for byte in data:
             self.held.append(byte)
             while self.held:
-                length = self._length(self.held)
+                length = self._length(bytes(self.held))
                 if length is None or len(self.held) < length:
                     break
                 frame = bytes(self.held[:length])

@@ -6,7 +6,7 @@ from itertools import islice, pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lidar_streams import STREAMS
+from lidar_streams import STREAMS, x4_frame
 from plain_lidars import PLAIN, PlainFrames
 
 from trolley_base.drivers.lidars import ld19, lds01, rplidar_capsules, xv11, ydlidar_x4
@@ -22,7 +22,7 @@ FORMATS: dict[str, FrameFormat] = {
 FRAMES = {title: [one.data for one in islice(STREAMS[title][2](), 40)] for title in FORMATS}
 HEADERS = {
     "RPLIDAR A1 express": b"\xa5\x5a",
-    "YDLIDAR X4": b"\xaa\x55\x00\x02\x01\x00\x01",
+    "YDLIDAR X4": b"\xaa\x55\x00\x28\x01\x00\x01",
     "LD19": b"\x54\x54\x2c",
     "XV11": b"\xfa\xa0",
     "LDS-01": b"\xfa\xdb",
@@ -107,3 +107,11 @@ def test_a_flood_of_headers_is_not_kept(title: str) -> None:
     for _ in range(50):
         finder.feed(HEADERS[title] * 100)
         assert finder.held_bytes < FORMATS[title].most_bytes
+
+
+def test_a_frame_waits_for_a_longer_one_that_may_begin_before_it() -> None:
+    false_header = HEADERS["YDLIDAR X4"]
+    frame = x4_frame(True, 0.0, 0.0, [4000])
+    finder = FrameFinder(FORMATS["YDLIDAR X4"], Counter())
+    assert len(finder.feed(false_header + frame)) == 0
+    assert len(finder.feed(bytes(90))) == 1

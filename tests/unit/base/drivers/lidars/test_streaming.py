@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lidar_streams import STREAMS, chunks, distance_m, ld19_frame, ld19_stream, xv11_stream
+from numpy.typing import NDArray
 from support.lidars import Session, started, stream
 
 from trolley.config.hardware import LidarConfig
@@ -18,7 +19,7 @@ TURNS_HZ = dict(zip(STREAMS, (5.5, 5.5, 7.0, 10.0, 5.0, 5.0), strict=True))
 BESIDE_DEG = {"RPLIDAR A1 express": 7.0, "YDLIDAR X4": 7.5}
 
 
-def angles_of(scan: LidarScan) -> np.ndarray[Any, np.dtype[np.float64]]:
+def angles_of(scan: LidarScan) -> NDArray[Any]:
     return scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
 
 
