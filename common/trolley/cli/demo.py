@@ -17,7 +17,7 @@ from trolley.cli.demo_robot import (
     TOUR_NAME,
     Choices,
     emulator_command,
-    parse_pose,
+    pose_option,
     write_settings,
 )
 from trolley.cli.demo_run import (
@@ -46,13 +46,6 @@ from trolley.connection import Connection
 
 DEFAULT_PORT = 7447
 DEFAULT_VIZ_PORT = 8080
-
-
-def _pose_option(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Any:
-    try:
-        return None if text is None else parse_pose(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
 
 
 def _devices_option(
@@ -97,7 +90,7 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--world", help="A world file, or the name of one that ships with Trolley.")
 @click.option("--recording", type=FILE, help="Play a recorded drive (npz) instead.")
 @click.option("--map", "map_file", type=FILE, help="The map of the recorded drive.")
-@click.option("--start", callback=_pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
+@click.option("--start", callback=pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
 @click.option(
     "--emulate",
     "devices",

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import tomli_w
 
@@ -185,6 +186,16 @@ def _pose(plain: dict[str, Any]) -> Pose2D:
     if "orientation" in plain:
         return pose_from_quaternion(plain["x"], plain["y"], plain["orientation"])
     return Pose2D.from_array((plain["x"], plain["y"], plain.get("yaw", 0.0)))
+
+
+def pose_option(
+    _context: click.Context, _parameter: click.Parameter, text: str | None
+) -> Pose2D | None:
+    """Callback of an option that takes X,Y,YAW."""
+    try:
+        return None if text is None else parse_pose(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
 
 
 def parse_pose(text: str) -> Pose2D:

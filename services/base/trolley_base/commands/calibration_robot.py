@@ -11,7 +11,6 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import Twist2D, circumscribed_radius
 from trolley.messages import VelocityCommand, floats_from_bytes
-from trolley.runtime import codec
 from trolley.runtime.robot_time import FollowedTime
 from trolley_base.calibration import CalibrationDrive, Comparison, Place, find_obstacle
 from trolley_base.calibration.drive import SOURCE
@@ -155,12 +154,8 @@ class _Live:
     def send(self, twist: Twist2D, now_ns: int) -> None:
         """Command a velocity."""
         command = VelocityCommand(stamp_ns=now_ns, twist=twist, valid_for=VALID_S)
-        self._robot.connection.bus.put(
-            topics.COMMAND.key(self._robot.name, SOURCE),
-            codec.encode(command, "msgpack"),
-            codec.MIME["msgpack"],
-            topics.COMMAND.qos,
-        )
+        robot = self._robot
+        robot.connection.publish(robot.name, topics.COMMAND, command, SOURCE)
 
     def stand(self) -> None:
         """Command zero for a moment, and then fall silent."""

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from trolley import worlds
-from trolley.cli.demo_robot import parse_pose
+from trolley.cli.demo_robot import pose_option
 from trolley.cli.options import given, where_options
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import interruptible
@@ -37,13 +37,6 @@ from trolley_base.world import WorldError
 POLL_S = 0.2
 
 
-def _pose_option(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Any:
-    try:
-        return None if text is None else parse_pose(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
-
-
 def _epilog() -> str:
     options = {f"{kind}:{name}": text for kind in BOARDS for name, text in BOARDS[kind].items()}
     lists = {"Options of devices (several: linorobot:quiet,exact)": options, "Faults": KINDS}
@@ -64,10 +57,10 @@ def _epilog() -> str:
     help="A world file, or the name of one that ships with Trolley.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Fixes the world.")
-@click.option("--start", callback=_pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
+@click.option("--start", callback=pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
 @click.option(
     "--laser",
-    callback=_pose_option,
+    callback=pose_option,
     metavar="X,Y,YAW",
     help="Where its lidar sits in base_link [default: as --config says, else 0,0,0].",
 )

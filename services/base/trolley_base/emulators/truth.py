@@ -84,9 +84,7 @@ class TruthPublisher:
             while not self._end.wait(PERIOD_S):
                 message = self._message()
                 if message is not None:
-                    data = codec.encode(message, "msgpack")
-                    mime = codec.MIME["msgpack"]
-                    connection.bus.put(key, data, mime, topics.SIM_TRUTH.qos)
+                    connection.publish(self._robot, topics.SIM_TRUTH, message)
         finally:
             for closer in closers:
                 closer.close()
