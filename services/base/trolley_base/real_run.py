@@ -48,7 +48,7 @@ class RealDevice:
             if chassis.board is not None:
                 make_board(chassis, config.robot.drive)
         except DriverError as error:
-            raise ConfigError(f"[base] {error}") from error
+            raise ConfigError(str(error)) from error
 
     def open(
         self, start_ns: int, saved: SavedWorld | None, robot_ns: Callable[[int], int]

@@ -40,7 +40,7 @@ class Status:
     Attributes:
         state: `searching` while it waits for the device to answer as it should, `up` while the
             device does, `down` when it has stopped doing so or can never do so.
-        message: one sentence for a person: what is wrong and what to do; "" while `up`.
+        message: one sentence for a person: what is wrong and what to do; "" while all is well.
         reopen: closing and opening the port may help (after a pause).
     """
 
