@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -51,7 +51,7 @@ class Emulator:
 
 
 @pytest.fixture
-def emulate(tmp_path: Path) -> Callable[..., "contextmanager"]:
+def emulate(tmp_path: Path) -> Callable[..., AbstractContextManager["Emulator"]]:
     @contextmanager
     def run(*arguments: str) -> Iterator[Emulator]:
         ports, log = tmp_path / "ports", tmp_path / "emulate.log"
@@ -168,6 +168,7 @@ def test_it_publishes_the_truth_in_robot_time(emulate, endpoint: str):
                 return truths.next(0.05)
 
             arrival = wait_until(stamped, 10.0, "the truth")
+            assert arrival is not None
             assert arrival.message.world == "apartment"
             assert 4_900_000_000 < arrival.message.stamp_ns < 8_000_000_000
             assert arrival.message.pose.x == pytest.approx(0.549)

@@ -87,9 +87,8 @@ def test_the_board_moves_the_robot_and_commands_are_kept(make: Make):
         truth = robot.truth()
         assert math.hypot(truth.pose.x, truth.pose.y) > 0.1
         assert truth.stamp_ns > began_ns
-        commands = wait_until(
-            lambda: robot.commands() if len(robot.commands()) == 15 else (), 3.0, "15 commands"
-        )
+        wait_until(lambda: len(robot.commands()) == 15, 3.0, "15 commands")
+        commands = robot.commands()
         assert commands[0].twist == Twist2D(0.3, 0.0, 0.0)
         assert began_ns < commands[0].at_ns < commands[-1].at_ns < time.monotonic_ns()
         writes = robot.writes("linorobot")
