@@ -1,15 +1,27 @@
 """What the devices say for people: into the log, once and not twenty times a second."""
 
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from trolley.messages import Link
 from trolley.runtime.log import Log
 from trolley_base.drivers import Note
 
-# A note of one kind is passed on at most this often [ns].
+# A note of one kind is passed on at most this often, and less and less often while it goes on [ns].
 PERIOD_NS = {"info": 60_000_000_000, "warning": 5_000_000_000, "error": 5_000_000_000}
+LONGEST_PERIOD_NS = 600_000_000_000
 # Kinds may come from a board's own words; what is beyond so many counts as one kind.
 MOST_KINDS = 64
+NUMBER = re.compile(r"\d+")
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """When a kind of note was passed on, and for how long it is not passed on again."""
+
+    at_ns: int
+    pause_ns: int
 
 
 class DeviceNotes:
@@ -24,35 +36,44 @@ class DeviceNotes:
         self._log = log
         self._count = count
         self._links: dict[str, Link] = {}
-        self._said_ns: dict[str, int] = {}
+        self._said: dict[str, _Said] = {}
 
     def hear(
         self, now_ns: int, link: Link, notes: tuple[Note, ...], counts: Mapping[str, int]
     ) -> None:
         """Take what one device said since the last time."""
-        self._hear_link(link)
+        self._hear_link(now_ns, link)
         for note in notes:
             self._hear_note(now_ns, link.name, note)
         for name, number in counts.items():
             self._count(name, number)
 
-    def _hear_link(self, link: Link) -> None:
+    def _hear_link(self, now_ns: int, link: Link) -> None:
         before = self._links.get(link.name)
         self._links[link.name] = link
         if before == link:
             return
         if link.state == "down":
-            self._log.warning(link.message, device=link.name)
-        elif link.state == "up" and before is not None:
+            # A link that is tried again and again is down for the same reason each time.
+            kind = f"link/{NUMBER.sub('#', link.message)}"
+            self._hear_note(now_ns, link.name, Note("warning", kind, link.message))
+        elif link.state == "up" and before is not None and before.state != "up":
             self._log.info("Connected", device=link.name)
+            for kind in [kind for kind in self._said if kind.startswith(f"{link.name}/link/")]:
+                del self._said[kind]
 
     def _hear_note(self, now_ns: int, device: str, note: Note) -> None:
         kind = f"{device}/{note.kind}"
-        if kind not in self._said_ns and len(self._said_ns) >= MOST_KINDS:
+        if kind not in self._said and len(self._said) >= MOST_KINDS:
             kind = "other"
-        said_ns = self._said_ns.get(kind)
-        if said_ns is not None and now_ns - said_ns < PERIOD_NS[note.level]:
-            return
-        self._said_ns[kind] = now_ns
+        said = self._said.get(kind)
+        pause_ns = PERIOD_NS[note.level]
+        if said is not None:
+            since_ns = now_ns - said.at_ns
+            if since_ns < said.pause_ns:
+                return
+            if since_ns < 2 * said.pause_ns:  # it went on all the time
+                pause_ns = min(2 * said.pause_ns, LONGEST_PERIOD_NS)
+        self._said[kind] = _Said(now_ns, pause_ns)
         write = {"info": self._log.info, "warning": self._log.warning, "error": self._log.error}
         write[note.level](note.text, device=device)

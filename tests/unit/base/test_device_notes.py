@@ -29,6 +29,39 @@ def test_a_complaint_is_logged_once_in_five_seconds(
     assert [record.message for record in caplog.records] == [complaint.text] * 2
 
 
+def test_a_complaint_that_goes_on_is_logged_less_and_less_often(
+    notes: DeviceNotes, caplog: pytest.LogCaptureFixture
+) -> None:
+    complaint = Note("warning", "imu", "IMU failed to initialize.")
+    for tick in range(20 * 600):
+        notes.hear(tick * SECOND_NS // 20, UP, (complaint,), {})
+    assert len(caplog.records) == 7  # after 0, 5, 15, 35, 75, 155 and 315 s
+    for second in (1500, 1505):  # it had gone, and is back
+        notes.hear(second * SECOND_NS, UP, (complaint,), {})
+    assert len(caplog.records) == 9
+
+
+def test_a_lidar_at_a_wrong_speed_is_not_connected_again_and_again(
+    notes: DeviceNotes, caplog: pytest.LogCaptureFixture
+) -> None:
+    for turn in range(100):
+        message = f"The XV11 turns at {160 + turn % 7} rpm."
+        notes.hear(turn * SECOND_NS // 5, Link(name="lidar", state="up", message=message), (), {})
+    assert not caplog.records
+
+
+def test_a_link_that_is_tried_in_vain_is_logged_now_and_then(
+    notes: DeviceNotes, caplog: pytest.LogCaptureFixture
+) -> None:
+    for second in range(0, 60, 5):
+        for state, message in (("searching", "It is asked."), ("down", f"Silent for {second} s.")):
+            notes.hear(second * SECOND_NS, Link(name="lidar", state=state, message=message), (), {})
+    assert len(caplog.records) == 4
+    notes.hear(60 * SECOND_NS, Link(name="lidar", state="up"), (), {})
+    notes.hear(61 * SECOND_NS, Link(name="lidar", state="down", message="Silent for 1 s."), (), {})
+    assert [record.message for record in caplog.records[4:]] == ["Connected", "Silent for 1 s."]
+
+
 def test_a_board_that_says_ever_new_things_fills_no_disk(
     notes: DeviceNotes, caplog: pytest.LogCaptureFixture
 ) -> None:
