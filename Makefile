@@ -18,7 +18,6 @@ STAMPS := $(VENV)/.stamps
 MEMBERS := common $(patsubst %/pyproject.toml,%,$(wildcard services/*/pyproject.toml))
 MEMBER_FILES := $(addsuffix /pyproject.toml,$(MEMBERS))
 KERNEL_FILES := $(shell grep -rlE --include='*.py' '^from trolley.jit import' common services)
-SERIAL_TESTS := tests/process tests/browser
 BENCHES := $(shell grep -lE '__main__' bench/*.py 2>/dev/null)
 
 export UV_PYTHON_DOWNLOADS := never
@@ -32,11 +31,13 @@ setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernel
 demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `trolley demo`.
 	@$(BIN)/trolley demo $(ARGS)
 
-# Tests of whole processes count seconds, so they run one at a time, and the others on all cores.
+# Tests of whole processes wait most of the time, so two of them run side by side. A browser that
+# renders in software takes all there is, so its tests run alone.
 test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
 ifeq ($(ARGS),)
-	@$(BIN)/python -m pytest --numprocesses auto $(addprefix --ignore=,$(SERIAL_TESTS))
-	@$(BIN)/python -m pytest $(SERIAL_TESTS)
+	@$(BIN)/python -m pytest --numprocesses auto --ignore=tests/process --ignore=tests/browser
+	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile tests/process
+	@$(BIN)/python -m pytest tests/browser
 else
 	@$(BIN)/python -m pytest $(ARGS)
 endif
