@@ -43,7 +43,8 @@ def find_hindrance(now: Condition) -> Hindrance | None:
         return _held(Block.ALL, codes.LINK_LOST, now.chassis.link.message)
     if now.lidar.state == "down":
         return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
-    if now.scan_age_ns is None:
+    # What a lidar saw before it was lost says nothing any more, though it is looked for again.
+    if now.lidar.state != "up" or now.scan_age_ns is None:
         return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message or FIRST_SCAN_MESSAGE)
     if now.scan_age_ns > SCAN_SILENCE_NS:
         return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)

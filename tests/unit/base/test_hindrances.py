@@ -34,6 +34,7 @@ def test_nothing_forbids_to_drive_when_all_is_well() -> None:
         (condition(chassis=Link(name="chassis", state="down")), "held", codes.LINK_LOST),
         (condition(chassis=Link(name="chassis", state="searching")), "held", codes.LINK_LOST),
         (condition(lidar=Link(name="lidar", state="down")), "held", codes.SCAN_LOST),
+        (condition(lidar=Link(name="lidar", state="searching")), "held", codes.SCAN_LOST),
         (condition(scan_age_ns=None), "held", codes.SCAN_LOST),
         (condition(scan_age_ns=500_000_001), "held", codes.SCAN_LOST),
         (condition(alarms=(codes.BATTERY, codes.BUMPER)), "held", codes.BATTERY),
