@@ -115,11 +115,9 @@ class SerialDevice:
         while not self._is_closing.is_set():
             opened_s = time.monotonic()
             try:
-                port = SerialPort(self.path, self._line)
+                self._serve(SerialPort(self.path, self._line))
             except OSError as error:
                 self._store(Lost(self._explain(self.path, error)))
-            else:
-                self._serve(port)
             if time.monotonic() - opened_s > STEADY_S:
                 pause_s = FIRST_PAUSE_S
             self._is_closing.wait(pause_s)
@@ -134,8 +132,6 @@ class SerialDevice:
                 self._port = port
             self._store(Opened())
             self._read(port)
-        except OSError as error:
-            self._store(Lost(self._explain(self.path, error)))
         finally:
             with self._lock:
                 self._port = None

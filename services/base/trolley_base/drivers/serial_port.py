@@ -34,13 +34,15 @@ class SerialPort:
         self._serial.port = path
         if line.dtr is not None:
             self._serial.dtr = line.dtr
-        try:
-            self._serial.open()
-        except serial.SerialException as error:
-            raise _as_os_error(path, error) from error
         self._unsent = b""
         self._is_pseudo = os.path.realpath(path).startswith(PSEUDO_TERMINALS)
-        self._prepare()
+        # A device may be unplugged at any of these steps.
+        try:
+            self._serial.open()
+            self._prepare()
+        except (OSError, termios.error, ValueError) as error:
+            self._serial.close()
+            raise _as_os_error(path, error) from error
 
     def _prepare(self) -> None:
         handle = self._serial.fileno()
@@ -122,10 +124,15 @@ class SerialPort:
             raise OSError(*error.args) from error
 
 
-def _as_os_error(path: str, error: serial.SerialException) -> OSError:
-    """Return the system's error behind pyserial's."""
-    if error.errno in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
-        return OSError(errno.EBUSY, os.strerror(errno.EBUSY), path)
-    if error.errno is None:  # a file, or a device that has no baud rate
-        return OSError(errno.ENOTTY, os.strerror(errno.ENOTTY), path)
-    return OSError(error.errno, os.strerror(error.errno), path)
+def _as_os_error(path: str, error: Exception) -> OSError:
+    """Return the system's error behind what opening raised: pyserial's, or one of `termios`."""
+    number = errno.ENOTTY
+    cause: BaseException | None = error
+    while cause is not None:  # pyserial leaves some of them in the context only
+        if cause.args and isinstance(cause.args[0], int):
+            number = cause.args[0]
+            break
+        cause = cause.__context__
+    if number in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
+        number = errno.EBUSY
+    return OSError(number, os.strerror(number), path)

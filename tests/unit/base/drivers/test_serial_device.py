@@ -2,11 +2,14 @@
 
 import contextlib
 import errno
+import fcntl
 import os
+import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from support.waiting import wait_until
@@ -149,6 +152,54 @@ def test_a_lost_port_is_opened_again_when_it_is_back(
     heard.until(lambda h: h.count(Opened) == 2)
     terminal.send(b"back")
     heard.until(lambda h: h.data.endswith(b"back"))
+
+
+# What the kernel says of a device that is unplugged while its port is opened or closed.
+UNPLUGGED = [
+    (termios, "tcgetattr", termios.error(errno.EIO, "gone"), "EIO"),
+    (termios, "tcsetattr", termios.error(errno.EIO, "gone"), "EIO"),
+    (termios, "tcflush", termios.error(errno.EIO, "gone"), "EIO"),
+    (fcntl, "ioctl", OSError(errno.EPROTO, "gone"), "EPROTO"),
+]
+
+
+@pytest.mark.parametrize(("module", "function", "error", "name"), UNPLUGGED)
+@pytest.mark.parametrize("successes", [0, 1, 2, 3])
+def test_a_device_unplugged_at_any_moment_is_waited_for(
+    terminal: Terminal,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    module: ModuleType,
+    function: str,
+    error: Exception,
+    name: str,
+    successes: int,
+) -> None:
+    real = getattr(module, function)
+    calls = 0
+
+    def unplugged_once(*arguments: object) -> object:
+        nonlocal calls
+        calls += 1
+        if calls == successes + 1:
+            raise error
+        return real(*arguments)
+
+    files = len(os.listdir("/proc/self/fd"))
+    monkeypatch.setattr(module, function, unplugged_once)
+    device = SerialDevice(
+        str(terminal.link), Line(128_000, dtr=False, dtr_after=True, settle_s=0.001), explain
+    )
+    device.start()
+    heard = Heard(device)
+    heard.until(lambda h: h.count(Opened) == 1)
+    device.reopen()
+    heard.until(lambda h: h.count(Opened) == 2)
+    device.close()
+    whys = {event.why for event in heard.events if isinstance(event, Lost)}
+    assert whys <= {f"port: {name}"}
+    assert whys or calls <= successes or function == "ioctl"  # DTR of a pty fails anyway
+    assert len(os.listdir("/proc/self/fd")) == files
 
 
 def test_a_port_that_is_asked_to_is_opened_anew(device: SerialDevice) -> None:
