@@ -20,6 +20,9 @@ STEADY_S = 5.0
 # Bytes are gathered for this long, so that a fast line does not wake the thread for each of them.
 GATHER_S = 0.004
 POLL_S = 0.1
+# Linux keeps 4095 bytes of a port, behind which more may wait or have been lost. After a read of
+# nearly so many, what comes for so long is thrown away with them.
+FULL_BYTES, BACKLOG_S = 4000, 0.05
 # More than this between two looks of the service is a flood, or a service that was stopped.
 MOST_STORED = 65536
 BETWEEN_GOODBYES_S = 0.005
@@ -147,8 +150,24 @@ class SerialDevice:
         while not (self._is_closing.is_set() or self._wants_reopen):
             if not port.wait(POLL_S):
                 continue
-            self._store(Arrived(port.read(), time.monotonic_ns()))
+            data = port.read()
+            if len(data) >= FULL_BYTES:
+                self._drop_backlog(port, len(data))
+                continue
+            self._store(Arrived(data, time.monotonic_ns()))
             time.sleep(GATHER_S)
+
+    def _drop_backlog(self, port: SerialPort, dropped: int) -> None:
+        """Forget what waits in a full port: nobody has read it for long, or it is a flood.
+
+        How old it is cannot be told; a scan that waited for seconds must not pass for a new one.
+        """
+        until_s = time.monotonic() + BACKLOG_S
+        while time.monotonic() < until_s:
+            if port.wait(GATHER_S):
+                dropped += len(port.read())
+        with self._lock:
+            self._dropped += dropped
 
     def _store(self, event: Event) -> None:
         with self._lock:

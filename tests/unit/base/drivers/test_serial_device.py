@@ -14,6 +14,7 @@ from types import ModuleType
 import pytest
 from support.waiting import wait_until
 
+from trolley_base.drivers import serial_device
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.serial_device import (
     MOST_STORED,
@@ -225,6 +226,23 @@ def test_a_flood_is_bounded_and_counted(device: SerialDevice, terminal: Terminal
     wait_until(lambda: device.take_dropped() > 0, 5.0, "dropped bytes")
     stored = sum(len(event.data) for event in device.take() if isinstance(event, Arrived))
     assert stored <= MOST_STORED
+
+
+def test_what_waited_while_the_process_was_stopped_is_not_taken_for_new(
+    device: SerialDevice, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard = Heard(device)
+    heard.until(lambda h: h.count(Opened) == 1)
+    monkeypatch.setattr(serial_device, "GATHER_S", 0.5)
+    terminal.send(b"first ")
+    heard.until(lambda h: h.data == b"first ")
+    monkeypatch.undo()
+    with contextlib.suppress(BlockingIOError):  # until nothing more fits
+        while True:
+            os.write(terminal.master, b"old " * 64)
+    wait_until(lambda: device.take_dropped() > 4000, 5.0, "the old bytes are dropped")
+    terminal.send(b"new")
+    heard.until(lambda h: h.data == b"first new")
 
 
 def test_commands_that_nobody_takes_are_dropped_and_not_sent_later(
