@@ -46,8 +46,8 @@ class Textbook:
     """The book's filter on a map."""
 
     def __init__(self, grid: GridMap, pose: Pose2D, beams: NDArray[np.float64]) -> None:
-        self._distance = distance_transform(grid.occupied_mask(), grid.resolution, MAX_DISTANCE_M)
-        self._distance = self._distance.astype(np.float64)
+        distance = distance_transform(grid.occupied_mask(), grid.resolution, MAX_DISTANCE_M)
+        self._distance = distance.astype(np.float64)
         self._resolution = grid.resolution
         self._beams = beams
         self._pose = pose
@@ -131,7 +131,8 @@ def same_scan(seed: int) -> tuple[Textbook, Ours]:
     ranges = seen_from(grid, pose, BEAMS, REACH_M).astype(np.float64)
     angles = -math.pi + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
     # A beam without an echo would be left out of both.
-    beams = np.column_stack([np.where(np.isfinite(ranges), ranges, REACH_M), angles])
+    beams = np.empty((BEAMS, 2))
+    beams[:, 0], beams[:, 1] = np.where(np.isfinite(ranges), ranges, REACH_M), angles
     book, ours = Textbook(grid, pose, beams), Ours(build_field(grid, CONFIG), pose, beams)
     ours.take(book.poses)
     return book, ours
