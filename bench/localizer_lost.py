@@ -19,15 +19,13 @@ from pathlib import Path
 import numpy as np
 from figures import Figure, at_least, at_most, show
 from houses import free_poses
-from wandering import Track, Wanderer, write_world
+from wandering import IN_THE_WAY, Track, Wanderer, write_world
 
 from trolley.geometry import Pose2D, angle_difference
 
 RIGHT_M, RIGHT_RAD = 0.3, math.radians(10.0)
 EXPLAINED_SHARE = 0.6
 NOTICE_S, RECOVER_S, UNNOTICED_S = 3.0, 60.0, 2.0
-# Things of the world that are not on the map, with a robot's width about them: x, y, reach [m].
-IN_THE_WAY = ((4.25, 1.2, 0.5), (5.0, -1.35, 0.5))
 DRIVE_S = 300.0
 
 

@@ -24,6 +24,8 @@ from trolley_planner.service import PlannerService
 
 APARTMENT = WORLDS / "apartment.yaml"
 START = Pose2D(0.549, 0.218, 0.2579)
+# Things of the world that are not on the map, with a robot's width about them: x, y, reach [m].
+IN_THE_WAY = ((4.25, 1.2, 0.5), (5.0, -1.35, 0.5))
 # An error above these is no error any more: the robot is elsewhere [m, rad].
 FAR_M, FAR_RAD = 0.5, math.radians(20.0)
 # After so long at one goal another is tried [s].
@@ -146,12 +148,18 @@ class Wanderer:
     Args:
         world: a world file, the demo's or one from `write_world`.
         seed: of everything random.
+        told: where the localizer is told that the robot starts.
+        true: where it starts; None: where the world says.
     """
 
-    def __init__(self, world: Path, seed: int) -> None:
+    def __init__(
+        self, world: Path, seed: int, told: Pose2D = START, true: Pose2D | None = None
+    ) -> None:
         rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
+        if true is not None:
+            rest += f"start = {{ x = {true.x}, y = {true.y}, yaw = {true.yaw} }}\n"
         rest += "[planner]\nturn_to_find = true\n"
-        config = make_config(APARTMENT, START, rest)
+        config = make_config(APARTMENT, told, rest)
         self.lockstep = Lockstep(config.robot.name, seed)
         self.truths = self.lockstep.record(topics.SIM_TRUTH)
         self.poses = self.lockstep.record(topics.POSE)
