@@ -150,6 +150,7 @@ def measure_difference(scans: int) -> list[Figure]:
     return [
         at_most(f"greatest {name}", 100.0 * max(greatest), 1.5, "%", 3),
         Figure(f"median of the greatest {name}", f"{100.0 * float(np.median(greatest)):.4f} %"),
+        Figure("scans where it is at most 1.5 %", f"{sum(g <= 0.015 for g in greatest)}"),
     ]
 
 
