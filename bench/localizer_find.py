@@ -243,7 +243,7 @@ def main() -> None:
         count = 200 if options.full else options.scans
         report_scans("freiburg", recorded_scans(folder, FREIBURG, count), 70.0)
         report_scans("create3", recorded_scans(folder, CREATE3, count), 90.0)
-        show([foreign_map(folder, count)])
+        show([foreign_map(folder, count // 2)])
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, load_map
 from trolley_localizer.service import LAST_POSE_FILE
 
-WAIT_S, UNNOTICED_S, NEAR_M, NEAR_RAD = 30.0, 2.0, 1.0, math.radians(45.0)
+WAIT_S, UNNOTICED_S, NEAR_M, NEAR_RAD = 20.0, 2.0, 1.0, math.radians(45.0)
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def saved_age(seconds: float) -> list[Figure]:
 def main() -> None:
     """Start wrongly, then watch the file."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--starts", type=int, default=6)
+    parser.add_argument("--starts", type=int, default=3)
     parser.add_argument("--full", action="store_true", help="50 starts of each kind")
     options = parser.parse_args()
     count = 50 if options.full else options.starts

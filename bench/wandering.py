@@ -18,6 +18,7 @@ from trolley.gridmap import GridMap, distance_transform, load_map, save_map
 from trolley.messages import PoseEstimate
 from trolley.messages.asking import SendGoal, SetPose
 from trolley.runtime.lockstep import Lockstep
+from trolley_base.drivers.world_file import load_world
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
@@ -169,6 +170,7 @@ class Wanderer:
         self.lockstep.add(LocalizerService(config))
         self.lockstep.add(PlannerService(config))
         self.map = load_map(APARTMENT)
+        self.floor = load_world(world).grid
         self._distance = distance_transform(self.map.occupied_mask(), self.map.resolution)
         self._rng = np.random.default_rng(seed)
         self._goal_since_s = -math.inf
@@ -226,8 +228,8 @@ class Wanderer:
         simulation._before = simulation._pose = place
 
     def explained_share(self, from_pose: Pose2D, at: Pose2D) -> float:
-        """Share of what a lidar sees at one pose that the map explains from another."""
-        ranges = seen_from(self.map, at, 360, 8.0).astype(np.float64)
+        """Share of what a lidar really sees at one pose that the map explains from another."""
+        ranges = seen_from(self.floor, at, 360, 8.0).astype(np.float64)
         angles = -math.pi + np.arange(360) * (2.0 * math.pi / 360)
         seen = np.isfinite(ranges)
         ends = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])[seen]
