@@ -5,7 +5,7 @@
 The robot stands somewhere in the apartment and is told that it stands elsewhere: within a metre, or
 anywhere. It may turn in place to find itself. A third of the furniture has been moved in every
 other start. "Sure of a wrong place": `localized` for 2 s with an error over 0.5 m or 20 degrees.
-Then the robot drives, and its file is looked at 20 times a second.
+Then the robot drives, and its file is looked at ten times a second.
 """
 
 import argparse

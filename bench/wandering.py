@@ -207,7 +207,7 @@ class Wanderer:
 
     def _drive_on(self) -> None:
         """Choose another goal where there is none, or where it takes too long."""
-        if not self.is_known:
+        if not self.poses or self.latest.state not in ("localized", "unsure"):
             return
         is_busy = bool(self._goals) and self._goals[-1].state not in ENDED
         if is_busy and self.lockstep.now_s - self._goal_since_s < PATIENCE_S:
