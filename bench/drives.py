@@ -1,4 +1,4 @@
-"""Whole drives in lock-step: all services on a simulated robot or a recording, judged by the truth.
+"""Whole drives in lock-step: all services on a simulated robot, judged by the truth.
 
 The programs beside this file and the tests use it.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from trolley import codes, requests, topics
 from trolley.config import RobotConfig, load_config
-from trolley.geometry import Pose2D, angle_difference
+from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, StopResult, Tour, TourStatus, Truth
 from trolley.messages.asking import Named, StartTour
 from trolley.messages.touring import Stop
@@ -152,49 +152,6 @@ def position_errors(truths: list[Truth], poses: list[PoseEstimate]) -> NDArray[n
         [(pose.pose.x, pose.pose.y) for pose in known if pose.pose is not None]
     ).reshape(-1, 2)
     return np.hypot(found[:, 0] - x, found[:, 1] - y)
-
-
-def replay_errors(
-    recording: Path, map_file: Path, offset: Pose2D, seed: int
-) -> NDArray[np.float64]:
-    """Play a recording through `base` and `localizer`: error of each scan's pose.
-
-    Args:
-        recording: An npz file of a recorded drive.
-        map_file: Its map.
-        offset: Where the localizer is told to start, seen from the first reference pose.
-        seed: Of everything random.
-
-    Returns:
-        (n, 2): distance [m] and heading error [rad] against the recording's reference, a scan each;
-        infinite where there was no pose.
-    """
-    with np.load(recording) as data:
-        stamps = data["stamps"]
-        reference = data["reference_refined" if "reference_refined" in data else "reference"]
-    start = Pose2D.from_array(reference[0]) @ offset
-    config = make_config(
-        map_file,
-        start,
-        f'[base]\ndriver = "recording"\n[base.recording]\nfile = "{recording.resolve()}"\n',
-    )
-    with Lockstep(config.robot.name, seed) as lockstep:
-        scans, poses = lockstep.record(topics.SCAN), lockstep.record(topics.POSE)
-        lockstep.add(BaseService(config))
-        lockstep.add(LocalizerService(config))
-        lockstep.run(float(stamps[-1] - stamps[0]) + 3.0)
-    by_stamp = {pose.stamp_ns: pose.pose for pose in poses if pose.pose is not None}
-    errors = np.full((len(stamps), 2), np.inf)
-    times = (stamps - stamps[0]) * 1e9
-    first_ns = scans[0].stamp_ns
-    for stamp_ns, pose in by_stamp.items():
-        index = int(np.argmin(np.abs(times - (stamp_ns - first_ns))))
-        true = reference[index]
-        errors[index] = (
-            math.hypot(pose.x - true[0], pose.y - true[1]),
-            abs(angle_difference(pose.yaw, float(true[2]))),
-        )
-    return errors
 
 
 def _is_localized(poses: list[PoseEstimate]) -> bool:

@@ -1,41 +1,27 @@
 """The localizer on recorded drives: real lidars, real floors, furniture that has moved."""
 
 import functools
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from trolley.geometry import Pose2D
-
-from .conftest import Score, follow, read_recording, start_nearby
-
-FREIBURG = ("freiburg-079", "odom_signed", "reference_refined")
-FREIBURG_RAW = ("freiburg-079", "odom", "reference_refined")
-CREATE3 = ("create3-rplidar-mac", "odom", "reference")
-MAPS = {"freiburg-079": "freiburg-079.yaml", "create3-rplidar-mac": "mac_1st_floor_final.yaml"}
+from recorded import (
+    CREATE3,
+    FREIBURG,
+    FREIBURG_RAW,
+    MAPS,
+    Score,
+    follow,
+    read_recording,
+    relation_errors,
+    start_nearby,
+)
 
 
 @functools.lru_cache(maxsize=1)
 def drive(folder: Path, names: tuple[str, str, str], seed: int) -> Score:
     recording = read_recording(folder, *names)
     return follow(recording, folder / MAPS[names[0]], seed, start_nearby(recording, seed))
-
-
-def relation_errors(folder: Path, poses: list[Pose2D | None]) -> list[float]:
-    """Errors [m] of the relative poses that were measured by hand, independent of any map."""
-    with np.load(folder / "freiburg-079.npz") as data:
-        # Their times count from the first scan.
-        stamps, relations = data["stamps"] - data["stamps"][0], data["relations"]
-    errors = []
-    for t_a, t_b, dx, dy, _ in relations:
-        a, b = (poses[int(np.argmin(np.abs(stamps - t)))] for t in (t_a, t_b))
-        assert a is not None
-        assert b is not None
-        found = a.inverse() @ b
-        errors.append(math.hypot(found.x - dx, found.y - dy))
-    return errors
 
 
 def check(result: Score, median_m: float, p95_m: float) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from recorded import Recording, Score, read_recording, score, start_nearby
 
 from trolley import topics
 from trolley.config import RobotConfig
@@ -12,8 +13,6 @@ from trolley.geometry import Pose2D
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
-
-from .conftest import Recording, Score, read_recording, score, start_nearby
 
 # base stamps the first scan at its epoch; later ones keep the spacing of the file.
 SAME_STAMP_NS = 1_000_000

@@ -1,8 +1,14 @@
-"""Recorded drives as the localizer gets them, and how well it follows them."""
+"""Recorded drives as the localizer gets them, and how well it follows them.
+
+Reads `<name>.npz`: `stamps` (n,) [s], `odom` (n, 3), a reference (n, 3) map_T_base, `ranges_mm`
+(n, beams) with 65535 for no echo, `angle_min`, `angle_increment`, `range_max`, `laser_in_base`.
+The tests of recorded drives use it, too.
+"""
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +22,11 @@ from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.scan import ScanInput
 
+# File, odometry and reference of each drive, and its map.
+FREIBURG = ("freiburg-079", "odom_signed", "reference_refined")
+FREIBURG_RAW = ("freiburg-079", "odom", "reference_refined")
+CREATE3 = ("create3-rplidar-mac", "odom", "reference")
+MAPS = {"freiburg-079": "freiburg-079.yaml", "create3-rplidar-mac": "mac_1st_floor_final.yaml"}
 # An estimate further off than this is counted as lost [m, rad].
 FAR_M = 0.5
 FAR_RAD = math.radians(20.0)
@@ -30,6 +41,10 @@ class Recording:
         odom: (n, 3) x, y [m], yaw [rad] of the wheels.
         reference: (n, 3) map_T_base.
         ranges: (n, beams) float32 [m], no echo = +inf.
+        angle_min: direction of beam 0 in `laser` [rad].
+        angle_increment: direction from one beam to the next [rad].
+        range_max: [m].
+        base_T_laser: where the lidar is mounted.
     """
 
     stamps: NDArray[np.float64]
@@ -42,12 +57,15 @@ class Recording:
     base_T_laser: Pose2D
 
     def odom_at(self, index: int) -> Pose2D:
+        """The wheels' odom_T_base at a scan."""
         return Pose2D.from_array(self.odom[index])
 
     def reference_at(self, index: int) -> Pose2D:
+        """The true map_T_base at a scan."""
         return Pose2D.from_array(self.reference[index])
 
     def scan(self, index: int) -> ScanInput:
+        """One scan with its odometry; the time of single beams is not known."""
         odom = self.odom_at(index)
         return ScanInput(
             stamp_ns=round(self.stamps[index] * 1e9) + 1,
@@ -59,6 +77,39 @@ class Recording:
             base_T_laser=self.base_T_laser,
             odom_T_base=odom,
             odom_T_base_end=odom,
+        )
+
+    def way_m(self) -> NDArray[np.float64]:
+        """The way driven until each scan (n,) [m]."""
+        steps = np.hypot(*np.diff(self.reference[:, :2], axis=0).T)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def thinned(self, step_m: float, yaw_dev_rad: float, seed: int) -> "Recording":
+        """One scan each `step_m` of the way, with worse odometry between them.
+
+        Args:
+            step_m: way between two scans [m].
+            yaw_dev_rad: deviation of the heading per step; the way is 10 % off [rad].
+            seed: of the errors.
+        """
+        kept = np.flatnonzero(np.diff(np.floor(self.way_m() / step_m), prepend=-1.0))
+        rng = np.random.default_rng(seed)
+        pose = Pose2D.identity()
+        odom: list[NDArray[np.float64]] = [pose.as_array()]
+        for before, after in pairwise(kept.tolist()):
+            step = self.odom_at(before).inverse() @ self.odom_at(after)
+            scale = 1.0 + 0.1 * float(rng.standard_normal()) * (yaw_dev_rad > 0.0)
+            turn = yaw_dev_rad * float(rng.standard_normal())
+            # Half of the turn before the step, half behind it: the way errs, too.
+            half = Pose2D(0.0, 0.0, 0.5 * turn)
+            pose = pose @ half @ Pose2D(scale * step.x, scale * step.y, step.yaw) @ half
+            odom.append(pose.as_array())
+        return replace(
+            self,
+            stamps=self.stamps[kept],
+            odom=np.array(odom),
+            reference=self.reference[kept],
+            ranges=self.ranges[kept],
         )
 
 
@@ -92,18 +143,22 @@ class Score:
 
     @property
     def is_far(self) -> NDArray[np.bool_]:
+        """Where the estimate is further off than an estimate may be, or missing."""
         return ~((self.error_m <= FAR_M) & (self.error_rad <= FAR_RAD))
 
     @property
     def far_share(self) -> float:
+        """Share of the scans where it is."""
         return float(np.mean(self.is_far))
 
     @property
     def median_m(self) -> float:
+        """Median of the position errors [m]."""
         return float(np.nanmedian(self.error_m))
 
     @property
     def p95_m(self) -> float:
+        """95th percentile of the position errors [m]."""
         return float(np.nanpercentile(self.error_m, 95))
 
 
@@ -147,3 +202,18 @@ def score(recording: Recording, found: list[tuple[Pose2D | None, str]]) -> Score
             error_m[index] = pose.distance_to(reference)
             error_rad[index] = abs(angle_difference(pose.yaw, reference.yaw))
     return Score(error_m, error_rad, [pose for pose, _ in found], [state for _, state in found])
+
+
+def relation_errors(folder: Path, poses: list[Pose2D | None]) -> list[float]:
+    """Errors [m] of the relative poses that were measured by hand, independent of any map."""
+    with np.load(folder / "freiburg-079.npz") as data:
+        # Their times count from the first scan.
+        stamps, relations = data["stamps"] - data["stamps"][0], data["relations"]
+    errors: list[float] = []
+    for t_a, t_b, dx, dy, _ in relations:
+        a, b = (poses[int(np.argmin(np.abs(stamps - t)))] for t in (t_a, t_b))
+        assert a is not None
+        assert b is not None
+        found = a.inverse() @ b
+        errors.append(math.hypot(found.x - dx, found.y - dy))
+    return errors
