@@ -148,7 +148,8 @@ def test_writes_robot_toml_and_a_rule(tmp_path: Path, trolley: Trolley) -> None:
     [
         (["--write"], "make one first"),
         (["--write", "missing.toml"], "trolley init missing.toml"),
-        (["--write", "/dev/ttyUSB0"], "name the port /dev/ttyUSB0 before the options"),
+        (["--write", "/dev/ttyUSB0"], "/dev/ttyUSB0 is no *.toml file"),
+        (["--udev", "/tmp/ports/ld19"], "/tmp/ports/ld19 is no *.rules file"),
     ],
 )
 def test_refuses_before_it_looks(

@@ -36,7 +36,7 @@ USUAL, SCREEN = "<usual>", "-"
     "--udev",
     is_flag=False,
     flag_value=SCREEN,
-    metavar="[FILE]",
+    metavar="[FILE.RULES]",
     help="Print a udev rule with lasting names for the ports, or write it to this file.",
 )
 @where_options
@@ -51,9 +51,12 @@ def detect_command(
     is asked some short questions: name the ports if other things are plugged in that must not be.
     Devices are left as they were found, only a lidar left measuring for nobody is told to stop.
     """
-    for value in (write, udev):
-        if value is not None and value.startswith("/dev/"):
-            raise click.UsageError(f"name the port {value} before the options")
+    for value, suffix in ((write, ".toml"), (udev, ".rules")):
+        # A port behind such an option would be taken for the file, and written over.
+        if value not in (None, USUAL, SCREEN) and Path(value).suffix != suffix:
+            raise click.UsageError(
+                f"{value} is no *{suffix} file to write to; name ports before the options"
+            )
     path = _file_to_write(write) if write is not None else None
     text = robot_toml.read_text(path) if path is not None else ""
     candidates = find_ports(ports)
