@@ -61,8 +61,8 @@ class Conversation(Generic[D]):
             self._refused_writes += 1
         if now_ns >= self._reopen_after_ns and self.dialogue.status(now_ns).reopen:
             self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
+            self._trouble = self.link(now_ns).message
             self._is_open = False
-            self._trouble = self.dialogue.status(now_ns).message
             self._device.reopen()
 
     def link(self, now_ns: int) -> Link:
