@@ -11,6 +11,8 @@ from trolley_base.drivers import Note
 # A note of one kind is passed on at most this often, and less and less often while it goes on [ns].
 PERIOD_NS = {"info": 60_000_000_000, "warning": 5_000_000_000, "error": 5_000_000_000}
 LONGEST_PERIOD_NS = 600_000_000_000
+# A device that is looked for may be found at any moment; after this long its trouble is told [ns].
+PATIENCE_NS = 5_000_000_000
 # Kinds may come from a board's own words; what is beyond so many counts as one kind.
 MOST_KINDS = 64
 NUMBER = re.compile(r"\d+")
@@ -35,7 +37,9 @@ class DeviceNotes:
     def __init__(self, log: Log, count: Callable[[str, int], None]) -> None:
         self._log = log
         self._count = count
-        self._links: dict[str, Link] = {}
+        self._is_up: dict[str, bool] = {}
+        self._lost_ns: dict[str, int] = {}
+        self._told: dict[str, str] = {}
         self._said: dict[str, _Said] = {}
 
     def hear(
@@ -49,18 +53,24 @@ class DeviceNotes:
             self._count(name, number)
 
     def _hear_link(self, now_ns: int, link: Link) -> None:
-        before = self._links.get(link.name)
-        self._links[link.name] = link
-        if before == link:
+        name, was_up = link.name, self._is_up.get(link.name, True)
+        self._is_up[name] = link.state == "up"
+        if link.state == "up":
+            if not was_up:
+                self._log.info("Connected", device=name)
+                for kind in [kind for kind in self._said if kind.startswith(f"{name}/link/")]:
+                    del self._said[kind]
+            self._lost_ns.pop(name, None)
+            self._told.pop(name, None)
             return
-        if link.state == "down":
-            # A link that is tried again and again is down for the same reason each time.
+        lost_ns = self._lost_ns.setdefault(name, now_ns)
+        if link.state == "searching" and now_ns - lost_ns < PATIENCE_NS:
+            return
+        if link.message != self._told.get(name):
+            self._told[name] = link.message
+            # A device that is tried again and again fails for the same reason each time.
             kind = f"link/{NUMBER.sub('#', link.message)}"
-            self._hear_note(now_ns, link.name, Note("warning", kind, link.message))
-        elif link.state == "up" and before is not None and before.state != "up":
-            self._log.info("Connected", device=link.name)
-            for kind in [kind for kind in self._said if kind.startswith(f"{link.name}/link/")]:
-                del self._said[kind]
+            self._hear_note(now_ns, name, Note("warning", kind, link.message))
 
     def _hear_note(self, now_ns: int, device: str, note: Note) -> None:
         kind = f"{device}/{note.kind}"

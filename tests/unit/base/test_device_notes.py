@@ -54,12 +54,24 @@ def test_a_link_that_is_tried_in_vain_is_logged_now_and_then(
     notes: DeviceNotes, caplog: pytest.LogCaptureFixture
 ) -> None:
     for second in range(0, 60, 5):
-        for state, message in (("searching", "It is asked."), ("down", f"Silent for {second} s.")):
-            notes.hear(second * SECOND_NS, Link(name="lidar", state=state, message=message), (), {})
-    assert len(caplog.records) == 4
+        for link in (
+            Link(name="lidar", state="searching", message="It is asked."),
+            Link(name="lidar", state="down", message=f"Silent for {second} s."),
+        ):
+            notes.hear(second * SECOND_NS, link, (), {})
+    assert len(caplog.records) == 8  # each after 0, 5, 15 and 35 s, or 5 s later
     notes.hear(60 * SECOND_NS, Link(name="lidar", state="up"), (), {})
     notes.hear(61 * SECOND_NS, Link(name="lidar", state="down", message="Silent for 1 s."), (), {})
-    assert [record.message for record in caplog.records[4:]] == ["Connected", "Silent for 1 s."]
+    assert [record.message for record in caplog.records[8:]] == ["Connected", "Silent for 1 s."]
+
+
+def test_a_device_that_is_looked_for_in_vain_is_told_once(
+    notes: DeviceNotes, caplog: pytest.LogCaptureFixture
+) -> None:
+    lost = Link(name="chassis", state="searching", message="What arrives is not rosserial.")
+    for tick in range(50 * 30):
+        notes.hear(tick * SECOND_NS // 50, lost, (), {})
+        assert len(caplog.records) == (tick >= 50 * 5)
 
 
 def test_a_board_that_says_ever_new_things_fills_no_disk(
