@@ -19,7 +19,8 @@ from .metal import Metal
 NEAR_M = 0.06
 MOUNT = Pose2D(0.08, 0.03, 0.6)
 SETTINGS = "pose = {x = 0.08, y = 0.03, yaw = 0.6}\nmasks_deg = [[170, -170]]\n"
-MODELS = ["rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01"]
+STANDARD = "rplidar_a1, standard"
+MODELS = ["rplidar_a1", STANDARD, "ydlidar_x4", "ld19", "xv11", "lds01"]
 
 
 @pytest.fixture
@@ -76,7 +77,8 @@ def off_the_walls(points: NDArray[np.float64]) -> NDArray[np.float64]:
 @pytest.mark.parametrize("wz", [0.0, 1.0])
 @pytest.mark.parametrize("model", MODELS)
 def test_echoes_lie_on_the_walls(tmp_path: Path, endpoint: str, model: str, wz: float) -> None:
-    metal = Metal(tmp_path, endpoint, "linorobot", model, lidar_more=SETTINGS)
+    more = SETTINGS + ('mode = "standard"\n' if model == STANDARD else "")
+    metal = Metal(tmp_path, endpoint, "linorobot", model.partition(",")[0], lidar_more=more)
     with metal.running():
         metal.wait_for("ok")
         if wz:
