@@ -114,6 +114,8 @@ class Governor:
         wanted = within(choice.twist, self._limits)
         if block is Block.ALL_BUT_BACK:
             wanted = Twist2D(min(0.0, wanted.vx), 0.0, 0.0)
+            # Not along a ramp either: that were half a second more into what was touched.
+            self._twist = Twist2D(min(0.0, self._twist.vx), 0.0, 0.0)
         self._twist = self._past_echoes(wanted, min(since_ns * 1e-9, MAX_DT), echoes)
         # Scaled down by the echoes, and not on the ramp from standing.
         is_blocked = (

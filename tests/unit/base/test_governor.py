@@ -120,6 +120,15 @@ def test_from_a_bumper_only_straight_back(drive: Drive) -> None:
     assert (back.mode, back.source) == ("held", "teleop")
 
 
+def test_what_is_touched_is_not_driven_into_along_a_ramp(drive: Drive) -> None:
+    bumper = Hindrance(Block.ALL_BUT_BACK, "held", codes.BUMPER, "Touched.")
+    ahead = Twist2D(0.5, 0.0, 0.5)
+    assert drive.step(ahead, steps=50).twist == ahead
+    assert drive.step(ahead, hindrance=bumper).twist.is_zero
+    back = drive.step(Twist2D(-0.3, 0.0, 0.0), hindrance=bumper).twist
+    assert back.vx == pytest.approx(-0.8 * 0.02)
+
+
 def test_after_forgetting_it_stands_until_a_new_command(drive: Drive) -> None:
     drive.step(Twist2D(0.5, 0.0, 0.0), steps=50)
     drive.governor.forget()
