@@ -187,6 +187,7 @@ def test_a_device_unplugged_at_any_moment_is_waited_for(
         return real(*arguments)
 
     files = len(os.listdir("/proc/self/fd"))
+    monkeypatch.setattr(serial_device, "FIRST_PAUSE_S", 0.02)
     monkeypatch.setattr(module, function, unplugged_once)
     device = SerialDevice(
         str(terminal.link), Line(128_000, dtr=False, dtr_after=True, settle_s=0.001), explain
