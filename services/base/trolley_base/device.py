@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from trolley.geometry import Pose2D
-from trolley_base.drivers import Hardware
+from trolley_base.drivers import CallSoon, Hardware
 from trolley_base.saved import SavedWorld
 
 if TYPE_CHECKING:
@@ -56,7 +56,11 @@ class Device(Protocol):
         ...
 
     def open(
-        self, start_ns: int, saved: SavedWorld | None, robot_ns: Callable[[int], int]
+        self,
+        start_ns: int,
+        saved: SavedWorld | None,
+        robot_ns: Callable[[int], int],
+        call_soon: CallSoon,
     ) -> Opened:
         """Begin a run.
 
@@ -64,5 +68,6 @@ class Device(Protocol):
             start_ns: robot time now.
             saved: where a simulated robot stood last, if that is known.
             robot_ns: turns local monotonic time into robot time [ns]; asked after this returned.
+            call_soon: calls a function on the service's thread; any thread may ask for it.
         """
         ...

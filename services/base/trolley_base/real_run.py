@@ -5,7 +5,7 @@ from collections.abc import Callable
 from trolley.config import ConfigError, RobotConfig
 from trolley.config.hardware import ChassisConfig
 from trolley_base.device import Opened
-from trolley_base.drivers import DriverError
+from trolley_base.drivers import CallSoon, DriverError
 from trolley_base.drivers.boards import BOARDS, make_board
 from trolley_base.drivers.diagnosis import explain
 from trolley_base.drivers.lidars import make_lidar
@@ -51,7 +51,11 @@ class RealDevice:
             raise ConfigError(str(error)) from error
 
     def open(
-        self, start_ns: int, saved: SavedWorld | None, robot_ns: Callable[[int], int]
+        self,
+        start_ns: int,
+        saved: SavedWorld | None,
+        robot_ns: Callable[[int], int],
+        call_soon: CallSoon,
     ) -> Opened:
         """Begin to open the ports; what is not there yet is tried again and again."""
         del saved
@@ -61,7 +65,7 @@ class RealDevice:
             dialogue = make_board(chassis, self._config.robot.drive)
             board = dialogue, str(self._config.path(chassis.port))
         seeing = make_lidar(lidar), str(self._config.path(lidar.port))
-        return Opened(RealHardware(board, seeing, start_ns, robot_ns, explain))
+        return Opened(RealHardware(board, seeing, start_ns, robot_ns, call_soon, explain))
 
 
 def _watchdog_s(chassis: ChassisConfig) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from trolley.config import ConfigError, RobotConfig
 from trolley_base.device import Opened
-from trolley_base.drivers import DriverError
+from trolley_base.drivers import CallSoon, DriverError
 from trolley_base.drivers.recording import RecordedHardware
 from trolley_base.drivers.recording_file import load_recording
 from trolley_base.saved import SavedWorld
@@ -31,9 +31,13 @@ class RecordedDevice:
         self.rate = settings.rate
 
     def open(
-        self, start_ns: int, saved: SavedWorld | None, robot_ns: Callable[[int], int]
+        self,
+        start_ns: int,
+        saved: SavedWorld | None,
+        robot_ns: Callable[[int], int],
+        call_soon: CallSoon,
     ) -> Opened:
         """Begin to play."""
-        del saved, robot_ns
+        del saved, robot_ns, call_soon
         hardware = RecordedHardware(self._recording, start_ns)
         return Opened(hardware, recorded=hardware)

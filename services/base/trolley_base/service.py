@@ -102,7 +102,7 @@ class BaseService(Service):
         epoch_ns = first_stamp_ns(self.unix_ns, self.state.read(TIME_FILE, SavedTime))
         saved_world = self.state.read(WORLD_FILE, SavedWorld)
         self._notes = DeviceNotes(self.log, self.count)
-        opened = self._device.open(epoch_ns, saved_world, self._robot_ns)
+        opened = self._device.open(epoch_ns, saved_world, self._robot_ns, self.call_soon)
         self._hardware = opened.hardware
         self._simulated, self._recorded = opened.simulated, opened.recorded
         self._reckoning = DeadReckoning(self._config, self._scales, epoch_ns)

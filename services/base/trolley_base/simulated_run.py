@@ -11,6 +11,7 @@ from trolley.config import ConfigError, RobotConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Truth
 from trolley_base.device import Opened
+from trolley_base.drivers import CallSoon
 from trolley_base.drivers.simulated import SimulatedHardware
 from trolley_base.drivers.world_file import load_world
 from trolley_base.saved import SavedWorld
@@ -43,10 +44,14 @@ class SimulatedDevice:
         self.world: str | None = self._world.name
 
     def open(
-        self, start_ns: int, saved: SavedWorld | None, robot_ns: Callable[[int], int]
+        self,
+        start_ns: int,
+        saved: SavedWorld | None,
+        robot_ns: Callable[[int], int],
+        call_soon: CallSoon,
     ) -> Opened:
         """Put the robot into its world."""
-        del robot_ns
+        del robot_ns, call_soon
         start = self._start
         # Where somebody has named another start since, that is where the robot is meant to be.
         if saved is not None and saved.world == self.world and saved.start == self._start:

@@ -1,6 +1,7 @@
 """What base drives and senses with: real devices, the simulated world, or a recorded drive."""
 
 from trolley_base.drivers.interface import (
+    CallSoon,
     Chassis,
     ChassisReading,
     DriverError,
@@ -13,6 +14,7 @@ from trolley_base.drivers.interface import (
 )
 
 __all__ = [
+    "CallSoon",
     "Chassis",
     "ChassisReading",
     "DriverError",

@@ -25,12 +25,15 @@ class Line:
         dtr: level of DTR while the device works; None: as Linux leaves it on opening (set).
         dtr_after: level of DTR when the port is closed; None: untouched.
         settle_s: wait after opening, for a board that reboots; what arrives meanwhile is dropped.
+        is_prompt: what arrives is heard at once and not with the next look, for a device that is
+            asked again as soon as it has answered.
     """
 
     baud: int
     dtr: bool | None = None
     dtr_after: bool | None = None
     settle_s: float = 0.0
+    is_prompt: bool = False
 
 
 @dataclass(frozen=True, slots=True)

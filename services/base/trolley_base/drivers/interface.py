@@ -6,7 +6,7 @@ and wakes base; `read` hands over what was stored since the last call. All stamp
 recording stamps by its own steps.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Battery, Imu, Link
+
+CallSoon = Callable[[Callable[[], None]], None]
+"""Calls a function on the service's thread, as soon as that is free."""
 
 
 class DriverError(Exception):

@@ -3,6 +3,7 @@
 Everything here runs on the service's thread; the ports' own threads only store.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,7 +11,13 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Link
 from trolley_base.drivers.conversation import Conversation
 from trolley_base.drivers.dialogue import BoardDialogue, Dialogue, LidarDialogue
-from trolley_base.drivers.interface import Chassis, ChassisReading, LidarReading, MotionSample
+from trolley_base.drivers.interface import (
+    CallSoon,
+    Chassis,
+    ChassisReading,
+    LidarReading,
+    MotionSample,
+)
 from trolley_base.drivers.serial_device import SerialDevice
 
 STANDING_PERIOD_NS = 50_000_000
@@ -40,6 +47,11 @@ class SerialChassis:
         """Hear what has arrived up to now."""
         self._now_ns = now_ns
         self._conversation.listen(now_ns)
+
+    def respond(self, now_ns: int) -> None:
+        """Hear what has arrived up to now, and go on with the dialogue."""
+        self.advance(now_ns)
+        self._conversation.speak(now_ns)
 
 
 class NoChassis:
@@ -94,6 +106,7 @@ class RealHardware:
         lidar: the lidar's.
         start_ns: robot time now.
         robot_ns: turns local monotonic time into robot time [ns].
+        call_soon: calls a function on the service's thread.
         explain: turns an error of a port into a sentence.
     """
 
@@ -103,12 +116,13 @@ class RealHardware:
         lidar: tuple[LidarDialogue, str],
         start_ns: int,
         robot_ns: Callable[[int], int],
+        call_soon: CallSoon,
         explain: Explain,
     ) -> None:
         self._conversations: list[Conversation[BoardDialogue] | Conversation[LidarDialogue]] = []
 
         def open_port(dialogue: Dialogue, path: str) -> SerialDevice:
-            device = SerialDevice(path, dialogue.line, explain)
+            device = SerialDevice(path, dialogue.line, explain, lambda: call_soon(self._respond))
             device.start()
             return device
 
@@ -117,6 +131,7 @@ class RealHardware:
             talk = Conversation("chassis", board[0], open_port(*board), robot_ns)
             self._conversations.append(talk)
             self._chassis = SerialChassis(talk, start_ns)
+        self._robot_ns = robot_ns
         seeing = Conversation("lidar", lidar[0], open_port(*lidar), robot_ns)
         self._conversations.append(seeing)
         self._lidar = SerialLidar(seeing, start_ns)
@@ -135,6 +150,11 @@ class RealHardware:
         """Hear what the devices said up to now."""
         self._chassis.advance(now_ns)
         self._lidar.advance(now_ns)
+
+    def _respond(self) -> None:
+        """Go on with a board that has answered; the lidars need no such haste."""
+        if isinstance(self._chassis, SerialChassis) and self._conversations:
+            self._chassis.respond(self._robot_ns(time.monotonic_ns()))
 
     def close(self) -> None:
         """Stop the wheels and the lidar, and let go of the ports; may be called more than once."""

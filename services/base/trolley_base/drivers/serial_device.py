@@ -58,12 +58,20 @@ class SerialDevice:
         path: the port.
         line: how to open it.
         explain: turns an error of the port into a sentence.
+        wake: called on the thread when something has arrived, if the line is a prompt one.
     """
 
-    def __init__(self, path: str, line: Line, explain: Callable[[str, OSError], str]) -> None:
+    def __init__(
+        self,
+        path: str,
+        line: Line,
+        explain: Callable[[str, OSError], str],
+        wake: Callable[[], None] = lambda: None,
+    ) -> None:
         self.path = path
         self._line = line
         self._explain = explain
+        self._wake = wake
         self._lock = threading.Lock()
         self._events: list[Event] = []
         self._stored = 0
@@ -155,6 +163,8 @@ class SerialDevice:
                 self._drop_backlog(port, len(data))
                 continue
             self._store(Arrived(data, time.monotonic_ns()))
+            if self._line.is_prompt:
+                self._wake()
             time.sleep(GATHER_S)
 
     def _drop_backlog(self, port: SerialPort, dropped: int) -> None:

@@ -112,7 +112,7 @@ class ArduinoBridgeDialogue:
     @property
     def line(self) -> Line:
         """How the port is opened."""
-        return Line(self._baud, settle_s=SETTLE_S)
+        return Line(self._baud, settle_s=SETTLE_S, is_prompt=True)
 
     def begin(self, now_ns: int) -> None:
         """The port has been opened: ask who is there, command nothing."""

@@ -4,8 +4,9 @@ from trolley import codes
 from trolley.config.hardware import InputsConfig
 from trolley.messages import Battery
 
-BUMPER_EVERY_NS = 100_000_000
-CLIFF_EVERY_NS = 100_000_000
+# Two pins are read this often: with the answer and a period of base, the wheels are told to stop
+# within 0.1 s. More of them share the same part of the line.
+TOUCH_EVERY_NS, TOUCH_PINS = 40_000_000, 2
 BATTERY_EVERY_NS = 1_000_000_000
 # Motors that set off pull the voltage down for a moment.
 EMPTY_FOR_NS = 2_000_000_000
@@ -38,8 +39,9 @@ class Inputs:
     def questions(self) -> dict[str, int]:
         """Return what is to be asked, and how far apart [ns]."""
         config = self._config
-        asked = {f"d {pin}": BUMPER_EVERY_NS for pin in config.bumper_pins}
-        asked |= {f"d {pin}": CLIFF_EVERY_NS for pin in config.cliff_pins}
+        touched = [*config.bumper_pins, *config.cliff_pins]
+        period_ns = TOUCH_EVERY_NS * max(TOUCH_PINS, len(touched)) // TOUCH_PINS
+        asked = {f"d {pin}": period_ns for pin in touched}
         if config.battery_pin is not None:
             asked[f"a {config.battery_pin}"] = BATTERY_EVERY_NS
         return asked
