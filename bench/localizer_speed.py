@@ -95,10 +95,7 @@ class Ours:
     def __init__(self, field: LikelihoodField, pose: Pose2D, beams: NDArray[np.float64]) -> None:
         self._scale = 1.0 / field.resolution
         ranges, angles = beams.T * np.array([[self._scale], [1.0]])
-        self._points = Points(
-            (ranges * np.cos(angles)).astype(np.float32),
-            (ranges * np.sin(angles)).astype(np.float32),
-        )
+        self._points = Points(ranges * np.cos(angles), ranges * np.sin(angles))
         self.mean = field.to_cells(pose)
         self.filter = ParticleFilter(field, CONFIG, 1)
         self.filter.reset(self.mean, np.diag((DEVIATION * [self._scale, self._scale, 1.0]) ** 2))

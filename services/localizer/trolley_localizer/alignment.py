@@ -132,8 +132,7 @@ class Follower:
         self._pending = Pose2D.identity()
         self._phase = (self._phase + _PHASE_STEP) % 1.0
         self._filter.weigh(seen.spread(self._config.num_beams, self._phase))
-        _, mean, _ = self._filter.cluster()
-        return self._offer(mean, seen, points, score, _CLUSTER_LEAD)
+        return self._offer(self._filter.cluster(), seen, points, score, _CLUSTER_LEAD)
 
     def _try_around(self, beams: BeamSet, points: Points, score: float) -> float:
         """Try poses at random about the estimate and take the best if it fits better."""

@@ -18,8 +18,9 @@ from trolley_localizer.kernels.resample import (
     count_bins,
     draw_systematic,
     gather,
-    normalise_weights,
-    weighted_moments,
+    mean_near,
+    update_weights,
+    variance_of_place,
 )
 from trolley_localizer.kernels.weights import score_particles
 from trolley_localizer.motion import OdometryStep
@@ -29,11 +30,13 @@ _BIN_M = 0.5
 _BINS_TURN = 36
 # One particle in so many gets more noise: wheels slip on rugs, and encoders may miss a reversal.
 _WIDE_EVERY = 8
-_WIDE_FACTOR = np.float32(4.0)
-# Share of the particles drawn anew about the aligned estimate at each resampling.
-_RENEWED = 0.05
+_WIDE_FACTOR = 4.0
+# One particle in so many is drawn anew about the aligned estimate at each resampling.
+_RENEWED_EVERY = 20
 _RENEWED_DEV_M = 0.05
 _RENEWED_DEV_RAD = 0.02
+# How far about the heaviest place a cluster reaches, mean after mean [m, rad].
+_CLUSTER_REACH = ((1.0, 0.6), (0.7, 0.5), (0.7, 0.5))
 _FULL_SCORE = 65535.0
 
 
@@ -73,14 +76,14 @@ class ParticleFilter:
         self._cloud = self._empty(most)
         self._spare = self._empty(most)
         self._weights = np.empty(most, np.float32)
-        self._score = np.empty(most, np.float32)
+        self._score = np.empty(most, np.int32)
         self._index = np.empty(most, np.int32)
         self._bins = np.empty(2 ** math.ceil(math.log2(2 * most)), np.uint64)
         self.count = 0
 
     @staticmethod
     def _empty(count: int) -> Cloud:
-        return Cloud(*(np.zeros(count, np.float32) for _ in range(3)))
+        return Cloud(*(np.zeros(count) for _ in range(3)))
 
     @property
     def cloud(self) -> Cloud:
@@ -107,31 +110,29 @@ class ParticleFilter:
         """
         self.count = self._weights.size
         first = self._draw(3 * self.count)
-        scatter_particles(self.cloud, 0, self.count, mean, lower_root(covariance), first)
+        scatter_particles(self.cloud, 0, 1, mean, lower_root(covariance), first)
         self._weights[:] = 1.0 / self.count
 
     def move(self, step: OdometryStep) -> None:
         """Move all particles by one noisy odometry step."""
         cells = 1.0 / self._field.resolution
-        parts = np.array([step.turn, step.drive * cells, step.after], np.float32)
+        parts = np.array([step.turn, step.drive * cells, step.after])
         deviation = np.array(
-            [step.turn_dev, step.drive_dev * cells, step.after_dev, step.slip_dev * cells],
-            np.float32,
+            [step.turn_dev, step.drive_dev * cells, step.after_dev, step.slip_dev * cells]
         )
         first = self._draw(4 * self.count)
         move_particles(self.cloud, parts, deviation, _WIDE_EVERY, _WIDE_FACTOR, first)
 
-    def weigh(self, points: Points) -> float:
-        """Weigh all particles by beam end points; return the effective number of particles."""
+    def weigh(self, points: Points) -> None:
+        """Weigh all particles by beam end points."""
         beams = points.x.size
         if beams == 0:
-            return float(self.count)
+            return
         score = self._score[: self.count]
-        scratch = np.empty(beams, np.int32)
-        score_particles(score, self.cloud, points, self._field.score, scratch)
+        score_particles(score, self.cloud, points, self._field.score)
         independent = min(float(beams), self._config.independent_beams)
         gain = self._field.log_range / _FULL_SCORE * independent / beams
-        return normalise_weights(self.weights, score, gain)
+        update_weights(self.weights, score, gain)
 
     def resample(self, about: NDArray[np.float64] | None) -> None:
         """Draw equally weighted particles, as many as their spread asks for.
@@ -140,15 +141,16 @@ class ParticleFilter:
             about: (3,) a pose about which a small share is drawn anew; None for no such share.
         """
         offset = float(self._draw(1) % np.uint64(1 << 20)) / (1 << 20)
-        trial = self._index[: self.count]
-        draw_systematic(trial, self.weights, offset)
+        chosen = self._index[: self.count]
+        draw_systematic(chosen, self.weights, offset)
         bins = count_bins(
-            self._bins, self.cloud, trial, _BIN_M / self._field.resolution, _BINS_TURN
+            self._bins, self.cloud, chosen, _BIN_M / self._field.resolution, _BINS_TURN
         )
         wanted = kld_number(bins, self._config.kld_error, self._config.kld_quantile)
         count = min(max(wanted, self._config.min_particles), self._weights.size)
-        chosen = self._index[:count]
-        draw_systematic(chosen, self.weights, offset)
+        if count != self.count:
+            chosen = self._index[:count]
+            draw_systematic(chosen, self.weights, offset)
         gather(self._spare, self._cloud, chosen)
         self._cloud, self._spare = self._spare, self._cloud
         self.count = count
@@ -158,13 +160,9 @@ class ParticleFilter:
 
     def _renew(self, about: NDArray[np.float64]) -> None:
         """Draw a small, evenly chosen share of the particles anew about a pose."""
-        renewed = max(1, round(_RENEWED * self.count))
         cells = _RENEWED_DEV_M / self._field.resolution
         root = np.diag([cells, cells, _RENEWED_DEV_RAD])
-        fresh = Cloud(*(np.empty(renewed, np.float32) for _ in range(3)))
-        scatter_particles(fresh, 0, renewed, about, root, self._draw(3 * renewed))
-        for part, new in zip(self.cloud, fresh, strict=True):
-            part[:: self.count // renewed][:renewed] = new
+        scatter_particles(self.cloud, 0, _RENEWED_EVERY, about, root, self._draw(3 * self.count))
 
     def best_of(
         self, mean: NDArray[np.float64], root: NDArray[np.float64], points: Points, count: int
@@ -178,40 +176,30 @@ class ParticleFilter:
             count: how many tries.
         """
         tries = self._empty(count)
-        scatter_particles(tries, 1, count - 1, mean, root, self._draw(3 * count))
+        scatter_particles(tries, 1, 1, mean, root, self._draw(3 * count))
         for part, value in zip(tries, mean, strict=True):
             part[0] = value
-        score = np.empty(count, np.float32)
-        scratch = np.empty(points.x.size, np.int32)
-        score_particles(score, tries, points, self._field.score, scratch)
+        score = np.empty(count, np.int32)
+        score_particles(score, tries, points, self._field.score)
         best = int(np.argmax(score))
         return np.array([float(part[best]) for part in tries])
 
-    def moments(
-        self, centre: NDArray[np.float64], reach_m: float, reach_rad: float
-    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-        """Return weight, mean (3,) and covariance (3, 3) of the particles near a pose."""
-        mean = np.empty(3)
-        covariance = np.empty((3, 3))
-        reach = np.array([reach_m / self._field.resolution, reach_rad])
-        share = weighted_moments(mean, covariance, self.cloud, self.weights, centre, reach)
-        return share, mean, covariance
-
-    def cluster(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-        """Return weight, mean and covariance of the particles about the heaviest place.
+    def cluster(self) -> NDArray[np.float64]:
+        """Return the mean pose (3,) of the particles about the heaviest place.
 
         It begins at the heaviest particle and follows the mean three times.
         """
         best = int(np.argmax(self.weights))
-        centre = np.array([float(part[best]) for part in self.cloud])
-        share, mean, covariance = self.moments(centre, 1.0, 0.6)
-        for _ in range(2):
-            share, mean, covariance = self.moments(mean, 0.7, 0.5)
-        return share, mean, covariance
+        cloud, weights = self.cloud, self.weights
+        mean = np.array([part[best] for part in cloud])
+        for reach_m, reach_rad in _CLUSTER_REACH:
+            centre = mean.copy()
+            reach = np.array([reach_m / self._field.resolution, reach_rad])
+            mean_near(mean, cloud, weights, centre, reach)
+        return mean
 
     def spread_m(self) -> float:
         """Return the root mean square distance of the particles from their mean [m]."""
         if self.count == 0:
             return 0.0
-        _, _, covariance = self.moments(np.zeros(3), math.inf, math.inf)
-        return math.sqrt(max(0.0, covariance[0, 0] + covariance[1, 1])) * self._field.resolution
+        return math.sqrt(variance_of_place(self.cloud, self.weights)) * self._field.resolution

@@ -84,8 +84,8 @@ def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSe
     """Project a scan into `base_link`, in cells of `resolution` [m]."""
     ranges = np.require(scan.ranges, np.float32, ["C", "W"])
     count = ranges.size
-    end = Points(np.empty(count, np.float32), np.empty(count, np.float32))
-    start = Points(np.empty(count, np.float32), np.empty(count, np.float32))
+    end = Points(np.empty(count), np.empty(count))
+    start = Points(np.empty(count), np.empty(count))
     used = np.empty(count, np.uint8)
     # The nearest float32 above 0, so that "invalid" is below the limit.
     nearest = max(scan.range_min, 1e-6)

@@ -10,26 +10,29 @@ class Points(NamedTuple):
     """Beam end points in `base_link` at the scan's stamp, in cells.
 
     Attributes:
-        x: (n,) float32, forward.
-        y: (n,) float32, to the left.
+        x: (n,) float64, forward.
+        y: (n,) float64, to the left.
     """
 
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
 
 
 class Cloud(NamedTuple):
     """Particles in frame `grid`.
 
+    float32 would do for the poses, but not for telling on which side of a cell's border a beam
+    ends: of the 120 000 beams of 2000 particles two or three would count in the wrong cell.
+
     Attributes:
-        x: (n,) float32, columns [cells].
-        y: (n,) float32, rows [cells].
-        yaw: (n,) float32 [rad], not wrapped.
+        x: (n,) float64, columns [cells].
+        y: (n,) float64, rows [cells].
+        yaw: (n,) float64 [rad], not wrapped.
     """
 
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
-    yaw: NDArray[np.float32]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    yaw: NDArray[np.float64]
 
 
 class Lines(NamedTuple):

@@ -23,9 +23,9 @@ _SHIFT_40 = np.uint64(40)
 _SHIFT_48 = np.uint64(48)
 
 # Four 16-bit lanes are uniform on 0 ... 65535: mean of their sum, and 1 / its deviation.
-_SUM_MEAN = np.float32(131070.0)
-_SUM_SCALE = np.float32(1.0 / 37837.2272)
-_UNIT_24 = np.float32(1.0 / 16777216.0)
+_SUM_MEAN = 131070.0
+_SUM_SCALE = 1.0 / 37837.2272
+_UNIT_24 = 1.0 / 16777216.0
 
 
 @kernel
@@ -38,13 +38,13 @@ def random_bits(counter: np.uint64) -> np.uint64:
 
 
 @kernel
-def uniform(counter: np.uint64) -> np.float32:
+def uniform(counter: np.uint64) -> float:
     """Return a number in [0, 1) that belongs to a counter."""
-    return np.float32(np.int64(random_bits(counter) >> _SHIFT_40)) * _UNIT_24
+    return np.int32(random_bits(counter) >> _SHIFT_40) * _UNIT_24
 
 
 @kernel
-def normal(counter: np.uint64) -> np.float32:
+def normal(counter: np.uint64) -> float:
     """Return a number of mean 0 and deviation 1 that belongs to a counter.
 
     It is the sum of four uniform numbers, so never beyond 3.47; wider tails are the caller's.
@@ -56,4 +56,4 @@ def normal(counter: np.uint64) -> np.float32:
         + ((bits >> _SHIFT_32) & _LANE)
         + (bits >> _SHIFT_48)
     )
-    return (np.float32(np.int64(total)) - _SUM_MEAN) * _SUM_SCALE
+    return (np.int32(total) - _SUM_MEAN) * _SUM_SCALE

@@ -6,49 +6,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
+from trolley_localizer.kernels.elementary import exp_below_zero
 from trolley_localizer.kernels.layout import Cloud
 from trolley_localizer.kernels.random import random_bits
 
 _TWO_PI = 2.0 * math.pi
+_TURNS = 1.0 / _TWO_PI
 _EMPTY = np.uint64(0)
 _ONE = np.uint64(1)
 
 
 @kernel
-def normalise_weights(
-    weights: NDArray[np.float32], score: NDArray[np.float32], gain: float
-) -> float:
-    """Multiply weights by exp(gain * score), make their sum 1, and return the effective number.
+def update_weights(weights: NDArray[np.float32], score: NDArray[np.int32], gain: float) -> None:
+    """Multiply weights by exp(gain * score), and make their sum 1.
 
     Args:
         weights: (n,), in place.
-        score: (n,) sum of table values of each particle.
-        gain: from the sum of table values to log likelihood.
-
-    Returns:
-        1 / sum of squared weights; n for equal weights.
+        score: (n,) sum of table values of each particle, from 0.
+        gain: from the sum of table values to log likelihood, not negative.
     """
-    best = np.float32(0.0)
+    best = np.int32(0)
     for i in range(score.size):
         best = max(best, score[i])
-    total = 0.0
     for i in range(score.size):
-        weight = weights[i] * math.exp(gain * (np.float64(score[i]) - best))
-        weights[i] = weight
-        total += weight
+        weights[i] *= exp_below_zero(gain * (score[i] - best))
+    total = _sum_of(weights)
     if not total > 1e-30:
         # The old weights and the new evidence exclude each other: start from the evidence.
-        total = 0.0
         for i in range(score.size):
-            weight = math.exp(gain * (np.float64(score[i]) - best))
-            weights[i] = weight
-            total += weight
-    squares = 0.0
+            weights[i] = exp_below_zero(gain * (score[i] - best))
+        total = _sum_of(weights)
+    scale = 1.0 / total
     for i in range(score.size):
-        weight = weights[i] / total
-        weights[i] = weight
-        squares += weight * weight
-    return 1.0 / squares
+        weights[i] *= scale
+
+
+@kernel
+def _sum_of(weights: NDArray[np.float32]) -> float:
+    total = 0.0
+    for i in range(weights.size):
+        total += weights[i]
+    return total
 
 
 @kernel
@@ -131,53 +129,65 @@ def count_bins(
 
 
 @kernel
-def weighted_moments(
+def mean_near(
     out_mean: NDArray[np.float64],
-    out_covariance: NDArray[np.float64],
     cloud: Cloud,
     weights: NDArray[np.float32],
     centre: NDArray[np.float64],
     reach: NDArray[np.float64],
-) -> float:
-    """Compute mean and covariance of the particles about a pose.
+) -> None:
+    """Compute the mean of the particles about a pose.
 
     Args:
-        out_mean: (3,) x, y [cells], yaw [rad] in `grid`, overwritten.
-        out_covariance: (3, 3), same units, overwritten.
+        out_mean: (3,) x, y [cells], yaw [rad] in `grid`, overwritten; `centre` if there are none.
         cloud: the particles.
-        weights: (n,), sum 1.
+        weights: (n,).
         centre: (3,) only particles within `reach` of it count; headings are unwrapped about it.
         reach: (2,) distance [cells] and angle [rad].
-
-    Returns:
-        The weight of the particles that counted; with zero, the mean is `centre`.
     """
+    x, y, yaw = centre[0], centre[1], centre[2]
+    far = reach[0] * reach[0]
     share = 0.0
-    first = np.zeros(3)
-    second = np.zeros((3, 3))
-    delta = np.zeros(3)
+    sum_x = 0.0
+    sum_y = 0.0
+    sum_yaw = 0.0
     for i in range(cloud.x.size):
-        delta[0] = cloud.x[i] - centre[0]
-        delta[1] = cloud.y[i] - centre[1]
-        turn = cloud.yaw[i] - centre[2]
-        delta[2] = turn - _TWO_PI * math.floor(turn / _TWO_PI + 0.5)
-        if math.hypot(delta[0], delta[1]) > reach[0] or abs(delta[2]) > reach[1]:
-            continue
+        dx = cloud.x[i] - x
+        dy = cloud.y[i] - y
+        turn = cloud.yaw[i] - yaw
+        turn -= _TWO_PI * np.floor(turn * _TURNS + 0.5)
+        is_near = (dx * dx + dy * dy <= far) & (abs(turn) <= reach[1])
+        weight = np.float64(weights[i]) if is_near else 0.0
+        share += weight
+        sum_x += weight * dx
+        sum_y += weight * dy
+        sum_yaw += weight * turn
+    scale = 1.0 / share if share > 0.0 else 0.0
+    out_mean[0] = x + scale * sum_x
+    out_mean[1] = y + scale * sum_y
+    out_mean[2] = yaw + scale * sum_yaw
+
+
+@kernel
+def variance_of_place(cloud: Cloud, weights: NDArray[np.float32]) -> float:
+    """Return the mean square distance of the particles from their mean [cells^2].
+
+    Args:
+        cloud: at least one particle.
+        weights: (n,), sum above 0.
+    """
+    # About one of them, so that nothing is lost where all lie close together far from the origin.
+    x, y = cloud.x[0], cloud.y[0]
+    share = 0.0
+    sum_x = 0.0
+    sum_y = 0.0
+    squares = 0.0
+    for i in range(cloud.x.size):
+        dx = cloud.x[i] - x
+        dy = cloud.y[i] - y
         weight = np.float64(weights[i])
         share += weight
-        for a in range(3):
-            first[a] += weight * delta[a]
-            for b in range(a + 1):
-                second[a, b] += weight * delta[a] * delta[b]
-    for a in range(3):
-        out_mean[a] = centre[a]
-        if share > 0.0:
-            out_mean[a] += first[a] / share
-    for a in range(3):
-        for b in range(a + 1):
-            value = 0.0
-            if share > 0.0:
-                value = second[a, b] / share - first[a] * first[b] / (share * share)
-            out_covariance[a, b] = value
-            out_covariance[b, a] = value
-    return share
+        sum_x += weight * dx
+        sum_y += weight * dy
+        squares += weight * (dx * dx + dy * dy)
+    return max(0.0, squares / share - (sum_x * sum_x + sum_y * sum_y) / (share * share))

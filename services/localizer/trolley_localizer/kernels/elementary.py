@@ -1,0 +1,48 @@
+"""Sine, cosine and exponential in plain arithmetic.
+
+A loop with these becomes vector code. libm's take one number at a time: sine and cosine of each
+particle cost as much as the look-ups of its beams.
+"""
+
+import math
+
+import numpy as np
+
+from trolley.jit import kernel
+
+_HALF_TURNS = 1.0 / math.pi
+# Below this exponent the result is 0 (it would be 4e-18).
+_LEAST_EXPONENT = -40.0
+
+
+@kernel
+def sin_cos(angle: float) -> tuple[float, float]:
+    """Return sine and cosine of an angle [rad], with errors below 1e-11 up to 1000 rad.
+
+    Whole half turns are taken off; Taylor's series serves the rest, within a quarter turn.
+    """
+    half_turns = np.floor(angle * _HALF_TURNS + 0.5)
+    rest = angle - half_turns * math.pi
+    sign = 1.0 - 2.0 * (half_turns - 2.0 * np.floor(0.5 * half_turns))
+    square = rest * rest
+    sine = 1.0
+    cosine = 1.0
+    for n in (8, 7, 6, 5, 4, 3, 2, 1):
+        sine = 1.0 - square * sine * (1.0 / (2 * n * (2 * n + 1)))
+        cosine = 1.0 - square * cosine * (1.0 / ((2 * n - 1) * 2 * n))
+    return sign * rest * sine, sign * cosine
+
+
+@kernel
+def exp_below_zero(exponent: float) -> float:
+    """Return exp of a number that is not positive, with a relative error below 1e-9; 0 below -40.
+
+    Taylor's series serves a 64th of the exponent; its result is squared six times.
+    """
+    part = max(exponent, _LEAST_EXPONENT) * (1.0 / 64.0)
+    power = 1.0
+    for n in (11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1):
+        power = 1.0 + part * power * (1.0 / n)
+    for _ in range(6):
+        power *= power
+    return power if exponent >= _LEAST_EXPONENT else 0.0
