@@ -1,0 +1,276 @@
+"""Beams that go on behind a wall of the map: mirrored, seen through a gap, or neither?"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_localizer.kernels.beams import BEHIND_MIRROR, UNUSED
+from trolley_localizer.kernels.layout import Points
+from trolley_localizer.kernels.weights import sample_field
+
+NOTHING = 0
+"""The beam says nothing: unused, blocked before the wall, or ambiguous."""
+STOPPED = 1
+"""It ended at the wall, as it should."""
+PASSED = 2
+"""It went on, and what it saw is not what stands before the wall."""
+MIRRORED = 3
+"""It went on and saw what stands before the wall, or the robot itself, and nothing else fits."""
+
+# Columns of what is written about each beam.
+X, Y, NORMAL_X, NORMAL_Y, DEPTH = range(5)
+
+# A beam ended at the wall, or behind it, by this [m].
+_AT_WALL_M = 0.2
+_BEHIND_M = 0.3
+# The line of a wall is fitted to what lies so near to a hit; it must go on by so much on both
+# sides, since beams that graze an edge tell nothing; hits may lie so far from it [m].
+_WALL_REACH_M = 0.4
+_WALL_SIDE_M = 0.1
+_WALL_ROUGHNESS_M = 0.04
+_MIN_HITS = 4
+# Flatter beams are thrown too far about by a small error of the wall's direction (cosine).
+_LEAST_INCIDENCE = 0.3
+# A mirrored end lies this near to a wall [m], and more by this share of the way from the mirror.
+_NEAR_M = 0.1
+_NEAR_SHARE = 0.02
+# A plain end lies this near to a wall [m].
+_PLAIN_M = 0.15
+# The reflected way must be free of walls up to here before its end [m].
+_FREE_MARGIN_M = 0.3
+# The robot itself lies within this of its centre [m].
+_BODY_M = 0.35
+
+
+@kernel
+def first_wall(
+    field: NDArray[np.float32], x: float, y: float, dx: float, dy: float, limit: float
+) -> float:
+    """Return the way along a ray to the first wall of the map, infinite without one [cells].
+
+    Args:
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        x: where the ray begins [cells], `y` alike.
+        y: see `x`.
+        dx: its direction, a unit vector with `dy`.
+        dy: see `dx`.
+        limit: no farther than this [cells].
+    """
+    before = 0.0
+    way = 0.5
+    last_row = field.shape[0] - 1
+    last_col = field.shape[1] - 1
+    while way < limit:
+        col = x + way * dx + 1.0
+        row = y + way * dy + 1.0
+        if not (0.0 <= col < last_col and 0.0 <= row < last_row):
+            return math.inf
+        free = np.float64(field[int(row), int(col)])
+        if free < 0.5:
+            # The border of the cell lies between the last two steps.
+            for _ in range(5):
+                middle = 0.5 * (before + way)
+                if field[int(y + middle * dy + 1.0), int(x + middle * dx + 1.0)] < 0.5:
+                    way = middle
+                else:
+                    before = middle
+            return way
+        before = way
+        # Cell centres lie within 0.71 of any point of the cell: a shorter step cannot miss.
+        way += max(free - 1.42, 0.5)
+    return math.inf
+
+
+@kernel
+def fit_wall(
+    out_line: NDArray[np.float64], hits: NDArray[np.float64], index: int, resolution: float
+) -> bool:
+    """Fit a straight line to the wall about a hit, as seen from where the beams come from.
+
+    Args:
+        out_line: (4,) a point of the line [cells] and its unit normal, overwritten.
+        hits: (n, 2) where neighbouring beams meet the map's walls [cells], NaN where nowhere.
+        index: of the hit.
+        resolution: cell edge [m].
+
+    Returns:
+        Whether the wall is straight and goes on to both sides.
+    """
+    reach = _WALL_REACH_M / resolution
+    x = hits[index, 0]
+    y = hits[index, 1]
+    count = 1
+    sx = sy = sxx = sxy = syy = 0.0
+    for direction in (-1, 1):
+        j = index + direction
+        while 0 <= j < hits.shape[0]:
+            dx = hits[j, 0] - x
+            dy = hits[j, 1] - y
+            if not math.hypot(dx, dy) <= reach:
+                break
+            count += 1
+            sx += dx
+            sy += dy
+            sxx += dx * dx
+            sxy += dx * dy
+            syy += dy * dy
+            j += direction
+    if count < _MIN_HITS:
+        return False
+    mx = sx / count
+    my = sy / count
+    cxx = sxx / count - mx * mx
+    cxy = sxy / count - mx * my
+    cyy = syy / count - my * my
+    # The smaller eigenvalue is the mean square distance from the line.
+    least = 0.5 * (cxx + cyy) - math.hypot(0.5 * (cxx - cyy), cxy)
+    if least > (_WALL_ROUGHNESS_M / resolution) ** 2:
+        return False
+    along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+    tx = math.cos(along)
+    ty = math.sin(along)
+    lowest = highest = 0.0
+    for direction in (-1, 1):
+        j = index + direction
+        while 0 <= j < hits.shape[0]:
+            dx = hits[j, 0] - x
+            dy = hits[j, 1] - y
+            if not math.hypot(dx, dy) <= reach:
+                break
+            lowest = min(lowest, dx * tx + dy * ty)
+            highest = max(highest, dx * tx + dy * ty)
+            j += direction
+    out_line[0] = x + mx
+    out_line[1] = y + my
+    out_line[2] = -ty
+    out_line[3] = tx
+    side = _WALL_SIDE_M / resolution
+    return lowest <= -side and highest >= side
+
+
+@kernel
+def judge_passage(
+    out_place: NDArray[np.float64],
+    line: NDArray[np.float64],
+    ray: NDArray[np.float64],
+    base: NDArray[np.float64],
+    field: NDArray[np.float32],
+    resolution: float,
+) -> int:
+    """Judge one beam that went on behind a wall.
+
+    Args:
+        out_place: (5,) point of the wall's line, its normal towards the robot, and how far
+            behind the line the end lies, overwritten [cells].
+        line: (4,) a point of the wall and its unit normal.
+        ray: (5,) where the beam begins, its direction, its length [cells].
+        base: (2,) the robot's centre [cells].
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        resolution: cell edge [m].
+    """
+    nx = line[2]
+    ny = line[3]
+    cosine = -(ray[2] * nx + ray[3] * ny)
+    if cosine < 0.0:
+        nx, ny, cosine = -nx, -ny, -cosine
+    if cosine < _LEAST_INCIDENCE:
+        return NOTHING
+    to_line = ((ray[0] - line[0]) * nx + (ray[1] - line[1]) * ny) / cosine
+    behind = ray[4] - to_line
+    if behind < _BEHIND_M / resolution:
+        return NOTHING
+    x = ray[0] + to_line * ray[2]
+    y = ray[1] + to_line * ray[3]
+    out_place[X] = x
+    out_place[Y] = y
+    out_place[NORMAL_X] = nx
+    out_place[NORMAL_Y] = ny
+    out_place[DEPTH] = behind * cosine
+    back_x = ray[2] + 2.0 * cosine * nx
+    back_y = ray[3] + 2.0 * cosine * ny
+    end_x = x + behind * back_x
+    end_y = y + behind * back_y
+    if math.hypot(end_x - base[0], end_y - base[1]) <= _BODY_M / resolution:
+        return MIRRORED
+    near = _NEAR_M / resolution + _NEAR_SHARE * behind
+    is_mirrored = (
+        sample_field(field, end_x, end_y) <= near
+        # A little off the wall, so that the ray does not meet it again.
+        and first_wall(field, x + nx, y + ny, back_x, back_y, behind)
+        >= behind - _FREE_MARGIN_M / resolution
+    )
+    is_plain = (
+        sample_field(field, ray[0] + ray[4] * ray[2], ray[1] + ray[4] * ray[3])
+        <= _PLAIN_M / resolution
+    )
+    if is_mirrored:
+        return NOTHING if is_plain else MIRRORED
+    return PASSED
+
+
+@kernel
+def judge_beams(
+    out_verdict: NDArray[np.uint8],
+    out_place: NDArray[np.float64],
+    out_cell: NDArray[np.int64],
+    pose: NDArray[np.float64],
+    beams: tuple[Points, Points],
+    classes: NDArray[np.uint8],
+    field: NDArray[np.float32],
+    resolution: float,
+) -> None:
+    """Say what each beam tells of the wall of the map that it ought to end at.
+
+    Args:
+        out_verdict: (n,) NOTHING, STOPPED, PASSED or MIRRORED, overwritten.
+        out_place: (n, 5) where a beam that went on met the wall, the wall's normal towards the
+            robot, and the depth behind it; for one that stopped the hit and the way back [cells].
+        out_cell: (n,) wall cell times four, plus the quadrant that the beam comes from.
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        beams: (n,) end points, and where the laser was, in `base_link` [cells].
+        classes: (n,) of the beams; unused ones and those behind known mirrors are left out.
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        resolution: cell edge [m].
+    """
+    end, start = beams
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    count = end.x.size
+    hits = np.full((count, 2), np.nan)
+    rays = np.empty((count, 5))
+    ways = np.empty(count)
+    line = np.empty(4)
+    for i in range(count):
+        out_verdict[i] = NOTHING
+        if classes[i] == UNUSED or classes[i] == BEHIND_MIRROR:
+            continue
+        dx = end.x[i] - start.x[i]
+        dy = end.y[i] - start.y[i]
+        length = max(math.hypot(dx, dy), 1e-6)
+        rays[i, 0] = pose[0] + cos * start.x[i] - sin * start.y[i]
+        rays[i, 1] = pose[1] + sin * start.x[i] + cos * start.y[i]
+        rays[i, 2] = (cos * dx - sin * dy) / length
+        rays[i, 3] = (sin * dx + cos * dy) / length
+        rays[i, 4] = length
+        limit = length + 2.0 * _WALL_REACH_M / resolution
+        way = first_wall(field, rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3], limit)
+        ways[i] = way
+        if way < limit:
+            hits[i, 0] = rays[i, 0] + way * rays[i, 2]
+            hits[i, 1] = rays[i, 1] + way * rays[i, 3]
+    for i in range(count):
+        if not math.isfinite(hits[i, 0]):
+            continue
+        row = int(hits[i, 1] + 1.0)
+        col = int(hits[i, 0] + 1.0)
+        quadrant = 2 * int(rays[i, 2] > 0.0) + int(rays[i, 3] > 0.0)
+        out_cell[i] = 4 * (row * field.shape[1] + col) + quadrant
+        behind_m = (rays[i, 4] - ways[i]) * resolution
+        if abs(behind_m) <= _AT_WALL_M:
+            out_verdict[i] = STOPPED
+        elif behind_m >= _BEHIND_M and fit_wall(line, hits, i, resolution):
+            out_verdict[i] = judge_passage(
+                out_place[i], line, rays[i], pose[:2], field, resolution
+            )
