@@ -23,17 +23,17 @@ _STEP_M = 0.1
 # A cell remembers so many looks; later ones outweigh earlier ones.
 _MOST_LOOKS = 20.0
 # Share of the looks that must speak for a mirror, to suspect one and to go on doing so.
-_SHARE_TO_SUSPECT = 0.6
+_SHARE_TO_SUSPECT = 0.65
 _SHARE_TO_KEEP = 0.45
 # Looks at cells that must speak for it.
-_LEAST_LOOKS = 15.0
+_LEAST_LOOKS = 25.0
 # Shortest line [m].
-_LEAST_LENGTH_M = 0.3
+_LEAST_LENGTH_M = 0.4
 # The robot must have looked from places so far apart [m].
-_LEAST_PARALLAX_M = 0.4
+_LEAST_PARALLAX_M = 0.6
 # A plain wall behind a gap may lie as deep as one stands before it: what is mirrored must lie at
 # different depths (standard deviation) [m].
-_LEAST_DEPTH_DEV_M = 0.2
+_LEAST_DEPTH_DEV_M = 0.25
 # Cells belong to one line if they lie this near to it, with gaps no wider, and their normals agree
 # (cosine) [m].
 _LINE_WIDTH_M = 0.1
