@@ -49,9 +49,7 @@ class Verifier:
         self._field = field
         self.mirrors = mirrors
         """Mirrors and panes in cells of the grid."""
-        self.suspects = mirrors._replace(
-            **{name: np.empty(0) for name in mirrors._fields}
-        )
+        self.suspects = mirrors._replace(**{name: np.empty(0) for name in mirrors._fields})
         """Suspected mirrors alike."""
         self._config = config
         self._weak = np.diag([1e-4, 1e-4, 1e-2])
@@ -67,9 +65,7 @@ class Verifier:
         classes = beams.classes.copy()
         depth = MIRROR_DEPTH_M / self._field.resolution
         marked = sum(
-            beam_kernels.mark_crossing(
-                classes, pose, beams.end, beams.start, one, depth, mark
-            )
+            beam_kernels.mark_crossing(classes, pose, beams.end, beams.start, one, depth, mark)
             for one, mark in lines
         )
         if marked == 0:

@@ -271,6 +271,4 @@ def judge_beams(
         if abs(behind_m) <= _AT_WALL_M:
             out_verdict[i] = STOPPED
         elif behind_m >= _BEHIND_M and fit_wall(line, hits, i, resolution):
-            out_verdict[i] = judge_passage(
-                out_place[i], line, rays[i], pose[:2], field, resolution
-            )
+            out_verdict[i] = judge_passage(out_place[i], line, rays[i], pose[:2], field, resolution)
