@@ -101,7 +101,7 @@ class Localizer:
         self._verifier.suspects = self._suspicion.lines()
 
     def suspects(self) -> list[tuple[NDArray[np.float64], float]]:
-        """Return lines (2, 2) [m] in `map` that look like mirrors, and how sure that is (0 to 1)."""
+        """Return lines (2, 2) [m] in `map` that look like mirrors, and how sure it is (0 to 1)."""
         return [
             (self.field.to_map_points(np.array([one.start, one.end])), one.score)
             for one in self._suspicion.suspects

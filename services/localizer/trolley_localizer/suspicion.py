@@ -193,7 +193,7 @@ class Suspicion:
             ends = middle + tangent * low, middle + tangent * high
             score = self._score(table[inside], high - low, _is_near(ends, before, self._cells))
             if score is not None and not self._is_known(0.5 * (ends[0] + ends[1]), known):
-                found.append(Suspect(*(self._rounded(end) for end in ends), score))
+                found.append(Suspect(self._rounded(ends[0]), self._rounded(ends[1]), score))
         return sorted(found, key=lambda one: one.start)
 
     def _score(self, cells: NDArray[np.float64], length: float, is_suspected: bool) -> float | None:

@@ -22,8 +22,8 @@ def warm_up() -> None:
     mirror = np.array([[1.0, 1.0], [1.0, 1.2]])
     localizer = Localizer(grid, [mirror], LocalizerConfig(), 0)
     ranges = np.full(90, 1.2, np.float32)
-    for number, x in enumerate((0.0, 0.2, 0.4)):
-        scan = ScanInput(
+    scans = [
+        ScanInput(
             stamp_ns=number + 1,
             ranges=ranges,
             angle_min=-3.1,
@@ -34,6 +34,9 @@ def warm_up() -> None:
             odom_T_base=Pose2D(x, 0.0, 0.0),
             odom_T_base_end=Pose2D(x, 0.0, 0.0),
         )
+        for number, x in enumerate((0.0, 0.2, 0.4))
+    ]
+    for number, scan in enumerate(scans):
         localizer.step(scan)
         job = localizer.take_job()
         if job is not None:
@@ -42,6 +45,6 @@ def warm_up() -> None:
             localizer.set_pose(Pose2D(2.0, 1.5, 0.0))
     # Only a robot that knows where it is looks for mirrors.
     field = localizer.field
-    beams = read_beams(scan, field.resolution, 60.0)
+    beams = read_beams(scans[0], field.resolution, 60.0)
     no_lines = Lines(*(np.empty(0) for _ in range(4)))
     Suspicion(field).look(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)

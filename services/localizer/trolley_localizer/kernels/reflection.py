@@ -84,6 +84,26 @@ def first_wall(
 
 
 @kernel
+def wall_about(hits: NDArray[np.float64], index: int, reach: float) -> tuple[int, int]:
+    """Return the first and the last of the neighbouring hits that lie within reach of one.
+
+    Args:
+        hits: (n, 2) where neighbouring beams meet the map's walls [cells], NaN where nowhere.
+        index: of the one.
+        reach: [cells].
+    """
+    x = hits[index, 0]
+    y = hits[index, 1]
+    first = index
+    while first > 0 and math.hypot(hits[first - 1, 0] - x, hits[first - 1, 1] - y) <= reach:
+        first -= 1
+    last = index + 1
+    while last < hits.shape[0] and math.hypot(hits[last, 0] - x, hits[last, 1] - y) <= reach:
+        last += 1
+    return first, last - 1
+
+
+@kernel
 def fit_wall(
     out_line: NDArray[np.float64], hits: NDArray[np.float64], index: int, resolution: float
 ) -> bool:
@@ -98,32 +118,20 @@ def fit_wall(
     Returns:
         Whether the wall is straight and goes on to both sides.
     """
-    reach = _WALL_REACH_M / resolution
-    x = hits[index, 0]
-    y = hits[index, 1]
-    count = 1
-    sx = sy = sxx = sxy = syy = 0.0
-    for direction in (-1, 1):
-        j = index + direction
-        while 0 <= j < hits.shape[0]:
-            dx = hits[j, 0] - x
-            dy = hits[j, 1] - y
-            if not math.hypot(dx, dy) <= reach:
-                break
-            count += 1
-            sx += dx
-            sy += dy
-            sxx += dx * dx
-            sxy += dx * dy
-            syy += dy * dy
-            j += direction
+    first, last = wall_about(hits, index, _WALL_REACH_M / resolution)
+    count = last - first + 1
     if count < _MIN_HITS:
         return False
-    mx = sx / count
-    my = sy / count
-    cxx = sxx / count - mx * mx
-    cxy = sxy / count - mx * my
-    cyy = syy / count - my * my
+    near = hits[first : last + 1]
+    mx = near[:, 0].sum() / count
+    my = near[:, 1].sum() / count
+    cxx = cxy = cyy = 0.0
+    for j in range(count):
+        dx = near[j, 0] - mx
+        dy = near[j, 1] - my
+        cxx += dx * dx / count
+        cxy += dx * dy / count
+        cyy += dy * dy / count
     # The smaller eigenvalue is the mean square distance from the line.
     least = 0.5 * (cxx + cyy) - math.hypot(0.5 * (cxx - cyy), cxy)
     if least > (_WALL_ROUGHNESS_M / resolution) ** 2:
@@ -132,20 +140,11 @@ def fit_wall(
     tx = math.cos(along)
     ty = math.sin(along)
     lowest = highest = 0.0
-    for direction in (-1, 1):
-        j = index + direction
-        while 0 <= j < hits.shape[0]:
-            dx = hits[j, 0] - x
-            dy = hits[j, 1] - y
-            if not math.hypot(dx, dy) <= reach:
-                break
-            lowest = min(lowest, dx * tx + dy * ty)
-            highest = max(highest, dx * tx + dy * ty)
-            j += direction
-    out_line[0] = x + mx
-    out_line[1] = y + my
-    out_line[2] = -ty
-    out_line[3] = tx
+    for j in range(count):
+        way = (near[j, 0] - hits[index, 0]) * tx + (near[j, 1] - hits[index, 1]) * ty
+        lowest = min(lowest, way)
+        highest = max(highest, way)
+    out_line[:] = (mx, my, -ty, tx)
     side = _WALL_SIDE_M / resolution
     return lowest <= -side and highest >= side
 
@@ -165,7 +164,7 @@ def judge_passage(
         out_place: (5,) point of the wall's line, its normal towards the robot, and how far
             behind the line the end lies, overwritten [cells].
         line: (4,) a point of the wall and its unit normal.
-        ray: (5,) where the beam begins, its direction, its length [cells].
+        ray: (6,) as `cast_beams` writes it [cells].
         base: (2,) the robot's centre [cells].
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
         resolution: cell edge [m].
@@ -211,6 +210,48 @@ def judge_passage(
 
 
 @kernel
+def cast_beams(
+    out_rays: NDArray[np.float64],
+    out_hits: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    beams: tuple[Points, Points],
+    classes: NDArray[np.uint8],
+    field: NDArray[np.float32],
+    margin: float,
+) -> None:
+    """Find where beams meet the map's walls, whatever they saw.
+
+    Args:
+        out_rays: (n, 6) where a beam begins, its direction, its length, the way to the wall,
+            overwritten [cells].
+        out_hits: (n, 2) where it meets the wall, NaN where it meets none, overwritten [cells].
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        beams: (n,) end points, and where the laser was, in `base_link` [cells].
+        classes: (n,) of the beams; unused ones and those behind known mirrors are left out.
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        margin: so far behind its end a beam is followed [cells].
+    """
+    end, start = beams
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    out_hits[:] = np.nan
+    for i in range(end.x.size):
+        if classes[i] == UNUSED or classes[i] == BEHIND_MIRROR:
+            continue
+        dx = end.x[i] - start.x[i]
+        dy = end.y[i] - start.y[i]
+        length = max(math.hypot(dx, dy), 1e-6)
+        x = pose[0] + cos * start.x[i] - sin * start.y[i]
+        y = pose[1] + sin * start.x[i] + cos * start.y[i]
+        dir_x = (cos * dx - sin * dy) / length
+        dir_y = (sin * dx + cos * dy) / length
+        way = first_wall(field, x, y, dir_x, dir_y, length + margin)
+        out_rays[i] = (x, y, dir_x, dir_y, length, way)
+        if way < math.inf:
+            out_hits[i] = (x + way * dir_x, y + way * dir_y)
+
+
+@kernel
 def judge_beams(
     out_verdict: NDArray[np.uint8],
     out_place: NDArray[np.float64],
@@ -226,48 +267,27 @@ def judge_beams(
     Args:
         out_verdict: (n,) NOTHING, STOPPED, PASSED or MIRRORED, overwritten.
         out_place: (n, 5) where a beam that went on met the wall, the wall's normal towards the
-            robot, and the depth behind it; for one that stopped the hit and the way back [cells].
-        out_cell: (n,) wall cell times four, plus the quadrant that the beam comes from.
+            robot, and the depth behind it, written for those that PASSED or were MIRRORED [cells].
+        out_cell: (n,) four times the number of the wall's cell, and the quadrant that the beam
+            points to; written where the verdict is not NOTHING.
         pose: (3,) x, y [cells], yaw [rad] in `grid`.
         beams: (n,) end points, and where the laser was, in `base_link` [cells].
         classes: (n,) of the beams; unused ones and those behind known mirrors are left out.
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
         resolution: cell edge [m].
     """
-    end, start = beams
-    cos = math.cos(pose[2])
-    sin = math.sin(pose[2])
-    count = end.x.size
-    hits = np.full((count, 2), np.nan)
-    rays = np.empty((count, 5))
-    ways = np.empty(count)
+    count = classes.size
+    hits = np.empty((count, 2))
+    rays = np.empty((count, 6))
     line = np.empty(4)
+    cast_beams(rays, hits, pose, beams, classes, field, 2.0 * _WALL_REACH_M / resolution)
     for i in range(count):
         out_verdict[i] = NOTHING
-        if classes[i] == UNUSED or classes[i] == BEHIND_MIRROR:
+        if math.isnan(hits[i, 0]):
             continue
-        dx = end.x[i] - start.x[i]
-        dy = end.y[i] - start.y[i]
-        length = max(math.hypot(dx, dy), 1e-6)
-        rays[i, 0] = pose[0] + cos * start.x[i] - sin * start.y[i]
-        rays[i, 1] = pose[1] + sin * start.x[i] + cos * start.y[i]
-        rays[i, 2] = (cos * dx - sin * dy) / length
-        rays[i, 3] = (sin * dx + cos * dy) / length
-        rays[i, 4] = length
-        limit = length + 2.0 * _WALL_REACH_M / resolution
-        way = first_wall(field, rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3], limit)
-        ways[i] = way
-        if way < limit:
-            hits[i, 0] = rays[i, 0] + way * rays[i, 2]
-            hits[i, 1] = rays[i, 1] + way * rays[i, 3]
-    for i in range(count):
-        if not math.isfinite(hits[i, 0]):
-            continue
-        row = int(hits[i, 1] + 1.0)
-        col = int(hits[i, 0] + 1.0)
-        quadrant = 2 * int(rays[i, 2] > 0.0) + int(rays[i, 3] > 0.0)
-        out_cell[i] = 4 * (row * field.shape[1] + col) + quadrant
-        behind_m = (rays[i, 4] - ways[i]) * resolution
+        cell = int(hits[i, 1] + 1.0) * field.shape[1] + int(hits[i, 0] + 1.0)
+        out_cell[i] = 4 * cell + 2 * int(rays[i, 2] > 0.0) + int(rays[i, 3] > 0.0)
+        behind_m = (rays[i, 4] - rays[i, 5]) * resolution
         if abs(behind_m) <= _AT_WALL_M:
             out_verdict[i] = STOPPED
         elif behind_m >= _BEHIND_M and fit_wall(line, hits, i, resolution):
