@@ -27,6 +27,8 @@ _SHARE_TO_SUSPECT = 0.65
 _SHARE_TO_KEEP = 0.45
 # Looks at cells that must speak for it.
 _LEAST_LOOKS = 25.0
+# Looks from which the robot's own image is missing, if it was not seen more often.
+_MISSED_LOOKS = 1.0
 # Shortest line [m].
 _LEAST_LENGTH_M = 0.4
 # The robot must have looked from places so far apart [m].
@@ -43,12 +45,13 @@ _SAME_NORMAL = 0.9
 _KNOWN_M = 0.3
 _MOST_LINES = 20
 
-# Columns of what is kept of a cell: looks for and against a mirror; looks behind it, and sums over
-# them of the wall's place and normal; sums over the looks for a mirror of the depth and its square;
-# then the corners of where those came from.
-_FOR, _AGAINST, _BEHIND, _X, _Y, _NX, _NY, _DEPTH, _DEPTH_2 = range(9)
-_LEFT, _LOW, _RIGHT, _HIGH = range(9, 13)
-_COLUMNS = 13
+# Columns of what is kept of a cell: looks for and against a mirror; looks at the robot's image, and
+# where it was missing; looks behind the wall, and sums over them of the wall's place and normal;
+# sums over the looks for a mirror of the depth and its square; then the corners of where those came
+# from.
+_FOR, _AGAINST, _IMAGE, _NO_IMAGE, _BEHIND, _X, _Y, _NX, _NY, _DEPTH, _DEPTH_2 = range(11)
+_LEFT, _LOW, _RIGHT, _HIGH = range(11, 15)
+_COLUMNS = 15
 _SUMS = slice(_FOR, _DEPTH_2 + 1)
 
 
@@ -142,21 +145,24 @@ class Suspicion:
         if not counted.any():
             return False
         rows, group = np.unique(index[counted], return_inverse=True)
-        mirrored = (verdicts[counted] == reflection.MIRRORED).astype(np.float64)
+        verdict = verdicts[counted]
+        mirrored = (verdict >= reflection.MIRRORED).astype(np.float64)
+        image, no_image = verdict == reflection.IMAGE, verdict == reflection.NO_IMAGE
         behind = telling[counted].astype(np.float64)
         looks = np.bincount(group)
         share = np.bincount(group, mirrored) / looks
         x, y, nx, ny, depth = places[counted].T * behind
-        seen_there = (behind, x, y, nx, ny, mirrored * depth, mirrored * depth * depth)
-        for column, values in enumerate((mirrored, 1.0 - mirrored, *seen_there)):
+        seen = (mirrored, 1.0 - mirrored, image, no_image, behind)
+        wall = (x, y, nx, ny, mirrored * depth, mirrored * depth * depth)
+        for column, values in enumerate(seen + wall):
             self._table[rows, column] += np.bincount(group, values) / looks
         total = self._table[rows, _FOR] + self._table[rows, _AGAINST]
         self._table[rows, _SUMS] *= np.minimum(1.0, _MOST_LOOKS / total)[:, None]
-        seen = rows[share > 0.0]
-        self._table[seen, _LEFT] = np.minimum(self._table[seen, _LEFT], pose[0])
-        self._table[seen, _LOW] = np.minimum(self._table[seen, _LOW], pose[1])
-        self._table[seen, _RIGHT] = np.maximum(self._table[seen, _RIGHT], pose[0])
-        self._table[seen, _HIGH] = np.maximum(self._table[seen, _HIGH], pose[1])
+        rows = rows[share > 0.0]
+        for column, least in ((_LEFT, pose[0]), (_LOW, pose[1])):
+            self._table[rows, column] = np.minimum(self._table[rows, column], least)
+        for column, most in ((_RIGHT, pose[0]), (_HIGH, pose[1])):
+            self._table[rows, column] = np.maximum(self._table[rows, column], most)
         return True
 
     def _row(self, key: int) -> int:
@@ -200,6 +206,8 @@ class Suspicion:
         """Return how sure it is that cells of one line are a mirror, None if not sure enough."""
         looks, against = cells[:, _FOR].sum(), cells[:, _AGAINST].sum()
         share = looks / (looks + against)
+        if cells[:, _NO_IMAGE].sum() > max(cells[:, _IMAGE].sum(), _MISSED_LOOKS):
+            return None
         depth = cells[:, _DEPTH].sum() / looks
         variance = cells[:, _DEPTH_2].sum() / looks - depth * depth
         parallax = math.hypot(

@@ -179,7 +179,7 @@ def test_an_open_door_to_an_unknown_room_is_no_mirror(rooms: GridMap) -> None:
 
 def test_an_open_door_to_a_bare_room_as_deep_as_this_one_is_no_mirror(rooms: GridMap) -> None:
     # Its walls lie where a mirror would show those of this room; only the furniture is missing.
-    cells = np.full((84, 202), OCCUPIED, np.int8)
+    cells = np.full((84, 200), OCCUPIED, np.int8)
     cells[:, :102] = rooms.cells[:, :102]
     cells[:, 102:] = FREE
     observer = Observer(GridMap("one", 0.05, rooms.origin, cells))

@@ -16,11 +16,15 @@ STOPPED = 1
 """It ended at the wall, as it should."""
 PASSED = 2
 """It went on, and what it saw is not what stands before the wall."""
-MIRRORED = 3
-"""It went on and saw what stands before the wall, or the robot itself, and nothing else fits."""
+NO_IMAGE = 3
+"""It went on, and in a mirror it would have met the lidar that it came from, but did not."""
+MIRRORED = 4
+"""It went on and saw what stands before the wall, and nothing else fits."""
+IMAGE = 5
+"""It went on and saw the robot itself in a mirror."""
 
-# Columns of what is written about each beam.
-X, Y, NORMAL_X, NORMAL_Y, DEPTH = range(5)
+# Where the normal stands in what is written about each beam.
+NORMAL_X, NORMAL_Y = 2, 3
 
 # A beam ended at the wall, or behind it, by this [m].
 _AT_WALL_M = 0.2
@@ -40,8 +44,9 @@ _NEAR_SHARE = 0.02
 _PLAIN_M = 0.15
 # The reflected way must be free of walls up to here before its end [m].
 _FREE_MARGIN_M = 0.3
-# The robot itself lies within this of its centre [m].
+# The robot itself lies within this of its centre, and its lidar is at least so wide (radius) [m].
 _BODY_M = 0.35
+_LIDAR_M = 0.05
 
 
 @kernel
@@ -150,9 +155,49 @@ def fit_wall(
 
 
 @kernel
-def judge_passage(
+def meet_mirror(
     out_place: NDArray[np.float64],
+    out_back: NDArray[np.float64],
     line: NDArray[np.float64],
+    ray: NDArray[np.float64],
+    resolution: float,
+) -> bool:
+    """Turn a beam back at a wall as if a mirror hung there.
+
+    Args:
+        out_place: (5,) point of the wall's line, its normal towards the robot, and how far
+            behind the line the end lies, overwritten [cells].
+        out_back: (5,) where the reflected beam begins, its direction, its length, overwritten
+            [cells].
+        line: (4,) a point of the wall and its unit normal.
+        ray: (6,) as `cast_beams` writes it [cells].
+        resolution: cell edge [m].
+
+    Returns:
+        Whether it goes on far enough behind the wall, and meets it steeply enough, to tell.
+    """
+    nx = line[2]
+    ny = line[3]
+    cosine = -(ray[2] * nx + ray[3] * ny)
+    if cosine < 0.0:
+        nx, ny, cosine = -nx, -ny, -cosine
+    if cosine < _LEAST_INCIDENCE:
+        return False
+    to_line = ((ray[0] - line[0]) * nx + (ray[1] - line[1]) * ny) / cosine
+    behind = ray[4] - to_line
+    x = ray[0] + to_line * ray[2]
+    y = ray[1] + to_line * ray[3]
+    out_place[:] = (x, y, nx, ny, behind * cosine)
+    back_x = ray[2] + 2.0 * cosine * nx
+    back_y = ray[3] + 2.0 * cosine * ny
+    out_back[:] = (x, y, back_x, back_y, behind)
+    return behind >= _BEHIND_M / resolution
+
+
+@kernel
+def judge_passage(
+    place: NDArray[np.float64],
+    back: NDArray[np.float64],
     ray: NDArray[np.float64],
     base: NDArray[np.float64],
     field: NDArray[np.float32],
@@ -161,52 +206,35 @@ def judge_passage(
     """Judge one beam that went on behind a wall.
 
     Args:
-        out_place: (5,) point of the wall's line, its normal towards the robot, and how far
-            behind the line the end lies, overwritten [cells].
-        line: (4,) a point of the wall and its unit normal.
+        place: (5,) as `meet_mirror` writes it [cells].
+        back: (5,) as `meet_mirror` writes it [cells].
         ray: (6,) as `cast_beams` writes it [cells].
         base: (2,) the robot's centre [cells].
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
         resolution: cell edge [m].
     """
-    nx = line[2]
-    ny = line[3]
-    cosine = -(ray[2] * nx + ray[3] * ny)
-    if cosine < 0.0:
-        nx, ny, cosine = -nx, -ny, -cosine
-    if cosine < _LEAST_INCIDENCE:
-        return NOTHING
-    to_line = ((ray[0] - line[0]) * nx + (ray[1] - line[1]) * ny) / cosine
-    behind = ray[4] - to_line
-    if behind < _BEHIND_M / resolution:
-        return NOTHING
-    x = ray[0] + to_line * ray[2]
-    y = ray[1] + to_line * ray[3]
-    out_place[X] = x
-    out_place[Y] = y
-    out_place[NORMAL_X] = nx
-    out_place[NORMAL_Y] = ny
-    out_place[DEPTH] = behind * cosine
-    back_x = ray[2] + 2.0 * cosine * nx
-    back_y = ray[3] + 2.0 * cosine * ny
-    end_x = x + behind * back_x
-    end_y = y + behind * back_y
-    if math.hypot(end_x - base[0], end_y - base[1]) <= _BODY_M / resolution:
-        return MIRRORED
+    behind = back[4]
+    end_x = back[0] + behind * back[2]
+    end_y = back[1] + behind * back[3]
+    body = _BODY_M / resolution
+    if math.hypot(end_x - base[0], end_y - base[1]) <= body:
+        return IMAGE
+    # How the reflected beam passes the place that it came from.
+    abeam = abs((ray[0] - back[0]) * back[3] - (ray[1] - back[1]) * back[2])
+    along = (ray[0] - back[0]) * back[2] + (ray[1] - back[1]) * back[3]
+    if abeam <= _LIDAR_M / resolution and 0.0 < along < behind - body:
+        return NO_IMAGE
     near = _NEAR_M / resolution + _NEAR_SHARE * behind
-    is_mirrored = (
-        sample_field(field, end_x, end_y) <= near
-        # A little off the wall, so that the ray does not meet it again.
-        and first_wall(field, x + nx, y + ny, back_x, back_y, behind)
-        >= behind - _FREE_MARGIN_M / resolution
-    )
-    is_plain = (
-        sample_field(field, ray[0] + ray[4] * ray[2], ray[1] + ray[4] * ray[3])
-        <= _PLAIN_M / resolution
-    )
-    if is_mirrored:
-        return NOTHING if is_plain else MIRRORED
-    return PASSED
+    if sample_field(field, end_x, end_y) > near:
+        return PASSED
+    # A little off the wall, so that the ray does not meet it again.
+    x = back[0] + place[NORMAL_X]
+    y = back[1] + place[NORMAL_Y]
+    free = first_wall(field, x, y, back[2], back[3], behind)
+    if free < behind - _FREE_MARGIN_M / resolution:
+        return PASSED
+    plain = sample_field(field, ray[0] + ray[4] * ray[2], ray[1] + ray[4] * ray[3])
+    return NOTHING if plain <= _PLAIN_M / resolution else MIRRORED
 
 
 @kernel
@@ -265,9 +293,9 @@ def judge_beams(
     """Say what each beam tells of the wall of the map that it ought to end at.
 
     Args:
-        out_verdict: (n,) NOTHING, STOPPED, PASSED or MIRRORED, overwritten.
+        out_verdict: (n,) NOTHING, STOPPED, PASSED, NO_IMAGE, MIRRORED or IMAGE, overwritten.
         out_place: (n, 5) where a beam that went on met the wall, the wall's normal towards the
-            robot, and the depth behind it, written for those that PASSED or were MIRRORED [cells].
+            robot, and the depth behind it, written from PASSED on [cells].
         out_cell: (n,) four times the number of the wall's cell, and the quadrant that the beam
             points to; written where the verdict is not NOTHING.
         pose: (3,) x, y [cells], yaw [rad] in `grid`.
@@ -280,6 +308,7 @@ def judge_beams(
     hits = np.empty((count, 2))
     rays = np.empty((count, 6))
     line = np.empty(4)
+    back = np.empty(5)
     cast_beams(rays, hits, pose, beams, classes, field, 2.0 * _WALL_REACH_M / resolution)
     for i in range(count):
         out_verdict[i] = NOTHING
@@ -290,5 +319,9 @@ def judge_beams(
         behind_m = (rays[i, 4] - rays[i, 5]) * resolution
         if abs(behind_m) <= _AT_WALL_M:
             out_verdict[i] = STOPPED
-        elif behind_m >= _BEHIND_M and fit_wall(line, hits, i, resolution):
-            out_verdict[i] = judge_passage(out_place[i], line, rays[i], pose[:2], field, resolution)
+        elif (
+            behind_m >= _BEHIND_M
+            and fit_wall(line, hits, i, resolution)
+            and meet_mirror(out_place[i], back, line, rays[i], resolution)
+        ):
+            out_verdict[i] = judge_passage(out_place[i], back, rays[i], pose[:2], field, resolution)
