@@ -54,7 +54,7 @@ class Ear:
     def found_mirror(self) -> bool:
         """Whether one of them is the hall's mirror."""
         return any(
-            all(_from_mirror_m(point) <= ON_MIRROR_M for point in line) for line in self.lines
+            all(from_mirror_m(point) <= ON_MIRROR_M for point in line) for line in self.lines
         )
 
     @property
@@ -64,7 +64,8 @@ class Ear:
         return float(np.mean(classes[classes != UNUSED] == SUSPECTED))
 
 
-def _from_mirror_m(point: tuple[float, float]) -> float:
+def from_mirror_m(point: tuple[float, float]) -> float:
+    """Distance of a point of the map from the hall's mirror [m]."""
     (x, y0), (_, y1) = MIRROR_LINE
     return math.hypot(point[0] - x, max(point[1] - y0, y1 - point[1], 0.0))
 
@@ -119,7 +120,7 @@ def report_wandering(name: str, has_mirror: bool, minutes: float, seed: int) -> 
         ]
         if has_mirror:
             figures.append(at_least(f"{name}: mirror suspected", ear.found_mirror, 1, digits=0))
-        wrong = [line for line in ear.lines if _from_mirror_m(line[0]) > ON_MIRROR_M]
+        wrong = [line for line in ear.lines if from_mirror_m(line[0]) > ON_MIRROR_M]
         suspects = len(wrong) if has_mirror else len(ear.lines)
         figures.append(at_most(f"{name}: suspects where no mirror is", suspects, 0, digits=0))
         robot.close()

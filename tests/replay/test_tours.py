@@ -1,17 +1,25 @@
 """The demo's tour in lock-step: all services, simulated time, judged by the truth."""
 
+from collections.abc import Callable
+
 import pytest
 from drives import CORRIDOR, ENTRANCE, KITCHEN, WORLDS, Drive, drive_tour, simulated
+from localizer_mirror import MIRROR, ON_MIRROR_M, Ear, from_mirror_m
 
 from trolley.geometry import Pose2D
+from trolley.runtime.lockstep import Lockstep
 
 START = Pose2D(0.549, 0.218, 0.2579)
 STOPS = {"corridor": CORRIDOR, "entrance": ENTRANCE, "kitchen": KITCHEN}
 
 
-def drive(seed: int, without_zones: tuple[str, ...] = ()) -> Drive:
+def drive(
+    seed: int,
+    without_zones: tuple[str, ...] = (),
+    on_ready: Callable[[Lockstep], None] | None = None,
+) -> Drive:
     config = simulated(WORLDS / "apartment.toml", WORLDS / "apartment.yaml", START, seed)
-    return drive_tour(config, seed, STOPS, without_zones=without_zones)
+    return drive_tour(config, seed, STOPS, without_zones=without_zones, on_ready=on_ready)
 
 
 @pytest.mark.slow
@@ -33,6 +41,23 @@ def test_unmarked_mirror_causes_no_collision_and_no_hang(seed: int) -> None:
     assert found.collisions == 0
     assert found.state != "hung"
     assert found.arrived or found.why
+
+
+def test_unmarked_mirror_is_suspected_and_nothing_else() -> None:
+    ears: list[Ear] = []
+    found = drive(3, (MIRROR,), lambda lockstep: ears.append(Ear(lockstep)))
+    (ear,) = ears
+    assert found.arrived, found.why
+    assert ear.found_mirror
+    assert max(from_mirror_m(point) for line in ear.lines for point in line) <= ON_MIRROR_M
+    assert 0.0 < ear.left_out < 0.1
+    assert found.position_errors.max() < 0.10
+
+
+def test_mirror_with_its_zone_is_not_suspected() -> None:
+    ears: list[Ear] = []
+    drive(3, on_ready=lambda lockstep: ears.append(Ear(lockstep)))
+    assert ears[0].lines == []
 
 
 def test_same_seed_gives_the_same_drive() -> None:

@@ -21,6 +21,7 @@ from trolley_localizer.judge import Evidence, Judge, State
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.scan import BeamSet, ScanInput, read_beams
 from trolley_localizer.search import Place, SearchJob, SearchMap, is_near
+from trolley_localizer.suspicion import Suspicion
 from trolley_localizer.verify import Support, Verifier
 
 # A wheeled indoor robot is slower; a longer step is a reset or a fault of the odometry [m/s, m].
@@ -79,6 +80,7 @@ class Localizer:
         self._follower = Follower(self.field, self._verifier, config, seed)
         self._hypotheses = Hypotheses(self.field, self._verifier, config)
         self._judge = Judge(config)
+        self._suspicion = Suspicion(self.field)
         self._is_searching = True
         self._is_known = False
         self._wants_job = True
@@ -95,6 +97,15 @@ class Localizer:
     def set_mirrors(self, polylines: Sequence[NDArray[np.float64]]) -> None:
         """Replace the mirrors and panes: (n, 2) points [m] in the map frame each."""
         self._verifier.mirrors = make_lines(self.field, polylines)
+        self._suspicion.forget()
+        self._verifier.suspects = self._suspicion.lines()
+
+    def suspects(self) -> list[tuple[NDArray[np.float64], float]]:
+        """Return lines (2, 2) [m] in `map` that look like mirrors, and how sure it is (0 to 1)."""
+        return [
+            (self.field.to_map_points(np.array([one.start, one.end])), one.score)
+            for one in self._suspicion.suspects
+        ]
 
     def pose_problem(self, map_T_base: Pose2D) -> PoseProblem | None:
         """Say why the robot cannot be at a pose, or None."""
@@ -222,6 +233,8 @@ class Localizer:
             return self._searching_estimate(scan, beams, "lost")
         if self._judge.doubts and self._since_search_s > self._config.search_again_s:
             self._wants_job = True
+        if state == "localized" and not beams.is_blind:
+            self._suspect(beams, classes)
         map_T_base = self.field.to_map(self._follower.pose)
         self._map_T_odom = map_T_base @ scan.odom_T_base.inverse()
         self._is_known = True
@@ -236,6 +249,11 @@ class Localizer:
             beam_classes=classes,
             message=self._doubt(state, beams),
         )
+
+    def _suspect(self, beams: BeamSet, classes: NDArray[np.uint8]) -> None:
+        """Look for mirrors that are not on the map, from a pose that is believed."""
+        if self._suspicion.look(self._follower.pose, beams, classes, self._verifier.mirrors):
+            self._verifier.suspects = self._suspicion.lines()
 
     def _doubt(self, state: State, beams: BeamSet) -> str:
         """Say in one sentence why the state is not `localized`."""

@@ -50,6 +50,10 @@ class LikelihoodField:
         x, y, yaw = (float(value) for value in pose_cells)
         return self.grid.origin @ Pose2D(x * self.resolution, y * self.resolution, yaw)
 
+    def to_map_points(self, points_cells: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (n, 2) [cells] of `grid` in the map frame [m]."""
+        return self.grid.origin.transform_points(points_cells * self.resolution)
+
     def covariance_to_map(self, covariance_cells: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a covariance (3, 3) over x, y [cells], yaw [rad] in the map frame [m]."""
         turn = self._turn(self.grid.origin.yaw) * np.array([self.resolution, self.resolution, 1.0])

@@ -9,7 +9,15 @@ import numpy as np
 from trolley import requests, topics
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
-from trolley.messages import BeamClasses, Odometry, PoseEstimate, SavedPoses, Scan
+from trolley.messages import (
+    BeamClasses,
+    Odometry,
+    PoseEstimate,
+    SavedPoses,
+    Scan,
+    SuspectLine,
+    Suspects,
+)
 from trolley.messages.asking import Nothing, SetPose
 from trolley.messages.types import floats_from_bytes
 from trolley.runtime.service import answers, every, on
@@ -20,7 +28,13 @@ from trolley_localizer.odometry import is_covered, pose_at
 from trolley_localizer.scan import ScanInput
 from trolley_localizer.search import SearchJob
 from trolley_localizer.start_pose import WAIT_FOR_NAME_S, LastPose, StartPose, find_saved
-from trolley_localizer.wire import odom_transform, particle_message, pose_message, unknown_pose
+from trolley_localizer.wire import (
+    odom_transform,
+    particle_message,
+    pose_message,
+    suspect_lines,
+    unknown_pose,
+)
 
 LAST_POSE_FILE = "last_pose.toml"
 # Odometry of the scan's last beam is waited for so long [s, robot time].
@@ -49,6 +63,7 @@ class LocalizerService(MapOwner):
         self._beams_ns = -BEAMS_PERIOD_NS
         self._particles_ns = -PARTICLES_PERIOD_NS
         self._name_until_ns: int | None = None
+        self._suspects: list[SuspectLine] = []
 
     # Life.
 
@@ -118,7 +133,18 @@ class LocalizerService(MapOwner):
             self.count(f"scan/{result.name.lower()}")
             return
         self._publish(localizer, result)
+        self._publish_suspects(localizer)
         self._search_if_wanted(localizer)
+
+    def _publish_suspects(self, localizer: Localizer) -> None:
+        """Publish which mirrors are suspected, if that has changed."""
+        lines = suspect_lines(localizer)
+        if lines == self._suspects:
+            return
+        if len(lines) != len(self._suspects):
+            self.log.info("Mirrors suspected", count=len(lines))
+        self._suspects = lines
+        self.publish(topics.SUSPECTS, Suspects(stamp_ns=self.stamp_ns, lines=lines))
 
     def _publish(self, localizer: Localizer, estimate: Estimate) -> None:
         """Publish an estimate and what goes with it."""
@@ -209,6 +235,7 @@ class LocalizerService(MapOwner):
 
     def on_map(self, localizer: Localizer, name: str) -> None:
         """Know nothing on a new map."""
+        self._suspects = []
         self._name_until_ns = None
         self._latest = unknown_pose(self.stamp_ns, name, "searching the whole map")
 

@@ -49,21 +49,28 @@ class Verifier:
         self._field = field
         self.mirrors = mirrors
         """Mirrors and panes in cells of the grid."""
+        self.suspects = mirrors._replace(**{name: np.empty(0) for name in mirrors._fields})
+        """Suspected mirrors alike."""
         self._config = config
         self._weak = np.diag([1e-4, 1e-4, 1e-2])
 
     def without_mirrored(self, pose: NDArray[np.float64], beams: BeamSet) -> BeamSet:
-        """Leave out the beams that, from this pose, end behind a mirror or glass."""
-        if self.mirrors.ax.size == 0:
+        """Leave out the beams that end behind a mirror, a suspected one, or glass."""
+        lines = (
+            (self.mirrors, beam_kernels.BEHIND_MIRROR),
+            (self.suspects, beam_kernels.SUSPECTED),
+        )
+        if not any(one.ax.size for one, _ in lines):
             return beams
         classes = beams.classes.copy()
         depth = MIRROR_DEPTH_M / self._field.resolution
-        marked = beam_kernels.mark_crossing(
-            classes, pose, beams.end, beams.start, self.mirrors, depth
+        marked = sum(
+            beam_kernels.mark_crossing(classes, pose, beams.end, beams.start, one, depth, mark)
+            for one, mark in lines
         )
         if marked == 0:
             return beams
-        return beams.only(classes, beams.used[classes[beams.used] != beam_kernels.BEHIND_MIRROR])
+        return beams.only(classes, beams.used[classes[beams.used] < beam_kernels.BEHIND_MIRROR])
 
     def support(self, pose: NDArray[np.float64], beams: BeamSet) -> Support:
         """Say how the scan speaks for a pose (3,) x, y [cells], yaw [rad]."""

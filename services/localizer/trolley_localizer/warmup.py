@@ -6,7 +6,9 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_localizer.core import Localizer
-from trolley_localizer.scan import ScanInput
+from trolley_localizer.kernels.layout import Lines
+from trolley_localizer.scan import ScanInput, read_beams
+from trolley_localizer.suspicion import Suspicion
 
 
 def warm_up() -> None:
@@ -20,22 +22,29 @@ def warm_up() -> None:
     mirror = np.array([[1.0, 1.0], [1.0, 1.2]])
     localizer = Localizer(grid, [mirror], LocalizerConfig(), 0)
     ranges = np.full(90, 1.2, np.float32)
-    for number, x in enumerate((0.0, 0.2, 0.4)):
-        localizer.step(
-            ScanInput(
-                stamp_ns=number + 1,
-                ranges=ranges,
-                angle_min=-3.1,
-                angle_increment=0.07,
-                range_min=0.05,
-                range_max=8.0,
-                base_T_laser=Pose2D(0.0, 0.0, 0.0),
-                odom_T_base=Pose2D(x, 0.0, 0.0),
-                odom_T_base_end=Pose2D(x, 0.0, 0.0),
-            )
+    scans = [
+        ScanInput(
+            stamp_ns=number + 1,
+            ranges=ranges,
+            angle_min=-3.1,
+            angle_increment=0.07,
+            range_min=0.05,
+            range_max=8.0,
+            base_T_laser=Pose2D(0.0, 0.0, 0.0),
+            odom_T_base=Pose2D(x, 0.0, 0.0),
+            odom_T_base_end=Pose2D(x, 0.0, 0.0),
         )
+        for number, x in enumerate((0.0, 0.2, 0.4))
+    ]
+    for number, scan in enumerate(scans):
+        localizer.step(scan)
         job = localizer.take_job()
         if job is not None:
             localizer.finish(job.run())
         if number == 0:
             localizer.set_pose(Pose2D(2.0, 1.5, 0.0))
+    # Only a robot that knows where it is looks for mirrors.
+    field = localizer.field
+    beams = read_beams(scans[0], field.resolution, 60.0)
+    no_lines = Lines(*(np.empty(0) for _ in range(4)))
+    Suspicion(field).look(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)

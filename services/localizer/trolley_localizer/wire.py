@@ -54,6 +54,14 @@ def particle_message(stamp_ns: int, localizer: Localizer) -> m.ParticleCloud:
     )
 
 
+def suspect_lines(localizer: Localizer) -> list[m.SuspectLine]:
+    """Return the suspected mirrors as the lines of `suspects`."""
+    return [
+        m.SuspectLine(points=[(float(x), float(y)) for x, y in points], score=_share(score))
+        for points, score in localizer.suspects()
+    ]
+
+
 def map_message(stamp_ns: int, grid: GridMap) -> m.OccupancyGrid:
     """Return a map as the contract's `map`."""
     return m.OccupancyGrid(

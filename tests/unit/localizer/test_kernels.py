@@ -217,7 +217,8 @@ def test_only_what_ends_behind_a_line_is_marked() -> None:
     start = Points(np.zeros(4), np.zeros(4))
     line = Lines(*(np.array([v]) for v in (5.0, -2.0, 5.0, 2.0)))
     classes = np.full(4, beam_kernels.NOT_ON_MAP, np.uint8)
-    marked = beam_kernels.mark_crossing(classes, np.zeros(3), end, start, line, 1.0)
+    mark = beam_kernels.BEHIND_MIRROR
+    marked = beam_kernels.mark_crossing(classes, np.zeros(3), end, start, line, 1.0, mark)
     assert marked == 1
     assert classes.tolist() == [2, 1, 1, 1]
 

@@ -9,6 +9,7 @@ from trolley.jit import kernel
 from trolley_localizer.kernels.layout import Lines, Points
 from trolley_localizer.kernels.weights import sample_field
 
+# From BEHIND_MIRROR on a beam says nothing of the map.
 EXPLAINED = 0
 NOT_ON_MAP = 1
 BEHIND_MIRROR = 2
@@ -70,16 +71,18 @@ def mark_crossing(
     start: Points,
     lines: Lines,
     depth: float,
+    mark: int,
 ) -> int:
     """Mark the beams that meet a line and go on behind it, seen from a pose.
 
     Args:
-        out_class: (n,) BEHIND_MIRROR is written where a used beam meets a line.
+        out_class: (n,) `mark` is written where a used beam meets a line.
         pose: (3,) x, y [cells], yaw [rad] in `grid`.
         end: (n,) end points in `base_link` [cells].
         start: (n,) where the laser was in `base_link` [cells].
         lines: mirrors and glass in `grid` [cells].
         depth: how far behind the line the end must lie [cells].
+        mark: BEHIND_MIRROR or SUSPECTED.
 
     Returns:
         How many beams were marked.
@@ -88,7 +91,7 @@ def mark_crossing(
     sin = math.sin(pose[2])
     marked = 0
     for i in range(end.x.size):
-        if out_class[i] == UNUSED:
+        if out_class[i] >= BEHIND_MIRROR:
             continue
         sx = pose[0] + cos * start.x[i] - sin * start.y[i]
         sy = pose[1] + sin * start.x[i] + cos * start.y[i]
@@ -110,7 +113,7 @@ def mark_crossing(
                 and 0.0 <= along_line <= 1.0
                 and (1.0 - along_beam) * length >= depth
             ):
-                out_class[i] = BEHIND_MIRROR
+                out_class[i] = mark
                 marked += 1
                 break
     return marked
@@ -142,7 +145,7 @@ def explain_beams(
     explained = 0
     looked_at = 0
     for i in range(end.x.size):
-        if out_class[i] == UNUSED or out_class[i] == BEHIND_MIRROR:
+        if out_class[i] >= BEHIND_MIRROR:
             continue
         x = pose[0] + cos * end.x[i] - sin * end.y[i]
         y = pose[1] + sin * end.x[i] + cos * end.y[i]
@@ -221,7 +224,7 @@ def count_through(
     through = 0
     looked_at = 0
     for i in range(0, end.x.size, every):
-        if classes[i] == UNUSED or classes[i] == BEHIND_MIRROR:
+        if classes[i] >= BEHIND_MIRROR:
             continue
         dx = end.x[i] - start.x[i]
         dy = end.y[i] - start.y[i]

@@ -1,0 +1,327 @@
+"""Beams that go on behind a wall of the map: mirrored, seen through a gap, or neither?"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_localizer.kernels.beams import BEHIND_MIRROR, UNUSED
+from trolley_localizer.kernels.layout import Points
+from trolley_localizer.kernels.weights import sample_field
+
+NOTHING = 0
+"""The beam says nothing: unused, blocked before the wall, or ambiguous."""
+STOPPED = 1
+"""It ended at the wall, as it should."""
+PASSED = 2
+"""It went on, and what it saw is not what stands before the wall."""
+NO_IMAGE = 3
+"""It went on, and in a mirror it would have met the lidar that it came from, but did not."""
+MIRRORED = 4
+"""It went on and saw what stands before the wall, and nothing else fits."""
+IMAGE = 5
+"""It went on and saw the robot itself in a mirror."""
+
+# Where the normal stands in what is written about each beam.
+NORMAL_X, NORMAL_Y = 2, 3
+
+# A beam ended at the wall, or behind it, by this [m].
+_AT_WALL_M = 0.2
+_BEHIND_M = 0.3
+# The line of a wall is fitted to what lies so near to a hit; it must go on by so much on both
+# sides, since beams that graze an edge tell nothing; hits may lie so far from it [m].
+_WALL_REACH_M = 0.4
+_WALL_SIDE_M = 0.1
+_WALL_ROUGHNESS_M = 0.04
+_MIN_HITS = 4
+# Flatter beams are thrown too far about by a small error of the wall's direction (cosine).
+_LEAST_INCIDENCE = 0.3
+# A mirrored end lies this near to a wall [m], and more by this share of the way from the mirror.
+_NEAR_M = 0.1
+_NEAR_SHARE = 0.02
+# A plain end lies this near to a wall [m].
+_PLAIN_M = 0.15
+# The reflected way must be free of walls up to here before its end [m].
+_FREE_MARGIN_M = 0.3
+# The robot itself lies within this of its centre, and its lidar is at least so wide (radius) [m].
+_BODY_M = 0.35
+_LIDAR_M = 0.05
+
+
+@kernel
+def first_wall(
+    field: NDArray[np.float32], x: float, y: float, dx: float, dy: float, limit: float
+) -> float:
+    """Return the way along a ray to the first wall of the map, infinite without one [cells].
+
+    Args:
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        x: where the ray begins [cells], `y` alike.
+        y: see `x`.
+        dx: its direction, a unit vector with `dy`.
+        dy: see `dx`.
+        limit: no farther than this [cells].
+    """
+    before = 0.0
+    way = 0.5
+    last_row = field.shape[0] - 1
+    last_col = field.shape[1] - 1
+    while way < limit:
+        col = x + way * dx + 1.0
+        row = y + way * dy + 1.0
+        if not (0.0 <= col < last_col and 0.0 <= row < last_row):
+            return math.inf
+        free = np.float64(field[int(row), int(col)])
+        if free < 0.5:
+            # The border of the cell lies between the last two steps.
+            for _ in range(5):
+                middle = 0.5 * (before + way)
+                if field[int(y + middle * dy + 1.0), int(x + middle * dx + 1.0)] < 0.5:
+                    way = middle
+                else:
+                    before = middle
+            return way
+        before = way
+        # Cell centres lie within 0.71 of any point of the cell: a shorter step cannot miss.
+        way += max(free - 1.42, 0.5)
+    return math.inf
+
+
+@kernel
+def wall_about(hits: NDArray[np.float64], index: int, reach: float) -> tuple[int, int]:
+    """Return the first and the last of the neighbouring hits that lie within reach of one.
+
+    Args:
+        hits: (n, 2) where neighbouring beams meet the map's walls [cells], NaN where nowhere.
+        index: of the one.
+        reach: [cells].
+    """
+    x = hits[index, 0]
+    y = hits[index, 1]
+    first = index
+    while first > 0 and math.hypot(hits[first - 1, 0] - x, hits[first - 1, 1] - y) <= reach:
+        first -= 1
+    last = index + 1
+    while last < hits.shape[0] and math.hypot(hits[last, 0] - x, hits[last, 1] - y) <= reach:
+        last += 1
+    return first, last - 1
+
+
+@kernel
+def fit_wall(
+    out_line: NDArray[np.float64], hits: NDArray[np.float64], index: int, resolution: float
+) -> bool:
+    """Fit a straight line to the wall about a hit, as seen from where the beams come from.
+
+    Args:
+        out_line: (4,) a point of the line [cells] and its unit normal, overwritten.
+        hits: (n, 2) where neighbouring beams meet the map's walls [cells], NaN where nowhere.
+        index: of the hit.
+        resolution: cell edge [m].
+
+    Returns:
+        Whether the wall is straight and goes on to both sides.
+    """
+    first, last = wall_about(hits, index, _WALL_REACH_M / resolution)
+    count = last - first + 1
+    if count < _MIN_HITS:
+        return False
+    near = hits[first : last + 1]
+    mx = near[:, 0].sum() / count
+    my = near[:, 1].sum() / count
+    cxx = cxy = cyy = 0.0
+    for j in range(count):
+        dx = near[j, 0] - mx
+        dy = near[j, 1] - my
+        cxx += dx * dx / count
+        cxy += dx * dy / count
+        cyy += dy * dy / count
+    # The smaller eigenvalue is the mean square distance from the line.
+    least = 0.5 * (cxx + cyy) - math.hypot(0.5 * (cxx - cyy), cxy)
+    if least > (_WALL_ROUGHNESS_M / resolution) ** 2:
+        return False
+    along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+    tx = math.cos(along)
+    ty = math.sin(along)
+    lowest = highest = 0.0
+    for j in range(count):
+        way = (near[j, 0] - hits[index, 0]) * tx + (near[j, 1] - hits[index, 1]) * ty
+        lowest = min(lowest, way)
+        highest = max(highest, way)
+    out_line[:] = (mx, my, -ty, tx)
+    side = _WALL_SIDE_M / resolution
+    return lowest <= -side and highest >= side
+
+
+@kernel
+def meet_mirror(
+    out_place: NDArray[np.float64],
+    out_back: NDArray[np.float64],
+    line: NDArray[np.float64],
+    ray: NDArray[np.float64],
+    resolution: float,
+) -> bool:
+    """Turn a beam back at a wall as if a mirror hung there.
+
+    Args:
+        out_place: (5,) point of the wall's line, its normal towards the robot, and how far
+            behind the line the end lies, overwritten [cells].
+        out_back: (5,) where the reflected beam begins, its direction, its length, overwritten
+            [cells].
+        line: (4,) a point of the wall and its unit normal.
+        ray: (6,) as `cast_beams` writes it [cells].
+        resolution: cell edge [m].
+
+    Returns:
+        Whether it goes on far enough behind the wall, and meets it steeply enough, to tell.
+    """
+    nx = line[2]
+    ny = line[3]
+    cosine = -(ray[2] * nx + ray[3] * ny)
+    if cosine < 0.0:
+        nx, ny, cosine = -nx, -ny, -cosine
+    if cosine < _LEAST_INCIDENCE:
+        return False
+    to_line = ((ray[0] - line[0]) * nx + (ray[1] - line[1]) * ny) / cosine
+    behind = ray[4] - to_line
+    x = ray[0] + to_line * ray[2]
+    y = ray[1] + to_line * ray[3]
+    out_place[:] = (x, y, nx, ny, behind * cosine)
+    back_x = ray[2] + 2.0 * cosine * nx
+    back_y = ray[3] + 2.0 * cosine * ny
+    out_back[:] = (x, y, back_x, back_y, behind)
+    return behind >= _BEHIND_M / resolution
+
+
+@kernel
+def judge_passage(
+    place: NDArray[np.float64],
+    back: NDArray[np.float64],
+    ray: NDArray[np.float64],
+    base: NDArray[np.float64],
+    field: NDArray[np.float32],
+    resolution: float,
+) -> int:
+    """Judge one beam that went on behind a wall.
+
+    Args:
+        place: (5,) as `meet_mirror` writes it [cells].
+        back: (5,) as `meet_mirror` writes it [cells].
+        ray: (6,) as `cast_beams` writes it [cells].
+        base: (2,) the robot's centre [cells].
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        resolution: cell edge [m].
+    """
+    behind = back[4]
+    end_x = back[0] + behind * back[2]
+    end_y = back[1] + behind * back[3]
+    body = _BODY_M / resolution
+    if math.hypot(end_x - base[0], end_y - base[1]) <= body:
+        return IMAGE
+    # How the reflected beam passes the place that it came from.
+    abeam = abs((ray[0] - back[0]) * back[3] - (ray[1] - back[1]) * back[2])
+    along = (ray[0] - back[0]) * back[2] + (ray[1] - back[1]) * back[3]
+    if abeam <= _LIDAR_M / resolution and 0.0 < along < behind - body:
+        return NO_IMAGE
+    near = _NEAR_M / resolution + _NEAR_SHARE * behind
+    if sample_field(field, end_x, end_y) > near:
+        return PASSED
+    # A little off the wall, so that the ray does not meet it again.
+    x = back[0] + place[NORMAL_X]
+    y = back[1] + place[NORMAL_Y]
+    free = first_wall(field, x, y, back[2], back[3], behind)
+    if free < behind - _FREE_MARGIN_M / resolution:
+        return PASSED
+    plain = sample_field(field, ray[0] + ray[4] * ray[2], ray[1] + ray[4] * ray[3])
+    return NOTHING if plain <= _PLAIN_M / resolution else MIRRORED
+
+
+@kernel
+def cast_beams(
+    out_rays: NDArray[np.float64],
+    out_hits: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    beams: tuple[Points, Points],
+    classes: NDArray[np.uint8],
+    field: NDArray[np.float32],
+    margin: float,
+) -> None:
+    """Find where beams meet the map's walls, whatever they saw.
+
+    Args:
+        out_rays: (n, 6) where a beam begins, its direction, its length, the way to the wall,
+            overwritten [cells].
+        out_hits: (n, 2) where it meets the wall, NaN where it meets none, overwritten [cells].
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        beams: (n,) end points, and where the laser was, in `base_link` [cells].
+        classes: (n,) of the beams; unused ones and those behind known mirrors are left out.
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        margin: so far behind its end a beam is followed [cells].
+    """
+    end, start = beams
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    out_hits[:] = np.nan
+    for i in range(end.x.size):
+        if classes[i] == UNUSED or classes[i] == BEHIND_MIRROR:
+            continue
+        dx = end.x[i] - start.x[i]
+        dy = end.y[i] - start.y[i]
+        length = max(math.hypot(dx, dy), 1e-6)
+        x = pose[0] + cos * start.x[i] - sin * start.y[i]
+        y = pose[1] + sin * start.x[i] + cos * start.y[i]
+        dir_x = (cos * dx - sin * dy) / length
+        dir_y = (sin * dx + cos * dy) / length
+        way = first_wall(field, x, y, dir_x, dir_y, length + margin)
+        out_rays[i] = (x, y, dir_x, dir_y, length, way)
+        if way < math.inf:
+            out_hits[i] = (x + way * dir_x, y + way * dir_y)
+
+
+@kernel
+def judge_beams(
+    out_verdict: NDArray[np.uint8],
+    out_place: NDArray[np.float64],
+    out_cell: NDArray[np.int64],
+    pose: NDArray[np.float64],
+    beams: tuple[Points, Points],
+    classes: NDArray[np.uint8],
+    field: NDArray[np.float32],
+    resolution: float,
+) -> None:
+    """Say what each beam tells of the wall of the map that it ought to end at.
+
+    Args:
+        out_verdict: (n,) NOTHING, STOPPED, PASSED, NO_IMAGE, MIRRORED or IMAGE, overwritten.
+        out_place: (n, 5) where a beam that went on met the wall, the wall's normal towards the
+            robot, and the depth behind it, written from PASSED on [cells].
+        out_cell: (n,) four times the number of the wall's cell, and the quadrant that the beam
+            points to; written where the verdict is not NOTHING.
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        beams: (n,) end points, and where the laser was, in `base_link` [cells].
+        classes: (n,) of the beams; unused ones and those behind known mirrors are left out.
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        resolution: cell edge [m].
+    """
+    count = classes.size
+    hits = np.empty((count, 2))
+    rays = np.empty((count, 6))
+    line = np.empty(4)
+    back = np.empty(5)
+    cast_beams(rays, hits, pose, beams, classes, field, 2.0 * _WALL_REACH_M / resolution)
+    for i in range(count):
+        out_verdict[i] = NOTHING
+        if math.isnan(hits[i, 0]):
+            continue
+        cell = int(hits[i, 1] + 1.0) * field.shape[1] + int(hits[i, 0] + 1.0)
+        out_cell[i] = 4 * cell + 2 * int(rays[i, 2] > 0.0) + int(rays[i, 3] > 0.0)
+        behind_m = (rays[i, 4] - rays[i, 5]) * resolution
+        if abs(behind_m) <= _AT_WALL_M:
+            out_verdict[i] = STOPPED
+        elif (
+            behind_m >= _BEHIND_M
+            and fit_wall(line, hits, i, resolution)
+            and meet_mirror(out_place[i], back, line, rays[i], resolution)
+        ):
+            out_verdict[i] = judge_passage(out_place[i], back, rays[i], pose[:2], field, resolution)

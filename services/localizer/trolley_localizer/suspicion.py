@@ -1,0 +1,264 @@
+"""Mirrors that are not on the map, suspected from what is seen behind its walls.
+
+A beam that goes on behind a wall may have met a mirror, or an open door, a pane, or a wall that is
+no longer there. In a mirror it sees what stands before the wall, or the robot itself, from
+wherever the robot looks; through a gap it does so by chance only. So evidence is gathered for
+each cell of the walls while the robot drives, and lines are drawn where it agrees.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_localizer.field import LikelihoodField
+from trolley_localizer.kernels import reflection
+from trolley_localizer.kernels.layout import Lines
+from trolley_localizer.scan import BeamSet
+
+# Scans from nearly the same place say the same: one in so much way counts [m].
+_STEP_M = 0.1
+# A cell remembers so many looks; later ones outweigh earlier ones.
+_MOST_LOOKS = 20.0
+# Share of the looks that must speak for a mirror, to suspect one and to go on doing so.
+_SHARE_TO_SUSPECT = 0.65
+_SHARE_TO_KEEP = 0.45
+# Looks at cells that must speak for it.
+_LEAST_LOOKS = 25.0
+# Looks from which the robot's own image is missing, if it was not seen more often.
+_MISSED_LOOKS = 1.0
+# Shortest line [m].
+_LEAST_LENGTH_M = 0.4
+# The robot must have looked from places so far apart [m].
+_LEAST_PARALLAX_M = 0.6
+# A plain wall behind a gap may lie as deep as one stands before it: what is mirrored must lie at
+# different depths (standard deviation) [m].
+_LEAST_DEPTH_DEV_M = 0.25
+# Cells belong to one line if they lie this near to it, with gaps no wider, and their normals agree
+# (cosine) [m].
+_LINE_WIDTH_M = 0.1
+_GAP_M = 0.3
+_SAME_NORMAL = 0.9
+# A line whose middle is this near to a known mirror or pane is no news [m].
+_KNOWN_M = 0.3
+_MOST_LINES = 20
+
+# Columns of what is kept of a cell: looks for and against a mirror; looks at the robot's image, and
+# where it was missing; looks behind the wall, and sums over them of the wall's place and normal;
+# sums over the looks for a mirror of the depth and its square; then the corners of where those came
+# from.
+_FOR, _AGAINST, _IMAGE, _NO_IMAGE, _BEHIND, _X, _Y, _NX, _NY, _DEPTH, _DEPTH_2 = range(11)
+_LEFT, _LOW, _RIGHT, _HIGH = range(11, 15)
+_COLUMNS = 15
+_SUMS = slice(_FOR, _DEPTH_2 + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """A straight line that behaves like a mirror."""
+
+    start: tuple[float, float]
+    """One end [cells in `grid`]."""
+    end: tuple[float, float]
+    """The other end."""
+    score: float
+    """How sure that is, 0 ... 1, in steps of 0.1."""
+
+
+class Suspicion:
+    """Gathers evidence for mirrors on the walls of one map."""
+
+    def __init__(self, field: LikelihoodField) -> None:
+        self._field = field
+        self._cells = 1.0 / field.resolution
+        self.forget()
+
+    def forget(self) -> None:
+        """Suspect nothing and begin anew."""
+        self.suspects: list[Suspect] = []
+        self._rows: dict[int, int] = {}
+        self._table = np.zeros((64, _COLUMNS))
+        self._place: NDArray[np.float64] | None = None
+
+    def lines(self) -> Lines:
+        """Return the suspected lines in cells."""
+        table = np.array([[*one.start, *one.end] for one in self.suspects]).reshape(-1, 4)
+        return Lines(*(np.ascontiguousarray(column) for column in table.T))
+
+    def look(
+        self,
+        pose: NDArray[np.float64],
+        beams: BeamSet,
+        classes: NDArray[np.uint8],
+        known: Lines,
+    ) -> bool:
+        """Take one scan into account.
+
+        Args:
+            pose: (3,) x, y [cells], yaw [rad] in `grid`; believed.
+            beams: of the scan.
+            classes: (n,) of the beams; what lies behind known mirrors is left out.
+            known: mirrors and panes of the map [cells].
+
+        Returns:
+            Whether `suspects` have changed.
+        """
+        place = self._place
+        if place is not None and np.hypot(*(pose[:2] - place)) < _STEP_M * self._cells:
+            return False
+        self._place = pose[:2].copy()
+        count = classes.size
+        verdicts = np.empty(count, np.uint8)
+        places = np.zeros((count, 5))
+        keys = np.zeros(count, np.int64)
+        reflection.judge_beams(
+            verdicts,
+            places,
+            keys,
+            pose,
+            (beams.end, beams.start),
+            classes,
+            self._field.distance,
+            self._field.resolution,
+        )
+        if not self._gather(pose, verdicts, places, keys):
+            return False
+        before = self.suspects
+        self.suspects = self._find(before, known)
+        return self.suspects != before
+
+    def _gather(
+        self,
+        pose: NDArray[np.float64],
+        verdicts: NDArray[np.uint8],
+        places: NDArray[np.float64],
+        keys: NDArray[np.int64],
+    ) -> bool:
+        """Add the verdicts of one scan to the cells; say whether there were any."""
+        telling = verdicts >= reflection.PASSED
+        for key in np.unique(keys[telling]).tolist():
+            self._row(key)
+        index = np.array([self._rows.get(key, -1) for key in keys.tolist()])
+        counted = (index >= 0) & (verdicts != reflection.NOTHING)
+        if not counted.any():
+            return False
+        rows, group = np.unique(index[counted], return_inverse=True)
+        verdict = verdicts[counted]
+        mirrored = (verdict >= reflection.MIRRORED).astype(np.float64)
+        image, no_image = verdict == reflection.IMAGE, verdict == reflection.NO_IMAGE
+        behind = telling[counted].astype(np.float64)
+        looks = np.bincount(group)
+        share = np.bincount(group, mirrored) / looks
+        x, y, nx, ny, depth = places[counted].T * behind
+        seen = (mirrored, 1.0 - mirrored, image, no_image, behind)
+        wall = (x, y, nx, ny, mirrored * depth, mirrored * depth * depth)
+        for column, values in enumerate(seen + wall):
+            self._table[rows, column] += np.bincount(group, values) / looks
+        total = self._table[rows, _FOR] + self._table[rows, _AGAINST]
+        self._table[rows, _SUMS] *= np.minimum(1.0, _MOST_LOOKS / total)[:, None]
+        rows = rows[share > 0.0]
+        for column, least in ((_LEFT, pose[0]), (_LOW, pose[1])):
+            self._table[rows, column] = np.minimum(self._table[rows, column], least)
+        for column, most in ((_RIGHT, pose[0]), (_HIGH, pose[1])):
+            self._table[rows, column] = np.maximum(self._table[rows, column], most)
+        return True
+
+    def _row(self, key: int) -> int:
+        """Return where a cell is kept."""
+        row = self._rows.setdefault(key, len(self._rows))
+        if row == len(self._table):
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)])
+        if self._table[row, _FOR] + self._table[row, _AGAINST] == 0.0:
+            self._table[row, _LEFT : _HIGH + 1] = (np.inf, np.inf, -np.inf, -np.inf)
+        return row
+
+    def _find(self, before: Sequence[Suspect], known: Lines) -> list[Suspect]:
+        """Draw lines through the cells that behave like a mirror."""
+        table = self._table[: len(self._rows)]
+        points = table[:, [_X, _Y]] / table[:, [_BEHIND]]
+        normals = table[:, [_NX, _NY]]
+        normals = normals / np.hypot(*normals.T)[:, None]
+        left = (table[:, _FOR] > table[:, _AGAINST]) & (table[:, _FOR] >= 1.0)
+        found: list[Suspect] = []
+        while left.any() and len(found) < _MOST_LINES:
+            seed = int(np.argmax(np.where(left, table[:, _FOR], 0.0)))
+            across = (points - points[seed]) @ normals[seed]
+            tangent = np.array([-normals[seed, 1], normals[seed, 0]])
+            along = (points - points[seed]) @ tangent
+            near = (np.abs(across) <= _LINE_WIDTH_M * self._cells) & (
+                normals @ normals[seed] >= _SAME_NORMAL
+            )
+            low, high = _run(np.sort(along[near & left]), _GAP_M * self._cells)
+            inside = near & (along >= low) & (along <= high)
+            left &= ~inside
+            left[seed] = False
+            weights = table[inside, _FOR]
+            middle = points[seed] + normals[seed] * (across[inside] @ weights / weights.sum())
+            ends = middle + tangent * low, middle + tangent * high
+            score = self._score(table[inside], high - low, _is_near(ends, before, self._cells))
+            if score is not None and not self._is_known(0.5 * (ends[0] + ends[1]), known):
+                found.append(Suspect(self._rounded(ends[0]), self._rounded(ends[1]), score))
+        return sorted(found, key=lambda one: one.start)
+
+    def _score(self, cells: NDArray[np.float64], length: float, is_suspected: bool) -> float | None:
+        """Return how sure it is that cells of one line are a mirror, None if not sure enough."""
+        looks, against = cells[:, _FOR].sum(), cells[:, _AGAINST].sum()
+        share = looks / (looks + against)
+        if cells[:, _NO_IMAGE].sum() > max(cells[:, _IMAGE].sum(), _MISSED_LOOKS):
+            return None
+        depth = cells[:, _DEPTH].sum() / looks
+        variance = cells[:, _DEPTH_2].sum() / looks - depth * depth
+        parallax = math.hypot(
+            cells[:, _RIGHT].max() - cells[:, _LEFT].min(),
+            cells[:, _HIGH].max() - cells[:, _LOW].min(),
+        )
+        if (
+            looks < _LEAST_LOOKS
+            or share < (_SHARE_TO_KEEP if is_suspected else _SHARE_TO_SUSPECT)
+            or length < _LEAST_LENGTH_M * self._cells
+            or variance < (_LEAST_DEPTH_DEV_M * self._cells) ** 2
+            or parallax < _LEAST_PARALLAX_M * self._cells
+        ):
+            return None
+        return round(float(share * looks / (looks + _LEAST_LOOKS)), 1)
+
+    def _rounded(self, point: NDArray[np.float64]) -> tuple[float, float]:
+        """Return a point on a raster of half a line's width, so that a line rarely moves."""
+        raster = 0.5 * _LINE_WIDTH_M * self._cells
+        x, y = (np.rint(point / raster) * raster).tolist()
+        return x, y
+
+    def _is_known(self, middle: NDArray[np.float64], known: Lines) -> bool:
+        """Say whether a mirror or pane of the map is there already."""
+        a = np.column_stack([known.ax, known.ay])
+        edge = np.column_stack([known.bx, known.by]) - a
+        square = np.maximum((edge * edge).sum(axis=1), 1e-9)
+        share = np.clip(((middle - a) * edge).sum(axis=1) / square, 0.0, 1.0)
+        distance = np.hypot(*(middle - a - share[:, None] * edge).T)
+        return bool((distance <= _KNOWN_M * self._cells).any())
+
+
+def _run(along: NDArray[np.float64], gap: float) -> tuple[float, float]:
+    """Return the ends of the run about 0 in sorted numbers that has no wider gap."""
+    breaks = np.flatnonzero(np.diff(along) > gap)
+    start = int(np.searchsorted(along[breaks], -1e-9)) if breaks.size else 0
+    first = breaks[start - 1] + 1 if start > 0 else 0
+    last = breaks[start] if start < breaks.size else along.size - 1
+    return float(along[first]), float(along[last])
+
+
+def _is_near(
+    ends: tuple[NDArray[np.float64], NDArray[np.float64]],
+    before: Sequence[Suspect],
+    cells: float,
+) -> bool:
+    """Say whether a line was suspected before: its middle is on one of the lines."""
+    x, y = 0.5 * (ends[0] + ends[1])
+    for one in before:
+        centre = 0.5 * (one.start[0] + one.end[0]), 0.5 * (one.start[1] + one.end[1])
+        half = 0.5 * math.dist(one.start, one.end)
+        if math.hypot(x - centre[0], y - centre[1]) <= half + _LINE_WIDTH_M * cells:
+            return True
+    return False
