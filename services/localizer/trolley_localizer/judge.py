@@ -18,7 +18,10 @@ _BLIND_S = 1.0
 # A search that found nothing better vouches for a pose with little support for so long [s], down to
 # this much below what it had then.
 _VOUCHED_S = 10.0
-_VOUCHED_SLACK = 0.1
+_VOUCHED_SLACK = 0.15
+# An estimate that was believed stays so for this long while it is checked against other places,
+# unless its support is poor [s].
+_GRACE_S = 1.0
 # A support this far below the usual one is a reason to look elsewhere, however high it is.
 _SUDDEN_DROP = 0.2
 _USUAL_S = 8.0
@@ -127,7 +130,9 @@ class Judge:
         if self._poor_s >= self._config.lost_after_s:
             self.state = "lost"
         elif not is_good:
-            self.state = "unsure"
+            is_granted = narrow and self.support >= self._config.poor_support
+            if not (self.state == "localized" and is_granted and self._doubt_s <= _GRACE_S):
+                self.state = "unsure"
         elif self.state != "localized" and self._good_scans >= _SCANS_TO_BELIEVE:
             self.state = "localized"
             self._usual = self.support
