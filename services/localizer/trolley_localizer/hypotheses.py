@@ -25,6 +25,14 @@ _STALE_RAD = 0.7
 _GIVE_UP = 0.3
 # How many times the usual lead a place needs that the scan supports only moderately.
 _DOUBTFUL_LEAD = 2.0
+# A scan that is explained less than this does not suffice: on the map of another building such
+# places stand out, too, in one scan, but not in so many views.
+_CLEAR_MATCH = 0.8
+_FAIR_SUPPORT = 0.5
+_FAIR_VIEWS = 4
+_POOR_VIEWS = 8
+# A robot that has no room to turn gets no other views; after so many scans it does without.
+_PATIENT_LOOKS = 30
 # Places that drift together are one.
 _SAME_M = 0.3
 _SAME_RAD = 0.3
@@ -57,6 +65,7 @@ class Hypotheses:
         self._verifier = verifier
         self._config = config
         self._views = 0
+        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items: list[Hypothesis] = []
@@ -64,6 +73,7 @@ class Hypotheses:
     def start(self, places: Sequence[Place]) -> None:
         """Begin with the places of a search, best first."""
         self._views = 1
+        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items = [
@@ -86,6 +96,7 @@ class Hypotheses:
         Returns:
             Whether it was a new view.
         """
+        self._looks += 1
         since = self._since_view
         is_new = math.hypot(since.x, since.y) > _VIEW_M or abs(since.yaw) > _VIEW_RAD
         for item in self.items:
@@ -154,8 +165,13 @@ class Hypotheses:
         if not self.is_plausible:
             return None
         best = self.items[0]
+        if best.match < _CLEAR_MATCH:
+            is_fair = best.total >= _FAIR_SUPPORT * self._views
+            is_waiting = not is_fair or self._looks < _PATIENT_LOOKS
+            if is_waiting and self._views < (_FAIR_VIEWS if is_fair else _POOR_VIEWS):
+                return None
         margin = self._config.search_margin
-        if best.latest < self._config.good_support:
+        if best.latest < self._config.good_support or best.match < _CLEAR_MATCH:
             # Where much has been moved about, only a place far ahead of all others will do.
             margin *= _DOUBTFUL_LEAD
         second = self.items[1].total if len(self.items) > 1 else 0.0
