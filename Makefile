@@ -36,7 +36,7 @@ demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `
 test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
 ifeq ($(ARGS),)
 	@$(BIN)/python -m pytest --numprocesses auto --ignore=tests/process --ignore=tests/browser
-	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile tests/process
+	@$(BIN)/python -m pytest --numprocesses 2 --dist worksteal tests/process
 	@$(BIN)/python -m pytest tests/browser
 else
 	@$(BIN)/python -m pytest $(ARGS)
