@@ -11,7 +11,6 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import Twist2D, circumscribed_radius
 from trolley.messages import VelocityCommand, floats_from_bytes
-from trolley.runtime.robot_time import FollowedTime
 from trolley_base.calibration import CalibrationDrive, Comparison, Place, find_obstacle
 from trolley_base.calibration.drive import SOURCE
 
@@ -118,12 +117,10 @@ class _Live:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self._time = FollowedTime()
         self._stack = ExitStack()
 
     def __enter__(self) -> "_Live":
         enter, robot = self._stack.enter_context, self._robot
-        self._clock = enter(robot.subscribe(topics.CLOCK))
         self._odometry = enter(robot.subscribe(topics.ODOM))
         self._pose = enter(robot.subscribe(topics.POSE))
         self._base = enter(robot.subscribe(topics.BASE))
@@ -138,9 +135,7 @@ class _Live:
     @property
     def now_ns(self) -> int | None:
         """Robot time, None while base is silent."""
-        while (clock := self._clock.next(0.0)) is not None:
-            self._time.hear(clock.message, round(clock.arrived_s * 1e9))
-        return self._time.now(time.monotonic_ns())
+        return self._robot.now_ns()
 
     def tell(self, drive: CalibrationDrive) -> None:
         """Hand over what has arrived."""
