@@ -16,7 +16,7 @@ from trolley.gridmap import GridMap
 from trolley_localizer.alignment import Follower
 from trolley_localizer.estimate import CandidatePose, Estimate, Reject
 from trolley_localizer.field import LikelihoodField, build_field
-from trolley_localizer.hypotheses import Hypotheses, Hypothesis
+from trolley_localizer.hypotheses import Hypotheses, Hypothesis, Rivals
 from trolley_localizer.judge import Evidence, Judge, State
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.scan import BeamSet, ScanInput, read_beams
@@ -79,10 +79,11 @@ class Localizer:
         self._verifier = Verifier(self.field, make_lines(self.field, mirrors), config)
         self._follower = Follower(self.field, self._verifier, config, seed)
         self._hypotheses = Hypotheses(self.field, self._verifier, config)
+        self._rivals = Rivals(self.field, self._verifier, config)
         self._judge = Judge(config)
         self._suspicion = Suspicion(self.field)
         self._is_searching = True
-        self._is_known = False
+        self._is_proven = False
         self._wants_job = True
         self._job_runs = False
         self._searched = False
@@ -138,6 +139,7 @@ class Localizer:
         self._wants_job = True
         self._searched = False
         self._hypotheses.start([])
+        self._rivals.start([], 0.0)
 
     def restart_odometry(self) -> None:
         """Take the next odometry as the beginning of a new run: no step leads to it."""
@@ -193,6 +195,7 @@ class Localizer:
         self._since_search_s += elapsed_s
         self._follower.predict(step)
         self._hypotheses.move(step)
+        self._rivals.move(step)
         if self._is_searching and not beams.is_blind:
             self._search_step(beams)
         if self._is_searching:
@@ -226,18 +229,19 @@ class Localizer:
             self._follower.look(beams, is_trusted=self._judge.state == "localized")
         support, classes = self._verifier.classify(self._follower.pose, beams)
         self._support = support
+        if self._rivals.exist and not beams.is_blind:
+            self._weigh_rivals(beams, support.value)
         evidence = Evidence(support.value, self._follower.spread_m, beams.is_blind)
         state = self._judge.look(evidence, elapsed_s)
         if state == "lost":
             self.search()
             return self._searching_estimate(scan, beams, "lost")
         if self._judge.doubts and self._since_search_s > self._config.search_again_s:
-            self._wants_job = True
+            self._wants_job = not self._rivals.exist or self._rivals.is_stale
         if state == "localized" and not beams.is_blind:
             self._suspect(beams, classes)
         map_T_base = self.field.to_map(self._follower.pose)
         self._map_T_odom = map_T_base @ scan.odom_T_base.inverse()
-        self._is_known = True
         return Estimate(
             stamp_ns=scan.stamp_ns,
             map_T_base=map_T_base,
@@ -272,10 +276,7 @@ class Localizer:
         self._hypotheses.look(beams)
         winner = self._hypotheses.winner()
         if winner is not None:
-            deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
-            covariance = self.field.covariance_to_cells(np.diag(deviation**2))
-            self._follow(winner.pose, covariance)
-            self._judge.vouch(winner.latest)
+            self._take(winner)
         elif self._searched and self._since_search_s > self._config.search_again_s:
             # What stands out by now may not be among the places found from where it began.
             self._wants_job = not self._hypotheses.is_plausible or self._hypotheses.is_stale
@@ -328,8 +329,10 @@ class Localizer:
         """Begin to follow a pose in cells."""
         self._is_searching = False
         self._wants_job = False
+        self._is_proven = False
         self._follower.reset(pose, covariance)
         self._hypotheses.start([])
+        self._rivals.start([], 0.0)
         self._judge.restart()
 
     def _carried(self, pose: NDArray[np.float64], step: Pose2D) -> NDArray[np.float64]:
@@ -351,10 +354,33 @@ class Localizer:
             self._searched = True
             self._hypotheses.start(places)
             return
-        if value >= self._config.poor_support:
-            self._judge.vouch(value)
         if here and here[0].support.value > support.value + NEAR_LEAD:
-            deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
-            self._follower.reset(
-                here[0].pose, self.field.covariance_to_cells(np.diag(deviation**2))
-            )
+            self._follower.reset(here[0].pose, self._found_covariance())
+        self._rivals.start(elsewhere, value)
+        if not self._rivals.exist or (self._is_proven and self._rivals.lead <= 0.0):
+            self._confirm(value)
+
+    def _weigh_rivals(self, beams: BeamSet, support: float) -> None:
+        """Compare the estimate with the places followed beside it, and change over if need be."""
+        self._rivals.look(beams, self._follower.pose, support)
+        winner = self._rivals.winner()
+        if winner is not None:
+            self._take(winner)
+        elif not self._rivals.exist:
+            self._confirm(support)
+
+    def _confirm(self, support: float) -> None:
+        """Note that no place explains the scans as well as the estimate."""
+        self._is_proven = True
+        if support >= self._config.poor_support:
+            self._judge.vouch(support)
+
+    def _take(self, winner: Hypothesis) -> None:
+        """Follow a place that stands out from all others."""
+        self._follow(winner.pose, self._found_covariance())
+        self._confirm(winner.latest)
+
+    def _found_covariance(self) -> NDArray[np.float64]:
+        """Return how far off a found place may be, in cells."""
+        deviation = np.array([FOUND_DEV_M, FOUND_DEV_M, FOUND_DEV_RAD])
+        return self.field.covariance_to_cells(np.diag(deviation**2))

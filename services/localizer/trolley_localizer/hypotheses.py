@@ -25,9 +25,22 @@ _STALE_RAD = 0.7
 _GIVE_UP = 0.3
 # How many times the usual lead a place needs that the scan supports only moderately.
 _DOUBTFUL_LEAD = 2.0
+# A scan that is explained less than this does not suffice: on the map of another building such
+# places stand out, too, in one scan, but not in so many views.
+_CLEAR_MATCH = 0.8
+_FAIR_SUPPORT = 0.5
+_FAIR_VIEWS = 4
+_POOR_VIEWS = 8
+# A robot that has no room to turn gets no other views; after so many scans it does without.
+_PATIENT_LOOKS = 30
 # Places that drift together are one.
 _SAME_M = 0.3
 _SAME_RAD = 0.3
+# So many places are followed beside an estimate; those so far behind it at first are not.
+_MAX_RIVALS = 4
+_RIVAL_MARGIN = 0.1
+# A rival takes over when its support, summed over the views, leads by this.
+_TAKE_OVER = 0.3
 
 
 @dataclass(slots=True)
@@ -52,6 +65,7 @@ class Hypotheses:
         self._verifier = verifier
         self._config = config
         self._views = 0
+        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items: list[Hypothesis] = []
@@ -59,6 +73,7 @@ class Hypotheses:
     def start(self, places: Sequence[Place]) -> None:
         """Begin with the places of a search, best first."""
         self._views = 1
+        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items = [
@@ -75,8 +90,13 @@ class Hypotheses:
             before = Pose2D(float(item.pose[0]), float(item.pose[1]), float(item.pose[2]))
             item.pose = (before @ cells).as_array()
 
-    def look(self, beams: BeamSet) -> None:
-        """Align all places with a scan; where the view is a new one, let it vote."""
+    def look(self, beams: BeamSet) -> bool:
+        """Align all places with a scan; where the view is a new one, let it vote.
+
+        Returns:
+            Whether it was a new view.
+        """
+        self._looks += 1
         since = self._since_view
         is_new = math.hypot(since.x, since.y) > _VIEW_M or abs(since.yaw) > _VIEW_RAD
         for item in self.items:
@@ -94,6 +114,7 @@ class Hypotheses:
             self._since_view = Pose2D.identity()
         self.items.sort(key=lambda item: -item.total)
         self._drop()
+        return is_new
 
     def _drop(self) -> None:
         """Give up places that fell behind or coincide with a better one."""
@@ -101,16 +122,29 @@ class Hypotheses:
         for item in self.items:
             if kept and (kept[0].total - item.total) / self._views > _GIVE_UP:
                 continue
-            if any(self._is_same(item, other) for other in kept):
+            if any(self._is_near(item.pose, other.pose) for other in kept):
                 continue
             kept.append(item)
         self.items = kept
 
-    def _is_same(self, one: Hypothesis, other: Hypothesis) -> bool:
-        shift = one.pose - other.pose
+    def leave_out(self, pose: NDArray[np.float64], least_total: float) -> None:
+        """Give up the places that have come to a pose or whose sum of support is too small."""
+        self.items = [
+            item
+            for item in self.items
+            if item.total >= least_total and not self._is_near(item.pose, pose)
+        ]
+
+    def _is_near(self, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+        shift = one - other
         turn = math.remainder(float(shift[2]), 2.0 * math.pi)
         away = math.hypot(shift[0], shift[1]) * self._field.resolution
         return away < _SAME_M and abs(turn) < _SAME_RAD
+
+    @property
+    def views(self) -> int:
+        """How many views have voted."""
+        return self._views
 
     @property
     def is_plausible(self) -> bool:
@@ -131,9 +165,68 @@ class Hypotheses:
         if not self.is_plausible:
             return None
         best = self.items[0]
+        if best.match < _CLEAR_MATCH:
+            is_fair = best.total >= _FAIR_SUPPORT * self._views
+            is_waiting = not is_fair or self._looks < _PATIENT_LOOKS
+            if is_waiting and self._views < (_FAIR_VIEWS if is_fair else _POOR_VIEWS):
+                return None
         margin = self._config.search_margin
-        if best.latest < self._config.good_support:
+        if best.latest < self._config.good_support or best.match < _CLEAR_MATCH:
             # Where much has been moved about, only a place far ahead of all others will do.
             margin *= _DOUBTFUL_LEAD
         second = self.items[1].total if len(self.items) > 1 else 0.0
         return best if best.total - second >= margin * self._views else None
+
+
+class Rivals:
+    """Follows other places beside an estimate until the views tell which is right."""
+
+    def __init__(self, field: LikelihoodField, verifier: Verifier, config: LocalizerConfig) -> None:
+        self._places = Hypotheses(field, verifier, config)
+        self._own = 0.0
+
+    def start(self, places: Sequence[Place], own: float) -> None:
+        """Begin with places that a search found elsewhere, best first.
+
+        Args:
+            places: none of them near the estimate.
+            own: support of the estimate by the same scan, 0 ... 1.
+        """
+        rivals = [p for p in places if p.support.value >= own - _RIVAL_MARGIN]
+        self._places.start(rivals[:_MAX_RIVALS])
+        self._own = own
+
+    def move(self, step: Pose2D) -> None:
+        """Carry all rivals through one odometry step [m, m, rad]."""
+        self._places.move(step)
+
+    def look(self, beams: BeamSet, pose: NDArray[np.float64], own: float) -> None:
+        """Take one scan into account.
+
+        Args:
+            beams: of the scan.
+            pose: the estimate (3,) [cells, rad].
+            own: support of the estimate, 0 ... 1.
+        """
+        if self._places.look(beams):
+            self._own += own
+        self._places.leave_out(pose, self._own - _RIVAL_MARGIN * self._places.views)
+
+    @property
+    def exist(self) -> bool:
+        """Whether some place explains the views about as well as the estimate."""
+        return bool(self._places.items)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether the robot has moved far since they were found."""
+        return self._places.is_stale
+
+    @property
+    def lead(self) -> float:
+        """By how much the best is ahead of the estimate, summed over the views."""
+        return self._places.items[0].total - self._own if self.exist else -math.inf
+
+    def winner(self) -> Hypothesis | None:
+        """Return the place that stands out from the estimate and all others, or None."""
+        return self._places.winner() if self.lead >= _TAKE_OVER else None

@@ -18,7 +18,13 @@ _BLIND_S = 1.0
 # A search that found nothing better vouches for a pose with little support for so long [s], down to
 # this much below what it had then.
 _VOUCHED_S = 10.0
-_VOUCHED_SLACK = 0.1
+_VOUCHED_SLACK = 0.15
+# An estimate that was believed stays so for this long while it is checked against other places,
+# unless its support is poor [s].
+_GRACE_S = 1.0
+# A pose that was told and not believed yet is kept as unsure down to this: where furniture was
+# moved about it, only driving on can show whether it is right.
+_UNTRIED_SUPPORT = 0.2
 # A support this far below the usual one is a reason to look elsewhere, however high it is.
 _SUDDEN_DROP = 0.2
 _USUAL_S = 8.0
@@ -53,6 +59,7 @@ class Judge:
         self._doubt_s = 0.0
         self._vouched_s = 0.0
         self._vouched_support = 0.0
+        self._was_believed = False
         self._usual = 0.0
         self._blind_s = 0.0
 
@@ -109,8 +116,15 @@ class Judge:
         self._doubt_s = self._doubt_s + step_s if is_doubtful else 0.0
         if self.state == "localized" and not is_doubtful:
             self._usual += min(1.0, step_s / _USUAL_S) * (self.support - self._usual)
-        is_poor = self.support < config.poor_support and self._vouched_s <= 0.0
-        self._poor_s = self._poor_s + step_s if is_poor else 0.0
+        self._poor_s = self._poor_s + step_s if self.support < self._least else 0.0
+
+    @property
+    def _least(self) -> float:
+        """Support below which the estimate is lost when it lasts."""
+        poor = self._config.poor_support
+        if self._vouched_s > 0.0:
+            return min(poor, self._vouched_support - _VOUCHED_SLACK)
+        return poor if self._was_believed else min(poor, _UNTRIED_SUPPORT)
 
     @property
     def _wanted(self) -> float:
@@ -127,8 +141,11 @@ class Judge:
         if self._poor_s >= self._config.lost_after_s:
             self.state = "lost"
         elif not is_good:
-            self.state = "unsure"
+            is_granted = narrow and self.support >= self._config.poor_support
+            if not (self.state == "localized" and is_granted and self._doubt_s <= _GRACE_S):
+                self.state = "unsure"
         elif self.state != "localized" and self._good_scans >= _SCANS_TO_BELIEVE:
             self.state = "localized"
+            self._was_believed = True
             self._usual = self.support
         return self.state

@@ -26,6 +26,10 @@ MAX_PLACES = 40
 SCORE_MARGIN = 0.12
 MIN_SCORE = 0.25
 SEARCH_BEAMS = 90
+# How far and how finely to look about the estimate that is to be checked.
+_AROUND_STEPS = 3
+_AROUND_STEP_M = 0.25
+_AROUND_RAD = 0.25
 _TOP_BLOCK_M = 1.6
 _LEAF_BLOCK_M = 0.1
 
@@ -121,6 +125,9 @@ class SearchJob:
         field = self._map.field
         self.places = find_places(field, self._map.pyramid(), self._beams, self._verifier)
         if self.followed is not None:
+            near = places_around(self.followed, field, self._beams, self._verifier)
+            together = sorted([*self.places, *near], key=lambda place: -place.support.value)
+            self.places = _distinct(together, field.resolution)
             self.support = self._verifier.support(self.followed, self._beams)
         return self
 
@@ -148,11 +155,36 @@ def find_places(
             continue
         coarse = np.empty(3)
         coarse[:] = found.col[k] + 0.5, found.row[k] + 0.5, 2.0 * math.pi * found.turn[k] / turns
-        pose = verifier.align(coarse, beams)
+        pose, support = verifier.settle(coarse, beams)
         if verifier.may_stand(pose):
-            places.append(Place(pose, verifier.support(pose, beams)))
+            places.append(Place(pose, support))
     places.sort(key=lambda place: -place.support.value)
     return _distinct(places, field.resolution)
+
+
+def places_around(
+    pose: NDArray[np.float64],
+    field: LikelihoodField,
+    beams: BeamSet,
+    verifier: Verifier,
+) -> list[Place]:
+    """Align from all round about a pose: furniture that was moved can hold it in a wrong place.
+
+    Args:
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        field: of the map.
+        beams: of the scan.
+        verifier: of the map.
+    """
+    steps = np.arange(-_AROUND_STEPS, _AROUND_STEPS + 1) * (_AROUND_STEP_M / field.resolution)
+    places: list[Place] = []
+    for turn in (-_AROUND_RAD, 0.0, _AROUND_RAD):
+        for dx in steps:
+            for dy in steps:
+                aligned, support = verifier.settle(pose + np.array([dx, dy, turn]), beams)
+                if verifier.may_stand(aligned):
+                    places.append(Place(aligned, support))
+    return places
 
 
 def _search(

@@ -1,6 +1,7 @@
 """How well the map and a scan agree at a pose."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,10 @@ from trolley_localizer.scan import BeamSet
 WIDE_M = 0.3
 NARROW_M = 0.1
 _STEPS = 12
+# A beam that went through a wall speaks against a pose more than one that ends anywhere: people and
+# furniture stop beams, but nothing lets them through. At true places of rooms with a third of the
+# furniture moved 0 ... 0.12 of the beams do, at wrong ones that explain as many ends 0.2 ... 0.5.
+THROUGH_WEIGHT = 2.0
 # A wall is thinner than this: an end point that far behind its line is seen in the mirror [m].
 MIRROR_DEPTH_M = 0.1
 _MANY = 180
@@ -39,7 +44,7 @@ class Support:
     @property
     def value(self) -> float:
         """The score less the contradictions, 0 ... 1."""
-        return max(0.0, self.score - self.through)
+        return max(0.0, self.score - THROUGH_WEIGHT * self.through)
 
 
 class Verifier:
@@ -102,18 +107,42 @@ class Verifier:
         support = Support(explained / looked_at, through / max(cast, 1), looked_at, score)
         return support, classes
 
-    def align(self, pose: NDArray[np.float64], beams: BeamSet) -> NDArray[np.float64]:
-        """Return the pose moved to where the scan fits best nearby."""
+    def align(
+        self,
+        pose: NDArray[np.float64],
+        beams: BeamSet,
+        reaches_m: Sequence[float] = (WIDE_M, NARROW_M),
+    ) -> NDArray[np.float64]:
+        """Return the pose moved to where the scan fits best nearby.
+
+        Args:
+            pose: (3,) x, y [cells], yaw [rad] in `grid`.
+            beams: of the scan.
+            reaches_m: how far an end point may lie from its wall, step by step [m].
+        """
         seen = self.without_mirrored(pose, beams)
         points = seen.spread(self._config.refine_beams)
         moved = pose.copy()
         information = np.empty((3, 3))
-        for sigma_m in (WIDE_M, NARROW_M):
+        for sigma_m in reaches_m:
             tuning = np.array([sigma_m / self._field.resolution, 1.0])
             refine_pose(
                 moved, information, self._field.distance, points, pose, self._weak, tuning, _STEPS
             )
         return moved if np.isfinite(moved).all() else pose
+
+    def settle(
+        self, pose: NDArray[np.float64], beams: BeamSet
+    ) -> tuple[NDArray[np.float64], Support]:
+        """Align a rough pose in two ways and return the better one with its support.
+
+        From afar a piece of furniture that was moved can pull the pose off its place; from near by
+        it cannot, but then a rough pose may be out of reach of the walls.
+        """
+        options = [self.align(pose, beams), self.align(pose, beams, (NARROW_M,))]
+        supports = [self.support(option, beams) for option in options]
+        best = max(range(len(options)), key=lambda k: supports[k].value)
+        return options[best], supports[best]
 
     def may_stand(self, pose: NDArray[np.float64]) -> bool:
         """Say whether the robot's centre may be at a pose: on the map and not in a wall."""

@@ -78,3 +78,10 @@ def test_spread_hypotheses_are_not_believed(judge: Judge) -> None:
     for _ in range(20):
         state = judge.look(Evidence(0.95, 2.0, False), 0.1)
     assert state == "unsure"
+
+
+def test_what_was_believed_stays_so_while_it_is_checked(judge: Judge) -> None:
+    look(judge, 0.9, 1.0)
+    assert look(judge, 0.55, 1.2) == "localized"
+    assert judge.doubts
+    assert look(judge, 0.55, 1.0) == "unsure"
