@@ -18,6 +18,10 @@ from trolley_localizer.verify import Verifier
 # By how much a pose from elsewhere must be better supported to replace the aligned prediction.
 _CLUSTER_LEAD = 0.03
 _TRY_LEAD = 0.05
+# The farther it is, the better: a jump across a room takes more than furniture that was moved.
+_FAR_LEAD = 0.15
+_FAR_M = 0.5
+_FAR_RAD = 0.5
 # A score this far below the usual one starts tries round about.
 _SCORE_DROP = 0.1
 _TRIES = 1500
@@ -160,6 +164,7 @@ class Follower:
         """
         pose, information = self._tracker.align(start, points, free=True)
         other = self._tracker.score(pose, points)
+        lead += _FAR_LEAD * self._farness(pose)
         if other <= score + lead or not self._verifier.may_stand(pose):
             return score
         rival = self._verifier.support(pose, beams).value
@@ -167,3 +172,10 @@ class Follower:
             return score
         self._tracker.accept(pose, information, free=True)
         return other
+
+    def _farness(self, pose: NDArray[np.float64]) -> float:
+        """Say how far a pose lies from the estimate: 0 is here, 1 too far for a small slip."""
+        shift = pose - self._tracker.pose
+        away = math.hypot(shift[0], shift[1]) * self._field.resolution / _FAR_M
+        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) / _FAR_RAD
+        return min(1.0, max(away, turned))

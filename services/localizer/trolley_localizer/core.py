@@ -38,6 +38,10 @@ FOUND_DEV_M = 0.1
 FOUND_DEV_RAD = 0.05
 # A place this much better supported, near by, replaces the estimate.
 NEAR_LEAD = 0.05
+# A pose that was told, and that the map does not explain well, is believed only when the robot has
+# driven so far with it; a turn by 1 rad counts as much as a way of `_TURN_M`.
+_TRIED_M = 0.5
+_TURN_M = 0.3
 
 PoseProblem = Literal["outside_map", "in_obstacle"]
 
@@ -84,6 +88,7 @@ class Localizer:
         self._suspicion = Suspicion(self.field)
         self._is_searching = True
         self._is_proven = False
+        self._tried_m = 0.0
         self._wants_job = True
         self._job_runs = False
         self._searched = False
@@ -91,7 +96,7 @@ class Localizer:
         self._last: ScanInput | None = None
         self._beams: BeamSet | None = None
         self._map_T_odom: Pose2D | None = None
-        self._support = Support(0.0, 0.0, 0, 0.0)
+        self._support = Support(0.0, 0.0, 0.0, 0, 0.0)
 
     # What people and the shell ask for.
 
@@ -196,6 +201,7 @@ class Localizer:
         self._follower.predict(step)
         self._hypotheses.move(step)
         self._rivals.move(step)
+        self._tried_m += math.hypot(step.x, step.y) + _TURN_M * abs(step.yaw)
         if self._is_searching and not beams.is_blind:
             self._search_step(beams)
         if self._is_searching:
@@ -330,6 +336,7 @@ class Localizer:
         self._is_searching = False
         self._wants_job = False
         self._is_proven = False
+        self._tried_m = 0.0
         self._follower.reset(pose, covariance)
         self._hypotheses.start([])
         self._rivals.start([], 0.0)
@@ -371,6 +378,8 @@ class Localizer:
 
     def _confirm(self, support: float) -> None:
         """Note that no place explains the scans as well as the estimate."""
+        if support < self._config.good_support and self._tried_m < _TRIED_M:
+            return
         self._is_proven = True
         if support >= self._config.poor_support:
             self._judge.vouch(support)
@@ -378,7 +387,8 @@ class Localizer:
     def _take(self, winner: Hypothesis) -> None:
         """Follow a place that stands out from all others."""
         self._follow(winner.pose, self._found_covariance())
-        self._confirm(winner.latest)
+        self._is_proven = True
+        self._judge.vouch(winner.latest)
 
     def _found_covariance(self) -> NDArray[np.float64]:
         """Return how far off a found place may be, in cells."""

@@ -11,8 +11,8 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.scan import BeamSet
-from trolley_localizer.search import Place
-from trolley_localizer.verify import Verifier
+from trolley_localizer.search import Place, is_near
+from trolley_localizer.verify import Support, Verifier
 
 MAX_HYPOTHESES = 12
 # A new view is one from a place or heading this different.
@@ -25,17 +25,6 @@ _STALE_RAD = 0.7
 _GIVE_UP = 0.3
 # How many times the usual lead a place needs that the scan supports only moderately.
 _DOUBTFUL_LEAD = 2.0
-# A scan that is explained less than this does not suffice: on the map of another building such
-# places stand out, too, in one scan, but not in so many views.
-_CLEAR_MATCH = 0.8
-_FAIR_SUPPORT = 0.5
-_FAIR_VIEWS = 4
-_POOR_VIEWS = 8
-# A robot that has no room to turn gets no other views; after so many scans it does without.
-_PATIENT_LOOKS = 30
-# Places that drift together are one.
-_SAME_M = 0.3
-_SAME_RAD = 0.3
 # So many places are followed beside an estimate; those so far behind it at first are not.
 _MAX_RIVALS = 4
 _RIVAL_MARGIN = 0.1
@@ -65,7 +54,6 @@ class Hypotheses:
         self._verifier = verifier
         self._config = config
         self._views = 0
-        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items: list[Hypothesis] = []
@@ -73,7 +61,6 @@ class Hypotheses:
     def start(self, places: Sequence[Place]) -> None:
         """Begin with the places of a search, best first."""
         self._views = 1
-        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items = [
@@ -96,16 +83,10 @@ class Hypotheses:
         Returns:
             Whether it was a new view.
         """
-        self._looks += 1
         since = self._since_view
         is_new = math.hypot(since.x, since.y) > _VIEW_M or abs(since.yaw) > _VIEW_RAD
         for item in self.items:
-            pose = self._verifier.align(item.pose, beams)
-            shift = pose - item.pose
-            # Alignment that runs off is no alignment.
-            if math.hypot(shift[0], shift[1]) * self._field.resolution < _SAME_M:
-                item.pose = pose
-            support = self._verifier.support(item.pose, beams)
+            item.pose, support = self._aligned(item.pose, beams)
             item.latest, item.match = support.value, support.match
             if is_new:
                 item.total += support.value
@@ -116,13 +97,22 @@ class Hypotheses:
         self._drop()
         return is_new
 
+    def _aligned(
+        self, pose: NDArray[np.float64], beams: BeamSet
+    ) -> tuple[NDArray[np.float64], Support]:
+        """Align a pose; alignment that runs off is no alignment."""
+        for aligned, support in self._verifier.settle(pose, beams):
+            if is_near(aligned, pose, self._field.resolution):
+                return aligned, support
+        return pose, self._verifier.support(pose, beams)
+
     def _drop(self) -> None:
         """Give up places that fell behind or coincide with a better one."""
         kept: list[Hypothesis] = []
         for item in self.items:
             if kept and (kept[0].total - item.total) / self._views > _GIVE_UP:
                 continue
-            if any(self._is_near(item.pose, other.pose) for other in kept):
+            if any(is_near(item.pose, other.pose, self._field.resolution) for other in kept):
                 continue
             kept.append(item)
         self.items = kept
@@ -132,14 +122,8 @@ class Hypotheses:
         self.items = [
             item
             for item in self.items
-            if item.total >= least_total and not self._is_near(item.pose, pose)
+            if item.total >= least_total and not is_near(item.pose, pose, self._field.resolution)
         ]
-
-    def _is_near(self, one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-        shift = one - other
-        turn = math.remainder(float(shift[2]), 2.0 * math.pi)
-        away = math.hypot(shift[0], shift[1]) * self._field.resolution
-        return away < _SAME_M and abs(turn) < _SAME_RAD
 
     @property
     def views(self) -> int:
@@ -165,13 +149,8 @@ class Hypotheses:
         if not self.is_plausible:
             return None
         best = self.items[0]
-        if best.match < _CLEAR_MATCH:
-            is_fair = best.total >= _FAIR_SUPPORT * self._views
-            is_waiting = not is_fair or self._looks < _PATIENT_LOOKS
-            if is_waiting and self._views < (_FAIR_VIEWS if is_fair else _POOR_VIEWS):
-                return None
         margin = self._config.search_margin
-        if best.latest < self._config.good_support or best.match < _CLEAR_MATCH:
+        if best.latest < self._config.good_support:
             # Where much has been moved about, only a place far ahead of all others will do.
             margin *= _DOUBTFUL_LEAD
         second = self.items[1].total if len(self.items) > 1 else 0.0

@@ -17,9 +17,11 @@ from trolley_localizer.verify import Support, Verifier
 # A pose scores by end points within this distance of walls: wider than in the filter, since cells
 # and headings are tried in steps.
 SEARCH_SIGMA_M = 0.12
-# Poses nearer than this are one place; the best of a place is aligned afterwards.
+# Of poses nearer than this only the best is aligned; aligned poses nearer than that are one place.
 APART_M = 0.6
 APART_RAD = 0.5
+SAME_M = 0.3
+SAME_RAD = 0.3
 # Places kept for the closer look.
 MAX_PLACES = 40
 # A place this far below the best mean score (0 ... 1) is not looked at.
@@ -133,10 +135,10 @@ class SearchJob:
 
 
 def is_near(one: NDArray[np.float64], other: NDArray[np.float64], resolution: float) -> bool:
-    """Say whether two poses (3,) [cells, rad] are the same place."""
+    """Say whether two aligned poses (3,) [cells, rad] are the same place."""
     shift = one - other
     turn = math.remainder(float(shift[2]), 2.0 * math.pi)
-    return math.hypot(shift[0], shift[1]) * resolution < APART_M and abs(turn) < APART_RAD
+    return math.hypot(shift[0], shift[1]) * resolution < SAME_M and abs(turn) < SAME_RAD
 
 
 def find_places(
@@ -155,7 +157,7 @@ def find_places(
             continue
         coarse = np.empty(3)
         coarse[:] = found.col[k] + 0.5, found.row[k] + 0.5, 2.0 * math.pi * found.turn[k] / turns
-        pose, support = verifier.settle(coarse, beams)
+        pose, support = verifier.settle(coarse, beams)[0]
         if verifier.may_stand(pose):
             places.append(Place(pose, support))
     places.sort(key=lambda place: -place.support.value)
@@ -181,9 +183,9 @@ def places_around(
     for turn in (-_AROUND_RAD, 0.0, _AROUND_RAD):
         for dx in steps:
             for dy in steps:
-                aligned, support = verifier.settle(pose + np.array([dx, dy, turn]), beams)
-                if verifier.may_stand(aligned):
-                    places.append(Place(aligned, support))
+                for aligned, support in verifier.settle(pose + np.array([dx, dy, turn]), beams):
+                    if verifier.may_stand(aligned):
+                        places.append(Place(aligned, support))
     return places
 
 

@@ -52,9 +52,13 @@ class LookRound:
         may = base is not None and base.mode == "ok" and base.source in (None, "planner")
         if self._is_spent or odometry is None:
             return None
-        if not may or senses.silence(now_ns) is not None or not self._has_room(senses):
+        if not may or senses.silence(now_ns) is not None:
             self.stop()
             return None
+        if not self._has_room(senses):
+            # Somebody walks by, or stands there: the turn waits until there is room.
+            self._rate = 0.0
+            return None if self._turn is None else Twist2D.zero()
         if self._turn is None:
             self._turn = TurnRound(odometry.pose, FULL_TURN)
         wanted = self._turn.command(odometry.pose, limits)

@@ -204,24 +204,26 @@ def count_through(
     field: NDArray[np.float32],
     margin: float,
     every: int,
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     """Count the beams that ought to have ended at a nearer wall of the map.
 
     Args:
         pose: (3,) x, y [cells], yaw [rad] in `grid`.
         end: (n,) end points in `base_link` [cells].
         start: (n,) where the laser was in `base_link` [cells].
-        classes: (n,) beam classes; unused beams and those behind mirrors are left out.
+        classes: (n,) EXPLAINED or NOT_ON_MAP; other beams are left out.
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
         margin: a wall within this distance of the end does not count [cells].
         every: look at one beam in so many.
 
     Returns:
-        How many went through a wall, and how many were looked at.
+        How many went through a wall and end at one, how many went through a wall and end at none,
+        and how many were looked at.
     """
     cos = math.cos(pose[2])
     sin = math.sin(pose[2])
     through = 0
+    astray = 0
     looked_at = 0
     for i in range(0, end.x.size, every):
         if classes[i] >= BEHIND_MIRROR:
@@ -237,5 +239,8 @@ def count_through(
             math.hypot(dx, dy),
             margin,
         ):
-            through += 1
-    return through, looked_at
+            if classes[i] == EXPLAINED:
+                through += 1
+            else:
+                astray += 1
+    return through, astray, looked_at
