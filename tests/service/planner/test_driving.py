@@ -5,7 +5,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from support.flatland import Flatland, empty_room
+from support.flatland import Flatland, empty_room, with_block
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -266,8 +266,9 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path, far_side: Pose2D) -> None:
     assert drive(tmp_path / "a") == drive(tmp_path / "b")
 
 
-def test_a_robot_that_may_look_round_turns_once_in_place(tmp_path) -> None:
-    stage = Stage(tmp_path, Flatland(empty_room(), START), turn_to_find=True)
+def looking_round(tmp_path, world: Flatland) -> Stage:
+    """A robot that is lost and may turn."""
+    stage = Stage(tmp_path, world, turn_to_find=True)
     robot = stage.robot
     robot.say(mode="ok")
     robot.pose_state = "lost"
@@ -275,11 +276,34 @@ def test_a_robot_that_may_look_round_turns_once_in_place(tmp_path) -> None:
     robot.world.estimate = lambda stamp, state="lost": msgspec.structs.replace(  # type: ignore[method-assign]
         plain(stamp, state), wants_turn=True
     )
+    return stage
+
+
+def turned_within(stage: Stage, seconds: float) -> float:
+    """How far the robot turns in the next seconds [rad]."""
     turned, last = 0.0, stage.world.pose.yaw
-    for _ in range(400):
+    for _ in range(round(seconds / 0.05)):
         stage.lockstep.run(0.05)
         turned += math.remainder(stage.world.pose.yaw - last, 2.0 * math.pi)
         last = stage.world.pose.yaw
-    assert turned == pytest.approx(2.0 * math.pi, abs=0.4)
+    return turned
+
+
+def test_a_robot_that_may_look_round_turns_once_in_place(tmp_path) -> None:
+    stage = looking_round(tmp_path, Flatland(empty_room(), START))
+    assert turned_within(stage, 20.0) == pytest.approx(2.0 * math.pi, abs=0.4)
     assert stage.world.pose.distance_to(START) < 0.01
+    stage.lockstep.close()
+
+
+def test_somebody_who_steps_near_only_interrupts_the_look_round(tmp_path) -> None:
+    room = empty_room()
+    stage = looking_round(tmp_path, Flatland(room, START))
+    first = turned_within(stage, 4.0)
+    assert 0.5 < first < 5.0
+    stage.world.set_truth(with_block(room, START.x + 0.15, START.y - 0.05, 0.1, 0.1))
+    turned_within(stage, 0.5)
+    assert turned_within(stage, 3.0) == pytest.approx(0.0, abs=0.01)
+    stage.world.set_truth(room)
+    assert first + turned_within(stage, 16.0) == pytest.approx(2.0 * math.pi, abs=0.6)
     stage.lockstep.close()

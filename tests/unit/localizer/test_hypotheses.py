@@ -6,26 +6,32 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import GridMap
+from trolley.gridmap import FREE, GridMap
 from trolley_localizer.core import make_lines
 from trolley_localizer.field import LikelihoodField, build_field
 from trolley_localizer.hypotheses import Hypotheses, Rivals
 from trolley_localizer.scan import BeamSet, read_beams
 from trolley_localizer.search import Place, places_around
-from trolley_localizer.verify import THROUGH_WEIGHT, Support, Verifier
+from trolley_localizer.verify import Support, Verifier
 
 from .conftest import at, make_scan
 
 CONFIG = LocalizerConfig()
 STEP = Pose2D(0.2, 0.0, 0.0)
+SOFA = np.s_[90:104, 120:150]
 
 
 class View:
-    """A robot in the flat that drives straight on, seen by the scan of each step."""
+    """A robot in the flat that drives straight on, seen by the scan of each step.
 
-    def __init__(self, grid: GridMap) -> None:
+    Args:
+        grid: what stands there.
+        known: the map, if it is another.
+    """
+
+    def __init__(self, grid: GridMap, known: GridMap | None = None) -> None:
         self.grid = grid
-        self.field: LikelihoodField = build_field(grid, CONFIG)
+        self.field: LikelihoodField = build_field(known or grid, CONFIG)
         self.verifier = Verifier(self.field, make_lines(self.field, []), CONFIG)
         self.pose = at(grid, 5.0, 4.0, 0.4)
 
@@ -37,8 +43,8 @@ class View:
         scan = make_scan(self.grid, self.pose, Pose2D.identity())
         return read_beams(scan, self.field.resolution, CONFIG.max_range_m)
 
-    def place(self, pose: NDArray[np.float64], value: float, match: float = 0.9) -> Place:
-        return Place(pose, Support(match, 0.0, 300, value))
+    def place(self, pose: NDArray[np.float64], value: float) -> Place:
+        return Place(pose, Support(value, 0.0, 0.0, 300, value))
 
 
 @pytest.fixture
@@ -46,19 +52,32 @@ def view(flat: GridMap) -> View:
     return View(flat)
 
 
-def test_beams_through_walls_count_more_than_ends_that_fit() -> None:
-    fits_but_contradicts = Support(0.85, 0.3, 300, 0.85)
-    fits_less = Support(0.6, 0.05, 300, 0.6)
-    assert fits_less.value > fits_but_contradicts.value
-    assert fits_less.value == pytest.approx(0.6 - THROUGH_WEIGHT * 0.05)
+def test_beams_that_end_nowhere_behind_a_wall_count_most() -> None:
+    taken_away = Support(0.85, 0.1, 0.0, 300, 0.85)
+    impossible = Support(0.85, 0.0, 0.1, 300, 0.85)
+    unexplained = Support(0.75, 0.0, 0.0, 300, 0.75)
+    assert taken_away.value > unexplained.value > impossible.value
 
 
-def test_what_one_view_explains_poorly_needs_more_views(view: View) -> None:
+def test_furniture_that_was_taken_away_is_told_from_a_wrong_place(flat: GridMap) -> None:
+    without = flat.cells.copy()
+    without[SOFA] = FREE
+    assert (without != flat.cells).any()
+    robot = View(GridMap(flat.name, flat.resolution, flat.origin, without), known=flat)
+    support = robot.verifier.support(robot.cells, robot.beams())
+    assert support.through > 0.02
+    assert support.astray < 0.01
+    beside = robot.field.to_cells(robot.pose @ Pose2D(0.0, 0.6, 0.3))
+    assert robot.verifier.support(beside, robot.beams()).astray > 0.05
+
+
+def test_a_place_that_is_explained_poorly_needs_twice_the_lead(view: View) -> None:
     places = Hypotheses(view.field, view.verifier, CONFIG)
-    places.start([view.place(view.cells, 0.65, match=0.7)])
-    assert places.winner() is None
-    places.start([view.place(view.cells, 0.65, match=0.9)])
-    assert places.winner() is not None
+    elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
+    lead = 1.5 * CONFIG.search_margin
+    for value, stands_out in ((0.5, False), (0.7, True)):
+        places.start([view.place(view.cells, value), view.place(elsewhere, value - lead)])
+        assert (places.winner() is not None) is stands_out
 
 
 def test_places_far_behind_the_estimate_are_no_rivals(view: View) -> None:
