@@ -19,7 +19,7 @@ from trolley_localizer.verify import Verifier
 _CLUSTER_LEAD = 0.03
 _TRY_LEAD = 0.05
 # The farther it is, the better: a jump across a room takes more than furniture that was moved.
-_FAR_LEAD = 0.15
+_FAR_LEAD = 0.25
 _FAR_M = 0.5
 _FAR_RAD = 0.5
 # A score this far below the usual one starts tries round about.

@@ -23,6 +23,13 @@ _STALE_M = 0.5
 _STALE_RAD = 0.7
 # A place whose support falls this far behind the best is given up.
 _GIVE_UP = 0.3
+# A place explained less than this stands out on the map of another building, too, in some scan, but
+# not in so many views. A robot that gets no other views does without after so many scans.
+_CLEAR = 0.7
+_FEW_VIEWS = 3
+_PATIENT_LOOKS = 30
+# A lead that has lasted so long may be smaller.
+_LASTING_LEAD = 0.8
 # How many times the usual lead a place needs that the scan supports only moderately.
 _DOUBTFUL_LEAD = 2.0
 # So many places are followed beside an estimate; those so far behind it at first are not.
@@ -54,6 +61,7 @@ class Hypotheses:
         self._verifier = verifier
         self._config = config
         self._views = 0
+        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items: list[Hypothesis] = []
@@ -61,6 +69,7 @@ class Hypotheses:
     def start(self, places: Sequence[Place]) -> None:
         """Begin with the places of a search, best first."""
         self._views = 1
+        self._looks = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items = [
@@ -83,6 +92,7 @@ class Hypotheses:
         Returns:
             Whether it was a new view.
         """
+        self._looks += 1
         since = self._since_view
         is_new = math.hypot(since.x, since.y) > _VIEW_M or abs(since.yaw) > _VIEW_RAD
         for item in self.items:
@@ -149,8 +159,11 @@ class Hypotheses:
         if not self.is_plausible:
             return None
         best = self.items[0]
-        margin = self._config.search_margin
-        if best.latest < self._config.good_support:
+        has_waited = self._views >= _FEW_VIEWS or self._looks >= _PATIENT_LOOKS
+        if best.total < _CLEAR * self._views and not has_waited:
+            return None
+        margin = self._config.search_margin * (_LASTING_LEAD if has_waited else 1.0)
+        if min(best.latest, best.total / self._views) < self._config.good_support:
             # Where much has been moved about, only a place far ahead of all others will do.
             margin *= _DOUBTFUL_LEAD
         second = self.items[1].total if len(self.items) > 1 else 0.0
