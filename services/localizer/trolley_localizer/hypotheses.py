@@ -40,17 +40,52 @@ _TAKE_OVER = 0.3
 
 
 @dataclass(slots=True)
+class Votes:
+    """What the scans say for one place: the mean of each view, summed over the views."""
+
+    latest: float
+    """Support by the newest scan, 0 ... 1."""
+    _past: float = 0.0
+    _sum: float = 0.0
+    _scans: int = 0
+
+    def __post_init__(self) -> None:
+        self.add(self.latest, is_new_view=True)
+
+    @property
+    def total(self) -> float:
+        """Sum over the views."""
+        return self._past + self._sum / self._scans
+
+    def add(self, support: float, *, is_new_view: bool) -> None:
+        """Take one scan into account."""
+        if is_new_view and self._scans > 0:
+            self._past, self._sum, self._scans = self.total, 0.0, 0
+        self.latest = support
+        self._sum += support
+        self._scans += 1
+
+
+@dataclass(slots=True)
 class Hypothesis:
     """One place where the robot might be, and what the views so far say about it."""
 
     pose: NDArray[np.float64]
     """(3,) x, y [cells], yaw [rad] in `grid`."""
-    total: float
-    """Sum of the support over the views."""
-    latest: float
-    """Support by the newest scan."""
+    votes: Votes
+    """For it."""
     match: float
     """Share of explained beams in the newest scan."""
+
+    @property
+    def total(self) -> float:
+        """Sum of the support over the views."""
+        return self.votes.total
+
+    @property
+    def latest(self) -> float:
+        """Support by the newest scan."""
+        return self.votes.latest
 
 
 class Hypotheses:
@@ -73,7 +108,7 @@ class Hypotheses:
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items = [
-            Hypothesis(p.pose.copy(), p.support.value, p.support.value, p.support.match)
+            Hypothesis(p.pose.copy(), Votes(p.support.value), p.support.match)
             for p in places[:MAX_HYPOTHESES]
         ]
 
@@ -87,7 +122,7 @@ class Hypotheses:
             item.pose = (before @ cells).as_array()
 
     def look(self, beams: BeamSet) -> bool:
-        """Align all places with a scan; where the view is a new one, let it vote.
+        """Align all places with a scan and let it vote.
 
         Returns:
             Whether it was a new view.
@@ -97,9 +132,8 @@ class Hypotheses:
         is_new = math.hypot(since.x, since.y) > _VIEW_M or abs(since.yaw) > _VIEW_RAD
         for item in self.items:
             item.pose, support = self._aligned(item.pose, beams)
-            item.latest, item.match = support.value, support.match
-            if is_new:
-                item.total += support.value
+            item.votes.add(support.value, is_new_view=is_new)
+            item.match = support.match
         if is_new:
             self._views += 1
             self._since_view = Pose2D.identity()
@@ -175,7 +209,7 @@ class Rivals:
 
     def __init__(self, field: LikelihoodField, verifier: Verifier, config: LocalizerConfig) -> None:
         self._places = Hypotheses(field, verifier, config)
-        self._own = 0.0
+        self._own = Votes(0.0)
 
     def start(self, places: Sequence[Place], own: float) -> None:
         """Begin with places that a search found elsewhere, best first.
@@ -186,7 +220,7 @@ class Rivals:
         """
         rivals = [p for p in places if p.support.value >= own - _RIVAL_MARGIN]
         self._places.start(rivals[:_MAX_RIVALS])
-        self._own = own
+        self._own = Votes(own)
 
     def move(self, step: Pose2D) -> None:
         """Carry all rivals through one odometry step [m, m, rad]."""
@@ -200,9 +234,8 @@ class Rivals:
             pose: the estimate (3,) [cells, rad].
             own: support of the estimate, 0 ... 1.
         """
-        if self._places.look(beams):
-            self._own += own
-        self._places.leave_out(pose, self._own - _RIVAL_MARGIN * self._places.views)
+        self._own.add(own, is_new_view=self._places.look(beams))
+        self._places.leave_out(pose, self._own.total - _RIVAL_MARGIN * self._places.views)
 
     @property
     def exist(self) -> bool:
@@ -217,7 +250,7 @@ class Rivals:
     @property
     def lead(self) -> float:
         """By how much the best is ahead of the estimate, summed over the views."""
-        return self._places.items[0].total - self._own if self.exist else -math.inf
+        return self._places.items[0].total - self._own.total if self.exist else -math.inf
 
     def winner(self) -> Hypothesis | None:
         """Return the place that stands out from the estimate and all others, or None."""

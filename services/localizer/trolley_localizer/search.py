@@ -28,7 +28,11 @@ MAX_PLACES = 40
 SCORE_MARGIN = 0.12
 MIN_SCORE = 0.25
 SEARCH_BEAMS = 90
-# How far and how finely to look about the estimate that is to be checked.
+# Where even the best place is supported less than this, much has been moved about, and the search,
+# which looks at ends only, may have kept a place beside the right one: look about the first few.
+_CLEAR = 0.75
+_LOOK_ABOUT = 3
+# How far and how finely to look about a place.
 _AROUND_STEPS = 3
 _AROUND_STEP_M = 0.25
 _AROUND_RAD = 0.25
@@ -128,8 +132,7 @@ class SearchJob:
         self.places = find_places(field, self._map.pyramid(), self._beams, self._verifier)
         if self.followed is not None:
             near = places_around(self.followed, field, self._beams, self._verifier)
-            together = sorted([*self.places, *near], key=lambda place: -place.support.value)
-            self.places = _distinct(together, field.resolution)
+            self.places = _distinct([*self.places, *near], field.resolution)
             self.support = self._verifier.support(self.followed, self._beams)
         return self
 
@@ -161,6 +164,9 @@ def find_places(
         if verifier.may_stand(pose):
             places.append(Place(pose, support))
     places.sort(key=lambda place: -place.support.value)
+    if places and places[0].support.value < _CLEAR:
+        for place in places[:_LOOK_ABOUT]:
+            places += places_around(place.pose, field, beams, verifier)
     return _distinct(places, field.resolution)
 
 
@@ -223,9 +229,9 @@ def _search(
 
 
 def _distinct(places: Sequence[Place], resolution: float) -> list[Place]:
-    """Drop places that alignment has moved onto a better one."""
+    """Return the places best first, without those that alignment has moved onto a better one."""
     kept: list[Place] = []
-    for place in places:
+    for place in sorted(places, key=lambda place: -place.support.value):
         if not any(is_near(place.pose, other.pose, resolution) for other in kept):
             kept.append(place)
     return kept

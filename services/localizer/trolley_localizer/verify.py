@@ -49,9 +49,7 @@ class Support:
     @property
     def value(self) -> float:
         """The score less the contradictions, 0 ... 1."""
-        return max(
-            0.0, self.score - THROUGH_WEIGHT * self.through - ASTRAY_WEIGHT * self.astray
-        )
+        return max(0.0, self.score - THROUGH_WEIGHT * self.through - ASTRAY_WEIGHT * self.astray)
 
 
 class Verifier:

@@ -106,13 +106,14 @@ def test_a_rival_takes_over_when_its_lead_has_added_up(view: View) -> None:
     assert view.field.to_map(winner.pose).distance_to(view.pose) < 0.1
 
 
-def test_a_standing_robot_changes_nothing_in_the_sum(view: View) -> None:
+def test_all_scans_of_one_view_together_have_one_vote(view: View) -> None:
     rivals = Rivals(view.field, view.verifier, CONFIG)
     rivals.start([view.place(view.cells, 0.5)], 0.5)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     for _ in range(20):
-        rivals.look(view.beams(), elsewhere, 0.0)
-    assert rivals.lead == pytest.approx(0.0)
+        rivals.look(view.beams(), elsewhere, 0.5)
+    value = view.verifier.support(view.cells, view.beams()).value
+    assert rivals.lead == pytest.approx(20.0 / 21.0 * (value - 0.5), abs=0.02)
 
 
 def test_a_rival_that_comes_to_the_estimate_is_none(view: View) -> None:
