@@ -63,8 +63,8 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     through_margin_m: Distance = 0.4
     """A beam that ends this far behind a wall of the map contradicts it [m]."""
     good_support: Share = 0.6
-    """Support by the scan from which on a pose is believed: the share of explained beams, less
-    that of beams that went through walls."""
+    """Support by the scan from which on a pose is believed: how well the ends of the beams fit the
+    map, less those that went through walls, above all where they end nowhere behind them."""
     poor_support: Share = 0.4
     """Support below which a pose is lost when it lasts."""
     lost_after_s: Seconds = 2.0

@@ -15,10 +15,9 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_localizer.alignment import Follower
 from trolley_localizer.estimate import CandidatePose, Estimate, Reject
-from trolley_localizer.field import LikelihoodField, build_field
+from trolley_localizer.field import build_field, make_lines, sane_covariance
 from trolley_localizer.hypotheses import Hypotheses, Hypothesis, Rivals
 from trolley_localizer.judge import Evidence, Judge, State
-from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.scan import BeamSet, ScanInput, read_beams
 from trolley_localizer.search import Place, SearchJob, SearchMap, is_near
 from trolley_localizer.suspicion import Suspicion
@@ -30,9 +29,6 @@ LONGEST_JUMP_M = 0.5
 # How far off a pose set by hand may be: standard deviations [m, rad].
 SET_DEV_M = 0.4
 SET_DEV_RAD = 0.25
-# Smallest and largest variance that a pose can be set with [m^2, rad^2].
-LEAST_VARIANCE = 1e-6
-MOST_VARIANCE = 25.0
 # How far off a place found by a search may be.
 FOUND_DEV_M = 0.1
 FOUND_DEV_RAD = 0.05
@@ -49,23 +45,6 @@ _TRIED_M = 0.5
 _TURN_M = 0.3
 
 PoseProblem = Literal["outside_map", "in_obstacle"]
-
-
-def make_lines(field: LikelihoodField, polylines: Sequence[NDArray[np.float64]]) -> Lines:
-    """Cut polylines (n, 2) [m] in the map frame into segments in cells of the grid."""
-    pieces = [field.grid.world_to_grid(line) / field.resolution for line in polylines]
-    starts = np.concatenate([np.empty((0, 2)), *(piece[:-1] for piece in pieces)])
-    ends = np.concatenate([np.empty((0, 2)), *(piece[1:] for piece in pieces)])
-    columns = (starts[:, 0], starts[:, 1], ends[:, 0], ends[:, 1])
-    return Lines(*(np.ascontiguousarray(column) for column in columns))
-
-
-def _sane_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest covariance (3, 3) that can be inverted and covers a map at most."""
-    symmetric = 0.5 * (covariance + covariance.T)
-    values, vectors = np.linalg.eigh(np.clip(np.nan_to_num(symmetric), -1e6, 1e6))
-    bounded = np.clip(values, LEAST_VARIANCE, MOST_VARIANCE)
-    return np.asarray((vectors * bounded) @ vectors.T, np.float64)
 
 
 class Localizer:
@@ -134,7 +113,7 @@ class Localizer:
         """
         if covariance is None:
             covariance = np.diag([SET_DEV_M**2, SET_DEV_M**2, SET_DEV_RAD**2])
-        sane = _sane_covariance(covariance)
+        sane = sane_covariance(covariance)
         self._follow(self.field.to_cells(map_T_base), self.field.covariance_to_cells(sane))
         self._wants_job = True
 

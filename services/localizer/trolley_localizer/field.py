@@ -1,6 +1,7 @@
 """The map as the localizer uses it: distances to walls, and scores of end points."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,14 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
+from trolley_localizer.kernels.layout import Lines
 
 # Farther from a wall the field is flat: a wall that far away cannot be the one that was hit.
 MAX_DISTANCE_M = 2.0
+
+# Smallest and largest variance that a pose can be set with [m^2, rad^2].
+LEAST_VARIANCE = 1e-6
+MOST_VARIANCE = 25.0
 
 _FULL_SCORE = 65535
 
@@ -92,3 +98,20 @@ def build_field(grid: GridMap, config: LocalizerConfig) -> LikelihoodField:
         part = distance[row : row + 256]
         score[row : row + 256] = scores[np.rint(part * part).astype(np.int32)]
     return LikelihoodField(grid, distance, score, log_range)
+
+
+def make_lines(field: LikelihoodField, polylines: Sequence[NDArray[np.float64]]) -> Lines:
+    """Cut polylines (n, 2) [m] in the map frame into segments in cells of the grid."""
+    pieces = [field.grid.world_to_grid(line) / field.resolution for line in polylines]
+    starts = np.concatenate([np.empty((0, 2)), *(piece[:-1] for piece in pieces)])
+    ends = np.concatenate([np.empty((0, 2)), *(piece[1:] for piece in pieces)])
+    columns = (starts[:, 0], starts[:, 1], ends[:, 0], ends[:, 1])
+    return Lines(*(np.ascontiguousarray(column) for column in columns))
+
+
+def sane_covariance(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nearest covariance (3, 3) that can be inverted and covers a map at most."""
+    symmetric = 0.5 * (covariance + covariance.T)
+    values, vectors = np.linalg.eigh(np.clip(np.nan_to_num(symmetric), -1e6, 1e6))
+    bounded = np.clip(values, LEAST_VARIANCE, MOST_VARIANCE)
+    return np.asarray((vectors * bounded) @ vectors.T, np.float64)

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, GridMap
-from trolley_localizer.core import make_lines
-from trolley_localizer.field import LikelihoodField, build_field
+from trolley_localizer.field import LikelihoodField, build_field, make_lines
 from trolley_localizer.hypotheses import Hypotheses, Rivals
 from trolley_localizer.scan import BeamSet, read_beams
 from trolley_localizer.search import Place, places_around

@@ -8,8 +8,7 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_localizer.core import make_lines
-from trolley_localizer.field import build_field
+from trolley_localizer.field import build_field, make_lines
 from trolley_localizer.scan import read_beams
 from trolley_localizer.search import build_pyramid, find_places
 from trolley_localizer.verify import Verifier
