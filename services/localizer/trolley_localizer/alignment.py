@@ -53,6 +53,7 @@ class Follower:
         self._usual_score = 0.0
         self._fresh: NDArray[np.float64] | None = None
         self._phase = 0.5
+        self._expected = (0.0, 0.0)
         self.spread_m = 0.0
 
     @property
@@ -105,6 +106,7 @@ class Follower:
         if points.x.size == 0:
             return
         predicted = self._tracker.pose
+        self._expected = self._expected_shift()
         pose, information = self._tracker.align(predicted, points, free=False)
         score = self._tracker.score(pose, points)
         before = self._tracker.score(predicted, points)
@@ -173,9 +175,18 @@ class Follower:
         self._tracker.accept(pose, information, free=True)
         return other
 
+    def _expected_shift(self) -> tuple[float, float]:
+        """Return how far off the odometry may have led the estimate [cells, rad]."""
+        if self._fresh is not None:
+            return 0.0, 0.0
+        covariance = self._tracker.covariance
+        across = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+        return 2.0 * across, 2.0 * math.sqrt(float(covariance[2, 2]))
+
     def _farness(self, pose: NDArray[np.float64]) -> float:
         """Say how far a pose lies from the estimate: 0 is here, 1 too far for a small slip."""
         shift = pose - self._tracker.pose
-        away = math.hypot(shift[0], shift[1]) * self._field.resolution / _FAR_M
-        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) / _FAR_RAD
-        return min(1.0, max(away, turned))
+        away = math.hypot(shift[0], shift[1]) - self._expected[0]
+        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) - self._expected[1]
+        share = max(away * self._field.resolution / _FAR_M, turned / _FAR_RAD)
+        return min(max(share, 0.0), 1.0)
