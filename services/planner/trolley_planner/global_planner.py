@@ -1,49 +1,27 @@
 """The global plan: cheapest way over the costmap, straightened and smoothed."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley_planner.costmap import Costmap
+from trolley_planner.field import COST_OF_CELL, GoalField
+from trolley_planner.kernels.corridor import Terrain
 from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
-from trolley_planner.kernels.search import (
-    NUM_BUCKETS,
-    STEP,
-    UNREACHED,
-    Queue,
-    cost_to_go_into,
-    descend_into,
-    polyline_cost,
-    shortcut_into,
-    smooth,
-)
-from trolley_planner.path import SPACING_M, PlannedPath, resample
+from trolley_planner.kernels.lines import polyline_cost, shortcut_into, smooth, subdivide
+from trolley_planner.path import SPACING_M, PlannedPath
 
 Point = tuple[float, float]
 
-COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
-"""Cost of a straight step over free cells."""
 ESCAPE_WEIGHT = 60 * WEIGHT_UNIT
 """Price of cells that are lethal, but from which the robot must find a way out."""
 OBSTRUCTED_WEIGHT = 30 * WEIGHT_UNIT
 """Price of what the lidar saw in the way, for a plan that hopes it will be gone."""
 START_ESCAPE_M = 0.5
 GOAL_ESCAPE_M = 0.15
-SLACK_M = 2.0
-"""How far the search goes on beyond the robot, so that the result serves where it drives next."""
 SHORTCUT_POINTS = 160
-SHORTCUT_ALLOWANCE = 1.02
-SMOOTHING_ROUNDS = 30
-
-
-@dataclass(slots=True, eq=False)
-class _Field:
-    """Cost-to-go of one target, and what it was computed with."""
-
-    target: Point
-    weights: NDArray[np.uint8]
-    cost: NDArray[np.int32]
+SHORTCUT_ALLOWANCE = 1.0
+SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
+"""Distance of the points [m] and passes over them, one after the other."""
 
 
 class GlobalPlanner:
@@ -54,14 +32,8 @@ class GlobalPlanner:
 
     def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
-        rows, cols = costmap.shape
-        cells = rows * cols
-        self._queue = Queue(
-            np.empty(NUM_BUCKETS, dtype=np.int32),
-            np.empty(cells, dtype=np.int32),
-            np.empty(cells, dtype=np.int32),
-        )
-        self._field: _Field | None = None
+        self._field = GoalField(costmap.shape)
+        self._softened = np.zeros(costmap.shape, dtype=np.uint8)
 
     def plan(
         self,
@@ -78,6 +50,10 @@ class GlobalPlanner:
             weights: (rows, cols) of the costmap, with or without what the lidar has seen.
             distance_m: (rows, cols) that belongs to them.
         """
+        leaving = self._costmap.leaving
+        if leaving is not None:
+            # Dear, so that the way leads out of the zone by the shortest way, and not through it.
+            weights = np.where(leaving & (weights != LETHAL), np.uint8(ESCAPE_WEIGHT), weights)
         legs: list[NDArray[np.float64]] = []
         cost = 0.0
         here = start
@@ -110,77 +86,25 @@ class GlobalPlanner:
         distance_m: NDArray[np.float32],
     ) -> tuple[NDArray[np.float64], float] | None:
         """Return the points of the way between two points and its cost, None if there is none."""
-        softened = self._soften(start, target, weights, distance_m)
-        start_cell, target_cell = self._cell(start), self._cell(target)
-        if start_cell is None or target_cell is None:
+        start_cell = self._cell(start)
+        if start_cell is None or self._cell(target) is None:
             return None
-        field = self._cost_to_go(target, target_cell, start_cell, softened)
-        if field[start_cell] == UNREACHED:
-            return None
-        rows, cols = self._costmap.shape
-        cells = np.empty(4 * (rows + cols) + rows * cols // 4, dtype=np.int32)
-        count = descend_into(cells, field, softened.reshape(-1), start_cell, cols)
-        points = np.empty((count, 2), dtype=np.float64)
-        points[:, 0] = cells[:count] % cols + 0.5
-        points[:, 1] = cells[:count] // cols + 0.5
         scale = 1.0 / self._costmap.resolution_m
-        points[0] = (start[0] * scale, start[1] * scale)
-        points[-1] = (target[0] * scale, target[1] * scale)
-        if count == 1:
-            points = np.array([[start[0], start[1]], [target[0], target[1]]]) * scale
-        metres = float(field[start_cell]) / COST_OF_CELL * self._costmap.resolution_m
-        return self._straighten(points, softened) * self._costmap.resolution_m, metres
-
-    def _straighten(
-        self, points: NDArray[np.float64], weights: NDArray[np.uint8]
-    ) -> NDArray[np.float64]:
-        """Return a smooth path (m, 2) of one along cells (n, 2), both in cells."""
-        kept = np.empty(len(points), dtype=np.int32)
-        count = shortcut_into(kept, weights, points, SHORTCUT_POINTS, SHORTCUT_ALLOWANCE)
-        spacing = SPACING_M / self._costmap.resolution_m
-        # Smoothing moves corners by a few points at most, so coarse points first reach farther.
-        coarse = resample(points[kept[:count]], 2.0 * spacing)
-        smooth(coarse, weights, np.zeros(len(coarse), dtype=np.uint8), SMOOTHING_ROUNDS)
-        return resample(coarse, spacing)
-
-    def _cost_to_go(
-        self, target: Point, target_cell: int, start_cell: int, weights: NDArray[np.uint8]
-    ) -> NDArray[np.int32]:
-        kept = self._field
-        if (
-            kept is not None
-            and kept.target == target
-            and kept.cost[start_cell] != UNREACHED
-            and np.array_equal(kept.weights, weights)
-        ):
-            return kept.cost
-        cost = np.empty(weights.size, dtype=np.int32)
-        slack = round(SLACK_M / self._costmap.resolution_m * COST_OF_CELL)
-        seeds = np.array([[target_cell, 0]], dtype=np.int32)
+        discs = np.array([[*start, START_ESCAPE_M], [*target, GOAL_ESCAPE_M]]) * scale
+        found = self._field.way(start_cell, Terrain(weights, distance_m, discs, ESCAPE_WEIGHT))
+        if found is None:
+            return None
+        cells, cost = found
         cols = self._costmap.shape[1]
-        flat = weights.reshape(-1)
-        cost_to_go_into(cost, flat, self._queue, seeds, cols, (start_cell, slack))
-        self._field = _Field(target, weights, cost)
-        return cost
-
-    def _soften(
-        self,
-        start: Point,
-        target: Point,
-        weights: NDArray[np.uint8],
-        distance_m: NDArray[np.float32],
-    ) -> NDArray[np.uint8]:
-        """Return weights in which the way out of the start and into the target is possible."""
-        softened = weights.copy()
-        scale = 1.0 / self._costmap.resolution_m
-        for (x, y), radius_m in ((start, START_ESCAPE_M), (target, GOAL_ESCAPE_M)):
-            centre = (x * scale, y * scale)
-            soften_disc(softened, distance_m, centre, radius_m * scale, ESCAPE_WEIGHT)
-        leaving = self._costmap.leaving
-        if leaving is not None:
-            # Dear, so that the way leads out of the zone by the shortest way, and not through it.
-            softened[leaving & (softened != LETHAL)] = ESCAPE_WEIGHT
-        return softened
+        points = np.stack([cells % cols + 0.5, cells // cols + 0.5], axis=1)
+        if len(cells) == 1:
+            points = np.repeat(points, 2, axis=0)
+        points[0], points[-1] = discs[0, :2], discs[1, :2]
+        metres = cost / COST_OF_CELL * self._costmap.resolution_m
+        np.copyto(self._softened, weights)
+        for x, y, radius in discs:
+            soften_disc(self._softened, distance_m, (x, y), radius, ESCAPE_WEIGHT)
+        return straighten(points, self._softened, scale) * self._costmap.resolution_m, metres
 
     def _cell(self, point: Point) -> int | None:
         """Return the flat index of the cell under a point, None outside and on the border."""
@@ -188,3 +112,20 @@ class GlobalPlanner:
             return None
         scale = 1.0 / self._costmap.resolution_m
         return int(point[1] * scale) * self._costmap.shape[1] + int(point[0] * scale)
+
+
+def straighten(
+    points: NDArray[np.float64], weights: NDArray[np.uint8], cells_per_m: float
+) -> NDArray[np.float64]:
+    """Return a smooth path (m, 2) in place of one along cells (n, 2), both in cells.
+
+    No line of it touches a lethal cell where those along the cells do not.
+    """
+    kept = np.empty(len(points), dtype=np.int32)
+    count = shortcut_into(kept, weights, points, SHORTCUT_POINTS, SHORTCUT_ALLOWANCE)
+    path = points[kept[:count]]
+    # Far apart the points reach farther, close together they follow the bends.
+    for spacing_m, rounds in SMOOTHING:
+        path = subdivide(path, spacing_m * cells_per_m)
+        smooth(path, weights, rounds)
+    return subdivide(path, SPACING_M * cells_per_m)

@@ -11,7 +11,7 @@ from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.rollout import Body, Field
-from trolley_planner.kernels.search import NUM_BUCKETS, STEP, UNREACHED, Queue, cost_to_go_into
+from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.kernels.window import (
     coarsen_into,
     costs_to_metres,
@@ -61,11 +61,7 @@ class Window:
         self._weights = np.zeros(coarse, dtype=np.uint8)
         self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
         self._cost_m = np.zeros(coarse, dtype=np.float32)
-        self._queue = Queue(
-            np.zeros(NUM_BUCKETS, dtype=np.int32),
-            np.zeros(self._coarse_cells**2, dtype=np.int32),
-            np.zeros(self._coarse_cells**2, dtype=np.int32),
-        )
+        self._queue = make_queue(self._coarse_cells**2)
         self._table = inflation_table(
             footprint.inscribed_m + config.clearance_m,
             config.inflation_falloff_m,

@@ -1,0 +1,230 @@
+"""The cost-to-go of one target: looked for coarsely first, then near the way only, and kept."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_planner.kernels.corridor import (
+    TILE,
+    Corridor,
+    Terrain,
+    close,
+    coarsen_into,
+    cost_of_way,
+    has_opened,
+    open_box,
+    open_way,
+    reload,
+    retile,
+    rewind,
+)
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
+from trolley_planner.kernels.search import (
+    COSTLIEST_STEP,
+    STEP,
+    UNREACHED,
+    clear_queue,
+    cost_to_go_into,
+    descend_into,
+    grow,
+    make_queue,
+)
+
+REACH_TILES = 1
+"""The corridor is so much wider than the coarse way, on either side."""
+SLACK_CELLS = 40
+"""How far a search goes on beyond the robot, so that the result serves where it drives next."""
+END_CELLS = 12
+"""Cells at either end of a way that are left out where it is compared with the coarse one."""
+DEARER, DEARER_CELLS = 1.05, 16
+"""It may cost so much more than the coarse one promised, or all other ways are looked at, too."""
+COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
+"""Cost of a straight step over free cells."""
+
+
+class GoalField:
+    """Cost-to-go of the newest target; what changes far from the way leaves it as it is.
+
+    The coarse grid takes each tile for as passable as its best cell. Where it knows no way there
+    is none. Otherwise the cells near its way are searched; where they hold no way, or one much
+    dearer than promised (as behind a wall thinner than a tile), all cells are.
+
+    Args:
+        shape: rows and columns of the costmap.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        tiles = tuple(-(-size // TILE) + 2 for size in shape)
+        num_cells, num_tiles = math.prod(shape), math.prod(tiles)
+        # Zeros, so that the system gives memory only for what is used.
+        self._corridor = Corridor(
+            np.zeros(num_tiles, dtype=np.int32),
+            np.zeros(tiles, dtype=np.uint8),
+            np.zeros(shape, dtype=np.uint8),
+            np.zeros(shape, dtype=np.int32),
+        )
+        self._num_inside = 0
+        self._queue = make_queue(num_cells)
+        self._coarse_weights = np.zeros(tiles, dtype=np.uint8)
+        self._coarse_cost = np.zeros(num_tiles, dtype=np.int32)
+        self._coarse_queue = make_queue(num_tiles)
+        self._seen = np.zeros(shape, dtype=np.uint8)
+        self._target: tuple[float, float] | None = None
+        self._final_cost = 0
+        self._has_all = False
+        self._promise = 1.0
+        self.searches = 0
+        """How often all was looked for anew."""
+
+    @property
+    def weights(self) -> NDArray[np.uint8]:
+        """(rows, cols) near the way, lethal elsewhere."""
+        return self._corridor.weights
+
+    def way(self, start: int, terrain: Terrain) -> tuple[NDArray[np.int32], int] | None:
+        """Return the cells of the cheapest way and its cost, None if there is none.
+
+        Args:
+            start: cell.
+            terrain: weights of the whole grid; its last disc is about the target.
+        """
+        x, y, _ = (float(value) for value in terrain.discs[-1])
+        target = math.floor(y) * self._shape[1] + math.floor(x)
+        cells = None
+        if self._target == (x, y):
+            cells = self._renewed(start, target, terrain)
+        if cells is None:
+            self._target = (x, y)
+            cells = self._searched(start, target, terrain)
+        if cells is None:
+            self._target = None
+            return None
+        return cells, int(self._flat_cost[start])
+
+    @property
+    def _flat_weights(self) -> NDArray[np.uint8]:
+        return self._corridor.weights.reshape(-1)
+
+    @property
+    def _flat_cost(self) -> NDArray[np.int32]:
+        return self._corridor.cost.reshape(-1)
+
+    def _renewed(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
+        """Return the way by what is known, brought up to date; None if that may not be the best."""
+        corridor = self._corridor
+        if has_opened(self._seen, terrain.weights, corridor.is_inside):
+            return None
+        right = min(self._final_cost - 1, self._open_discs(terrain))
+        right = min(right, reload(corridor, self._num_inside, terrain))
+        if self._flat_weights[target] == LETHAL:
+            return None
+        self._final_cost = right + 1
+        if self._flat_cost[start] > right:
+            rewind(corridor, self._num_inside, self._queue, right)
+            self._grow(np.empty((0, 2), dtype=np.int32), max(0, right - COSTLIEST_STEP), start)
+        return self._descend(start)
+
+    def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
+        """Return the way, looked for anew; None if there is none."""
+        self.searches += 1
+        corridor = self._corridor
+        close(corridor, self._num_inside)
+        self._num_inside = 0
+        self._has_all = False
+        self._seen[:] = terrain.weights
+        self._open_discs(terrain)
+        tiles = self._coarse_way(start, target, terrain)
+        if tiles is None:
+            return None
+        tile_rows, tile_cols = corridor.is_inside.shape
+        self._num_inside = open_way(
+            corridor, self._num_inside, terrain.weights, tiles, REACH_TILES
+        )
+        coarse = int(self._coarse_cost[self._tile(start)])
+        self._promise = cost_of_way(corridor, tiles) / max(coarse, 1)
+        seeds = np.array([[target, 0]], dtype=np.int32)
+        clear_queue(self._queue)
+        self._grow(seeds, 0, start)
+        cells = self._descend(start)
+        if cells is not None:
+            return cells
+        everything = (1, tile_rows - 2, 1, tile_cols - 2)
+        self._num_inside, _ = open_box(corridor, self._num_inside, terrain, everything)
+        self._has_all = True
+        corridor.cost[:, :] = UNREACHED
+        clear_queue(self._queue)
+        self._grow(seeds, 0, start)
+        return self._descend(start)
+
+    def _coarse_way(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
+        """Return the tiles of the way over the coarse grid, None if there is none."""
+        coarsen_into(self._coarse_weights, terrain.weights)
+        retile(self._coarse_weights, self._corridor, self._num_inside)
+        start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
+        flat = self._coarse_weights.reshape(-1)
+        cost_to_go_into(
+            self._coarse_cost,
+            flat,
+            self._coarse_queue,
+            np.array([[self._tile(target), 0]], dtype=np.int32),
+            tile_cols,
+            (start_tile, SLACK_CELLS * COST_OF_CELL // TILE),
+        )
+        if self._coarse_cost[start_tile] == UNREACHED:
+            return None
+        tiles = np.empty(self._coarse_cost.size, dtype=np.int32)
+        count = descend_into(tiles, self._coarse_cost, flat, start_tile, tile_cols)
+        return tiles[:count]
+
+    def _descend(self, start: int) -> NDArray[np.int32] | None:
+        """Return the way from a cell by the costs there are; None if a better one may be elsewhere.
+
+        A way near the coarse one is compared with it, but for its ends, where it may have to pay
+        for squeezing out.
+        """
+        cost = self._flat_cost
+        if cost[start] == UNREACHED:
+            return None
+        cells = np.empty(TILE * TILE * self._num_inside, dtype=np.int32)
+        count = descend_into(cells, cost, self._flat_weights, start, self._shape[1])
+        cells = cells[:count]
+        if self._has_all or count <= 2 * END_CELLS:
+            return cells
+        first, last = int(cells[END_CELLS]), int(cells[-END_CELLS])
+        coarse_first = int(self._coarse_cost[self._tile(first)])
+        coarse = coarse_first - int(self._coarse_cost[self._tile(last)])
+        allowed = DEARER * self._promise * TILE * coarse + DEARER_CELLS * COST_OF_CELL
+        is_good = coarse_first != UNREACHED and int(cost[first]) - int(cost[last]) <= allowed
+        return cells if is_good else None
+
+    def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
+        self._final_cost = grow(
+            self._corridor.cost.reshape(-1),
+            self._flat_weights,
+            self._queue,
+            seeds,
+            self._shape[1],
+            first,
+            (start, SLACK_CELLS * COST_OF_CELL),
+        )
+
+    def _open_discs(self, terrain: Terrain) -> int:
+        """Take the tiles under the discs in; return up to which cost all costs are still right."""
+        right = UNREACHED
+        for x, y, radius in terrain.discs:
+            box = (
+                math.floor(y - radius) // TILE + 1,
+                math.floor(y + radius) // TILE + 1,
+                math.floor(x - radius) // TILE + 1,
+                math.floor(x + radius) // TILE + 1,
+            )
+            self._num_inside, least = open_box(self._corridor, self._num_inside, terrain, box)
+            right = min(right, least)
+        return right
+
+    def _tile(self, cell: int) -> int:
+        """Return the tile of a cell."""
+        row, col = divmod(cell, self._shape[1])
+        return (row // TILE + 1) * self._corridor.is_inside.shape[1] + col // TILE + 1
