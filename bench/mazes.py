@@ -11,7 +11,11 @@ WALL_CELLS = 2
 
 
 def draw_maze(
-    size_m: float, passage_m: float, seed: int, door_m: float | None = None, open_share: float = 0.05
+    size_m: float,
+    passage_m: float,
+    seed: int,
+    door_m: float | None = None,
+    open_share: float = 0.05,
 ) -> GridMap:
     """A square maze with a few loops; with doors a building of rooms.
 
@@ -74,9 +78,7 @@ def _spanning_tree(
     while stack:
         row, col = stack[-1]
         sides = ((row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col))
-        fresh = [
-            (r, c) for r, c in sides if 0 <= r < count and 0 <= c < count and not seen[r, c]
-        ]
+        fresh = [(r, c) for r, c in sides if 0 <= r < count and 0 <= c < count and not seen[r, c]]
         if not fresh:
             stack.pop()
             continue

@@ -93,9 +93,7 @@ def propagate(nav: NavFn, rows: int, cols: int, goal: int, start: int) -> bool:
                 new = ta + hf
             else:
                 d = dc / hf
-                v = (
-                    np.float32(-0.2301) * d * d + np.float32(0.5307) * d + np.float32(0.7040)
-                )
+                v = np.float32(-0.2301) * d * d + np.float32(0.5307) * d + np.float32(0.7040)
                 new = ta + hf * v
             if new >= pot[n]:
                 continue

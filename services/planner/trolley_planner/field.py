@@ -19,7 +19,7 @@ from trolley_planner.kernels.corridor import (
     retile,
     rewind,
 )
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
 from trolley_planner.kernels.search import (
     COSTLIEST_STEP,
     STEP,
@@ -37,7 +37,7 @@ SLACK_CELLS = 40
 """How far a search goes on beyond the robot, so that the result serves where it drives next."""
 END_CELLS = 12
 """Cells at either end of a way that are left out where it is compared with the coarse one."""
-DEARER, DEARER_CELLS = 1.05, 16
+DEARER_CELLS = 2
 """It may cost so much more than the coarse one promised, or all other ways are looked at, too."""
 COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 """Cost of a straight step over free cells."""
@@ -78,11 +78,6 @@ class GoalField:
         self.searches = 0
         """How often all was looked for anew."""
 
-    @property
-    def weights(self) -> NDArray[np.uint8]:
-        """(rows, cols) near the way, lethal elsewhere."""
-        return self._corridor.weights
-
     def way(self, start: int, terrain: Terrain) -> tuple[NDArray[np.int32], int] | None:
         """Return the cells of the cheapest way and its cost, None if there is none.
 
@@ -102,6 +97,10 @@ class GoalField:
             self._target = None
             return None
         return cells, int(self._flat_cost[start])
+
+    def forget(self) -> None:
+        """Look for the next way anew, whatever is known."""
+        self._target = None
 
     @property
     def _flat_weights(self) -> NDArray[np.uint8]:
@@ -138,10 +137,7 @@ class GoalField:
         tiles = self._coarse_way(start, target, terrain)
         if tiles is None:
             return None
-        tile_rows, tile_cols = corridor.is_inside.shape
-        self._num_inside = open_way(
-            corridor, self._num_inside, terrain.weights, tiles, REACH_TILES
-        )
+        self._num_inside = open_way(corridor, self._num_inside, terrain.weights, tiles, REACH_TILES)
         coarse = int(self._coarse_cost[self._tile(start)])
         self._promise = cost_of_way(corridor, tiles) / max(coarse, 1)
         seeds = np.array([[target, 0]], dtype=np.int32)
@@ -150,13 +146,23 @@ class GoalField:
         cells = self._descend(start)
         if cells is not None:
             return cells
-        everything = (1, tile_rows - 2, 1, tile_cols - 2)
-        self._num_inside, _ = open_box(corridor, self._num_inside, terrain, everything)
-        self._has_all = True
-        corridor.cost[:, :] = UNREACHED
+        self._open_all(terrain)
         clear_queue(self._queue)
         self._grow(seeds, 0, start)
         return self._descend(start)
+
+    def _open_all(self, terrain: Terrain) -> None:
+        """Take everything into the corridor."""
+        corridor = self._corridor
+        np.copyto(corridor.weights, terrain.weights)
+        for x, y, radius in terrain.discs:
+            soften_disc(corridor.weights, terrain.distance_m, (x, y), radius, terrain.price)
+        corridor.is_inside[1:-1, 1:-1] = 1
+        inside = np.flatnonzero(corridor.is_inside)
+        self._num_inside = len(inside)
+        corridor.tiles[: len(inside)] = inside
+        corridor.cost[:, :] = UNREACHED
+        self._has_all = True
 
     def _coarse_way(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the tiles of the way over the coarse grid, None if there is none."""
@@ -195,7 +201,7 @@ class GoalField:
         first, last = int(cells[END_CELLS]), int(cells[-END_CELLS])
         coarse_first = int(self._coarse_cost[self._tile(first)])
         coarse = coarse_first - int(self._coarse_cost[self._tile(last)])
-        allowed = DEARER * self._promise * TILE * coarse + DEARER_CELLS * COST_OF_CELL
+        allowed = self._promise * TILE * coarse + DEARER_CELLS * COST_OF_CELL
         is_good = coarse_first != UNREACHED and int(cost[first]) - int(cost[last]) <= allowed
         return cells if is_good else None
 

@@ -18,7 +18,7 @@ OBSTRUCTED_WEIGHT = 30 * WEIGHT_UNIT
 """Price of what the lidar saw in the way, for a plan that hopes it will be gone."""
 START_ESCAPE_M = 0.5
 GOAL_ESCAPE_M = 0.15
-SHORTCUT_POINTS = 160
+SHORTCUT_POINTS = 96
 SHORTCUT_ALLOWANCE = 1.0
 SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
 """Distance of the points [m] and passes over them, one after the other."""

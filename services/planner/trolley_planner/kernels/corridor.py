@@ -259,9 +259,7 @@ def has_opened(
 
 
 @kernel
-def retile(
-    out_weights: NDArray[np.uint8], corridor: Corridor, num_tiles: int
-) -> None:
+def retile(out_weights: NDArray[np.uint8], corridor: Corridor, num_tiles: int) -> None:
     """Write the lowest weight of the tiles inside, which may differ from the grid's.
 
     Args:

@@ -123,19 +123,19 @@ def spread(
             elif direction == 3:
                 other, there = cell + 1, east
             else:
-                if (north if direction < 6 else south) == 0:
-                    continue
-                if (west if direction % 2 == 0 else east) == 0:
-                    continue
                 other = cell + (-cols if direction < 6 else cols)
                 other += -1 if direction % 2 == 0 else 1
                 there = weights[other]
-            if there == 0:
-                continue
+                beside = north if direction < 6 else south
+                there = (
+                    there
+                    if beside != 0 and (west if direction % 2 == 0 else east) != 0
+                    else np.uint8(0)
+                )
             length = np.int32(STEP if direction < 4 else DIAGONAL)
             through = cost_here + length * (here + np.int32(there))
             known = cost[other]
-            if through >= known:
+            if (through >= known) | (there == 0):
                 continue
             cost[other] = through
             if known >> BUCKET_SHIFT == through >> BUCKET_SHIFT:
