@@ -36,10 +36,8 @@ def read_map(path: Path) -> NDArray[np.bool_]:
     """
     lines = path.read_text(encoding="ascii").splitlines()
     head: dict[str, str] = {}
-    first = 0
-    for first, line in enumerate(lines, 1):
-        if line.strip() == "map":
-            break
+    first = next((k for k, line in enumerate(lines) if line.strip() == "map"), len(lines)) + 1
+    for line in lines[: first - 1]:
         key, _, value = line.strip().partition(" ")
         head[key] = value
     if head.get("type") != "octile":

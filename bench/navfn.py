@@ -55,7 +55,9 @@ def set_costmap(nav: NavFn, costs: NDArray[np.uint8]) -> None:
 
 
 @kernel
-def propagate(nav: NavFn, rows: int, cols: int, goal: int, start: int) -> bool:
+def propagate(  # noqa: C901, PLR0915 - in one piece as there
+    nav: NavFn, rows: int, cols: int, goal: int, start: int
+) -> bool:
     """Compute the potential from the goal until it reaches the start; False if it never does."""
     cost, pot, pending = nav.cost, nav.potential, nav.pending
     pot[:] = POT_HIGH
@@ -79,8 +81,8 @@ def propagate(nav: NavFn, rows: int, cols: int, goal: int, start: int) -> bool:
             break
         for index in range(num_current):
             pending[nav.buffers[current, index]] = False
-        for index in range(num_current - 1, -1, -1):
-            n = nav.buffers[current, num_current - 1 - index]
+        for index in range(num_current):
+            n = nav.buffers[current, index]
             if cost[n] >= COST_OBS:
                 continue
             left, right, up, down = pot[n - 1], pot[n + 1], pot[n - cols], pot[n + cols]

@@ -208,7 +208,7 @@ def _thin_maze(size: int, rng: np.random.Generator) -> NDArray[np.bool_]:
     while stack:
         row, col = stack[-1]
         sides = ((row + 1, col), (row - 1, col), (row, col + 1), (row, col - 1))
-        fresh = [one for one in sides if 0 <= min(one) and max(one) < count and one not in seen]
+        fresh = [one for one in sides if min(one) >= 0 and max(one) < count and one not in seen]
         if not fresh:
             stack.pop()
             continue

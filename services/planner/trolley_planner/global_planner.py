@@ -1,12 +1,15 @@
 """The global plan: cheapest way over the costmap, straightened and smoothed."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley_planner.costmap import Costmap
 from trolley_planner.field import COST_OF_CELL, GoalField
+from trolley_planner.fitting import Fitting
 from trolley_planner.kernels.corridor import Terrain
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
 from trolley_planner.kernels.lines import polyline_cost, shortcut_into, smooth, subdivide
 from trolley_planner.path import SPACING_M, PlannedPath
 
@@ -18,6 +21,10 @@ OBSTRUCTED_WEIGHT = 30 * WEIGHT_UNIT
 """Price of what the lidar saw in the way, for a plan that hopes it will be gone."""
 START_ESCAPE_M = 0.5
 GOAL_ESCAPE_M = 0.15
+NARROW_PLACES = 8
+"""So many places that prove too narrow are gone round, then there is no way."""
+NARROW_M = 0.12
+"""Radius that is closed at such a place, at least."""
 SHORTCUT_POINTS = 96
 SHORTCUT_ALLOWANCE = 1.0
 SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
@@ -34,6 +41,9 @@ class GlobalPlanner:
         self._costmap = costmap
         self._field = GoalField(costmap.shape)
         self._softened = np.zeros(costmap.shape, dtype=np.uint8)
+        self._fitting = Fitting(costmap.footprint, costmap.resolution_m)
+        self.narrow: list[Point] = []
+        """Where the last plan found that the footprint does not get through."""
 
     def plan(
         self,
@@ -54,17 +64,54 @@ class GlobalPlanner:
         if leaving is not None:
             # Dear, so that the way leads out of the zone by the shortest way, and not through it.
             weights = np.where(leaving & (weights != LETHAL), np.uint8(ESCAPE_WEIGHT), weights)
-        legs: list[NDArray[np.float64]] = []
-        cost = 0.0
-        here = start
-        for target in targets:
-            leg = self._leg(here, target, weights, distance_m)
+        self.narrow = []
+        for _ in range(NARROW_PLACES):
+            found = self._through(start, targets, weights, distance_m)
+            if isinstance(found, PlannedPath) or found is None:
+                return found
+            self.narrow.append(found)
+            weights = weights.copy()
+            cells = found[0] / self._costmap.resolution_m, found[1] / self._costmap.resolution_m
+            radius_m = max(self._costmap.footprint.inscribed_m, NARROW_M)
+            close_disc(weights, cells, radius_m / self._costmap.resolution_m)
+        return None
+
+    def too_narrow(
+        self,
+        start: Point,
+        targets: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+    ) -> list[Point]:
+        """Return where the robot does not get through on a way that is free but too narrow.
+
+        Args:
+            start: as in `plan`, which found no way with the same arguments a moment ago.
+            targets: as there.
+            weights: as there.
+            distance_m: as there.
+        """
+        if self.narrow:
+            return list(self.narrow)
+        squeezed = np.where(
+            (weights == LETHAL) & (distance_m > 0.0), np.uint8(ESCAPE_WEIGHT), weights
+        )
+        squeezed[0, :] = squeezed[-1, :] = squeezed[:, 0] = squeezed[:, -1] = LETHAL
+        found: list[Point] = []
+        for here, target in zip([start, *targets], targets, strict=False):
+            leg = self._leg(here, target, squeezed, distance_m)
             if leg is None:
-                return None
-            legs.append(leg[0])
-            cost += leg[1]
-            here = target
-        return PlannedPath.join(legs, cost)
+                return []
+            cells = np.floor(leg[0] / self._costmap.resolution_m).astype(np.int64)
+            tight = weights[cells[:, 1], cells[:, 0]] == LETHAL
+            room_m = distance_m[cells[:, 1], cells[:, 0]]
+            for places in np.split(np.arange(len(tight)), np.flatnonzero(np.diff(tight)) + 1):
+                point = leg[0][places[np.argmin(room_m[places])]]
+                # The robot's own place and the target's may be tight and still be right.
+                is_end = math.dist(point, here) < START_ESCAPE_M or tuple(point) == target
+                if tight[places[0]] and not is_end:
+                    found.append((float(point[0]), float(point[1])))
+        return found
 
     def cost_of(self, points: NDArray[np.float64], weights: NDArray[np.uint8]) -> float:
         """Return the price of a path (n, 2) [m of free floor]; lethal cells are very dear."""
@@ -78,6 +125,27 @@ class GlobalPlanner:
         passable = (costmap.weights == LETHAL) & (costmap.static_weights != LETHAL)
         return np.where(passable, np.uint8(OBSTRUCTED_WEIGHT), costmap.weights)
 
+    def _through(
+        self,
+        start: Point,
+        targets: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+    ) -> PlannedPath | Point | None:
+        """Return the way through all targets, or else where it is too narrow; None: no way."""
+        legs: list[NDArray[np.float64]] = []
+        cost = 0.0
+        for here, target in zip([start, *targets], targets, strict=False):
+            leg = self._leg(here, target, weights, distance_m)
+            if leg is None:
+                return None
+            fitted = self._fitting.fit(leg[0], self._softened, distance_m)
+            if fitted.narrow is not None:
+                return fitted.narrow
+            legs.append(fitted.points)
+            cost += leg[1]
+        return PlannedPath.join(legs, cost)
+
     def _leg(
         self,
         start: Point,
@@ -85,7 +153,10 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
     ) -> tuple[NDArray[np.float64], float] | None:
-        """Return the points of the way between two points and its cost, None if there is none."""
+        """Return the points of the way between two points and its cost, None if there is none.
+
+        `_softened` then holds the weights that it was made with.
+        """
         start_cell = self._cell(start)
         if start_cell is None or self._cell(target) is None:
             return None
@@ -96,7 +167,7 @@ class GlobalPlanner:
             return None
         cells, cost = found
         cols = self._costmap.shape[1]
-        points = np.stack([cells % cols + 0.5, cells // cols + 0.5], axis=1)
+        points = np.stack([cells % cols, cells // cols], axis=1).astype(np.float64) + 0.5
         if len(cells) == 1:
             points = np.repeat(points, 2, axis=0)
         points[0], points[-1] = discs[0, :2], discs[1, :2]

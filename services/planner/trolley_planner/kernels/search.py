@@ -88,7 +88,7 @@ def push(queue: Queue, cost: NDArray[np.int32], cell: int, new_cost: int) -> Non
 
 
 @kernel
-def spread(
+def spread(  # noqa: C901, PLR0915 - see its docstring
     cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
 ) -> None:
     """Settle the cells of one bucket: offer each neighbour the way through them.
@@ -125,13 +125,11 @@ def spread(
             else:
                 other = cell + (-cols if direction < 6 else cols)
                 other += -1 if direction % 2 == 0 else 1
-                there = weights[other]
+                # Read whether it counts or not: that spares a branch.
+                ahead = weights[other]
                 beside = north if direction < 6 else south
-                there = (
-                    there
-                    if beside != 0 and (west if direction % 2 == 0 else east) != 0
-                    else np.uint8(0)
-                )
+                is_free = beside != 0 and (west if direction % 2 == 0 else east) != 0
+                there = ahead if is_free else np.uint8(0)
             length = np.int32(STEP if direction < 4 else DIAGONAL)
             through = cost_here + length * (here + np.int32(there))
             known = cost[other]
