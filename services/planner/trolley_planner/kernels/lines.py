@@ -142,6 +142,7 @@ def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int)
         weights: (rows, cols); no line between two points comes to touch a lethal cell.
         rounds: passes over all points.
     """
+    costs = np.full(points.shape[0], -1.0)  # of the line behind each point, once it is known
     for _ in range(rounds):
         has_moved = False
         for index in range(1, points.shape[0] - 1):
@@ -151,12 +152,18 @@ def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int)
             new_x, new_y = 0.5 * x + 0.25 * (ax + bx), 0.5 * y + 0.25 * (ay + by)
             if abs(new_x - x) + abs(new_y - y) < STRAIGHT_CELLS:
                 continue
-            before = segment_cost(weights, ax, ay, x, y, math.inf)
-            before += segment_cost(weights, x, y, bx, by, math.inf)
-            after = segment_cost(weights, ax, ay, new_x, new_y, before)
-            after += segment_cost(weights, new_x, new_y, bx, by, before)
-            if after <= before:
+            if costs[index - 1] < 0.0:
+                costs[index - 1] = segment_cost(weights, ax, ay, x, y, math.inf)
+            if costs[index] < 0.0:
+                costs[index] = segment_cost(weights, x, y, bx, by, math.inf)
+            most = costs[index - 1] + costs[index]
+            first = segment_cost(weights, ax, ay, new_x, new_y, most)
+            if math.isinf(first):
+                continue
+            second = segment_cost(weights, new_x, new_y, bx, by, most - first)
+            if first + second <= most:
                 points[index, 0], points[index, 1] = new_x, new_y
+                costs[index - 1], costs[index] = first, second
                 has_moved = True
         if not has_moved:
             break
