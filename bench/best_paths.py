@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_planner.kernels.lines import segment_cost
 
-AWAY = 1e-6
+AWAY = 1e-4
 """Corners are taken so far outside the cell that they belong to [cells]."""
 
 
@@ -44,14 +44,17 @@ def take_first(heap: NDArray[np.float64], size: int) -> int:
 
 
 @kernel
-def grid_cost(weights: NDArray[np.uint8], start: int, goal: int) -> float:
-    """Cost of the cheapest 8-connected way that cuts no corner, in weights times cells.
+def grid_way(  # noqa: C901 - the textbook's in one piece
+    weights: NDArray[np.uint8], start: int, goal: int
+) -> tuple[float, NDArray[np.int64]]:
+    """Cost and cells of the cheapest 8-connected way that cuts no corner, in weights times cells.
 
     Dijkstra (1959) in float64; a step costs its length times the mean of its two weights.
     """
     rows, cols = weights.shape
     flat = weights.reshape(-1)
     cost = np.full(rows * cols, np.inf)
+    previous = np.full(rows * cols, -1)
     done = np.zeros(rows * cols, np.bool_)
     heap = np.empty((8 * rows * cols, 2))
     heap[0, 0], heap[0, 1] = 0.0, start
@@ -60,7 +63,7 @@ def grid_cost(weights: NDArray[np.uint8], start: int, goal: int) -> float:
         cell = take_first(heap, size)
         size -= 1
         if cell == goal:
-            return cost[cell]
+            break
         if done[cell]:
             continue
         done[cell] = True
@@ -74,10 +77,21 @@ def grid_cost(weights: NDArray[np.uint8], start: int, goal: int) -> float:
                 length = math.sqrt(2.0) if row_step and col_step else 1.0
                 through = cost[cell] + 0.5 * length * (float(flat[cell]) + float(flat[other]))
                 if through < cost[other]:
-                    cost[other] = through
+                    cost[other], previous[other] = through, cell
                     dearest_first(heap, size, through, other)
                     size += 1
-    return math.inf
+    count, cell = 0, goal
+    while cell >= 0:
+        count, cell = count + 1, previous[cell]
+    way, cell = np.empty(count, np.int64), goal
+    for index in range(count - 1, -1, -1):
+        way[index], cell = cell, previous[cell]
+    return cost[goal], way
+
+
+def grid_cost(weights: NDArray[np.uint8], start: int, goal: int) -> float:
+    """Cost of that way, +inf if there is none."""
+    return grid_way(weights, start, goal)[0]
 
 
 def corners(weights: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """The global plan: cheapest way over the costmap, straightened and smoothed."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,22 @@ SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
 """Distance of the points [m] and passes over them, one after the other."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leg:
+    """The way to one target.
+
+    Attributes:
+        points: (n, 2) [m].
+        weights: (rows, cols) that it is made for: where start or target are too near to
+            something and it needs to pass there, with the way out.
+        cost: in metres of free floor.
+    """
+
+    points: NDArray[np.float64]
+    weights: NDArray[np.uint8]
+    cost: float
+
+
 class GlobalPlanner:
     """Plans on one costmap; keeps the goal's cost-to-go as long as the weights stay the same.
 
@@ -40,7 +57,6 @@ class GlobalPlanner:
     def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
         self._field = GoalField(costmap.shape)
-        self._softened = np.zeros(costmap.shape, dtype=np.uint8)
         self._fitting = Fitting(costmap.footprint, costmap.resolution_m)
         self.narrow: list[Point] = []
         """Where the last plan found that the footprint does not get through."""
@@ -102,15 +118,15 @@ class GlobalPlanner:
             leg = self._leg(here, target, squeezed, distance_m)
             if leg is None:
                 return []
-            cells = np.floor(leg[0] / self._costmap.resolution_m).astype(np.int64)
+            cells = np.floor(leg.points / self._costmap.resolution_m).astype(np.int64)
             tight = weights[cells[:, 1], cells[:, 0]] == LETHAL
             room_m = distance_m[cells[:, 1], cells[:, 0]]
             for places in np.split(np.arange(len(tight)), np.flatnonzero(np.diff(tight)) + 1):
-                point = leg[0][places[np.argmin(room_m[places])]]
+                x, y = (float(value) for value in leg.points[places[np.argmin(room_m[places])]])
                 # The robot's own place and the target's may be tight and still be right.
-                is_end = math.dist(point, here) < START_ESCAPE_M or tuple(point) == target
+                is_end = math.dist((x, y), start) < START_ESCAPE_M or (x, y) == target
                 if tight[places[0]] and not is_end:
-                    found.append((float(point[0]), float(point[1])))
+                    found.append((x, y))
         return found
 
     def cost_of(self, points: NDArray[np.float64], weights: NDArray[np.uint8]) -> float:
@@ -139,11 +155,11 @@ class GlobalPlanner:
             leg = self._leg(here, target, weights, distance_m)
             if leg is None:
                 return None
-            fitted = self._fitting.fit(leg[0], self._softened, distance_m)
+            fitted = self._fitting.fit(leg.points, leg.weights, distance_m)
             if fitted.narrow is not None:
                 return fitted.narrow
             legs.append(fitted.points)
-            cost += leg[1]
+            cost += leg.cost
         return PlannedPath.join(legs, cost)
 
     def _leg(
@@ -152,11 +168,8 @@ class GlobalPlanner:
         target: Point,
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
-    ) -> tuple[NDArray[np.float64], float] | None:
-        """Return the points of the way between two points and its cost, None if there is none.
-
-        `_softened` then holds the weights that it was made with.
-        """
+    ) -> _Leg | None:
+        """Return the way between two points, None if there is none."""
         start_cell = self._cell(start)
         if start_cell is None or self._cell(target) is None:
             return None
@@ -172,10 +185,12 @@ class GlobalPlanner:
             points = np.repeat(points, 2, axis=0)
         points[0], points[-1] = discs[0, :2], discs[1, :2]
         metres = cost / COST_OF_CELL * self._costmap.resolution_m
-        np.copyto(self._softened, weights)
-        for x, y, radius in discs:
-            soften_disc(self._softened, distance_m, (x, y), radius, ESCAPE_WEIGHT)
-        return straighten(points, self._softened, scale) * self._costmap.resolution_m, metres
+        if math.isinf(polyline_cost(weights, points, math.inf)):
+            weights = weights.copy()
+            for x, y, radius in discs:
+                soften_disc(weights, distance_m, (x, y), radius, ESCAPE_WEIGHT)
+        smooth_points = straighten(points, weights, scale) * self._costmap.resolution_m
+        return _Leg(smooth_points, weights, metres)
 
     def _cell(self, point: Point) -> int | None:
         """Return the flat index of the cell under a point, None outside and on the border."""

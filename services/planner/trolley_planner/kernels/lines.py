@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 
-SAME = 1e-9
-"""Two borders that a line crosses within this share of its length are crossed in their corner."""
+SAME_CELLS = 1e-6
+"""Two borders that a line crosses within this distance are crossed in their corner."""
 
 STRAIGHT_CELLS = 0.02
 """Points that would move less than this stay where they are."""
@@ -61,7 +61,7 @@ def segment_cost(
         if steps <= 0:
             return total
         at = until
-        if abs(at_col - at_row) < SAME and steps > 1:
+        if abs(at_col - at_row) * length < SAME_CELLS and steps > 1:
             if weights[row, col + col_step] == 0 or weights[row + row_step, col] == 0:
                 return math.inf
             col, row, steps = col + col_step, row + row_step, steps - 2

@@ -103,10 +103,8 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
     heads[bucket & (NUM_BUCKETS - 1)] = NONE
     while entry != NONE:
         cell, after = cells[entry], nexts[entry]
-        nexts[entry] = free
-        free = entry
-        waiting -= 1
-        entry = after
+        nexts[entry], free = free, entry
+        entry, waiting = after, waiting - 1
         cost_here = cost[cell]
         if cost_here >> BUCKET_SHIFT != bucket:
             continue
