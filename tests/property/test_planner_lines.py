@@ -79,7 +79,7 @@ def test_shortcuts_and_smoothing_make_no_path_dearer(seed, count) -> None:
     if math.isinf(before):
         return
     kept = np.empty(count, dtype=np.int32)
-    path = points[kept[: shortcut_into(kept, weights, points, 50, 1.0)]]
+    path = points[kept[: shortcut_into(kept, weights, points, 50)]]
     assert polyline_cost(weights, path, math.inf) <= before + 1e-6
     path = subdivide(path, 0.7)
     smooth(path, weights, 10)

@@ -26,8 +26,8 @@ NARROW_PLACES = 8
 """So many places that prove too narrow are gone round, then there is no way."""
 NARROW_M = 0.12
 """Radius that is closed at such a place, at least."""
-SHORTCUT_POINTS = 96
-SHORTCUT_ALLOWANCE = 1.0
+SHORTCUTS = ((0.08, 40), (0.4, 64))
+"""Distance of the points [m] and over how many of them lines are tried, one after the other."""
 SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
 """Distance of the points [m] and passes over them, one after the other."""
 
@@ -207,9 +207,12 @@ def straighten(
 
     No line of it touches a lethal cell where those along the cells do not.
     """
-    kept = np.empty(len(points), dtype=np.int32)
-    count = shortcut_into(kept, weights, points, SHORTCUT_POINTS, SHORTCUT_ALLOWANCE)
-    path = points[kept[:count]]
+    path = points
+    for spacing_m, reach in SHORTCUTS:
+        path = subdivide(path, spacing_m * cells_per_m)
+        kept = np.empty(len(path), dtype=np.int32)
+        count = shortcut_into(kept, weights, path, reach)
+        path = path[kept[:count]]
     # Far apart the points reach farther, close together they follow the bends.
     for spacing_m, rounds in SMOOTHING:
         path = subdivide(path, spacing_m * cells_per_m)

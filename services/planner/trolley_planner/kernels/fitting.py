@@ -62,7 +62,7 @@ def check_into(
 
     Args:
         out_fits: (n,).
-        field: distances of the costmap.
+        field: distances of the whole costmap.
         body: the outline.
         points: (n, 2).
         around: the heading is that from so many points before to so many points after.
@@ -72,6 +72,10 @@ def check_into(
     for index in range(last + 1):
         before, after = max(index - around, 0), min(index + around, last)
         x, y = points[index, 0], points[index, 1]
+        row, col = math.floor(y / field.fine_m), math.floor(x / field.fine_m)
+        if field.distance_m[row, col] > body.circumscribed_m + 2.0 * field.fine_m:
+            out_fits[index] = True
+            continue
         yaw = math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
         out_fits[index] = (
             fits(field, body, x, y, yaw, give_m)

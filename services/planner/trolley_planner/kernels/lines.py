@@ -96,7 +96,6 @@ def shortcut_into(
     weights: NDArray[np.uint8],
     points: NDArray[np.float64],
     reach: int,
-    allowance: float,
 ) -> int:
     """Write the points that are left when straight lines replace every detour that is no cheaper.
 
@@ -105,7 +104,6 @@ def shortcut_into(
         weights: (rows, cols).
         points: (n, 2) x, y [cells].
         reach: a line replaces at most this many points.
-        allowance: how much dearer a line may be than the points it replaces, as a factor.
 
     Returns:
         The number of points kept.
@@ -122,7 +120,7 @@ def shortcut_into(
         chosen = anchor + 1
         x1, y1 = points[anchor, 0], points[anchor, 1]
         for index in range(min(count - 1, anchor + reach), anchor + 1, -EVERY):
-            most = allowance * (along[index] - along[anchor])
+            most = along[index] - along[anchor]
             line = segment_cost(weights, x1, y1, points[index, 0], points[index, 1], most)
             if not math.isinf(line):
                 chosen = index
