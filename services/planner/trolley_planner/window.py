@@ -27,6 +27,8 @@ UNREACHED_M = 100.0
 """Cost-to-go of places from which no way leads to the path."""
 EDGE_RISE_M, EDGE_CELLS = 0.5, 3
 """Beside the places that a way leads from, the cost-to-go rises by so much from cell to cell."""
+BORDER_CELLS = 0.02
+"""Points of the path this near to the border of two cells belong to both."""
 ESCAPE_M = 0.3
 ESCAPE_WEIGHT = 240
 
@@ -121,7 +123,11 @@ class Window:
                 those outside the window are left out.
             remaining_m: (n,) price of the way from each point on [m of free floor].
         """
-        cells = np.floor((points - (self._x, self._y)) / self.coarse_m).astype(np.int32)
+        # A path along the border of two rows of cells leads along both, and not beside it.
+        points, remaining_m = np.repeat(points, 2, axis=0), np.repeat(remaining_m, 2)
+        beside = np.resize((-BORDER_CELLS, BORDER_CELLS), len(points))[:, None]
+        on_window = (points - (self._x, self._y)) / self.coarse_m + beside
+        cells = np.floor(on_window).astype(np.int32)
         inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
         cells = cells[inside]
         prices = np.rint(remaining_m[inside] * self.cost_of_metre).astype(np.int32)
