@@ -70,7 +70,8 @@ class GoalField:
         self._coarse_queue = make_queue(num_tiles)
         self._seen = np.zeros(shape, dtype=np.uint8)
         self._target: tuple[float, float] | None = None
-        self._final_cost = 0
+        # All costs below these are final.
+        self._final_cost = self._final_coarse = 0
         self._has_all = False
         self._promise = 1.0
         self.searches = 0
@@ -167,7 +168,7 @@ class GoalField:
         retile(self._coarse_weights, self._corridor, self._num_inside)
         start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
         flat = self._coarse_weights.reshape(-1)
-        cost_to_go_into(
+        self._final_coarse = cost_to_go_into(
             self._coarse_cost,
             flat,
             self._coarse_queue,
@@ -200,7 +201,7 @@ class GoalField:
         coarse_first = int(self._coarse_cost[self._tile(first)])
         coarse = coarse_first - int(self._coarse_cost[self._tile(last)])
         allowed = self._promise * TILE * coarse + DEARER_CELLS * COST_OF_CELL
-        is_good = coarse_first != UNREACHED and int(cost[first]) - int(cost[last]) <= allowed
+        is_good = coarse_first < self._final_coarse and int(cost[first]) - int(cost[last]) <= allowed
         return cells if is_good else None
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
