@@ -86,7 +86,7 @@ def grid_way(  # noqa: C901 - the textbook's in one piece
     way, cell = np.empty(count, np.int64), goal
     for index in range(count - 1, -1, -1):
         way[index], cell = cell, previous[cell]
-    return cost[goal], way
+    return float(cost[goal]), way
 
 
 def grid_cost(weights: NDArray[np.uint8], start: int, goal: int) -> float:
@@ -104,9 +104,8 @@ def corners(weights: NDArray[np.uint8]) -> NDArray[np.float64]:
             beside = np.roll(lethal, -dr, 0)[1:-1, 1:-1] | np.roll(lethal, -dc, 1)[1:-1, 1:-1]
             across = np.roll(lethal, (-dr, -dc), (0, 1))[1:-1, 1:-1]
             rows, cols = np.nonzero(here & ~beside & ~across)
-            xs = cols + 1.5 + dc * (0.5 + AWAY)
-            ys = rows + 1.5 + dr * (0.5 + AWAY)
-            found.append(np.stack([xs, ys], axis=1))
+            centres = np.stack([cols, rows], axis=1).astype(np.float64) + 1.5
+            found.append(centres + np.array([dc, dr]) * (0.5 + AWAY))
     return np.concatenate(found)
 
 
@@ -126,7 +125,7 @@ def shortest_length(nodes: NDArray[np.float64], weights: NDArray[np.uint8]) -> f
             if not done[node] and (best < 0 or length[node] < length[best]):
                 best = node
         if best < 0 or math.isinf(length[best]) or best == count - 1:
-            return length[count - 1]
+            return float(length[count - 1])
         done[best] = True
         x, y = nodes[best, 0], nodes[best, 1]
         for node in range(count):

@@ -1,7 +1,7 @@
 """The global planner on MovingAI maps: length of its paths beside the optimum, and time.
 
     python bench/planner_mazes.py FOLDER [--queries 200] [--seed 0]
-    python bench/planner_mazes.py            # without a folder: on maps drawn at random
+    python bench/planner_mazes.py [--full]   # on maps drawn at random, 256 × 256 or 1024 × 1024
 
 FOLDER is searched with all folders in it for `.scen` files; their maps lie beside them or
 anywhere in FOLDER. A point robot plans over free weights without inflation. For each map and for
@@ -84,10 +84,11 @@ class Runner:
     """Asks the planner on one map, which gets a rim that is not passable."""
 
     def __init__(self, passable: NDArray[np.bool_]) -> None:
-        self._weights = np.full(np.array(passable.shape) + 2, LETHAL, np.uint8)
+        rows, cols = (size + 2 for size in passable.shape)
+        self._weights = np.full((rows, cols), LETHAL, np.uint8)
         self._weights[1:-1, 1:-1][passable] = WEIGHT_UNIT
-        self._nowhere = np.zeros(self._weights.shape, np.float32)
-        self._fields = GoalField(self._weights.shape)
+        self._nowhere = np.zeros((rows, cols), np.float32)
+        self._fields = GoalField((rows, cols))
 
     def ask(self, query: Query, tally: Tally) -> None:
         """Plan, and count what came of it."""
@@ -102,7 +103,7 @@ class Runner:
             tally.missed += query.start == query.goal or query.optimum > 0.0
             return
         cells = found[0]
-        points = np.stack([cells % cols + 0.5, cells // cols + 0.5], axis=1)
+        points = np.stack([cells % cols, cells // cols], axis=1).astype(np.float64) + 0.5
         if len(points) == 1:
             points = np.repeat(points, 2, axis=0)
         smooth = straighten(points, self._weights, CELLS_PER_M)
@@ -169,8 +170,8 @@ def draw_files(folder: Path, size: int, queries: int, seed: int) -> None:
             start, goal = ((int(rows[k]) + 1) * (size + 2) + int(cols[k]) + 1 for k in (a, b))
             optimum = best_paths.grid_cost(weights, start, goal) / WEIGHT_UNIT
             if 0.0 < optimum < math.inf:
-                places = ((int(cols[k]), int(rows[k])) for k in (a, b))
-                asked.append(Query(f"{name}.map", *places, optimum))
+                ends = [(int(cols[k]), int(rows[k])) for k in (a, b)]
+                asked.append(Query(f"{name}.map", ends[0], ends[1], optimum))
         write_map(folder / f"{name}.map", passable)
         write_scen(folder / f"{name}.map.scen", asked, passable.shape)
 
@@ -226,10 +227,11 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", help="with .scen and .map files")
     parser.add_argument("--queries", type=int, default=0, help="of each map at most; 0: all")
     parser.add_argument("--seed", type=int, default=0, help="of the choice of queries")
+    parser.add_argument("--full", action="store_true", help="draw larger maps")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as drawn:
         if args.folder is None:
-            draw_files(Path(drawn), 256, 60, args.seed)
+            draw_files(Path(drawn), 1024 if args.full else 256, 60, args.seed)
         try:
             tallies, total = run(args.folder or Path(drawn), args.queries, args.seed)
         except ValueError as error:
@@ -240,8 +242,12 @@ def main() -> None:
         [
             at_most("no way found though there is one", total.missed, 0, digits=0),
             at_most("wrong ways", total.wrong, 0, digits=0),
-            at_most("grid path / optimum, mean", np.mean(total.grid_ratios), 1.001, digits=5),
-            at_most("smooth path / optimum, mean", np.mean(total.smooth_ratios), 1.0, digits=4),
+            at_most(
+                "grid path / optimum, mean", float(np.mean(total.grid_ratios)), 1.001, digits=5
+            ),
+            at_most(
+                "smooth path / optimum, mean", float(np.mean(total.smooth_ratios)), 1.0, digits=4
+            ),
         ]
     )
 

@@ -188,7 +188,7 @@ def quality_of(kind: str, maps: int) -> list[Figure]:
         at_most(f"{kind}: cost along cells / cheapest, mean", grid.mean(), 1.005, digits=4),
         at_most(f"{kind}: cost of the path / cheapest, worst", cost.max(), 1.02, digits=4),
         Figure(f"{kind}: the same, mean", f"{cost.mean():.4f}"),
-        at_most(f"{kind}: nearer to obstacles, mean", np.mean(quality.nearer_m), 0.02, "m"),
+        at_most(f"{kind}: nearer to obstacles, mean", float(np.mean(quality.nearer_m)), 0.02, "m"),
         Figure(f"{kind}: the same, worst", f"{max(quality.nearer_m):.3f} m"),
     ]
 

@@ -131,7 +131,7 @@ def test_over_free_floor_paths_are_as_short_as_can_be(seed) -> None:
     found = GoalField((ROWS, COLS)).way(start, terrain(weights, start, goal))
     if found is None or len(found[0]) < 20:
         return
-    points = np.stack([found[0] % COLS, found[0] // COLS], axis=1) + 0.5
+    points = np.stack([found[0] % COLS, found[0] // COLS], axis=1).astype(np.float64) + 0.5
     path = straighten(points, weights, 20.0)
     assert math.isfinite(polyline_cost(weights, path, math.inf))
     length = np.hypot(*np.diff(path, axis=0).T).sum()

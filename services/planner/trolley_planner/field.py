@@ -201,10 +201,11 @@ class GoalField:
         coarse_first = int(self._coarse_cost[self._tile(first)])
         coarse = coarse_first - int(self._coarse_cost[self._tile(last)])
         allowed = self._promise * TILE * coarse + DEARER_CELLS * COST_OF_CELL
-        is_good = coarse_first < self._final_coarse and int(cost[first]) - int(cost[last]) <= allowed
-        return cells if is_good else None
+        is_cheap = int(cost[first]) - int(cost[last]) <= allowed
+        return cells if is_cheap and coarse_first < self._final_coarse else None
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
+        """Search on in the corridor until some way beyond the start."""
         self._final_cost = grow(
             self._corridor.cost.reshape(-1),
             self._flat_weights,
