@@ -29,15 +29,9 @@ from trolley.config import PlannerConfig
 from trolley.gridmap import GridMap
 from trolley_planner.costmap import Costmap
 from trolley_planner.footprint import Footprint
-from trolley_planner.global_planner import (
-    ESCAPE_WEIGHT,
-    GOAL_ESCAPE_M,
-    START_ESCAPE_M,
-    GlobalPlanner,
-)
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
+from trolley_planner.global_planner import GlobalPlanner
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
 from trolley_planner.kernels.lines import polyline_cost
-from trolley_planner.path import PlannedPath
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 PEER_MS = {20.0: 5.0, 200.0: 710.0}
@@ -130,15 +124,6 @@ class Quality:
     """Refused where there is a way, or a path through a lethal cell."""
 
 
-def touches(costmap: Costmap, path: PlannedPath, ends: list[tuple[float, float]]) -> bool:
-    """Whether a path meets a lethal cell, but where it may squeeze out at its ends."""
-    weights, scale = costmap.weights.copy(), 1.0 / costmap.resolution_m
-    for (x, y), radius_m in zip(ends, (START_ESCAPE_M, GOAL_ESCAPE_M), strict=True):
-        place = (x * scale, y * scale)
-        soften_disc(weights, costmap.distance_m, place, radius_m * scale, ESCAPE_WEIGHT)
-    return math.isinf(polyline_cost(weights, path.points * scale, math.inf))
-
-
 def judge(kind: str, seed: int, quality: Quality) -> None:
     """Compare some paths on one map, without inflation and with it."""
     rng = np.random.default_rng(seed)
@@ -159,8 +144,8 @@ def judge(kind: str, seed: int, quality: Quality) -> None:
             if path is None:
                 quality.num_wrong += 1
                 continue
-            cost = planner.cost_of(path.points, weights) * WEIGHT_UNIT / edge
-            quality.num_wrong += touches(costmap, path, points)
+            cost = polyline_cost(weights, path.points / edge, math.inf)
+            quality.num_wrong += math.isinf(cost)
             if height == 0.0:
                 shortest = best_paths.taut_length(weights, *ends)
                 quality.length.append(path.length_m / edge / shortest)

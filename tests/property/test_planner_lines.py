@@ -62,6 +62,19 @@ def test_a_line_that_meets_a_lethal_cell_is_closed(seed, x1, y1, x2, y2) -> None
         assert math.isinf(found)
 
 
+@given(st.integers(0, 1000), st.integers(1, 10), st.integers(1, 10))
+def test_a_line_may_end_in_the_corner_of_a_lethal_cell(seed, col, row) -> None:
+    weights = grid(seed, 0.3)
+    weights[row, col] = 4
+    for x, y in np.random.default_rng(seed).uniform(1.0, SIZE - 1.0, (50, 2)):
+        expected = slow_cost(weights, (x, y), (float(col), float(row)))
+        # From this quarter it would pass through the corner, and not end beside it.
+        is_across = x < col and y < row
+        if math.isfinite(expected) and not is_across:
+            found = segment_cost(weights, x, y, float(col), float(row), math.inf)
+            assert math.isclose(found, expected, rel_tol=1e-4, abs_tol=1e-3)
+
+
 @given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9))
 def test_a_line_between_two_cells_that_touch_in_a_corner_is_closed(seed, row, col) -> None:
     weights = grid(seed, 0.0)

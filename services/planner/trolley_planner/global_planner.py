@@ -170,12 +170,19 @@ class GlobalPlanner:
         distance_m: NDArray[np.float32],
     ) -> _Leg | None:
         """Return the way between two points, None if there is none."""
-        start_cell = self._cell(start)
-        if start_cell is None or self._cell(target) is None:
+        start_cell, target_cell = self._cell(start), self._cell(target)
+        if start_cell is None or target_cell is None:
             return None
         scale = 1.0 / self._costmap.resolution_m
         discs = np.array([[*start, START_ESCAPE_M], [*target, GOAL_ESCAPE_M]]) * scale
-        found = self._field.way(start_cell, Terrain(weights, distance_m, discs, ESCAPE_WEIGHT))
+        is_tight = weights.reshape(-1)[[start_cell, target_cell]] == LETHAL
+        found = None
+        # Nothing is squeezed through where there is another way.
+        for reach in (is_tight, np.ones(2)):
+            discs[:, 2] = reach * (START_ESCAPE_M * scale, GOAL_ESCAPE_M * scale)
+            found = self._field.way(start_cell, Terrain(weights, distance_m, discs, ESCAPE_WEIGHT))
+            if found is not None:
+                break
         if found is None:
             return None
         cells, cost = found

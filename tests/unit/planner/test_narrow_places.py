@@ -114,6 +114,25 @@ def test_another_way_is_taken_round_a_corner_too_tight_to_turn_in() -> None:
     assert worst_overlap(corner(0.4, second_way=True), LONG, path) <= 0.0
 
 
+def test_nothing_is_squeezed_through_where_there_is_another_way() -> None:
+    small = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
+    # Right before the robot a gap of 0.25 m, too narrow for it; far to the side the wall ends.
+    wall = with_block(empty_room(), 3.95, 0.0, 0.1, 2.9)
+    way = ((3.7, 3.0), (4.4, 3.0))
+    closed = with_block(wall, 3.95, 3.15, 0.1, 2.85)
+    assert plan(closed, small, way)[0] is not None  # As the robot stands there, it may try.
+    path, _ = plan(with_block(wall, 3.95, 3.15, 0.1, 1.5), small, way)
+    assert path is not None
+    assert path.points[:, 1].max() > 4.65
+
+
+def test_a_robot_too_near_to_a_wall_finds_the_way_out() -> None:
+    small = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
+    path, _ = plan(empty_room(), small, ((0.16, 3.0), (4.0, 3.0)))
+    assert path is not None
+    assert path.length_m < 3.9
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_the_outline_fits_along_every_way(seed: int) -> None:

@@ -42,13 +42,13 @@ def segment_cost(
     dx, dy = x2 - x1, y2 - y1
     length = math.hypot(dx, dy)
     col, row = math.floor(x1), math.floor(y1)
-    last_col, last_row = math.floor(x2), math.floor(y2)
+    # Counted, since rounding may put the last border just before or behind the end of the line.
+    cols_left, rows_left = abs(math.floor(x2) - col), abs(math.floor(y2) - row)
     col_step, row_step = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
     # Where on the line (0 to 1) the next border of a column and of a row is crossed.
-    at_col = ((col + (dx > 0.0)) - x1) / dx if dx != 0.0 else math.inf
-    at_row = ((row + (dy > 0.0)) - y1) / dy if dy != 0.0 else math.inf
-    by_col, by_row = abs(1.0 / dx) if dx != 0.0 else 0.0, abs(1.0 / dy) if dy != 0.0 else 0.0
-    steps = abs(last_col - col) + abs(last_row - row)
+    at_col = ((col + (dx > 0.0)) - x1) / dx if cols_left else math.inf
+    at_row = ((row + (dy > 0.0)) - y1) / dy if rows_left else math.inf
+    by_col, by_row = abs(1.0 / dx) if cols_left else 0.0, abs(1.0 / dy) if rows_left else 0.0
     total, at = 0.0, 0.0
     while True:
         weight = weights[row, col]
@@ -58,18 +58,19 @@ def segment_cost(
         total += (until - at) * length * weight
         if total > most:
             return math.inf
-        if steps <= 0:
+        if cols_left == 0 and rows_left == 0:
             return total
         at = until
-        if abs(at_col - at_row) * length < SAME_CELLS and steps > 1:
-            if weights[row, col + col_step] == 0 or weights[row + row_step, col] == 0:
-                return math.inf
-            col, row, steps = col + col_step, row + row_step, steps - 2
-            at_col, at_row = at_col + by_col, at_row + by_row
-        elif at_col < at_row:
-            col, steps, at_col = col + col_step, steps - 1, at_col + by_col
-        else:
-            row, steps, at_row = row + row_step, steps - 1, at_row + by_row
+        is_corner = cols_left > 0 and rows_left > 0 and abs(at_col - at_row) * length < SAME_CELLS
+        if is_corner and (weights[row, col + col_step] == 0 or weights[row + row_step, col] == 0):
+            return math.inf
+        crosses_col = is_corner or at_col < at_row
+        if crosses_col:
+            col, cols_left = col + col_step, cols_left - 1
+            at_col = at_col + by_col if cols_left else math.inf
+        if is_corner or not crosses_col:
+            row, rows_left = row + row_step, rows_left - 1
+            at_row = at_row + by_row if rows_left else math.inf
 
 
 @kernel
