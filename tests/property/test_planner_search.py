@@ -17,12 +17,11 @@ from trolley_planner.global_planner import GlobalPlanner
 from trolley_planner.kernels.layers import LETHAL
 from trolley_planner.kernels.search import (
     DIAGONAL,
-    NUM_BUCKETS,
     STEP,
     UNREACHED,
-    Queue,
     cost_to_go_into,
     descend_into,
+    make_queue,
 )
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
@@ -58,15 +57,10 @@ def naive_costs(weights: np.ndarray, seeds: list[tuple[int, int]]) -> np.ndarray
 
 def random_weights(seed: int, rows: int, cols: int, share: float) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    weights = rng.integers(1, 256, (rows, cols)).astype(np.uint8)
+    weights = rng.integers(4, 256, (rows, cols)).astype(np.uint8)
     weights[rng.random((rows, cols)) < share] = LETHAL
     weights[0] = weights[-1] = weights[:, 0] = weights[:, -1] = LETHAL
     return weights
-
-
-def queue_of(cells: int) -> Queue:
-    sizes = (NUM_BUCKETS, cells, cells)
-    return Queue(*(np.empty(size, dtype=np.int32) for size in sizes))
 
 
 @given(
@@ -83,7 +77,7 @@ def test_costs_are_those_of_dijkstra(seed, rows, cols, share, num_seeds) -> None
     prices = np.sort(rng.integers(0, 20_000, num_seeds))
     seeds = np.stack([cells, prices], axis=1).astype(np.int32)
     cost = np.empty(rows * cols, dtype=np.int32)
-    cost_to_go_into(cost, weights.reshape(-1), queue_of(rows * cols), seeds, cols, (-1, 0))
+    cost_to_go_into(cost, weights.reshape(-1), make_queue(rows * cols), seeds, cols, (-1, 0))
     pairs = [(int(cell), int(price)) for cell, price in seeds]
     np.testing.assert_array_equal(cost, naive_costs(weights, pairs))
 
@@ -97,7 +91,7 @@ def test_the_descent_leads_downhill_to_the_goal(seed, share) -> None:
     cost = np.empty(rows * cols, dtype=np.int32)
     seeds = np.array([[goal, 0]], dtype=np.int32)
     flat = weights.reshape(-1)
-    cost_to_go_into(cost, flat, queue_of(rows * cols), seeds, cols, (start, 0))
+    cost_to_go_into(cost, flat, make_queue(rows * cols), seeds, cols, (start, 0))
     if cost[start] == UNREACHED:
         return
     found = np.empty(rows * cols, dtype=np.int32)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
@@ -105,7 +107,7 @@ def admit(goal: Goal, rig: Rig, start: Pose2D, config: PlannerConfig) -> Admitte
     targets = [costmap.to_grid(pose) for pose in (*goal.vias, goal.pose)]
     path = _first_path(rig, here, targets)
     if path is None:
-        raise Refused(codes.NO_PATH)
+        raise _no_path(rig, here, targets)
     return Admitted(goal, path)
 
 
@@ -135,3 +137,22 @@ def _first_path(rig: Rig, here: Pose2D, targets: list[Pose2D]) -> PlannedPath | 
     if path is not None:
         return path
     return planner.plan(start, points, planner.hopeful_weights(), costmap.static_distance_m)
+
+
+def _no_path(rig: Rig, here: Pose2D, targets: list[Pose2D]) -> Refused:
+    """Return the refusal that names where it is too narrow, if that is why there is no way."""
+    planner, costmap = rig.planner, rig.costmap
+    points = [(target.x, target.y) for target in targets]
+    narrow = planner.too_narrow(
+        (here.x, here.y), points, planner.hopeful_weights(), costmap.static_distance_m
+    )
+    if not narrow:
+        return Refused(codes.NO_PATH)
+    in_frame = costmap.frame_T_grid.transform_points(np.array(narrow))
+    blocked = [(round(float(x), 3), round(float(y), 3)) for x, y in in_frame]
+    x, y = blocked[0]
+    return Refused(
+        codes.NO_PATH,
+        f"There is no way there for a robot of this size: it is too narrow at ({x:.2f}, {y:.2f}).",
+        blocked=blocked,
+    )

@@ -10,8 +10,9 @@ from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.approach import START_M, Approach, Tolerances, limited_change
 from trolley_planner.controller import Motion, safe_command
 from trolley_planner.goal import free_pose_near
+from trolley_planner.kernels.lines import subdivide
 from trolley_planner.kernels.rollout import Limits, allowed_speed
-from trolley_planner.path import SPACING_M, PlannedPath, resample
+from trolley_planner.path import SPACING_M, PlannedPath
 from trolley_planner.rig import Rig
 from trolley_planner.staging import Stage, can_turn_by, find_stage
 
@@ -224,6 +225,6 @@ class Arrival:
             return
         line = np.array([[stage.pose.x, stage.pose.y], [self._final.x, self._final.y]])
         length = stage.pose.distance_to(self._final)
-        self.detour = PlannedPath.join([resample(line, SPACING_M)], length)
+        self.detour = PlannedPath.join([subdivide(line, SPACING_M)], length)
         self.aim, self._stage, self._is_docking = self._final, None, True
         self._approach = Approach(self._tolerances, stage.is_reverse)

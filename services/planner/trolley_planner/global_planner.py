@@ -1,49 +1,51 @@
 """The global plan: cheapest way over the costmap, straightened and smoothed."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley_planner.costmap import Costmap
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc
-from trolley_planner.kernels.search import (
-    NUM_BUCKETS,
-    STEP,
-    UNREACHED,
-    Queue,
-    cost_to_go_into,
-    descend_into,
-    polyline_cost,
-    shortcut_into,
-    smooth,
-)
-from trolley_planner.path import SPACING_M, PlannedPath, resample
+from trolley_planner.field import COST_OF_CELL, GoalField
+from trolley_planner.fitting import Fitting
+from trolley_planner.kernels.corridor import Terrain
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
+from trolley_planner.kernels.lines import polyline_cost, shortcut_into, smooth, subdivide
+from trolley_planner.path import SPACING_M, PlannedPath
 
 Point = tuple[float, float]
 
-COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
-"""Cost of a straight step over free cells."""
 ESCAPE_WEIGHT = 60 * WEIGHT_UNIT
 """Price of cells that are lethal, but from which the robot must find a way out."""
 OBSTRUCTED_WEIGHT = 30 * WEIGHT_UNIT
 """Price of what the lidar saw in the way, for a plan that hopes it will be gone."""
 START_ESCAPE_M = 0.5
 GOAL_ESCAPE_M = 0.15
-SLACK_M = 2.0
-"""How far the search goes on beyond the robot, so that the result serves where it drives next."""
-SHORTCUT_POINTS = 160
-SHORTCUT_ALLOWANCE = 1.02
-SMOOTHING_ROUNDS = 30
+NARROW_PLACES = 8
+"""So many places that prove too narrow are gone round, then there is no way."""
+NARROW_M = 0.12
+"""Radius that is closed at such a place, at least."""
+SHORTCUTS = ((0.08, 40), (0.4, 64))
+"""Distance of the points [m] and over how many of them lines are tried, one after the other."""
+SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
+"""Distance of the points [m] and passes over them, one after the other."""
 
 
-@dataclass(slots=True, eq=False)
-class _Field:
-    """Cost-to-go of one target, and what it was computed with."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leg:
+    """The way to one target.
 
-    target: Point
+    Attributes:
+        points: (n, 2) [m].
+        weights: (rows, cols) that it is made for: where start or target are too near to
+            something and it needs to pass there, with the way out.
+        cost: in metres of free floor.
+    """
+
+    points: NDArray[np.float64]
     weights: NDArray[np.uint8]
-    cost: NDArray[np.int32]
+    cost: float
 
 
 class GlobalPlanner:
@@ -54,14 +56,10 @@ class GlobalPlanner:
 
     def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
-        rows, cols = costmap.shape
-        cells = rows * cols
-        self._queue = Queue(
-            np.empty(NUM_BUCKETS, dtype=np.int32),
-            np.empty(cells, dtype=np.int32),
-            np.empty(cells, dtype=np.int32),
-        )
-        self._field: _Field | None = None
+        self._field = GoalField(costmap.shape)
+        self._fitting = Fitting(costmap.footprint, costmap.resolution_m)
+        self.narrow: list[Point] = []
+        """Where the last plan found that the footprint does not get through."""
 
     def plan(
         self,
@@ -78,17 +76,58 @@ class GlobalPlanner:
             weights: (rows, cols) of the costmap, with or without what the lidar has seen.
             distance_m: (rows, cols) that belongs to them.
         """
-        legs: list[NDArray[np.float64]] = []
-        cost = 0.0
-        here = start
-        for target in targets:
-            leg = self._leg(here, target, weights, distance_m)
+        leaving = self._costmap.leaving
+        if leaving is not None:
+            # Dear, so that the way leads out of the zone by the shortest way, and not through it.
+            weights = np.where(leaving & (weights != LETHAL), np.uint8(ESCAPE_WEIGHT), weights)
+        self.narrow = []
+        for _ in range(NARROW_PLACES):
+            found = self._through(start, targets, weights, distance_m)
+            if isinstance(found, PlannedPath) or found is None:
+                return found
+            self.narrow.append(found)
+            weights = weights.copy()
+            cells = found[0] / self._costmap.resolution_m, found[1] / self._costmap.resolution_m
+            radius_m = max(self._costmap.footprint.inscribed_m, NARROW_M)
+            close_disc(weights, cells, radius_m / self._costmap.resolution_m)
+        return None
+
+    def too_narrow(
+        self,
+        start: Point,
+        targets: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+    ) -> list[Point]:
+        """Return where the robot does not get through on a way that is free but too narrow.
+
+        Args:
+            start: as in `plan`, which found no way with the same arguments a moment ago.
+            targets: as there.
+            weights: as there.
+            distance_m: as there.
+        """
+        if self.narrow:
+            return list(self.narrow)
+        squeezed = np.where(
+            (weights == LETHAL) & (distance_m > 0.0), np.uint8(ESCAPE_WEIGHT), weights
+        )
+        squeezed[0, :] = squeezed[-1, :] = squeezed[:, 0] = squeezed[:, -1] = LETHAL
+        found: list[Point] = []
+        for here, target in zip([start, *targets], targets, strict=False):
+            leg = self._leg(here, target, squeezed, distance_m)
             if leg is None:
-                return None
-            legs.append(leg[0])
-            cost += leg[1]
-            here = target
-        return PlannedPath.join(legs, cost)
+                return []
+            cells = np.floor(leg.points / self._costmap.resolution_m).astype(np.int64)
+            tight = weights[cells[:, 1], cells[:, 0]] == LETHAL
+            room_m = distance_m[cells[:, 1], cells[:, 0]]
+            for places in np.split(np.arange(len(tight)), np.flatnonzero(np.diff(tight)) + 1):
+                x, y = (float(value) for value in leg.points[places[np.argmin(room_m[places])]])
+                # The robot's own place and the target's may be tight and still be right.
+                is_end = math.dist((x, y), start) < START_ESCAPE_M or (x, y) == target
+                if tight[places[0]] and not is_end:
+                    found.append((x, y))
+        return found
 
     def cost_of(self, points: NDArray[np.float64], weights: NDArray[np.uint8]) -> float:
         """Return the price of a path (n, 2) [m of free floor]; lethal cells are very dear."""
@@ -102,85 +141,63 @@ class GlobalPlanner:
         passable = (costmap.weights == LETHAL) & (costmap.static_weights != LETHAL)
         return np.where(passable, np.uint8(OBSTRUCTED_WEIGHT), costmap.weights)
 
+    def _through(
+        self,
+        start: Point,
+        targets: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+    ) -> PlannedPath | Point | None:
+        """Return the way through all targets, or else where it is too narrow; None: no way."""
+        legs: list[NDArray[np.float64]] = []
+        cost = 0.0
+        for here, target in zip([start, *targets], targets, strict=False):
+            leg = self._leg(here, target, weights, distance_m)
+            if leg is None:
+                return None
+            fitted = self._fitting.fit(leg.points, leg.weights, distance_m)
+            if fitted.narrow is not None:
+                return fitted.narrow
+            legs.append(fitted.points)
+            cost += leg.cost
+        return PlannedPath.join(legs, cost)
+
     def _leg(
         self,
         start: Point,
         target: Point,
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
-    ) -> tuple[NDArray[np.float64], float] | None:
-        """Return the points of the way between two points and its cost, None if there is none."""
-        softened = self._soften(start, target, weights, distance_m)
+    ) -> _Leg | None:
+        """Return the way between two points, None if there is none."""
         start_cell, target_cell = self._cell(start), self._cell(target)
         if start_cell is None or target_cell is None:
             return None
-        field = self._cost_to_go(target, target_cell, start_cell, softened)
-        if field[start_cell] == UNREACHED:
+        scale = 1.0 / self._costmap.resolution_m
+        discs = np.array([[*start, START_ESCAPE_M], [*target, GOAL_ESCAPE_M]]) * scale
+        is_tight = weights.reshape(-1)[[start_cell, target_cell]] == LETHAL
+        found = None
+        # Nothing is squeezed through where there is another way.
+        for reach in (is_tight, np.ones(2)):
+            discs[:, 2] = reach * (START_ESCAPE_M * scale, GOAL_ESCAPE_M * scale)
+            found = self._field.way(start_cell, Terrain(weights, distance_m, discs, ESCAPE_WEIGHT))
+            if found is not None:
+                break
+        if found is None:
             return None
-        rows, cols = self._costmap.shape
-        cells = np.empty(4 * (rows + cols) + rows * cols // 4, dtype=np.int32)
-        count = descend_into(cells, field, softened.reshape(-1), start_cell, cols)
-        points = np.empty((count, 2), dtype=np.float64)
-        points[:, 0] = cells[:count] % cols + 0.5
-        points[:, 1] = cells[:count] // cols + 0.5
-        scale = 1.0 / self._costmap.resolution_m
-        points[0] = (start[0] * scale, start[1] * scale)
-        points[-1] = (target[0] * scale, target[1] * scale)
-        if count == 1:
-            points = np.array([[start[0], start[1]], [target[0], target[1]]]) * scale
-        metres = float(field[start_cell]) / COST_OF_CELL * self._costmap.resolution_m
-        return self._straighten(points, softened) * self._costmap.resolution_m, metres
-
-    def _straighten(
-        self, points: NDArray[np.float64], weights: NDArray[np.uint8]
-    ) -> NDArray[np.float64]:
-        """Return a smooth path (m, 2) of one along cells (n, 2), both in cells."""
-        kept = np.empty(len(points), dtype=np.int32)
-        count = shortcut_into(kept, weights, points, SHORTCUT_POINTS, SHORTCUT_ALLOWANCE)
-        spacing = SPACING_M / self._costmap.resolution_m
-        # Smoothing moves corners by a few points at most, so coarse points first reach farther.
-        coarse = resample(points[kept[:count]], 2.0 * spacing)
-        smooth(coarse, weights, np.zeros(len(coarse), dtype=np.uint8), SMOOTHING_ROUNDS)
-        return resample(coarse, spacing)
-
-    def _cost_to_go(
-        self, target: Point, target_cell: int, start_cell: int, weights: NDArray[np.uint8]
-    ) -> NDArray[np.int32]:
-        kept = self._field
-        if (
-            kept is not None
-            and kept.target == target
-            and kept.cost[start_cell] != UNREACHED
-            and np.array_equal(kept.weights, weights)
-        ):
-            return kept.cost
-        cost = np.empty(weights.size, dtype=np.int32)
-        slack = round(SLACK_M / self._costmap.resolution_m * COST_OF_CELL)
-        seeds = np.array([[target_cell, 0]], dtype=np.int32)
+        cells, cost = found
         cols = self._costmap.shape[1]
-        flat = weights.reshape(-1)
-        cost_to_go_into(cost, flat, self._queue, seeds, cols, (start_cell, slack))
-        self._field = _Field(target, weights, cost)
-        return cost
-
-    def _soften(
-        self,
-        start: Point,
-        target: Point,
-        weights: NDArray[np.uint8],
-        distance_m: NDArray[np.float32],
-    ) -> NDArray[np.uint8]:
-        """Return weights in which the way out of the start and into the target is possible."""
-        softened = weights.copy()
-        scale = 1.0 / self._costmap.resolution_m
-        for (x, y), radius_m in ((start, START_ESCAPE_M), (target, GOAL_ESCAPE_M)):
-            centre = (x * scale, y * scale)
-            soften_disc(softened, distance_m, centre, radius_m * scale, ESCAPE_WEIGHT)
-        leaving = self._costmap.leaving
-        if leaving is not None:
-            # Dear, so that the way leads out of the zone by the shortest way, and not through it.
-            softened[leaving & (softened != LETHAL)] = ESCAPE_WEIGHT
-        return softened
+        points = np.stack([cells % cols, cells // cols], axis=1).astype(np.float64) + 0.5
+        if len(cells) == 1:
+            points = np.repeat(points, 2, axis=0)
+        points[0], points[-1] = discs[0, :2], discs[1, :2]
+        metres = cost / COST_OF_CELL * self._costmap.resolution_m
+        if math.isinf(polyline_cost(weights, points, math.inf)):
+            weights = weights.copy()
+            for x, y, radius in discs:
+                soften_disc(weights, distance_m, (x, y), radius, ESCAPE_WEIGHT)
+        smooth_points = straighten(points, weights, scale) * self._costmap.resolution_m
+        return _Leg(smooth_points, weights, metres)
 
     def _cell(self, point: Point) -> int | None:
         """Return the flat index of the cell under a point, None outside and on the border."""
@@ -188,3 +205,23 @@ class GlobalPlanner:
             return None
         scale = 1.0 / self._costmap.resolution_m
         return int(point[1] * scale) * self._costmap.shape[1] + int(point[0] * scale)
+
+
+def straighten(
+    points: NDArray[np.float64], weights: NDArray[np.uint8], cells_per_m: float
+) -> NDArray[np.float64]:
+    """Return a smooth path (m, 2) in place of one along cells (n, 2), both in cells.
+
+    No line of it touches a lethal cell where those along the cells do not.
+    """
+    path = points
+    for spacing_m, reach in SHORTCUTS:
+        path = subdivide(path, spacing_m * cells_per_m)
+        kept = np.empty(len(path), dtype=np.int32)
+        count = shortcut_into(kept, weights, path, reach)
+        path = path[kept[:count]]
+    # Far apart the points reach farther, close together they follow the bends.
+    for spacing_m, rounds in SMOOTHING:
+        path = subdivide(path, spacing_m * cells_per_m)
+        smooth(path, weights, rounds)
+    return subdivide(path, SPACING_M * cells_per_m)

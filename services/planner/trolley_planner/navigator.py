@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
 from trolley import codes
@@ -357,7 +358,8 @@ class Navigator:
             try:
                 admitted = admit(drive.rest(), rig, here, self._config)
             except Refused as refusal:
-                self._end("failed", refusal.code, now_ns, refusal.message)
+                blocked = refusal.details.get("blocked", [])
+                self._end("failed", refusal.code, now_ns, refusal.message, blocked)
             else:
                 self.drive = Drive(admitted.goal, rig, self._config, admitted.path, now_ns)
 
@@ -367,10 +369,17 @@ class Navigator:
         self.board.set("paused", reason, now_ns, message, self._details(now_ns))
 
     def _end(
-        self, state: wire.Ending, reason: str, now_ns: int, message: str | None = None
+        self,
+        state: wire.Ending,
+        reason: str,
+        now_ns: int,
+        message: str | None = None,
+        blocked: Sequence[tuple[float, float]] = (),
     ) -> None:
-        """Close the current goal."""
+        """Close the current goal; `blocked` are places that it ended for."""
         details = self._details(now_ns)
+        if details is not None and blocked:
+            details = msgspec.structs.replace(details, blocked=list(blocked))
         self.board.set(state, reason, now_ns, message, details)
         self._over_ns = now_ns
         self.drive = None

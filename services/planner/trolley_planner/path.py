@@ -1,6 +1,5 @@
 """A planned path: points a few centimetres apart in frame `grid`, and where along it things are."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,15 +62,3 @@ class PlannedPath:
             return np.array([goal_yaw])
         steps = np.diff(self.points, axis=0)
         return np.append(np.arctan2(steps[:, 1], steps[:, 0]), goal_yaw)
-
-
-def resample(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Return points (m, 2) evenly spaced along a polyline (n, 2), ends kept."""
-    steps = np.diff(points, axis=0)
-    along = np.insert(np.cumsum(np.hypot(steps[:, 0], steps[:, 1])), 0, 0.0)
-    length = float(along[-1])
-    count = max(2, math.ceil(length / spacing) + 1)
-    wanted = length * np.arange(count) / (count - 1)
-    xs = np.interp(wanted, along, points[:, 0])
-    ys = np.interp(wanted, along, points[:, 1])
-    return np.stack([xs, ys], axis=1)

@@ -59,6 +59,8 @@ class Route:
         """Of the point of the path where the robot is."""
         self.is_blocked = False
         """Whether something stands on the path, and no way round was found."""
+        self.narrow: list[tuple[float, float]] = []
+        """Where a way that was looked for in vain is too narrow for the footprint [m in `grid`]."""
         self._patience_ns = round(config.patience_s * 1e9)
         self._blocked_since_ns: int | None = None
         self.changes = 0
@@ -150,6 +152,7 @@ class Route:
         start = (pose.x, pose.y)
         targets = [(target.x, target.y) for target in self._targets]
         found = planner.plan(start, targets, costmap.weights, costmap.distance_m)
+        self.narrow = planner.narrow if found is None else []
         if found is None:
             self.is_blocked = True
             # Along a blocked path it goes as far as it can: things look different from near by.

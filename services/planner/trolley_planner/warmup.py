@@ -7,6 +7,7 @@ import numpy as np
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
+from trolley.gridmap import GridMap
 from trolley.messages import (
     OccupancyGrid,
     Odometry,
@@ -19,6 +20,9 @@ from trolley.messages import (
 )
 from trolley.messages.asking import SendGoal
 from trolley.messages.types import floats_to_bytes
+from trolley_planner.costmap import Costmap
+from trolley_planner.footprint import Footprint
+from trolley_planner.global_planner import GlobalPlanner
 from trolley_planner.navigator import Navigator
 
 CELLS = 60
@@ -52,6 +56,21 @@ def warm_up() -> None:
     rig = navigator.surroundings.need_rig()
     rig.costmap.echoes.forget_around(1.0, 1.0, 0.5)
     rig.planner.hopeful_weights()
+    _squeeze()
+
+
+def _squeeze() -> None:
+    """Plan for a robot that is too long to get round a corner."""
+    cells = np.full((CELLS, CELLS), 100, dtype=np.int8)
+    for room in (np.s_[4:28, 4:24], np.s_[12:20, 24:56], np.s_[20:40, 48:56], np.s_[40:56, 32:56]):
+        cells[room] = 0
+    grid = GridMap("corner", EDGE_M, Pose2D.identity(), cells)
+    footprint = Footprint.from_polygon([(0.3, 0.15), (-0.3, 0.15), (-0.3, -0.15), (0.3, -0.15)])
+    costmap = Costmap(grid, footprint, PlannerConfig(), unknown_is_free=False)
+    planner = GlobalPlanner(costmap)
+    way = (0.5, 0.8), [(2.2, 2.4)], costmap.weights, costmap.distance_m
+    if planner.plan(*way) is None:
+        planner.too_narrow(*way)
 
 
 def _navigator() -> Navigator:

@@ -11,7 +11,7 @@ from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.rollout import Body, Field
-from trolley_planner.kernels.search import NUM_BUCKETS, STEP, UNREACHED, Queue, cost_to_go_into
+from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.kernels.window import (
     coarsen_into,
     costs_to_metres,
@@ -27,6 +27,8 @@ UNREACHED_M = 100.0
 """Cost-to-go of places from which no way leads to the path."""
 EDGE_RISE_M, EDGE_CELLS = 0.5, 3
 """Beside the places that a way leads from, the cost-to-go rises by so much from cell to cell."""
+BORDER_CELLS = 0.02
+"""Points of the path this near to the border of two cells belong to both."""
 ESCAPE_M = 0.3
 ESCAPE_WEIGHT = 240
 
@@ -61,11 +63,7 @@ class Window:
         self._weights = np.zeros(coarse, dtype=np.uint8)
         self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
         self._cost_m = np.zeros(coarse, dtype=np.float32)
-        self._queue = Queue(
-            np.zeros(NUM_BUCKETS, dtype=np.int32),
-            np.zeros(self._coarse_cells**2, dtype=np.int32),
-            np.zeros(self._coarse_cells**2, dtype=np.int32),
-        )
+        self._queue = make_queue(self._coarse_cells**2)
         self._table = inflation_table(
             footprint.inscribed_m + config.clearance_m,
             config.inflation_falloff_m,
@@ -125,7 +123,11 @@ class Window:
                 those outside the window are left out.
             remaining_m: (n,) price of the way from each point on [m of free floor].
         """
-        cells = np.floor((points - (self._x, self._y)) / self.coarse_m).astype(np.int32)
+        # A path along the border of two rows of cells leads along both, and not beside it.
+        points, remaining_m = np.repeat(points, 2, axis=0), np.repeat(remaining_m, 2)
+        beside = np.resize((-BORDER_CELLS, BORDER_CELLS), len(points))[:, None]
+        on_window = (points - (self._x, self._y)) / self.coarse_m + beside
+        cells = np.floor(on_window).astype(np.int32)
         inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
         cells = cells[inside]
         prices = np.rint(remaining_m[inside] * self.cost_of_metre).astype(np.int32)

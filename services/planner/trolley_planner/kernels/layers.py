@@ -109,3 +109,24 @@ def soften_disc(
             near = math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius_cells
             if near and weights[row, col] == LETHAL and distance_m[row, col] > 0.0:
                 weights[row, col] = weight
+
+
+@kernel
+def close_disc(
+    weights: NDArray[np.uint8], centre_cells: tuple[float, float], radius_cells: float
+) -> None:
+    """Make all cells within a circle lethal.
+
+    Args:
+        weights: (rows, cols), changed in place.
+        centre_cells: x, y [cells].
+        radius_cells: of the circle.
+    """
+    rows, cols = weights.shape
+    x, y = centre_cells
+    for row in range(max(0, math.floor(y - radius_cells)), min(rows, math.ceil(y + radius_cells))):
+        for col in range(
+            max(0, math.floor(x - radius_cells)), min(cols, math.ceil(x + radius_cells))
+        ):
+            if math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius_cells:
+                weights[row, col] = LETHAL

@@ -1,0 +1,155 @@
+"""The kept cost-to-go: never a wrong refusal, never a stale cost, about as good as the best."""
+
+import itertools
+import math
+
+import numpy as np
+from best_paths import grid_cost, taut_length
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trolley_planner.field import GoalField
+from trolley_planner.global_planner import straighten
+from trolley_planner.kernels.corridor import TILE, Terrain, coarsen_into
+from trolley_planner.kernels.layers import LETHAL
+from trolley_planner.kernels.lines import polyline_cost
+from trolley_planner.kernels.search import DIAGONAL, STEP
+
+ROWS, COLS = 37, 50
+PRICE = 240
+
+
+def blocks(rng: np.random.Generator, thin: bool) -> np.ndarray:
+    """Walls of one cell with gaps, or blocks, over weights that vary."""
+    weights = rng.integers(4, 30, (ROWS, COLS)).astype(np.uint8)
+    if rng.random() < 0.5:
+        weights[:] = 4
+    for _ in range(rng.integers(0, 14)):
+        row, col = rng.integers(0, ROWS), rng.integers(0, COLS)
+        size = rng.integers(1, 20, 2)
+        if thin:
+            size[rng.integers(2)] = 1
+        weights[row : row + size[0], col : col + size[1]] = LETHAL
+    weights[0] = weights[-1] = weights[:, 0] = weights[:, -1] = LETHAL
+    return weights
+
+
+def terrain(weights: np.ndarray, start: int, goal: int, radius: float = 0.0) -> Terrain:
+    places = [(cell % COLS + 0.5, cell // COLS + 0.5, radius) for cell in (start, goal)]
+    # Something stands in every other lethal cell.
+    distance = np.where((weights == LETHAL) & (np.indices(weights.shape).sum(0) % 2 == 0), 0, 1)
+    return Terrain(weights, distance.astype(np.float32), np.array(places), PRICE)
+
+
+def effective(land: Terrain) -> np.ndarray:
+    """The weights with the discs, cell by cell."""
+    weights = land.weights.copy()
+    for row in range(1, ROWS - 1):
+        for col in range(1, COLS - 1):
+            near = any(
+                math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius for x, y, radius in land.discs
+            )
+            if near and weights[row, col] == LETHAL and land.distance_m[row, col] > 0.0:
+                weights[row, col] = PRICE
+    return weights
+
+
+def check(field: GoalField, land: Terrain, start: int, goal: int) -> None:
+    weights = effective(land)
+    found = field.way(start, land)
+    best = math.inf
+    if weights.reshape(-1)[[start, goal]].all():
+        best = grid_cost(weights, start, goal)
+    assert (found is None) == math.isinf(best)
+    if found is None:
+        return
+    cells, cost = found
+    assert (int(cells[0]), int(cells[-1])) == (start, goal)
+    flat = weights.reshape(-1).astype(int)
+    total = 0
+    for one, other in itertools.pairwise(cells):
+        row_step, col_step = other // COLS - one // COLS, other % COLS - one % COLS
+        assert max(abs(row_step), abs(col_step)) == 1
+        if row_step and col_step:
+            assert flat[[one + row_step * COLS, one + col_step]].all()
+        assert flat[[one, other]].all()
+        total += (DIAGONAL if row_step and col_step else STEP) * (flat[one] + flat[other])
+    assert total == cost
+    if land.discs[0, 2] == 0.0:
+        # By how much a tile's mean weight exceeds its best, and a few cells for its size.
+        allowed = 1.01 if set(flat) <= {LETHAL, 4} else 3.0
+        assert total / (2 * STEP) <= allowed * best + 6.0 * 4
+
+
+@settings(max_examples=80)
+@given(st.integers(0, 10_000), st.booleans(), st.sampled_from([0.0, 3.0, 8.0]))
+def test_changes_of_the_map_leave_no_stale_cost(seed, thin, radius) -> None:
+    rng = np.random.default_rng(seed)
+    weights = blocks(rng, thin)
+    free = np.flatnonzero(weights)
+    if free.size < 2:
+        return
+    start, goal = (int(cell) for cell in rng.choice(free, 2))
+    field = GoalField((ROWS, COLS))
+    for _ in range(6):
+        check(field, terrain(weights, start, goal, radius), start, goal)
+        weights = weights.copy()
+        row, col = rng.integers(1, ROWS - 4), rng.integers(1, COLS - 4)
+        size = rng.integers(1, 8, 2)
+        part = weights[1:-1, 1:-1][row : row + size[0], col : col + size[1]]
+        part[:] = rng.choice([LETHAL, 4, 30] if weights.max() > 4 else [LETHAL, 4])
+        if rng.random() < 0.5:
+            start = int(rng.choice(free))
+
+
+@given(st.integers(0, 10_000))
+def test_where_the_way_is_not_touched_nothing_is_looked_for_anew(seed) -> None:
+    rng = np.random.default_rng(seed)
+    weights = np.full((ROWS, COLS), 4, np.uint8)
+    weights[0] = weights[-1] = weights[:, 0] = weights[:, -1] = LETHAL
+    wall = np.s_[20:30, int(rng.integers(5, 40))]
+    weights[wall] = LETHAL
+    start, goal = 3 * COLS + 3, 3 * COLS + 45
+    field = GoalField((ROWS, COLS))
+    assert field.way(start, terrain(weights, start, goal)) is not None
+    weights = weights.copy()
+    weights[20:30, 42] = LETHAL  # A wall that comes far away makes no way better.
+    check(field, terrain(weights, start + 4, goal), start + 4, goal)
+    assert field.searches == 1
+    weights[wall] = 4  # One that goes may.
+    check(field, terrain(weights, start + 4, goal), start + 4, goal)
+    assert field.searches == 2
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000))
+def test_over_free_floor_paths_are_as_short_as_can_be(seed) -> None:
+    rng = np.random.default_rng(seed)
+    weights = blocks(rng, False)
+    weights[weights != LETHAL] = 4
+    start, goal = (int(cell) for cell in rng.choice(np.flatnonzero(weights), 2))
+    found = GoalField((ROWS, COLS)).way(start, terrain(weights, start, goal))
+    if found is None or len(found[0]) < 20:
+        return
+    points = np.stack([found[0] % COLS, found[0] // COLS], axis=1).astype(np.float64) + 0.5
+    path = straighten(points, weights, 20.0)
+    assert math.isfinite(polyline_cost(weights, path, math.inf))
+    length = np.hypot(*np.diff(path, axis=0).T).sum()
+    best = taut_length(weights, tuple(points[0]), tuple(points[-1]))
+    # It keeps off the corners by up to half a cell, and may lead round the other side of a block.
+    assert best - 1e-3 <= length <= 1.05 * best + 2.5
+
+
+@given(st.integers(0, 10_000), st.integers(3, 30), st.integers(3, 30))
+def test_a_tile_is_as_passable_as_its_best_cell(seed, rows, cols) -> None:
+    rng = np.random.default_rng(seed)
+    weights = rng.integers(4, 256, (rows, cols)).astype(np.uint8)
+    weights[rng.random((rows, cols)) < 0.7] = LETHAL
+    coarse = np.empty((-(-rows // TILE) + 2, -(-cols // TILE) + 2), np.uint8)
+    coarsen_into(coarse, weights)
+    for row in range(coarse.shape[0]):
+        for col in range(coarse.shape[1]):
+            top, left = (row - 1) * TILE, (col - 1) * TILE
+            part = weights[max(top, 0) : max(top + TILE, 0), max(left, 0) : max(left + TILE, 0)]
+            passable = part[part != LETHAL]
+            assert coarse[row, col] == (passable.min() if passable.size else LETHAL)
