@@ -16,7 +16,6 @@ from trolley_planner.controller import Motion, safe_command
 from trolley_planner.escape import BackUp, TurnRound
 from trolley_planner.goal import Goal
 from trolley_planner.kernels.rollout import GIVE_M, Limits, Target
-from trolley_planner.movers import MoverWatch
 from trolley_planner.path import PlannedPath
 from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import Recovery, Trail, Try
@@ -58,7 +57,6 @@ class Drive:
         self.recovery = Recovery(config)
         self._progress = ProgressChecker(config)
         self._trail = Trail()
-        self._movers = MoverWatch()
         self._closing = ClosingWatch(rig.footprint.circumscribed_m)
         self._maneuver: BackUp | TurnRound | None = None
         self._no_way_s = 0.0
@@ -84,7 +82,6 @@ class Drive:
     def replan(self) -> None:
         """Plan anew at the next opportunity, as after a jump of the pose."""
         self._replan_now = True
-        self._movers.reset()
 
     @property
     def path_key(self) -> str:
@@ -110,7 +107,8 @@ class Drive:
         """Take in a new scan: distances in the window, and the way through it."""
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y)
-        self._watch_movers(motion, now_ns)
+        braking = 1.5 * self._config.acceleration_mps2
+        self._closing.note(now_ns, self.rig.costmap.movers, pose, motion.twist, braking)
         self.route.follow(pose)
         if not self.route.vias_left and self._arrival.look(pose):
             self.route.retarget(self._arrival.aim)
@@ -121,15 +119,6 @@ class Drive:
         self._has_way = window.lead(
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
-
-    def _watch_movers(self, motion: Motion, now_ns: int) -> None:
-        """Look for who moves, and whether they come into the robot's way."""
-        costmap = self.rig.costmap
-        movers = self._movers.look(
-            now_ns, costmap.echoes.beams, costmap.wall_distance_m, costmap.resolution_m
-        )
-        braking = 1.5 * self._config.acceleration_mps2
-        self._closing.note(now_ns, movers, motion.pose, motion.twist, braking)
 
     def maintain(self, now: Situation) -> None:
         """Do what takes longer and need not come before the command: look for a better path."""

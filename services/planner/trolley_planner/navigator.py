@@ -28,7 +28,7 @@ SETTLED_S = 1.5
 """A source that drove already when the goal came may fall silent within this time."""
 STOPPING_S = 0.5
 """Zero is commanded for so long after a goal is over."""
-IDLE_SCAN_S = 0.4
+IDLE_SCAN_S = 0.2
 """Without a goal one scan in so long keeps the costmap up to date."""
 OWN_SOURCE = "planner"
 

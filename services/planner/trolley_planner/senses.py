@@ -14,6 +14,7 @@ from trolley.messages import (
     Robot,
     SavedPoses,
     Scan,
+    Suspects,
     Transform,
     Zones,
 )
@@ -40,6 +41,7 @@ class Senses:
         self.odometry: Odometry | None = None
         self.map: OccupancyGrid | None = None
         self.zones: Zones | None = None
+        self.suspects: Suspects | None = None
         self.pose: PoseEstimate | None = None
         self.base: BaseState | None = None
         self.places: SavedPoses | None = None

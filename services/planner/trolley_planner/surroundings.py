@@ -10,7 +10,7 @@ from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.messages import OccupancyGrid, Odometry, Robot, Scan, Zones
+from trolley.messages import OccupancyGrid, Odometry, Robot, Scan, Suspects, Zones
 from trolley.messages.types import floats_from_bytes
 from trolley_planner.echoes import Sweep
 from trolley_planner.footprint import Footprint
@@ -43,6 +43,7 @@ class Surroundings:
         self._zones: Zones | None = None
         self._footprint: Footprint | None = None
         self._footprint_problem = ""
+        self._suspected: tuple[Rig, Suspects | None] | None = None
         self._faded_ns = 0
         self._num_jumps = 0
 
@@ -99,7 +100,11 @@ class Surroundings:
         if self._num_jumps != senses.num_jumps:
             # What was seen from a wrong place is in the wrong place.
             self._num_jumps = senses.num_jumps
-            rig.costmap.echoes.forget_all()
+            rig.costmap.forget_all()
+        if self._suspected != (rig, senses.suspects):
+            self._suspected = rig, senses.suspects
+            lines = [] if senses.suspects is None else senses.suspects.lines
+            rig.costmap.set_suspects([line.points for line in lines])
         shape = ScanShape(scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
         body = senses.base_T_laser.inverse().transform_points(rig.footprint.polygon)
         rig.costmap.add_scan(Sweep(ranges, shape, poses[0], poses[1], body), scan.stamp_ns)
@@ -109,7 +114,7 @@ class Surroundings:
         """Forget what has been out of sight for long."""
         if self.rig is not None and now_ns - self._faded_ns >= FADE_S * 1e9:
             self._faded_ns = now_ns
-            self.rig.costmap.echoes.forget_old(now_ns)
+            self.rig.costmap.forget_old(now_ns)
 
     def note_position(self, here: Pose2D | None) -> None:
         """Take where the robot is: keep-out zones open for who must leave them."""
@@ -119,7 +124,7 @@ class Surroundings:
     def forget(self) -> None:
         """Forget everything that the lidar has seen."""
         if self.rig is not None:
-            self.rig.costmap.echoes.forget_all()
+            self.rig.costmap.forget_all()
 
     def _take_robot(self, robot: Robot) -> bool:
         """Take over the robot's outline; True if it matters to the rig."""

@@ -319,3 +319,47 @@ def forget_near(layer: EchoLayer, x_cells: float, y_cells: float, radius_cells: 
                 layer.evidence[row, col] = 0
                 layer.hits[row, col] = 0
                 touch(layer.dirty, row, col)
+
+
+@kernel
+def forget_inside(layer: EchoLayer, polygon_cells: NDArray[np.float64], resolution_m: float) -> None:
+    """Forget every obstacle whose last echo lay inside a polygon (n, 2) [cells].
+
+    Where the robot is nothing else can be; a lidar that does not look all round would never see
+    that what it once saw there is gone.
+    """
+    rows, cols = layer.evidence.shape
+    for row in range(
+        max(0, math.floor(polygon_cells[:, 1].min())),
+        min(rows, math.ceil(polygon_cells[:, 1].max())),
+    ):
+        for col in range(
+            max(0, math.floor(polygon_cells[:, 0].min())),
+            min(cols, math.ceil(polygon_cells[:, 0].max())),
+        ):
+            if layer.evidence[row, col] == 0:
+                continue
+            x = layer.points[row, col, 0] / resolution_m
+            y = layer.points[row, col, 1] / resolution_m
+            if inside_polygon(polygon_cells, x, y):
+                layer.evidence[row, col] = 0
+                layer.hits[row, col] = 0
+                touch(layer.dirty, row, col)
+
+
+@kernel
+def doubt(layer: EchoLayer, points: NDArray[np.float64], resolution_m: float) -> None:
+    """Take the echoes of what moves for no more than a first sight: they are soon forgotten.
+
+    Args:
+        layer: changed in place.
+        points: (n, 2) x, y of the echoes [m].
+        resolution_m: cell edge [m].
+    """
+    rows, cols = layer.evidence.shape
+    for index in range(points.shape[0]):
+        row = math.floor(points[index, 1] / resolution_m)
+        col = math.floor(points[index, 0] / resolution_m)
+        if 0 <= row < rows and 0 <= col < cols and layer.evidence[row, col] > 0:
+            layer.evidence[row, col] = min(int(layer.evidence[row, col]), MARK_EVIDENCE)
+            layer.hits[row, col] = 1
