@@ -7,16 +7,13 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley_planner.kernels.beams import (
+from trolley_planner.kernels.beams import EchoLayer, ScanShape, cut_at_lines, place_beams_into
+from trolley_planner.kernels.echoes import (
     TICK_S,
-    EchoLayer,
-    ScanShape,
-    cut_at_lines,
     fade,
     forget_inside,
     forget_near,
     mark_echoes,
-    place_beams_into,
     trace_beams,
 )
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trolley_planner.kernels.beams import EchoLayer, doubt, touch
+from trolley_planner.kernels.beams import EchoLayer, touch
+from trolley_planner.kernels.echoes import doubt
 from trolley_planner.kernels.layers import WEIGHT_UNIT
 from trolley_planner.kernels.people import spread_walk
 from trolley_planner.movers import Mover
