@@ -13,7 +13,7 @@ from trolley_planner.approach import limited_change
 from trolley_planner.arrival import Arrival, Situation
 from trolley_planner.closing import ClosingWatch
 from trolley_planner.controller import Motion, safe_command
-from trolley_planner.escape import BackUp, TurnRound
+from trolley_planner.escape import LOOKBACK_M, BackUp, TurnRound, free_turn
 from trolley_planner.goal import Goal
 from trolley_planner.kernels.rollout import GIVE_M, Limits, Target
 from trolley_planner.path import PlannedPath
@@ -21,12 +21,15 @@ from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import Recovery, Trail, Try
 from trolley_planner.rig import Rig
 from trolley_planner.route import PASS_M, Route
+from trolley_planner.staging import can_turn_by
 from trolley_planner.timing import seconds_along
 
 BLOCKED_S = 0.7
 """So long no way must be found before the robot begins to try things."""
 FORGET_M = 1.5
 """How far around the robot what the lidar saw is forgotten in the try to look again."""
+CLOSE_M = 0.2
+"""Radius of the place on the path that is closed where the robot did not get through."""
 ON_GOAL_M, TAKEN_M = 0.1, 0.5
 """The robot waits between these distances from a goal that something stands on,"""
 TAKEN_PATIENCE = 4.0
@@ -59,6 +62,7 @@ class Drive:
         self._trail = Trail()
         self._closing = ClosingWatch(rig.footprint.circumscribed_m)
         self._maneuver: BackUp | TurnRound | None = None
+        self._waits_for = False
         self._no_way_s = 0.0
         self._has_way = True
         self._taken_s = 0.0
@@ -231,23 +235,63 @@ class Drive:
     def _begin_try(self, now: Situation) -> None:
         """Begin the next try to get free, or give up."""
         self._maneuver = None
-        chosen = self.recovery.begin(now.now_ns)
+        self._waits_for = not self._is_way_free(now)
+        chosen = self.recovery.begin(now.now_ns, lambda one: self._prepare(one, now))
         if chosen is None:
             self.recovery.end()
             self.outcome = "failed"
         elif chosen is Try.CLEAR:
             pose = now.motion.pose
             self.rig.costmap.echoes.forget_around(pose.x, pose.y, FORGET_M)
-        elif chosen is Try.BACK_UP:
-            self._maneuver = BackUp(now.odom_T_base, self._config.back_up_m)
-        elif chosen is Try.TURN:
-            self._maneuver = TurnRound(now.odom_T_base, self._turn_to_way(now.motion.pose))
 
-    def _turn_to_way(self, pose: Pose2D) -> float:
-        """Return a full turn, begun towards the way that is left."""
+    def _is_way_free(self, now: Situation) -> bool:
+        """Say whether nothing that is seen keeps the robot from driving on."""
+        is_held = self._closing.must_stand(now.now_ns)
+        return self._has_way and not self.route.is_blocked and not is_held
+
+    def _prepare(self, wanted: Try, now: Situation) -> bool:
+        """Get ready for a try that moves the robot; say whether there is room for it."""
+        pose, rig = now.motion.pose, self.rig
+        if wanted is Try.BACK_UP:
+            self._maneuver = BackUp(now.odom_T_base, self._config.back_up_m)
+            first = self._trail.back(now.odom_T_base, LOOKBACK_M)
+            if first is None or self._config.back_up_m == 0.0:
+                return False
+            place = pose @ now.odom_T_base.inverse() @ first
+            least = min(now.limits.clearance_m, rig.seen_clearance(pose, now.limits.clearance_m))
+            return rig.seen_clearance(place, now.limits.clearance_m) >= least
+        if wanted is Try.TURN:
+            turn = free_turn(
+                lambda angle: can_turn_by(rig, pose, angle, now.limits.clearance_m),
+                self._bearing_of_way(pose),
+            )
+            self._maneuver = None if turn is None else TurnRound(now.odom_T_base, turn)
+            return turn is not None
+        self._maneuver = None
+        return self._close_way(now)
+
+    def _close_way(self, now: Situation) -> bool:
+        """Close the way right ahead; say whether there is another one, else it stays open."""
+        costmap, pose, path = self.rig.costmap, now.motion.pose, self.route.path
+        ahead_m = self.rig.footprint.circumscribed_m + CLOSE_M + 0.1
+        if self.remaining_m(pose) < ahead_m + 2.0 * CLOSE_M:
+            return False
+        x, y = path.points[path.ahead(self.route.index, ahead_m)]
+        costmap.close(float(x), float(y), CLOSE_M, now.now_ns)
+        costmap.refresh()
+        vias = [costmap.to_grid(via) for via in self.rest().vias]
+        places = [(place.x, place.y) for place in (*vias, self.route.goal)]
+        start, weights = (pose.x, pose.y), costmap.weights
+        if self.rig.planner.plan(start, places, weights, costmap.distance_m) is not None:
+            return True
+        costmap.reopen()
+        return False
+
+    def _bearing_of_way(self, pose: Pose2D) -> float:
+        """Return the bearing of the way that is left, from the robot's heading [rad]."""
         ahead = self.route.path.points[self.route.path.ahead(self.route.index, 0.5)]
         bearing = math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x)
-        return math.copysign(2.0 * math.pi, wrap_angle(bearing - pose.yaw))
+        return wrap_angle(bearing - pose.yaw)
 
     def _get_free(self, now: Situation) -> Twist2D:
         """Return the velocity of the present try, and end it when it is over."""
@@ -255,12 +299,13 @@ class Drive:
         lasted = self.recovery.elapsed_s(now.now_ns)
         wanted: Twist2D | None = Twist2D.zero()
         if current in (Try.WAIT, Try.WAIT_LONGER):
-            is_free = self._has_way and not self.route.is_blocked and lasted > 0.5
-            if is_free:
+            if self._is_way_free(now) and lasted > 0.5:
+                if self._waits_for:
+                    self.recovery.forgive(now.now_ns)
                 self._end_try()
             elif not self.recovery.is_patient(now.now_ns):
                 self._begin_try(now)
-        elif current is Try.CLEAR:
+        elif current in (Try.CLEAR, Try.REROUTE):
             # Two scans or so show again what is really there.
             if lasted > 0.5:
                 self._end_try()

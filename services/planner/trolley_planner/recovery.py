@@ -1,6 +1,7 @@
 """Getting free: tries in rising order, each bounded; the robot gives up when none has helped."""
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -23,10 +24,13 @@ class Try(Enum):
     CLEAR = "clear"
     BACK_UP = "back up"
     TURN = "turn"
+    REROUTE = "another route"
     WAIT_LONGER = "wait longer"
 
 
-LADDER = (Try.WAIT, Try.CLEAR, Try.BACK_UP, Try.TURN, Try.WAIT_LONGER)
+LADDER = (Try.WAIT, Try.CLEAR, Try.BACK_UP, Try.TURN, Try.REROUTE, Try.WAIT_LONGER)
+MOVES = (Try.BACK_UP, Try.TURN, Try.REROUTE)
+"""These are tried only where they are possible."""
 
 
 @dataclass(slots=True)
@@ -63,8 +67,9 @@ class Recovery:
         self._began_ns = 0
         self._best_m = float("inf")
         self._detours = 0
+        self._spent = 0
         self.count = 0
-        """Tries since the goal was sent."""
+        """Tries since the goal was sent, waits included."""
         self.current: Try | None = None
         """What is being tried."""
 
@@ -82,21 +87,37 @@ class Recovery:
             self._detours += 1
             self._best_m = remaining_m
 
-    def begin(self, now_ns: int) -> Try | None:
-        """Begin the next try; None when it is time to give up."""
+    def begin(self, now_ns: int, is_possible: Callable[[Try], bool]) -> Try | None:
+        """Begin the next try that is possible; None when it is time to give up.
+
+        Args:
+            now_ns: robot time.
+            is_possible: asked before a try that moves the robot or changes its way.
+        """
         if self._since_ns is None:
             self._since_ns = now_ns
-        if now_ns - self._since_ns > self._give_up_ns or self.count >= MAX_TRIES:
+        if now_ns - self._since_ns > self._give_up_ns or self._spent >= MAX_TRIES:
             return None
         self._rung = min(self._rung + 1, len(LADDER) - 1)
+        while LADDER[self._rung] in MOVES and not is_possible(LADDER[self._rung]):
+            self._rung += 1
         self._began_ns = now_ns
         self.count += 1
+        self._spent += 1
         self.current = LADDER[self._rung]
         return self.current
 
     def end(self) -> None:
         """End the current try."""
         self.current = None
+
+    def forgive(self, now_ns: int) -> None:
+        """End a wait for something that went away by itself: it was no try, nor is its time."""
+        self._spent -= 1
+        self._rung -= 1
+        if self._since_ns is not None:
+            self._since_ns += now_ns - self._began_ns
+        self.end()
 
     def elapsed_s(self, now_ns: int) -> float:
         """Return how long the current try has lasted [s]."""

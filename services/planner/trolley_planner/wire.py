@@ -23,6 +23,7 @@ SENTENCES_OF_TRIES = {
     Try.CLEAR: "The robot looks again at what stands around it.",
     Try.BACK_UP: "The robot backs up the way it came.",
     Try.TURN: "The robot turns to look around.",
+    Try.REROUTE: "The robot did not get through; it takes another way.",
     Try.WAIT_LONGER: "Something is still in the way; the robot goes on waiting.",
 }
 
