@@ -2,16 +2,21 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.messages.asking import SendGoal
 from trolley_planner.approach import Tolerances
+from trolley_planner.global_planner import GOAL_ESCAPE_M, START_ESCAPE_M
 from trolley_planner.goal import Goal, free_pose_near
+from trolley_planner.kernels.layers import LETHAL
 from trolley_planner.path import PlannedPath
 from trolley_planner.rig import Rig
 from trolley_planner.senses import Senses
+from trolley_planner.surroundings import place_trouble
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +91,8 @@ def admit(goal: Goal, rig: Rig, start: Pose2D, config: PlannerConfig) -> Admitte
         config: of the planner.
 
     Raises:
-        Refused: `outside_map`, `keepout`, `in_obstacle`, `no_path`.
+        Refused: `outside_map`, `keepout`, `in_obstacle`, `no_path`, the latter with `blocked`, the
+            places that are too narrow, where the way would lead.
     """
     costmap = rig.costmap
     for pose in (goal.pose, *goal.vias):
@@ -97,15 +103,16 @@ def admit(goal: Goal, rig: Rig, start: Pose2D, config: PlannerConfig) -> Admitte
         if zones:
             raise Refused(codes.KEEPOUT, f"That place lies in the keep-out zone {zones[0].name}.")
     check_room(goal.pose, goal.tolerances, rig, config)
+    trouble = place_trouble(rig, start)
+    if trouble is not None:
+        raise trouble
     here = costmap.to_grid(start)
-    if not costmap.contains(here.x, here.y):
-        raise Refused(codes.OUTSIDE_MAP, "The robot itself is outside the map.")
     costmap.set_position(start.x, start.y)
     costmap.refresh()
     targets = [costmap.to_grid(pose) for pose in (*goal.vias, goal.pose)]
     path = _first_path(rig, here, targets)
     if path is None:
-        raise Refused(codes.NO_PATH)
+        raise _no_path(rig, here, targets)
     return Admitted(goal, path)
 
 
@@ -116,13 +123,16 @@ def check_room(pose: Pose2D, tolerances: Tolerances, rig: Rig, config: PlannerCo
         Refused: `in_obstacle`.
     """
     enough = config.clearance_m + 0.01
+    in_grid = rig.costmap.to_grid(pose)
     found = free_pose_near(
-        rig.costmap.to_grid(pose),
+        in_grid,
         tolerances,
         lambda candidate: rig.map_clearance(candidate, enough),
         enough,
     )
     if found is None:
+        if rig.costmap.is_unknown(in_grid.x, in_grid.y):
+            raise Refused(codes.IN_OBSTACLE, "The map does not know what is in that place.")
         raise Refused(codes.IN_OBSTACLE)
 
 
@@ -135,3 +145,28 @@ def _first_path(rig: Rig, here: Pose2D, targets: list[Pose2D]) -> PlannedPath | 
     if path is not None:
         return path
     return planner.plan(start, points, planner.hopeful_weights(), costmap.static_distance_m)
+
+
+def _no_path(rig: Rig, here: Pose2D, targets: list[Pose2D]) -> Refused:
+    """Return the refusal of a goal without a way, with the places that are too narrow for it."""
+    costmap, planner = rig.costmap, rig.planner
+    points = [(target.x, target.y) for target in targets]
+    weights = costmap.squeezing_weights()
+    path = planner.plan((here.x, here.y), points, weights, costmap.static_distance_m)
+    if path is None:
+        return Refused(codes.NO_PATH)
+    cells = np.floor(path.points / costmap.resolution_m).astype(np.int64)
+    is_narrow = costmap.static_weights[cells[:, 1], cells[:, 0]] == LETHAL
+    # The robot and the goal may stand close to something without being what blocks the way.
+    is_narrow[path.remaining_m > path.length_m - START_ESCAPE_M] = False
+    is_narrow[path.remaining_m < GOAL_ESCAPE_M] = False
+    borders = np.flatnonzero(np.diff(is_narrow.astype(np.int8)))
+    middles = (borders[::2] + borders[1::2] + 1) // 2
+    places = costmap.frame_T_grid.transform_points(path.points[middles])
+    blocked = [(round(float(x), 3), round(float(y), 3)) for x, y in places]
+    if not blocked:
+        return Refused(codes.NO_PATH)
+    x, y = blocked[0]
+    where = f"it is too narrow at x {x:.2f}, y {y:.2f}"
+    sentence = f"There is no way there for a robot of this size: {where}."
+    return Refused(codes.NO_PATH, sentence, blocked=blocked)

@@ -39,6 +39,8 @@ from trolley_planner.people import People
 PADDING_M = 0.02
 """Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
 TABLE_STEP_M = 0.005
+SQUEEZING_WEIGHT = 60 * WEIGHT_UNIT
+"""Price of cells where the robot does not fit, to find out where the way is too narrow."""
 CLOSED_S = 60.0
 """A place where the robot did not get through is tried again after this time."""
 
@@ -217,6 +219,13 @@ class Costmap:
         costs[self.distance_m == 0.0] = 100
         return costs
 
+    def squeezing_weights(self) -> NDArray[np.uint8]:
+        """Return weights of map and zones for a robot that, at a price, fits through any gap."""
+        gaps = (self.static_weights == LETHAL) & (self.static_distance_m > 0.0)
+        weights = np.where(gaps, np.uint8(SQUEEZING_WEIGHT), self.static_weights)
+        self._close_border(weights)
+        return weights
+
     def to_grid(self, pose: Pose2D) -> Pose2D:
         """Return a pose of the frame of the goals in frame `grid`."""
         return self.frame_T_grid.inverse() @ pose
@@ -226,6 +235,17 @@ class Costmap:
         rows, cols = self.shape
         edge = self.resolution_m
         return edge <= x_grid < edge * (cols - 1) and edge <= y_grid < edge * (rows - 1)
+
+    def is_unknown(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether the map knows nothing of a point of `grid` [m] on the costmap."""
+        return bool(self.kinds[self._cell(x_grid, y_grid)] == UNKNOWN)
+
+    def is_wall(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of `grid` [m] on the costmap lies in a wall, mirror or pane."""
+        return bool(self.walls[self._cell(x_grid, y_grid)])
+
+    def _cell(self, x_grid: float, y_grid: float) -> tuple[int, int]:
+        return int(y_grid / self.resolution_m), int(x_grid / self.resolution_m)
 
     def _layers(self) -> Layers:
         layer = self.echoes.layer

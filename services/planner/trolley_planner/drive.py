@@ -60,6 +60,7 @@ class Drive:
         self.recovery = Recovery(config)
         self._progress = ProgressChecker(config)
         self._trail = Trail()
+        self._ahead_m = rig.footprint.circumscribed_m + CLOSE_M + 0.1
         self._closing = ClosingWatch(rig.footprint.circumscribed_m)
         self._maneuver: BackUp | TurnRound | None = None
         self._waits_for = False
@@ -164,6 +165,12 @@ class Drive:
         if self._arrival.is_active:
             return pose.distance_to(self._arrival.aim)
         return self.route.remaining_m(pose)
+
+    def place_ahead(self) -> tuple[float, float]:
+        """Return the place on the way that is right before the robot, x, y in `grid` [m]."""
+        path = self.route.path
+        x, y = path.points[path.ahead(self.route.index, self._ahead_m)]
+        return float(x), float(y)
 
     def _wanted(self, now: Situation) -> Twist2D:
         """Return the velocity of the approach or of the controller, made safe."""
@@ -272,12 +279,11 @@ class Drive:
 
     def _close_way(self, now: Situation) -> bool:
         """Close the way right ahead; say whether there is another one, else it stays open."""
-        costmap, pose, path = self.rig.costmap, now.motion.pose, self.route.path
-        ahead_m = self.rig.footprint.circumscribed_m + CLOSE_M + 0.1
-        if self.remaining_m(pose) < ahead_m + 2.0 * CLOSE_M:
+        costmap, pose = self.rig.costmap, now.motion.pose
+        if self.remaining_m(pose) < self._ahead_m + 2.0 * CLOSE_M:
             return False
-        x, y = path.points[path.ahead(self.route.index, ahead_m)]
-        costmap.close(float(x), float(y), CLOSE_M, now.now_ns)
+        x, y = self.place_ahead()
+        costmap.close(x, y, CLOSE_M, now.now_ns)
         costmap.refresh()
         vias = [costmap.to_grid(via) for via in self.rest().vias]
         places = [(place.x, place.y) for place in (*vias, self.route.goal)]

@@ -57,6 +57,20 @@ class Surroundings:
             raise Refused(codes.NOT_READY, self._footprint_problem or None)
         return self.rig
 
+    def trouble(self, now_ns: int) -> Refused | None:
+        """Return why the robot must not drive: it is blind, does not know where it is, or what.
+
+        What fell silent is named first: without it there is no new pose either.
+        """
+        senses, rig = self._senses, self.rig
+        code = senses.silence(now_ns) or senses.pose_trouble(now_ns)
+        if code is not None:
+            return Refused(code)
+        if rig is None:
+            return Refused(codes.NOT_READY, self._footprint_problem or None)
+        here = senses.base_pose()
+        return None if here is None else place_trouble(rig, here)
+
     def rebuild(self) -> bool:
         """Make the rig anew where robot, map or zones changed; True if so."""
         senses = self._senses
@@ -92,7 +106,10 @@ class Surroundings:
         """Put a scan into the costmap; False if it cannot be placed."""
         senses, rig = self._senses, self.rig
         ranges = floats_from_bytes(scan.ranges).astype(np.float32)
-        if rig is None or len(ranges) == 0 or senses.pose_trouble(now_ns) is not None:
+        here = senses.base_pose()
+        if rig is None or here is None or senses.pose_trouble(now_ns) is not None:
+            return False
+        if place_trouble(rig, here) is not None:
             return False
         poses = senses.sweep_poses(scan, len(ranges), history)
         if poses is None or senses.base_T_laser is None:
@@ -167,6 +184,17 @@ def _grid_of(message: OccupancyGrid) -> GridMap:
     """Return a map message as a grid."""
     cells = np.frombuffer(message.cells, dtype=np.int8).reshape(message.height, message.width)
     return GridMap(message.name, message.resolution, message.origin, cells.copy())
+
+
+def place_trouble(rig: Rig, here: Pose2D) -> Refused | None:
+    """Return why the robot cannot be where its pose says, None if it can."""
+    costmap = rig.costmap
+    in_grid = costmap.to_grid(here)
+    if not costmap.contains(in_grid.x, in_grid.y):
+        return Refused(codes.OUTSIDE_MAP, "By its pose the robot itself is outside the map.")
+    if costmap.is_wall(in_grid.x, in_grid.y):
+        return Refused(codes.LOST, "By its pose the robot is inside a wall; set its pose anew.")
+    return None
 
 
 def free_all_round(scan: Scan, base_T_laser: Pose2D, radius_m: float) -> bool:

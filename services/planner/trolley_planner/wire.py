@@ -65,10 +65,9 @@ def details(drive: Drive, motion: Motion, limits: Limits) -> GoalStatus:
     remaining = drive.remaining_m(motion.pose)
     blocked: list[tuple[float, float]] = []
     if drive.recovery.current is not None or drive.route.is_blocked:
-        points = drive.route.blocked_points()
-        if points:
-            in_frame = drive.rig.costmap.frame_T_grid.transform_points(np.array(points))
-            blocked = [(float(x), float(y)) for x, y in in_frame]
+        points = drive.route.blocked_points() or [drive.place_ahead()]
+        in_frame = drive.rig.costmap.frame_T_grid.transform_points(np.array(points))
+        blocked = [(float(x), float(y)) for x, y in in_frame]
     return GoalStatus(
         stamp_ns=0,
         id=None,
