@@ -23,6 +23,7 @@ from trolley_planner.rig import Rig
 from trolley_planner.route import PASS_M, Route
 from trolley_planner.staging import can_turn_by
 from trolley_planner.timing import seconds_along
+from trolley_planner.touching import TouchWatch
 
 BLOCKED_S = 0.7
 """So long no way must be found before the robot begins to try things."""
@@ -62,6 +63,7 @@ class Drive:
         self._trail = Trail()
         self._ahead_m = rig.footprint.circumscribed_m + CLOSE_M + 0.1
         self._closing = ClosingWatch(rig.footprint.circumscribed_m)
+        self._touch = TouchWatch(rig.footprint, config.patience_s)
         self._maneuver: BackUp | TurnRound | None = None
         self._waits_for = False
         self._no_way_s = 0.0
@@ -113,7 +115,9 @@ class Drive:
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y)
         braking = 1.5 * self._config.acceleration_mps2
-        self._closing.note(now_ns, self.rig.costmap.movers, pose, motion.twist, braking)
+        costmap = self.rig.costmap
+        self._closing.note(now_ns, costmap.movers, pose, motion.twist, braking)
+        self._touch.note(now_ns, costmap.echoes.beams, costmap.movers, pose)
         self.route.follow(pose)
         if not self.route.vias_left and self._arrival.look(pose):
             self.route.retarget(self._arrival.aim)
@@ -137,7 +141,7 @@ class Drive:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
         self.route.follow(now.motion.pose)
         driven = self._drive_on(now)
-        if self._closing.must_stand(now.now_ns):
+        if self._is_held(now):
             # What was wanted is dropped, but its time runs: who never gets on must give up.
             self.rig.controller.reset()
             driven = Twist2D.zero()
@@ -253,8 +257,11 @@ class Drive:
 
     def _is_way_free(self, now: Situation) -> bool:
         """Say whether nothing that is seen keeps the robot from driving on."""
-        is_held = self._closing.must_stand(now.now_ns)
-        return self._has_way and not self.route.is_blocked and not is_held
+        return self._has_way and not self.route.is_blocked and not self._is_held(now)
+
+    def _is_held(self, now: Situation) -> bool:
+        """Say whether somebody who moves makes the robot stand."""
+        return self._closing.must_stand(now.now_ns) or self._touch.must_stand(now.now_ns)
 
     def _prepare(self, wanted: Try, now: Situation) -> bool:
         """Get ready for a try that moves the robot; say whether there is room for it."""
