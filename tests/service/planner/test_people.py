@@ -1,6 +1,8 @@
 """Planner, base and localizer among people who walk: what is left of them when they are gone."""
 
+import importlib
 import math
+import pkgutil
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from trolley.messages.types import floats_from_bytes
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
+from trolley_planner import kernels
 from trolley_planner.costmap import Costmap
 from trolley_planner.service import PlannerService
 
@@ -25,10 +28,21 @@ WALKS = [
     ([[5.0, 1.5], [5.0, 6.5]], 0.7),
     ([[1.5, 3.5], [8.5, 3.5]], 1.2),
 ]
+KERNELS = [f"{kernels.__name__}.{module.name}" for module in pkgutil.iter_modules(kernels.__path__)]
 WEST, EAST = Pose2D(1.0, 3.5, 0.0), Pose2D(9.0, 3.5, 0.0)
 GOALS = [EAST, Pose2D(1.5, 6.0, 1.0), Pose2D(8.5, 1.0, 0.0), WEST]
 NEAR_WALL_M = 0.3
 """The noise of lidar and pose leaves single echoes beside walls."""
+
+
+def compiled() -> dict[str, int]:
+    """How many versions of each kernel of the planner there are."""
+    return {
+        f"{module.__name__}.{name}": len(value.signatures)
+        for module in map(importlib.import_module, KERNELS)
+        for name, value in vars(module).items()
+        if hasattr(value, "signatures")
+    }
 
 
 class Hall:
@@ -87,7 +101,9 @@ class Hall:
 @pytest.mark.parametrize("minutes", [0.5, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_nothing_is_left_of_people_who_are_gone(tmp_path: Path, minutes: float) -> None:
     hall = Hall(tmp_path)
+    ready = compiled()
     hall.drive_for(60.0 * minutes)
+    assert compiled() == ready, "a kernel was compiled while the robot drove"
     assert np.count_nonzero(hall.ever_seen) > 1000
     hall.send_people_home()
     hall.lockstep.run(3.0)
