@@ -36,8 +36,7 @@ def test_updating_what_changed_gives_the_same_as_computing_all() -> None:
         grid.add_scan(scan_at(x, y, rng.uniform(0.3, 5.0, 180)), number * 10**8)
         grid.refresh()
         weights, distance = grid.weights.copy(), grid.distance_m.copy()
-        rows, cols = grid.shape
-        grid.echoes.layer.dirty[:] = (0, rows - 1, 0, cols - 1)
+        grid.echoes.touch_all()
         grid.refresh()
         np.testing.assert_array_equal(weights, grid.weights)
         np.testing.assert_allclose(distance, grid.distance_m)
