@@ -120,6 +120,32 @@ def test_who_comes_is_not_taken_for_somebody_else_who_stands_there() -> None:
     assert [float(mover.velocity[1]) < -0.5 for mover in found] == [True]
 
 
+def test_two_who_pass_each_other_keep_their_own_ways() -> None:
+    room = empty_room()
+    world = Flatland(room, Pose2D(4.0, 3.0, 0.0))
+    watch = MoverWatch()
+    wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
+    seen: list[list[float]] = []
+    for step in range(16):
+        # One comes down at 1.2 m/s, the other goes up at 0.9 m/s, half a metre farther away.
+        down, up = 4.0 - 0.12 * step, 2.2 + 0.09 * step
+        world.set_truth(with_person(with_person(room, 5.0, down), 5.5, up))
+        angles = 0.7 + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
+        ranges = world.ranges().astype(np.float64)
+        x, cos, sin = np.full(BEAMS, 4.05), np.cos(angles), np.sin(angles)
+        beams = np.stack([x, np.full(BEAMS, 3.0), cos, sin, ranges, ranges], axis=1)
+        found = watch.look(step * 100_000_000, beams, wall_distance_m, room.resolution)
+        for mover in found:
+            is_first = float(mover.points[:, 0].min()) < 5.2
+            seen.append([is_first, float(mover.velocity[1])])
+    first = [speed for is_first, speed in seen if is_first]
+    second = [speed for is_first, speed in seen if not is_first]
+    assert len(first) > 8
+    assert len(second) > 4
+    assert max(first) < -0.3
+    assert min(second) > 0.2
+
+
 def corridor(door_x: float) -> GridMap:
     """A corridor of 1 m along y = 3 with a wide opening to the left at `door_x`."""
     below = with_block(empty_room(), 0.1, 0.1, 6.0, 2.4)
