@@ -67,6 +67,7 @@ class Drive:
         self._maneuver: BackUp | TurnRound | None = None
         self._waits_for = False
         self._no_way_s = 0.0
+        self._held_s = 0.0
         self._has_way = True
         self._taken_s = 0.0
         self._arrival = Arrival(rig, config, self.goal_grid, goal.tolerances)
@@ -141,10 +142,13 @@ class Drive:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
         self.route.follow(now.motion.pose)
         driven = self._drive_on(now)
-        if self._is_held(now):
-            # What was wanted is dropped, but its time runs: who never gets on must give up.
+        self._held_s = self._held_s + now.elapsed_s if self._is_held(now) else 0.0
+        if self._held_s > 0.0:
             self.rig.controller.reset()
             driven = Twist2D.zero()
+            # Where that lasts its time runs: who never gets on must give up.
+            if self.recovery.current is None and self._held_s < self._config.patience_s:
+                self.recovery.excuse(round(now.elapsed_s * 1e9))
         if self._maneuver is not None:
             self._maneuver.note(driven, now.elapsed_s)
         return driven

@@ -15,6 +15,8 @@ FREE_AFTER_M = 0.5
 DETOUR_M = 2.0
 MAX_DETOURS = 2
 MAX_TRIES = 15
+EXCUSED = 5
+"""After so many times `give_up_s` it gives up, however often it only stood for somebody."""
 
 
 class Try(Enum):
@@ -64,6 +66,7 @@ class Recovery:
         self._patience_ns = round(config.patience_s * 1e9)
         self._rung = -1
         self._since_ns: int | None = None
+        self._excused_ns = 0
         self._began_ns = 0
         self._best_m = float("inf")
         self._detours = 0
@@ -76,7 +79,7 @@ class Recovery:
     def note_remaining(self, remaining_m: float) -> None:
         """Take what is left of the way: whoever gets on is free."""
         if remaining_m < self._best_m - FREE_AFTER_M:
-            self._rung, self._since_ns = -1, None
+            self._rung, self._since_ns, self._excused_ns = -1, None, 0
             self._best_m = remaining_m
         elif self._best_m == float("inf"):
             self._best_m = remaining_m
@@ -96,7 +99,10 @@ class Recovery:
         """
         if self._since_ns is None:
             self._since_ns = now_ns
-        if now_ns - self._since_ns > self._give_up_ns or self._spent >= MAX_TRIES:
+        lasted_ns = now_ns - self._since_ns
+        own_ns = lasted_ns - self._excused_ns
+        is_enough = own_ns > self._give_up_ns or lasted_ns > EXCUSED * self._give_up_ns
+        if is_enough or self._spent >= MAX_TRIES:
             return None
         self._rung = min(self._rung + 1, len(LADDER) - 1)
         while LADDER[self._rung] in MOVES and not is_possible(LADDER[self._rung]):
@@ -115,9 +121,13 @@ class Recovery:
         """End a wait for something that went away by itself: it was no try, nor is its time."""
         self._spent -= 1
         self._rung -= 1
-        if self._since_ns is not None:
-            self._since_ns += now_ns - self._began_ns
+        self.excuse(now_ns - self._began_ns)
         self.end()
+
+    def excuse(self, time_ns: int) -> None:
+        """Leave out a time in which the robot stood for somebody."""
+        if self._since_ns is not None:
+            self._excused_ns += time_ns
 
     def elapsed_s(self, now_ns: int) -> float:
         """Return how long the current try has lasted [s]."""

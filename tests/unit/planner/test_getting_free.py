@@ -166,14 +166,22 @@ def test_tries_without_room_are_left_out() -> None:
 
 def test_waits_that_ended_by_themselves_are_not_held_against_the_goal() -> None:
     recovery = Recovery(PlannerConfig(give_up_s=20.0))
-    for second in range(0, 400, 4):
+    for second in range(0, 80, 4):
         assert recovery.begin(second * SECOND_NS, always) is Try.WAIT
         recovery.forgive((second + 4) * SECOND_NS)
         assert recovery.current is None
-    assert recovery.count == 100
-    begun = [recovery.begin((400 + 5 * step) * SECOND_NS, always) for step in range(6)]
-    assert begun[:5] == list(LADDER[:5])
-    assert begun[5] is None
+    assert recovery.count == 20
+    begun = [recovery.begin((80 + 5 * step) * SECOND_NS, always) for step in range(6)]
+    assert begun == [*LADDER[:5], None]
+
+
+def test_nobody_is_waited_for_without_end() -> None:
+    recovery = Recovery(PlannerConfig(give_up_s=20.0))
+    for second in range(100):
+        assert recovery.begin(second * SECOND_NS, always) is not None
+        recovery.forgive((second + 1) * SECOND_NS)
+    recovery.excuse(1000 * SECOND_NS)
+    assert recovery.begin(101 * SECOND_NS, always) is None
 
 
 def test_another_way_is_taken_where_something_unseen_is_in_the_way(ride) -> None:
