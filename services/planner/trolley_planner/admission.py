@@ -14,6 +14,7 @@ from trolley_planner.goal import Goal, free_pose_near
 from trolley_planner.path import PlannedPath
 from trolley_planner.rig import Rig
 from trolley_planner.senses import Senses
+from trolley_planner.surroundings import place_trouble
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,8 @@ def admit(goal: Goal, rig: Rig, start: Pose2D, config: PlannerConfig) -> Admitte
         config: of the planner.
 
     Raises:
-        Refused: `outside_map`, `keepout`, `in_obstacle`, `no_path`.
+        Refused: `outside_map`, `keepout`, `in_obstacle`, `no_path`, the latter with `blocked`, the
+            places that are too narrow, where the way would lead.
     """
     costmap = rig.costmap
     for pose in (goal.pose, *goal.vias):
@@ -99,9 +101,10 @@ def admit(goal: Goal, rig: Rig, start: Pose2D, config: PlannerConfig) -> Admitte
         if zones:
             raise Refused(codes.KEEPOUT, f"That place lies in the keep-out zone {zones[0].name}.")
     check_room(goal.pose, goal.tolerances, rig, config)
+    trouble = place_trouble(rig, start)
+    if trouble is not None:
+        raise trouble
     here = costmap.to_grid(start)
-    if not costmap.contains(here.x, here.y):
-        raise Refused(codes.OUTSIDE_MAP, "The robot itself is outside the map.")
     costmap.set_position(start.x, start.y)
     costmap.refresh()
     targets = [costmap.to_grid(pose) for pose in (*goal.vias, goal.pose)]
@@ -118,13 +121,16 @@ def check_room(pose: Pose2D, tolerances: Tolerances, rig: Rig, config: PlannerCo
         Refused: `in_obstacle`.
     """
     enough = config.clearance_m + 0.01
+    in_grid = rig.costmap.to_grid(pose)
     found = free_pose_near(
-        rig.costmap.to_grid(pose),
+        in_grid,
         tolerances,
         lambda candidate: rig.map_clearance(candidate, enough),
         enough,
     )
     if found is None:
+        if rig.costmap.is_unknown(in_grid.x, in_grid.y):
+            raise Refused(codes.IN_OBSTACLE, "The map does not know what is in that place.")
         raise Refused(codes.IN_OBSTACLE)
 
 
@@ -151,8 +157,6 @@ def _no_path(rig: Rig, here: Pose2D, targets: list[Pose2D]) -> Refused:
     in_frame = costmap.frame_T_grid.transform_points(np.array(narrow))
     blocked = [(round(float(x), 3), round(float(y), 3)) for x, y in in_frame]
     x, y = blocked[0]
-    return Refused(
-        codes.NO_PATH,
-        f"There is no way there for a robot of this size: it is too narrow at ({x:.2f}, {y:.2f}).",
-        blocked=blocked,
-    )
+    where = f"it is too narrow at x {x:.2f}, y {y:.2f}"
+    sentence = f"There is no way there for a robot of this size: {where}."
+    return Refused(codes.NO_PATH, sentence, blocked=blocked)

@@ -23,18 +23,24 @@ from trolley_planner.kernels.layers import (
     weigh_into,
 )
 from trolley_planner.layers import (
+    disc_mask,
     draw_segments,
     inflation_table,
     line_segments,
     map_kinds,
+    mirror_lines,
     polygon_mask,
     speed_limits,
     zone_points,
 )
+from trolley_planner.movers import Mover, MoverWatch
+from trolley_planner.people import People
 
 PADDING_M = 0.02
 """Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
 TABLE_STEP_M = 0.005
+CLOSED_S = 60.0
+"""A place where the robot did not get through is tried again after this time."""
 
 
 class Costmap:
@@ -64,6 +70,13 @@ class Costmap:
         self._leaving: tuple[str, ...] = ()
         self.shape = grid.rows, grid.cols
         self.echoes = Echoes(self.shape, grid.resolution, config)
+        self._people = People(self.shape, grid.resolution, footprint.inscribed_m)
+        self._watch = MoverWatch()
+        self.movers: list[Mover] = []
+        """Who moves by the newest scan, in `grid`."""
+        self._closed = np.zeros(self.shape, dtype=np.uint8)
+        self._closed_until_ns: int | None = None
+        self._suspects = np.empty((0, 4))
         self._table = inflation_table(
             footprint.inscribed_m + PADDING_M + 0.5 * grid.resolution,
             config.inflation_falloff_m,
@@ -78,10 +91,9 @@ class Costmap:
         """Take these zones (points in the frame of the goals) instead of those before."""
         grid_T_frame = self.frame_T_grid.inverse()
         self._zones = list(zones)
-        self.segments = line_segments(zones, grid_T_frame)
-        """(m, 4) mirrors and glass in `grid` [m]."""
+        self._mirrors = line_segments(mirror_lines(zones), grid_T_frame)
         self.kinds = self._map_kinds.copy()
-        draw_segments(self.kinds, self.segments, self.resolution_m, WALL)
+        draw_segments(self.kinds, self._mirrors, self.resolution_m, WALL)
         self.walls = (self.kinds == WALL).astype(np.uint8)
         """Set where a beam ends for certain."""
         self.wall_distance_m = distance_transform(self.walls, self.resolution_m, self._reach_m)
@@ -90,6 +102,16 @@ class Costmap:
         self.has_speed_limits = bool(np.isfinite(self.speed_limits).any())
         self._leaving = ()
         self._build()
+
+    def set_suspects(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
+        """Take these lines, on each of which a mirror is suspected: behind them nothing is seen.
+
+        They lie on walls of the map and close no way that the map leaves open.
+
+        Args:
+            lines: points of each in the frame of the goals [m].
+        """
+        self._suspects = line_segments(lines, self.frame_T_grid.inverse())
 
     def set_position(self, x: float, y: float) -> None:
         """Say where the robot is: a keep-out zone that holds it may be crossed until it has left.
@@ -122,7 +144,39 @@ class Costmap:
             grid_T_frame @ sweep.end,
             sweep.body_laser,
         )
-        self.echoes.add(in_grid, self.walls, self.wall_distance_m, self.segments, now_ns)
+        lines = np.concatenate([self._mirrors, self._suspects])
+        self.echoes.add(in_grid, self.walls, self.wall_distance_m, lines, now_ns)
+        self.movers = self._watch.look(
+            now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m
+        )
+        self._people.note(self.movers, self.echoes.layer)
+
+    def forget_old(self, now_ns: int) -> None:
+        """Forget what has been out of sight for too long, and open what was closed long ago."""
+        self.echoes.forget_old(now_ns)
+        if self._closed_until_ns is not None and now_ns > self._closed_until_ns:
+            self.reopen()
+
+    def forget_all(self) -> None:
+        """Forget everything that was seen or closed, as after a jump of the pose."""
+        self._watch.reset()
+        self.movers = []
+        self.echoes.forget_all()
+        self._people.note([], self.echoes.layer)
+        self.reopen()
+
+    def close(self, x_grid: float, y_grid: float, radius_m: float, now_ns: int) -> None:
+        """Close a circle [m] where the robot did not get through, though nothing is seen there."""
+        self._closed |= disc_mask(self.shape, (x_grid, y_grid), radius_m, self.resolution_m)
+        self._closed_until_ns = now_ns + round(CLOSED_S * 1e9)
+        self.echoes.touch_all()
+
+    def reopen(self) -> None:
+        """Open all that was closed."""
+        if self._closed_until_ns is not None:
+            self._closed_until_ns = None
+            self._closed[:] = 0
+            self.echoes.touch_all()
 
     def refresh(self) -> bool:
         """Bring distances and weights up to date where the lidar saw a change; True if it did."""
@@ -143,6 +197,8 @@ class Costmap:
         self.distance_m[write[0] : write[1], write[2] : write[3]] = inner
         weights = np.empty(inner.shape, dtype=np.uint8)
         weigh_into(weights, np.ascontiguousarray(inner), self._table, TABLE_STEP_M)
+        walked = self._people.weights[write[0] : write[1], write[2] : write[3]]
+        np.maximum(weights, walked, out=weights, where=weights != LETHAL)
         self.weights[write[0] : write[1], write[2] : write[3]] = weights
         self._close_border(self.weights)
         return True
@@ -171,9 +227,20 @@ class Costmap:
         edge = self.resolution_m
         return edge <= x_grid < edge * (cols - 1) and edge <= y_grid < edge * (rows - 1)
 
+    def is_unknown(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether the map knows nothing of a point of `grid` [m] on the costmap."""
+        return bool(self.kinds[self._cell(x_grid, y_grid)] == UNKNOWN)
+
+    def is_wall(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of `grid` [m] on the costmap lies in a wall, mirror or pane."""
+        return bool(self.walls[self._cell(x_grid, y_grid)])
+
+    def _cell(self, x_grid: float, y_grid: float) -> tuple[int, int]:
+        return int(y_grid / self.resolution_m), int(x_grid / self.resolution_m)
+
     def _layers(self) -> Layers:
         layer = self.echoes.layer
-        return Layers(self.kinds, self.keepout, layer.evidence, layer.observed)
+        return Layers(self.kinds, self.keepout, self._closed, layer.evidence, layer.observed)
 
     def _build(self) -> None:
         """Compute everything anew after the map or the zones changed."""
@@ -203,8 +270,7 @@ class Costmap:
         """The same with what the lidar has seen."""
         self.weights = self.static_weights.copy()
         """The same with what the lidar has seen."""
-        rows, cols = self.shape
-        self.echoes.layer.dirty[:] = (0, rows - 1, 0, cols - 1)
+        self.echoes.touch_all()
         self.refresh()
 
     def _close_border(self, weights: NDArray[np.uint8]) -> None:

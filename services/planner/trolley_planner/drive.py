@@ -13,21 +13,24 @@ from trolley_planner.approach import limited_change
 from trolley_planner.arrival import Arrival, Situation
 from trolley_planner.closing import ClosingWatch
 from trolley_planner.controller import Motion, safe_command
-from trolley_planner.escape import BackUp, TurnRound
+from trolley_planner.escape import LOOKBACK_M, BackUp, TurnRound, free_turn
 from trolley_planner.goal import Goal
 from trolley_planner.kernels.rollout import GIVE_M, Limits, Target
-from trolley_planner.movers import MoverWatch
 from trolley_planner.path import PlannedPath
 from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import Recovery, Trail, Try
 from trolley_planner.rig import Rig
 from trolley_planner.route import PASS_M, Route
+from trolley_planner.staging import can_turn_by
 from trolley_planner.timing import seconds_along
+from trolley_planner.touching import TouchWatch
 
 BLOCKED_S = 0.7
 """So long no way must be found before the robot begins to try things."""
 FORGET_M = 1.5
 """How far around the robot what the lidar saw is forgotten in the try to look again."""
+CLOSE_M = 0.2
+"""Radius of the place on the path that is closed where the robot did not get through."""
 ON_GOAL_M, TAKEN_M = 0.1, 0.5
 """The robot waits between these distances from a goal that something stands on,"""
 TAKEN_PATIENCE = 4.0
@@ -58,10 +61,13 @@ class Drive:
         self.recovery = Recovery(config)
         self._progress = ProgressChecker(config)
         self._trail = Trail()
-        self._movers = MoverWatch()
+        self._ahead_m = rig.footprint.circumscribed_m + CLOSE_M + 0.1
         self._closing = ClosingWatch(rig.footprint.circumscribed_m)
+        self._touch = TouchWatch(rig.footprint, config.patience_s)
         self._maneuver: BackUp | TurnRound | None = None
+        self._waits_for = False
         self._no_way_s = 0.0
+        self._held_s = 0.0
         self._has_way = True
         self._taken_s = 0.0
         self._arrival = Arrival(rig, config, self.goal_grid, goal.tolerances)
@@ -84,7 +90,6 @@ class Drive:
     def replan(self) -> None:
         """Plan anew at the next opportunity, as after a jump of the pose."""
         self._replan_now = True
-        self._movers.reset()
 
     @property
     def path_key(self) -> str:
@@ -110,7 +115,10 @@ class Drive:
         """Take in a new scan: distances in the window, and the way through it."""
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y)
-        self._watch_movers(motion, now_ns)
+        braking = 1.5 * self._config.acceleration_mps2
+        costmap = self.rig.costmap
+        self._closing.note(now_ns, costmap.movers, pose, motion.twist, braking)
+        self._touch.note(now_ns, costmap.echoes.beams, costmap.movers, pose)
         self.route.follow(pose)
         if not self.route.vias_left and self._arrival.look(pose):
             self.route.retarget(self._arrival.aim)
@@ -121,15 +129,6 @@ class Drive:
         self._has_way = window.lead(
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
-
-    def _watch_movers(self, motion: Motion, now_ns: int) -> None:
-        """Look for who moves, and whether they come into the robot's way."""
-        costmap = self.rig.costmap
-        movers = self._movers.look(
-            now_ns, costmap.echoes.beams, costmap.wall_distance_m, costmap.resolution_m
-        )
-        braking = 1.5 * self._config.acceleration_mps2
-        self._closing.note(now_ns, movers, motion.pose, motion.twist, braking)
 
     def maintain(self, now: Situation) -> None:
         """Do what takes longer and need not come before the command: look for a better path."""
@@ -143,10 +142,13 @@ class Drive:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
         self.route.follow(now.motion.pose)
         driven = self._drive_on(now)
-        if self._closing.must_stand(now.now_ns):
-            # What was wanted is dropped, but its time runs: who never gets on must give up.
+        self._held_s = self._held_s + now.elapsed_s if self._is_held(now) else 0.0
+        if self._held_s > 0.0:
             self.rig.controller.reset()
             driven = Twist2D.zero()
+            # Where that lasts its time runs: who never gets on must give up.
+            if self.recovery.current is None and self._held_s < self._config.patience_s:
+                self.recovery.excuse(round(now.elapsed_s * 1e9))
         if self._maneuver is not None:
             self._maneuver.note(driven, now.elapsed_s)
         return driven
@@ -171,6 +173,12 @@ class Drive:
         if self._arrival.is_active:
             return pose.distance_to(self._arrival.aim)
         return self.route.remaining_m(pose)
+
+    def place_ahead(self) -> tuple[float, float]:
+        """Return the place on the way that is right before the robot, x, y in `grid` [m]."""
+        path = self.route.path
+        x, y = path.points[path.ahead(self.route.index, self._ahead_m)]
+        return float(x), float(y)
 
     def _wanted(self, now: Situation) -> Twist2D:
         """Return the velocity of the approach or of the controller, made safe."""
@@ -242,23 +250,65 @@ class Drive:
     def _begin_try(self, now: Situation) -> None:
         """Begin the next try to get free, or give up."""
         self._maneuver = None
-        chosen = self.recovery.begin(now.now_ns)
+        self._waits_for = not self._is_way_free(now)
+        chosen = self.recovery.begin(now.now_ns, lambda one: self._prepare(one, now))
         if chosen is None:
             self.recovery.end()
             self.outcome = "failed"
         elif chosen is Try.CLEAR:
             pose = now.motion.pose
             self.rig.costmap.echoes.forget_around(pose.x, pose.y, FORGET_M)
-        elif chosen is Try.BACK_UP:
-            self._maneuver = BackUp(now.odom_T_base, self._config.back_up_m)
-        elif chosen is Try.TURN:
-            self._maneuver = TurnRound(now.odom_T_base, self._turn_to_way(now.motion.pose))
 
-    def _turn_to_way(self, pose: Pose2D) -> float:
-        """Return a full turn, begun towards the way that is left."""
+    def _is_way_free(self, now: Situation) -> bool:
+        """Say whether nothing that is seen keeps the robot from driving on."""
+        return self._has_way and not self.route.is_blocked and not self._is_held(now)
+
+    def _is_held(self, now: Situation) -> bool:
+        """Say whether somebody who moves makes the robot stand."""
+        return self._closing.must_stand(now.now_ns) or self._touch.must_stand(now.now_ns)
+
+    def _prepare(self, wanted: Try, now: Situation) -> bool:
+        """Get ready for a try that moves the robot; say whether there is room for it."""
+        pose, rig = now.motion.pose, self.rig
+        if wanted is Try.BACK_UP:
+            self._maneuver = BackUp(now.odom_T_base, self._config.back_up_m)
+            first = self._trail.back(now.odom_T_base, LOOKBACK_M)
+            if first is None or self._config.back_up_m == 0.0:
+                return False
+            place = pose @ now.odom_T_base.inverse() @ first
+            least = min(now.limits.clearance_m, rig.seen_clearance(pose, now.limits.clearance_m))
+            return rig.seen_clearance(place, now.limits.clearance_m) >= least
+        if wanted is Try.TURN:
+            turn = free_turn(
+                lambda angle: can_turn_by(rig, pose, angle, now.limits.clearance_m),
+                self._bearing_of_way(pose),
+            )
+            self._maneuver = None if turn is None else TurnRound(now.odom_T_base, turn)
+            return turn is not None
+        self._maneuver = None
+        return self._close_way(now)
+
+    def _close_way(self, now: Situation) -> bool:
+        """Close the way right ahead; say whether there is another one, else it stays open."""
+        costmap, pose = self.rig.costmap, now.motion.pose
+        if self.remaining_m(pose) < self._ahead_m + 2.0 * CLOSE_M:
+            return False
+        x, y = self.place_ahead()
+        costmap.close(x, y, CLOSE_M, now.now_ns)
+        costmap.refresh()
+        vias = [costmap.to_grid(via) for via in self.rest().vias]
+        places = [(place.x, place.y) for place in (*vias, self.route.goal)]
+        start, weights = (pose.x, pose.y), costmap.weights
+        if self.rig.planner.plan(start, places, weights, costmap.distance_m) is not None:
+            return True
+        costmap.reopen()
+        return False
+
+    def _bearing_of_way(self, pose: Pose2D) -> float:
+        """Return the bearing of the way that is left, from the robot's heading [rad]."""
         ahead = self.route.path.points[self.route.path.ahead(self.route.index, 0.5)]
         bearing = math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x)
-        return math.copysign(2.0 * math.pi, wrap_angle(bearing - pose.yaw))
+        return wrap_angle(bearing - pose.yaw)
 
     def _get_free(self, now: Situation) -> Twist2D:
         """Return the velocity of the present try, and end it when it is over."""
@@ -266,12 +316,13 @@ class Drive:
         lasted = self.recovery.elapsed_s(now.now_ns)
         wanted: Twist2D | None = Twist2D.zero()
         if current in (Try.WAIT, Try.WAIT_LONGER):
-            is_free = self._has_way and not self.route.is_blocked and lasted > 0.5
-            if is_free:
+            if self._is_way_free(now) and lasted > 0.5:
+                if self._waits_for:
+                    self.recovery.forgive(now.now_ns)
                 self._end_try()
             elif not self.recovery.is_patient(now.now_ns):
                 self._begin_try(now)
-        elif current is Try.CLEAR:
+        elif current in (Try.CLEAR, Try.REROUTE):
             # Two scans or so show again what is really there.
             if lasted > 0.5:
                 self._end_try()

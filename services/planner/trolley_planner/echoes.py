@@ -7,15 +7,13 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley_planner.kernels.beams import (
+from trolley_planner.kernels.beams import EchoLayer, ScanShape, cut_at_lines, place_beams_into
+from trolley_planner.kernels.echoes import (
     TICK_S,
-    EchoLayer,
-    ScanShape,
-    cut_at_lines,
     fade,
+    forget_inside,
     forget_near,
     mark_echoes,
-    place_beams_into,
     trace_beams,
 )
 
@@ -86,7 +84,7 @@ class Echoes:
             sweep: the scan, with poses in `grid`.
             walls: (rows, cols), set where rays end for certain.
             wall_distance_m: (rows, cols) distance to the nearest wall [m].
-            segments: (m, 4) mirrors and glass in `grid` [m].
+            segments: (m, 4) mirrors, glass, and where mirrors are suspected, in `grid` [m].
             now_ns: robot time of the scan.
         """
         self._scan_number += 1
@@ -102,6 +100,8 @@ class Echoes:
         )
         cut_at_lines(beams, segments, config.mirror_tolerance_m)
         trace_beams(self.layer, walls, beams, self._resolution_m, self._scan_number)
+        body_cells = sweep.end.transform_points(sweep.body_laser) / self._resolution_m
+        forget_inside(self.layer, body_cells, self._resolution_m)
         limits = (self._resolution_m, config.mark_range_m, EXPLAINED_CELLS * self._resolution_m)
         now_ticks = ticks(now_ns)
         mark_echoes(self.layer, wall_distance_m, beams, limits, self._scan_number, now_ticks)
@@ -123,9 +123,13 @@ class Echoes:
         """Forget everything that was seen, as after a jump of the pose."""
         for array in (self.layer.evidence, self.layer.hits, self.layer.observed):
             array.fill(0)
+        self.touch_all()
+        self.beams = np.empty((0, 6), dtype=np.float64)
+
+    def touch_all(self) -> None:
+        """Say that anything may have changed."""
         rows, cols = self.layer.evidence.shape
         self.layer.dirty[:] = (0, rows - 1, 0, cols - 1)
-        self.beams = np.empty((0, 6), dtype=np.float64)
 
     def take_dirty(self) -> tuple[int, int, int, int] | None:
         """Return first and last row, first and last column of what changed since the last call."""

@@ -1,6 +1,7 @@
 """How the robot moves while it tries to get free: back along its trail, and round in place."""
 
 import math
+from collections.abc import Callable
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.kernels.rollout import Limits
@@ -33,6 +34,20 @@ class Hold:
     def is_over(self) -> bool:
         """Whether it was held up for too long, or takes too long."""
         return self._held_s > STUCK_S or self._elapsed_s > MAX_S
+
+
+def free_turn(can_turn: Callable[[float], bool], bearing: float) -> float | None:
+    """Return by how much to turn to look round [rad], begun towards a bearing; None for no room.
+
+    Args:
+        can_turn: says whether there is room for a turn by an angle [rad].
+        bearing: of the way that is left, from the robot's heading [rad].
+    """
+    for size in (2.0 * math.pi, math.pi, 0.5 * math.pi):
+        for turn in (math.copysign(size, bearing), -math.copysign(size, bearing)):
+            if can_turn(turn):
+                return turn
+    return None
 
 
 class BackUp:

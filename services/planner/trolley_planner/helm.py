@@ -91,7 +91,8 @@ class Helm:
 
     def turn_limits(self) -> Limits | None:
         """Return what the robot may do while it turns in place, None while it is not known."""
-        return None if self._senses.robot is None else self.limits(TURNING_SPEED)
+        is_known = self._senses.robot is not None and self._surroundings.rig is not None
+        return self.limits(TURNING_SPEED) if is_known else None
 
     def _velocity(self) -> Twist2D:
         """Return the velocity to start from: the last command, or the wheels' where they differ."""

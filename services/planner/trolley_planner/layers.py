@@ -33,13 +33,19 @@ def zone_points(zone: Zone, grid_T_map: Pose2D) -> NDArray[np.float64]:
     return grid_T_map.transform_points(np.array(zone.points, dtype=np.float64))
 
 
-def line_segments(zones: Sequence[Zone], grid_T_map: Pose2D) -> NDArray[np.float64]:
-    """Return the segments (m, 4) x1, y1, x2, y2 [m] of all mirrors and glass, in `grid`."""
+def mirror_lines(zones: Sequence[Zone]) -> list[list[tuple[float, float]]]:
+    """Return the points of all mirrors and glass."""
+    return [zone.points for zone in zones if zone.kind in LINE_KINDS]
+
+
+def line_segments(
+    lines: Sequence[Sequence[tuple[float, float]]], grid_T_map: Pose2D
+) -> NDArray[np.float64]:
+    """Return the segments (m, 4) x1, y1, x2, y2 [m] of lines, in `grid`."""
     segments = [np.empty((0, 4))]
-    for zone in zones:
-        if zone.kind in LINE_KINDS:
-            points = zone_points(zone, grid_T_map)
-            segments.append(np.hstack([points[:-1], points[1:]]))
+    for line in lines:
+        points = grid_T_map.transform_points(np.array(line, dtype=np.float64).reshape(-1, 2))
+        segments.append(np.hstack([points[:-1], points[1:]]))
     return np.concatenate(segments)
 
 
@@ -78,6 +84,15 @@ def polygon_mask(
             crossing = x1 + (ys[rows] - y1) * (x2 - x1) / (y2 - y1)
             inside[rows] ^= xs[None, :] < crossing[:, None]
     return inside
+
+
+def disc_mask(
+    shape: tuple[int, int], centre: tuple[float, float], radius_m: float, resolution_m: float
+) -> NDArray[np.bool_]:
+    """Return (rows, cols), true where a cell's centre lies in a circle in `grid` [m]."""
+    xs = (np.arange(shape[1]) + 0.5) * resolution_m - centre[0]
+    ys = (np.arange(shape[0]) + 0.5) * resolution_m - centre[1]
+    return np.hypot(xs[None, :], ys[:, None]) <= radius_m
 
 
 def speed_limits(

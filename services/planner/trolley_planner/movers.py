@@ -25,10 +25,14 @@ PAST_M = 0.15
 """A beam that went on this far behind a place saw that it was free,"""
 BESIDE_RAD = 0.025
 """if those so far to both sides did so, too: edges of things jump from scan to scan."""
+PAUSE_S = 0.06
+"""Of a fast lidar's scans only some are looked at: within less time little moves."""
 LEAST_AGO_S, MOST_AGO_S = 0.08, 0.45
 """How old the scans may be that the newest one is compared with."""
 SLOWEST_MPS, FASTEST_MPS = 0.25, 2.5
 """Slower is noise, and faster two different things."""
+ASTRAY_M = 0.3
+"""Whose velocity is known is looked for this near to where it leads."""
 LEAST_POINTS, LEAST_SHARE = 2, 0.2
 """So many points of a thing, and such a share, must stand where it was free."""
 
@@ -56,6 +60,8 @@ class _View(NamedTuple):
     """(n,) how far all beams about each saw that it was free."""
     things: list[Floats]
     """(k, 2) points of each thing that is not on the map."""
+    tracks: list[Floats]
+    """(m, 3) for each thing where its middle was, oldest first: time since `stamp_ns` [s], x, y."""
 
 
 class MoverWatch:
@@ -63,10 +69,12 @@ class MoverWatch:
 
     def __init__(self) -> None:
         self._views: deque[_View] = deque(maxlen=8)
+        self._found: list[Mover] = []
 
     def reset(self) -> None:
         """Forget all scans, as after a jump of the pose."""
         self._views.clear()
+        self._found = []
 
     def look(
         self, stamp_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
@@ -79,14 +87,17 @@ class MoverWatch:
             wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
             edge_m: edge of these cells.
         """
-        if len(beams) < 2 or (self._views and stamp_ns <= self._views[-1].stamp_ns):
+        if len(beams) < 2:
             return []
-        view = _view_of(stamp_ns, beams, wall_distance_m, edge_m)
+        last = self._views[-1] if self._views else None
+        if last is not None and abs(stamp_ns - last.stamp_ns) < PAUSE_S * 1e9:
+            return self._found
+        view = _view_of(stamp_ns, beams, wall_distance_m, edge_m, last)
         earlier = [one for one in self._views if _is_comparable(one, stamp_ns)]
         self._views.append(view)
-        centres = _centres(view.things)
-        found = [_mover(index, view, centres, earlier) for index in range(len(view.things))]
-        return [mover for mover in found if mover is not None]
+        found = [_mover(*pair, earlier) for pair in zip(view.things, view.tracks, strict=True)]
+        self._found = [mover for mover in found if mover is not None]
+        return self._found
 
 
 def _is_comparable(view: _View, stamp_ns: int) -> bool:
@@ -94,7 +105,11 @@ def _is_comparable(view: _View, stamp_ns: int) -> bool:
 
 
 def _view_of(
-    stamp_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+    stamp_ns: int,
+    beams: Floats,
+    wall_distance_m: NDArray[np.float32],
+    edge_m: float,
+    last: _View | None,
 ) -> _View:
     """Return what is kept of a scan."""
     angles = np.unwrap(np.arctan2(beams[:, DY], beams[:, DX]))
@@ -110,7 +125,39 @@ def _view_of(
     points, cells = points[inside], cells[inside]
     loose = points[wall_distance_m[cells[:, 1], cells[:, 0]] > WALL_M]
     origin = beams[:, [X, Y]].mean(axis=0)
-    return _View(stamp_ns, origin, angles, clear_m, _things(loose))
+    things = _things(loose)
+    return _View(stamp_ns, origin, angles, clear_m, things, _tracks(stamp_ns, things, last))
+
+
+def _tracks(stamp_ns: int, things: list[Floats], last: _View | None) -> list[Floats]:
+    """Return the track of each thing: that of the one in the last scan it must have been."""
+    here = np.array([[0.0, *thing.mean(axis=0)] for thing in things]).reshape(-1, 1, 3)
+    tracks = list(here)
+    if last is None or not things or not last.tracks:
+        return tracks
+    elapsed_s = (stamp_ns - last.stamp_ns) * 1e-9
+    velocities = [_velocity(track) for track in last.tracks]
+    expected = np.array([track[-1, 1:] for track in last.tracks])
+    known = [velocity is not None for velocity in velocities]
+    expected += elapsed_s * np.array([[0.0, 0.0] if one is None else one for one in velocities])
+    reach = np.where(known, ASTRAY_M, FASTEST_MPS * elapsed_s)
+    lengths = np.hypot(*np.moveaxis(here[:, 0, 1:] - expected[:, None], -1, 0))
+    for index in range(len(things)):
+        origin = int(lengths[:, index].argmin())
+        # What became of another thing is not where this one comes from.
+        is_other = int(lengths[origin].argmin()) != index
+        if is_other or lengths[origin, index] > reach[origin]:
+            continue
+        before = last.tracks[origin] - (elapsed_s, 0.0, 0.0)
+        tracks[index] = np.concatenate([before[before[:, 0] >= -MOST_AGO_S], here[index]])
+    return tracks
+
+
+def _velocity(track: Floats) -> Floats | None:
+    """Return the velocity along a track, None if it is too short to say."""
+    if track[0, 0] > -LEAST_AGO_S:
+        return None
+    return (track[-1, 1:] - track[0, 1:]) / -track[0, 0]
 
 
 def _things(points: Floats) -> list[Floats]:
@@ -129,36 +176,21 @@ def _size(points: Floats) -> float:
     return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
 
 
-def _centres(things: list[Floats]) -> Floats:
-    return np.array([thing.mean(axis=0) for thing in things]).reshape(-1, 2)
-
-
-def _mover(index: int, view: _View, centres: Floats, earlier: list[_View]) -> Mover | None:
+def _mover(thing: Floats, track: Floats, earlier: list[_View]) -> Mover | None:
     """Return a thing with its velocity; None if it stands, or may have been hidden before.
 
     Args:
-        index: of the thing in `view`.
-        view: the newest scan.
-        centres: (k, 2) of all its things.
-        earlier: scans to compare with, oldest first: the longer ago, the less noise matters.
+        thing: (k, 2) its points.
+        track: where it has been.
+        earlier: scans to compare with.
     """
-    thing = view.things[index]
     least = max(LEAST_POINTS, LEAST_SHARE * len(thing))
     if not any(np.count_nonzero(_was_free(before, thing)) >= least for before in earlier):
         return None
-    for before in earlier:
-        if not before.things:
-            continue
-        ways = centres - _centres(before.things)[:, None]
-        lengths = np.hypot(ways[..., 0], ways[..., 1])
-        # What became of another thing is not where this one comes from.
-        lengths[lengths.argmin(axis=1) != index] = math.inf
-        origin = int(lengths[:, index].argmin())
-        velocity = ways[origin, index] / ((view.stamp_ns - before.stamp_ns) * 1e-9)
-        speed = float(lengths[origin, index]) / ((view.stamp_ns - before.stamp_ns) * 1e-9)
-        if speed <= FASTEST_MPS:
-            return Mover(thing, velocity) if speed >= SLOWEST_MPS else None
-    return None
+    velocity = _velocity(track)
+    if velocity is None or math.hypot(*velocity.tolist()) < SLOWEST_MPS:
+        return None
+    return Mover(thing, velocity)
 
 
 def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:

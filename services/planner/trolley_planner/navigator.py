@@ -29,7 +29,7 @@ SETTLED_S = 1.5
 """A source that drove already when the goal came may fall silent within this time."""
 STOPPING_S = 0.5
 """Zero is commanded for so long after a goal is over."""
-IDLE_SCAN_S = 0.4
+IDLE_SCAN_S = 0.2
 """Without a goal one scan in so long keeps the costmap up to date."""
 OWN_SOURCE = "planner"
 
@@ -67,7 +67,8 @@ class Navigator:
             history: odometry around its time, oldest first.
             now_ns: robot time.
         """
-        self.senses.scan = scan
+        if not self.senses.take_scan(scan):
+            return False
         self._rebuild(now_ns)
         if self.drive is None and now_ns - self._scanned_ns < IDLE_SCAN_S * 1e9:
             return False
@@ -216,7 +217,7 @@ class Navigator:
         if self.drive is None or self.board.state not in ("driving", "recovering"):
             return
         now = self._helm.situation(self.drive.goal.speed, now_ns, 0.0)
-        if now is None or self.senses.pose_trouble(now_ns) is not None:
+        if now is None or self.surroundings.trouble(now_ns) is not None:
             return
         if self._num_jumps != self.senses.num_jumps:
             self._num_jumps = self.senses.num_jumps
@@ -289,17 +290,17 @@ class Navigator:
 
     def _must_wait(self, now_ns: int) -> bool:
         """Say whether the robot must stand because it does not know enough; fail if that lasts."""
-        # What fell silent is named first: without it there is no new pose either.
-        trouble = self.senses.silence(now_ns) or self.senses.pose_trouble(now_ns)
+        trouble = self.surroundings.trouble(now_ns)
         if trouble is None:
             self._trouble_since_ns = None
             return False
         if self._trouble_since_ns is None:
             self._trouble_since_ns = now_ns
         if now_ns - self._trouble_since_ns > self._config.give_up_s * 1e9:
-            self._end("failed", trouble, now_ns)
+            self._end("failed", trouble.code, now_ns, trouble.message)
         else:
-            self.board.set("recovering", trouble, now_ns, None, self._details(now_ns))
+            details = self._details(now_ns)
+            self.board.set("recovering", trouble.code, now_ns, trouble.message, details)
         return True
 
     def _admit(self, params: SendGoal, new_id: str, now_ns: int) -> tuple[Admitted, Rig]:
@@ -348,8 +349,12 @@ class Navigator:
         if not self.surroundings.rebuild():
             return
         drive, rig = self.drive, self.surroundings.rig
-        if drive is None or rig is None or not self.board.is_active:
+        if drive is None or not self.board.is_active:
             self.drive = None
+            return
+        if rig is None:
+            trouble = self.surroundings.trouble(now_ns) or Refused(codes.NOT_READY)
+            self._end("failed", trouble.code, now_ns, trouble.message)
             return
         here = self.senses.base_pose()
         if self.surroundings.is_other_map:
@@ -358,8 +363,8 @@ class Navigator:
             try:
                 admitted = admit(drive.rest(), rig, here, self._config)
             except Refused as refusal:
-                blocked = refusal.details.get("blocked", [])
-                self._end("failed", refusal.code, now_ns, refusal.message, blocked)
+                places = refusal.details.get("blocked", [])
+                self._end("failed", refusal.code, now_ns, refusal.message, places)
             else:
                 self.drive = Drive(admitted.goal, rig, self._config, admitted.path, now_ns)
 

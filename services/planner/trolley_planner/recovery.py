@@ -1,6 +1,7 @@
 """Getting free: tries in rising order, each bounded; the robot gives up when none has helped."""
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -14,6 +15,8 @@ FREE_AFTER_M = 0.5
 DETOUR_M = 2.0
 MAX_DETOURS = 2
 MAX_TRIES = 15
+EXCUSED = 5
+"""After so many times `give_up_s` it gives up, however often it only stood for somebody."""
 
 
 class Try(Enum):
@@ -23,10 +26,13 @@ class Try(Enum):
     CLEAR = "clear"
     BACK_UP = "back up"
     TURN = "turn"
+    REROUTE = "another route"
     WAIT_LONGER = "wait longer"
 
 
-LADDER = (Try.WAIT, Try.CLEAR, Try.BACK_UP, Try.TURN, Try.WAIT_LONGER)
+LADDER = (Try.WAIT, Try.CLEAR, Try.BACK_UP, Try.TURN, Try.REROUTE, Try.WAIT_LONGER)
+MOVES = (Try.BACK_UP, Try.TURN, Try.REROUTE)
+"""These are tried only where they are possible."""
 
 
 @dataclass(slots=True)
@@ -60,18 +66,20 @@ class Recovery:
         self._patience_ns = round(config.patience_s * 1e9)
         self._rung = -1
         self._since_ns: int | None = None
+        self._excused_ns = 0
         self._began_ns = 0
         self._best_m = float("inf")
         self._detours = 0
+        self._spent = 0
         self.count = 0
-        """Tries since the goal was sent."""
+        """Tries since the goal was sent, waits included."""
         self.current: Try | None = None
         """What is being tried."""
 
     def note_remaining(self, remaining_m: float) -> None:
         """Take what is left of the way: whoever gets on is free."""
         if remaining_m < self._best_m - FREE_AFTER_M:
-            self._rung, self._since_ns = -1, None
+            self._rung, self._since_ns, self._excused_ns = -1, None, 0
             self._best_m = remaining_m
         elif self._best_m == float("inf"):
             self._best_m = remaining_m
@@ -82,21 +90,44 @@ class Recovery:
             self._detours += 1
             self._best_m = remaining_m
 
-    def begin(self, now_ns: int) -> Try | None:
-        """Begin the next try; None when it is time to give up."""
+    def begin(self, now_ns: int, is_possible: Callable[[Try], bool]) -> Try | None:
+        """Begin the next try that is possible; None when it is time to give up.
+
+        Args:
+            now_ns: robot time.
+            is_possible: asked before a try that moves the robot or changes its way.
+        """
         if self._since_ns is None:
             self._since_ns = now_ns
-        if now_ns - self._since_ns > self._give_up_ns or self.count >= MAX_TRIES:
+        lasted_ns = now_ns - self._since_ns
+        own_ns = lasted_ns - self._excused_ns
+        is_enough = own_ns > self._give_up_ns or lasted_ns > EXCUSED * self._give_up_ns
+        if is_enough or self._spent >= MAX_TRIES:
             return None
         self._rung = min(self._rung + 1, len(LADDER) - 1)
+        while LADDER[self._rung] in MOVES and not is_possible(LADDER[self._rung]):
+            self._rung += 1
         self._began_ns = now_ns
         self.count += 1
+        self._spent += 1
         self.current = LADDER[self._rung]
         return self.current
 
     def end(self) -> None:
         """End the current try."""
         self.current = None
+
+    def forgive(self, now_ns: int) -> None:
+        """End a wait for something that went away by itself: it was no try, nor is its time."""
+        self._spent -= 1
+        self._rung -= 1
+        self.excuse(now_ns - self._began_ns)
+        self.end()
+
+    def excuse(self, time_ns: int) -> None:
+        """Leave out a time in which the robot stood for somebody."""
+        if self._since_ns is not None:
+            self._excused_ns += time_ns
 
     def elapsed_s(self, now_ns: int) -> float:
         """Return how long the current try has lasted [s]."""

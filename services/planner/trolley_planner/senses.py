@@ -14,9 +14,11 @@ from trolley.messages import (
     Robot,
     SavedPoses,
     Scan,
+    Suspects,
     Transform,
     Zones,
 )
+from trolley.messages.types import floats_from_bytes
 
 STALE_S = 1.0
 """A pose estimate older than this is stale."""
@@ -40,6 +42,7 @@ class Senses:
         self.odometry: Odometry | None = None
         self.map: OccupancyGrid | None = None
         self.zones: Zones | None = None
+        self.suspects: Suspects | None = None
         self.pose: PoseEstimate | None = None
         self.base: BaseState | None = None
         self.places: SavedPoses | None = None
@@ -48,6 +51,13 @@ class Senses:
         """The same, but smooth: what the final approach steers by."""
         self.num_jumps = 0
         """How often the pose was corrected by more than noise."""
+
+    def take_scan(self, scan: Scan) -> bool:
+        """Take a scan; False if no beam of it says anything, which is no better than silence."""
+        if not (floats_from_bytes(scan.ranges) > 0.0).any():
+            return False
+        self.scan = scan
+        return True
 
     def take_correction(self, transform: Transform) -> None:
         """Take over `tf/odom`."""

@@ -13,6 +13,7 @@ from trolley.messages import (
     Robot,
     SavedPoses,
     Scan,
+    Suspects,
     Transform,
     VelocityCommand,
     Zones,
@@ -81,6 +82,11 @@ class PlannerService(Service):
     def take_zones(self, zones: Zones) -> None:
         """Take the zones."""
         self._navigator.senses.zones = zones
+
+    @on(topics.SUSPECTS)
+    def take_suspects(self, suspects: Suspects) -> None:
+        """Take where mirrors are suspected."""
+        self._navigator.senses.suspects = suspects
 
     @on(topics.POSES)
     def take_places(self, places: SavedPoses) -> None:

@@ -10,7 +10,7 @@ from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.messages import OccupancyGrid, Odometry, Robot, Scan, Zones
+from trolley.messages import OccupancyGrid, Odometry, Robot, Scan, Suspects, Zones
 from trolley.messages.types import floats_from_bytes
 from trolley_planner.echoes import Sweep
 from trolley_planner.footprint import Footprint
@@ -43,6 +43,7 @@ class Surroundings:
         self._zones: Zones | None = None
         self._footprint: Footprint | None = None
         self._footprint_problem = ""
+        self._suspected: tuple[Rig, Suspects | None] | None = None
         self._faded_ns = 0
         self._num_jumps = 0
 
@@ -55,6 +56,20 @@ class Surroundings:
         if self.rig is None:
             raise Refused(codes.NOT_READY, self._footprint_problem or None)
         return self.rig
+
+    def trouble(self, now_ns: int) -> Refused | None:
+        """Return why the robot must not drive: it is blind, does not know where it is, or what.
+
+        What fell silent is named first: without it there is no new pose either.
+        """
+        senses, rig = self._senses, self.rig
+        code = senses.silence(now_ns) or senses.pose_trouble(now_ns)
+        if code is not None:
+            return Refused(code)
+        if rig is None:
+            return Refused(codes.NOT_READY, self._footprint_problem or None)
+        here = senses.base_pose()
+        return None if here is None else place_trouble(rig, here)
 
     def rebuild(self) -> bool:
         """Make the rig anew where robot, map or zones changed; True if so."""
@@ -91,7 +106,10 @@ class Surroundings:
         """Put a scan into the costmap; False if it cannot be placed."""
         senses, rig = self._senses, self.rig
         ranges = floats_from_bytes(scan.ranges).astype(np.float32)
-        if rig is None or len(ranges) == 0 or senses.pose_trouble(now_ns) is not None:
+        here = senses.base_pose()
+        if rig is None or here is None or senses.pose_trouble(now_ns) is not None:
+            return False
+        if place_trouble(rig, here) is not None:
             return False
         poses = senses.sweep_poses(scan, len(ranges), history)
         if poses is None or senses.base_T_laser is None:
@@ -99,7 +117,11 @@ class Surroundings:
         if self._num_jumps != senses.num_jumps:
             # What was seen from a wrong place is in the wrong place.
             self._num_jumps = senses.num_jumps
-            rig.costmap.echoes.forget_all()
+            rig.costmap.forget_all()
+        if self._suspected != (rig, senses.suspects):
+            self._suspected = rig, senses.suspects
+            lines = [] if senses.suspects is None else senses.suspects.lines
+            rig.costmap.set_suspects([line.points for line in lines])
         shape = ScanShape(scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
         body = senses.base_T_laser.inverse().transform_points(rig.footprint.polygon)
         rig.costmap.add_scan(Sweep(ranges, shape, poses[0], poses[1], body), scan.stamp_ns)
@@ -109,7 +131,7 @@ class Surroundings:
         """Forget what has been out of sight for long."""
         if self.rig is not None and now_ns - self._faded_ns >= FADE_S * 1e9:
             self._faded_ns = now_ns
-            self.rig.costmap.echoes.forget_old(now_ns)
+            self.rig.costmap.forget_old(now_ns)
 
     def note_position(self, here: Pose2D | None) -> None:
         """Take where the robot is: keep-out zones open for who must leave them."""
@@ -119,7 +141,7 @@ class Surroundings:
     def forget(self) -> None:
         """Forget everything that the lidar has seen."""
         if self.rig is not None:
-            self.rig.costmap.echoes.forget_all()
+            self.rig.costmap.forget_all()
 
     def _take_robot(self, robot: Robot) -> bool:
         """Take over the robot's outline; True if it matters to the rig."""
@@ -162,6 +184,17 @@ def _grid_of(message: OccupancyGrid) -> GridMap:
     """Return a map message as a grid."""
     cells = np.frombuffer(message.cells, dtype=np.int8).reshape(message.height, message.width)
     return GridMap(message.name, message.resolution, message.origin, cells.copy())
+
+
+def place_trouble(rig: Rig, here: Pose2D) -> Refused | None:
+    """Return why the robot cannot be where its pose says, None if it can."""
+    costmap = rig.costmap
+    in_grid = costmap.to_grid(here)
+    if not costmap.contains(in_grid.x, in_grid.y):
+        return Refused(codes.OUTSIDE_MAP, "By its pose the robot itself is outside the map.")
+    if costmap.is_wall(in_grid.x, in_grid.y):
+        return Refused(codes.LOST, "By its pose the robot is inside a wall; set its pose anew.")
+    return None
 
 
 def free_all_round(scan: Scan, base_T_laser: Pose2D, radius_m: float) -> bool:

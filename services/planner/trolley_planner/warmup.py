@@ -23,7 +23,9 @@ from trolley.messages.types import floats_to_bytes
 from trolley_planner.costmap import Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.global_planner import GlobalPlanner
+from trolley_planner.movers import Mover
 from trolley_planner.navigator import Navigator
+from trolley_planner.people import People
 
 CELLS = 60
 EDGE_M = 0.05
@@ -55,6 +57,8 @@ def warm_up() -> None:
     navigator.costmaps(now_ns)
     rig = navigator.surroundings.need_rig()
     rig.costmap.echoes.forget_around(1.0, 1.0, 0.5)
+    walker = Mover(np.array([[1.0, 1.0], [1.1, 1.0]]), np.array([0.5, 0.0]))
+    People(rig.costmap.shape, EDGE_M, 0.1).note([walker], rig.costmap.echoes.layer)
     rig.planner.hopeful_weights()
     _squeeze()
 

@@ -23,6 +23,7 @@ SENTENCES_OF_TRIES = {
     Try.CLEAR: "The robot looks again at what stands around it.",
     Try.BACK_UP: "The robot backs up the way it came.",
     Try.TURN: "The robot turns to look around.",
+    Try.REROUTE: "The robot did not get through; it takes another way.",
     Try.WAIT_LONGER: "Something is still in the way; the robot goes on waiting.",
 }
 
@@ -64,10 +65,9 @@ def details(drive: Drive, motion: Motion, limits: Limits) -> GoalStatus:
     remaining = drive.remaining_m(motion.pose)
     blocked: list[tuple[float, float]] = []
     if drive.recovery.current is not None or drive.route.is_blocked:
-        points = [*drive.route.blocked_points(), *drive.route.narrow]
-        if points:
-            in_frame = drive.rig.costmap.frame_T_grid.transform_points(np.array(points))
-            blocked = [(float(x), float(y)) for x, y in in_frame]
+        points = [*drive.route.blocked_points(), *drive.route.narrow] or [drive.place_ahead()]
+        in_frame = drive.rig.costmap.frame_T_grid.transform_points(np.array(points))
+        blocked = [(float(x), float(y)) for x, y in in_frame]
     return GoalStatus(
         stamp_ns=0,
         id=None,

@@ -101,7 +101,7 @@ class Stage:
         self.goals = self.lockstep.record(topics.GOAL)
         self.paths = self.lockstep.record(topics.PATH)
         self.lockstep.add(self.robot)
-        self.lockstep.add(PlannerService(self.config))
+        self.planner = self.lockstep.add(PlannerService(self.config))
         self.lockstep.run(0.5)
 
     def send(self, pose: Pose2D, **params: object) -> GoalStatus:

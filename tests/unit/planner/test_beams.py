@@ -163,3 +163,49 @@ def test_beams_outside_the_grid_are_harmless() -> None:
     grid.add_scan(everywhere, 0)
     grid.add_scan(sweep(dict.fromkeys(range(BEAMS), 2.0), Pose2D(1e7, -1e7, 0.3)), 0)
     grid.refresh()
+
+
+def test_cells_between_far_beams_are_cleared_where_both_go_on() -> None:
+    grid = costmap(empty_room(16.0, 6.0))
+    start = Pose2D(1.0, 3.0, 0.0)
+    here = Pose2D(1.0, 3.0, math.radians(0.5))
+    # Seen from a heading in between: at 6 m the beams of 1 degree are two cells apart.
+    for _ in range(3):
+        grid.add_scan(sweep({0: 6.02 - 0.07}, here), 0)
+    assert len(marked(grid)) == 1
+    for _ in range(12):
+        grid.add_scan(sweep({0: 7.0, 1: math.inf}, start), 0)
+    assert marked(grid) == set()
+
+
+@pytest.mark.parametrize("beams", [{0: 7.0, 1: 5.5}, {0: 7.0}, {0: 7.0, 1: 0.0, 2: 7.0}])
+def test_cells_beside_a_beam_stay_where_its_neighbour_ends_before(beams) -> None:
+    grid = costmap(empty_room(16.0, 6.0))
+    for _ in range(3):
+        grid.add_scan(sweep({0: 5.95}, Pose2D(1.0, 3.0, math.radians(0.5))), 0)
+    [cell] = marked(grid)
+    for _ in range(12):
+        grid.add_scan(sweep(beams, Pose2D(1.0, 3.0, 0.0)), 0)
+    assert cell in marked(grid)
+
+
+def test_where_the_robot_is_nothing_else_is() -> None:
+    grid = costmap()
+    for _ in range(5):
+        grid.add_scan(sweep({0: 1.02, 180: 1.02}), 0)
+    assert marked(grid) == {(60, 80), (60, 39)}
+    # It backs over the place behind it, which its lidar does not see.
+    grid.add_scan(sweep({0: 2.07}, Pose2D(1.95, 3.0, 0.0)), 0)
+    assert marked(grid) == {(60, 80)}
+
+
+def test_nothing_is_marked_behind_a_suspected_mirror() -> None:
+    grid = costmap()
+    grid.set_suspects([[(4.0, 2.0), (4.0, 4.0)]])
+    for scan in range(5):
+        grid.add_scan(sweep({degree % 360: 1.5 for degree in range(-20, 21)}), scan)
+    assert marked(grid) == set()
+    assert not grid.walls[60, 80]
+    grid.set_suspects([])
+    grid.add_scan(sweep({0: 1.5}), 9)
+    assert marked(grid)

@@ -13,7 +13,7 @@ from trolley_planner.costmap import Costmap
 from trolley_planner.echoes import Sweep
 from trolley_planner.footprint import Footprint
 from trolley_planner.kernels.beams import ScanShape
-from trolley_planner.kernels.layers import LETHAL
+from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 
@@ -36,8 +36,7 @@ def test_updating_what_changed_gives_the_same_as_computing_all() -> None:
         grid.add_scan(scan_at(x, y, rng.uniform(0.3, 5.0, 180)), number * 10**8)
         grid.refresh()
         weights, distance = grid.weights.copy(), grid.distance_m.copy()
-        rows, cols = grid.shape
-        grid.echoes.layer.dirty[:] = (0, rows - 1, 0, cols - 1)
+        grid.echoes.touch_all()
         grid.refresh()
         np.testing.assert_array_equal(weights, grid.weights)
         np.testing.assert_allclose(distance, grid.distance_m)
@@ -112,3 +111,59 @@ def test_the_limit_falls_before_a_speed_zone() -> None:
     braking = (speeds[:-1] ** 2 - speeds[1:] ** 2) / (2 * 0.05)
     assert braking.max() < 0.6
     assert speeds[0] > 0.9
+
+
+def person_at(x: float) -> np.ndarray:
+    """Ranges of 360 beams from (1, 3) with somebody of 0.2 m at (x, 3) in an empty room."""
+    angles = 0.2 + np.arange(360) * (2.0 * math.pi / 360)
+    ranges = np.full(360, np.inf)
+    ahead = np.abs(np.remainder(angles + math.pi, 2.0 * math.pi) - math.pi) < 0.1 / (x - 1.0)
+    ranges[ahead] = x - 1.0
+    return ranges
+
+
+def test_the_way_ahead_of_who_walks_is_dear_but_open() -> None:
+    grid = make(empty_room())
+    for number in range(6):
+        grid.add_scan(scan_at(1.0, 3.0, person_at(3.0 - 0.1 * number)), number * 10**8)
+        grid.refresh()
+    assert len(grid.movers) == 1
+    assert -1.3 < grid.movers[0].velocity[0] < -0.7
+    ahead, behind, beside = (60, 36), (60, 66), (88, 36)
+    assert grid.weights[ahead] > 2 * grid.weights[behind]
+    assert grid.weights[ahead] > 2 * grid.weights[beside]
+    assert grid.weights[beside] == WEIGHT_UNIT
+    assert 0 < grid.costs()[ahead] < 99
+    # Gone again: three scans that see through are enough.
+    for number in range(6, 9):
+        grid.add_scan(scan_at(1.0, 3.0, np.full(360, np.inf)), number * 10**8)
+    grid.refresh()
+    assert grid.movers == []
+    np.testing.assert_array_equal(grid.weights[20:100, 20:140], grid.static_weights[20:100, 20:140])
+
+
+def test_who_stands_is_remembered_longer_than_who_walks() -> None:
+    def left_after(positions: list[float]) -> int:
+        grid = make(empty_room())
+        for number, x in enumerate(positions):
+            grid.add_scan(scan_at(1.0, 3.0, person_at(x)), number * 10**8)
+        for number in range(len(positions), len(positions) + 4):
+            grid.add_scan(scan_at(1.0, 3.0, np.full(360, np.inf)), number * 10**8)
+        return int(np.count_nonzero(grid.echoes.layer.evidence))
+
+    assert left_after([2.5] * 10) > 0
+    assert left_after([3.5 - 0.1 * step for step in range(10)]) == 0
+
+
+def test_what_is_closed_is_open_again_after_a_minute() -> None:
+    grid = make(empty_room())
+    before = grid.weights.copy()
+    grid.close(4.0, 3.0, 0.2, 5 * 10**9)
+    assert grid.refresh()
+    assert grid.weights[60, 80] == LETHAL
+    assert grid.costs()[60, 80] == 100
+    grid.forget_old(60 * 10**9)
+    assert not grid.refresh()
+    grid.forget_old(66 * 10**9)
+    assert grid.refresh()
+    np.testing.assert_array_equal(grid.weights, before)

@@ -9,7 +9,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley_planner.progress import ProgressChecker
-from trolley_planner.recovery import LADDER, Recovery
+from trolley_planner.recovery import LADDER, Recovery, Try
 
 START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000
@@ -143,14 +143,81 @@ def test_standing_going_to_and_fro_and_spinning_are_told_apart() -> None:
     assert first_trouble(spin, spin) == codes.BLOCKED
 
 
+def always(_: Try) -> bool:
+    return True
+
+
 def test_tries_rise_begin_anew_after_progress_and_end() -> None:
     recovery = Recovery(PlannerConfig(give_up_s=60.0))
     recovery.note_remaining(5.0)
-    begun = [recovery.begin(second * SECOND_NS) for second in range(6)]
+    begun = [recovery.begin(second * SECOND_NS, always) for second in range(7)]
     assert begun == [*LADDER, LADDER[-1]]
     recovery.note_remaining(4.0)
-    assert recovery.begin(100 * SECOND_NS) is LADDER[0]
-    assert recovery.begin(161 * SECOND_NS) is None
+    assert recovery.begin(100 * SECOND_NS, always) is LADDER[0]
+    assert recovery.begin(161 * SECOND_NS, always) is None
+
+
+def test_tries_without_room_are_left_out() -> None:
+    recovery = Recovery(PlannerConfig())
+    begun = [recovery.begin(0, lambda one: one is Try.TURN) for _ in range(4)]
+    assert begun == [Try.WAIT, Try.CLEAR, Try.TURN, Try.WAIT_LONGER]
+    assert recovery.count == 4
+
+
+def test_waits_that_ended_by_themselves_are_not_held_against_the_goal() -> None:
+    recovery = Recovery(PlannerConfig(give_up_s=20.0))
+    for second in range(0, 80, 4):
+        assert recovery.begin(second * SECOND_NS, always) is Try.WAIT
+        recovery.forgive((second + 4) * SECOND_NS)
+        assert recovery.current is None
+    assert recovery.count == 20
+    begun = [recovery.begin((80 + 5 * step) * SECOND_NS, always) for step in range(6)]
+    assert begun == [*LADDER[:5], None]
+
+
+def test_nobody_is_waited_for_without_end() -> None:
+    recovery = Recovery(PlannerConfig(give_up_s=20.0))
+    for second in range(100):
+        assert recovery.begin(second * SECOND_NS, always) is not None
+        recovery.forgive((second + 1) * SECOND_NS)
+    recovery.excuse(1000 * SECOND_NS)
+    assert recovery.begin(101 * SECOND_NS, always) is None
+
+
+def test_another_way_is_taken_where_something_unseen_is_in_the_way(ride) -> None:
+    class Sill(Flatland):
+        """The wheels do not get over a sill in the middle door, which no lidar sees."""
+
+        def drive(self, twist: Twist2D, dt: float) -> None:
+            before, odometry = self.pose, self.odom_T_base
+            super().drive(twist, dt)
+            if 3.75 < self.pose.x < 4.2 and abs(self.pose.y - 3.0) < 0.5:
+                self.pose, self.odom_T_base = before, odometry
+                self.twist = Twist2D.zero()
+
+    world = Sill(two_doors(), START)
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    assert drive.until_over(200.0).state == "arrived"
+    told = [status.message for status in drive.statuses if status.state == "recovering"]
+    assert any("another way" in message for message in told)
+    assert world.touches == 0
+
+
+def test_a_robot_without_room_neither_backs_up_nor_turns(ride) -> None:
+    # A dead end just wider than the robot, which somebody closes behind it.
+    lane = with_block(with_block(empty_room(), 2.0, 0.1, 5.9, 2.72), 2.0, 3.18, 5.9, 2.72)
+    world = Flatland(lane, START)
+    drive = ride(world, PlannerConfig(give_up_s=25.0))
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.until(lambda: world.pose.x > 3.0)
+    shut = with_block(lane, world.pose.x + 0.6, 2.8, 0.2, 0.4)
+    world.set_truth(with_block(shut, world.pose.x - 0.4, 2.8, 0.1, 0.4))
+    status = drive.until_over(150.0)
+    assert (status.state, status.reason) == ("failed", codes.BLOCKED)
+    told = {status.message for status in drive.statuses}
+    assert not any("turns" in message or "another way" in message for message in told)
+    assert world.touches == 0
 
 
 def test_a_goal_without_room_to_turn_is_come_into_straight(ride) -> None:

@@ -12,7 +12,9 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley_planner.closing import HOLD_S, ClosingWatch
 from trolley_planner.drive import Drive
+from trolley_planner.footprint import Footprint
 from trolley_planner.movers import Mover, MoverWatch
+from trolley_planner.touching import TouchWatch
 
 STEP_S = 0.05
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -118,6 +120,32 @@ def test_who_comes_is_not_taken_for_somebody_else_who_stands_there() -> None:
     assert [float(mover.velocity[1]) < -0.5 for mover in found] == [True]
 
 
+def test_two_who_pass_each_other_keep_their_own_ways() -> None:
+    room = empty_room()
+    world = Flatland(room, Pose2D(4.0, 3.0, 0.0))
+    watch = MoverWatch()
+    wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
+    seen: list[list[float]] = []
+    for step in range(16):
+        # One comes down at 1.2 m/s, the other goes up at 0.9 m/s, half a metre farther away.
+        down, up = 4.0 - 0.12 * step, 2.2 + 0.09 * step
+        world.set_truth(with_person(with_person(room, 5.0, down), 5.5, up))
+        angles = 0.7 + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
+        ranges = world.ranges().astype(np.float64)
+        x, cos, sin = np.full(BEAMS, 4.05), np.cos(angles), np.sin(angles)
+        beams = np.stack([x, np.full(BEAMS, 3.0), cos, sin, ranges, ranges], axis=1)
+        found = watch.look(step * 100_000_000, beams, wall_distance_m, room.resolution)
+        for mover in found:
+            is_first = float(mover.points[:, 0].min()) < 5.2
+            seen.append([is_first, float(mover.velocity[1])])
+    first = [speed for is_first, speed in seen if is_first]
+    second = [speed for is_first, speed in seen if not is_first]
+    assert len(first) > 8
+    assert len(second) > 4
+    assert max(first) < -0.3
+    assert min(second) > 0.2
+
+
 def corridor(door_x: float) -> GridMap:
     """A corridor of 1 m along y = 3 with a wide opening to the left at `door_x`."""
     below = with_block(empty_room(), 0.1, 0.1, 6.0, 2.4)
@@ -164,3 +192,69 @@ def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
     status = drive.until_over(120.0)
     assert status.state == "failed"
     assert status.reason
+
+
+def echoes_at(points: list[tuple[float, float]]) -> NDArray[np.float64]:
+    """Beams from the robot's own place to these points."""
+    x, y = np.array(points).T
+    ranges = np.hypot(x, y)
+    zeros = np.zeros(len(points))
+    return np.stack([zeros, zeros, x / ranges, y / ranges, ranges, ranges], axis=1)
+
+
+SECOND_NS = 1_000_000_000
+TOUCHING, BESIDE = echoes_at([(0.18, 0.0), (2.0, 1.0)]), echoes_at([(0.3, 0.0), (2.0, 1.0)])
+
+
+def touched() -> TouchWatch:
+    box = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
+    return TouchWatch(Footprint.from_polygon(box), patience_s=5.0)
+
+
+def test_stands_while_who_came_touches_it_but_not_for_ever() -> None:
+    watch = touched()
+    watch.note(0, BESIDE, mover(0.4, 0.0, -1.0, 0.0), HERE)
+    assert not watch.must_stand(0)
+    for tenth in range(5, 55):
+        now_ns = tenth * SECOND_NS // 10
+        watch.note(now_ns, TOUCHING, [], HERE)
+        assert watch.must_stand(now_ns)
+    watch.note(6 * SECOND_NS, TOUCHING, [], HERE)
+    assert not watch.must_stand(6 * SECOND_NS)
+
+
+def test_drives_on_when_who_touched_it_has_gone() -> None:
+    watch = touched()
+    watch.note(0, BESIDE, mover(0.4, 0.0, -1.0, 0.0), HERE)
+    watch.note(SECOND_NS // 2, TOUCHING, [], HERE)
+    watch.note(SECOND_NS, BESIDE, [], HERE)
+    assert not watch.must_stand(SECOND_NS)
+
+
+def test_does_not_stand_for_what_it_drove_up_to() -> None:
+    watch = touched()
+    watch.note(0, BESIDE, mover(2.0, 0.0, -1.0, 0.0), HERE)
+    watch.note(SECOND_NS // 2, TOUCHING, [], HERE)
+    assert not watch.must_stand(SECOND_NS // 2)
+    watch.note(0, np.empty((0, 6)), [], HERE)
+
+
+def test_the_robot_stands_while_somebody_leans_on_it(ride) -> None:
+    room = empty_room()
+    world = Flatland(room, Pose2D(1.0, 3.0, 0.0))
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(60)
+    walked = 0.0
+    # Somebody comes from the left until they touch it, and stays there for two seconds.
+    for step in range(80):
+        y = max(world.pose.y + 0.27, 4.8 - 1.0 * step * STEP_S)
+        world.set_truth(with_block(room, world.pose.x - 0.1, y - 0.1, 0.2, 0.2))
+        before = world.pose
+        drive.step()
+        if step > 40:
+            walked += world.pose.distance_to(before)
+    assert walked < 0.02
+    world.set_truth(room)
+    assert drive.until_over().state == "arrived"
+    assert world.touches == 0

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.flatland import Flatland, empty_room, two_rooms, with_block
+from support.flatland import empty_room, two_rooms, with_block
 
-from trolley import codes
-from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
@@ -144,25 +142,3 @@ def test_the_outline_fits_along_every_way(seed: int) -> None:
     path, _ = plan(grid, LONG, ((0.6, rng.uniform(0.6, 5.4)), (7.4, rng.uniform(0.6, 5.4))))
     if path is not None:
         assert worst_overlap(grid, LONG, path) <= 0.03
-
-
-def test_a_goal_behind_a_door_too_narrow_is_refused_with_the_place(ride) -> None:
-    drive = ride(Flatland(two_rooms(0.25), Pose2D(1.0, 3.0, 0.0), footprint=LONG))
-    with pytest.raises(Refused) as refused:
-        drive.send(Pose2D(6.0, 3.0, 0.0))
-    assert refused.value.code == codes.NO_PATH
-    door = drive.world.grid.origin @ Pose2D(4.0, 3.0, 0.0)
-    (place,) = refused.value.details["blocked"]
-    assert math.dist(place, (door.x, door.y)) < 0.15
-    assert f"({place[0]:.2f}, {place[1]:.2f})" in refused.value.message
-
-
-def test_a_goal_ends_with_the_place_where_a_new_map_is_too_narrow(ride) -> None:
-    drive = ride(Flatland(two_rooms(0.8), Pose2D(1.0, 3.0, 0.0), footprint=LONG))
-    drive.send(Pose2D(6.0, 3.0, 0.0))
-    drive.step(5)
-    drive.world.grid = two_rooms(0.25)
-    drive.navigator.senses.map = drive.world.map()
-    status = drive.until_over()
-    assert (status.state, status.reason) == ("failed", codes.NO_PATH)
-    assert math.dist(status.blocked[0], (4.0, 3.0)) < 0.15

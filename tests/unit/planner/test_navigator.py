@@ -322,6 +322,34 @@ def test_goals_that_cannot_be_are_refused(ride) -> None:
     assert refused(drive, SendGoal(name="kitchen")).code == codes.TOUR_NOT_RUNNING
 
 
+def test_a_door_that_is_too_narrow_is_named(ride) -> None:
+    drive = ride(Flatland(two_rooms(0.2), START))
+    refusal = refused(drive, SendGoal(pose=drive.world.grid.origin @ Pose2D(6.5, 4.5, 0.0)))
+    assert refusal.code == codes.NO_PATH
+    [place] = refusal.details["blocked"]
+    assert math.dist(place, (4.0, 3.0)) < 0.15
+    assert "too narrow at x" in refusal.message
+
+
+def test_without_any_gap_no_place_is_named(ride) -> None:
+    drive = ride(Flatland(with_block(empty_room(), 5.0, 0.0, 0.1, 6.0), START))
+    refusal = refused(drive, SendGoal(pose=drive.world.grid.origin @ Pose2D(6.5, 4.5, 0.0)))
+    assert refusal.code == codes.NO_PATH
+    assert "blocked" not in refusal.details
+
+
+def test_a_goal_ends_with_the_place_where_its_way_was_closed(ride) -> None:
+    drive = ride(Flatland(two_rooms(), START))
+    drive.send(Pose2D(6.5, 4.5, 0.0))
+    drive.step(20)
+    drive.navigator.senses.map = Flatland(two_rooms(0.2), START).map()
+    drive.step(4)
+    status = drive.navigator.status(drive.now_ns)
+    assert (status.state, status.reason) == ("failed", codes.NO_PATH)
+    assert math.dist(status.blocked[0], (4.0, 3.0)) < 0.15
+    assert "too narrow" in status.message
+
+
 def test_a_goal_without_a_pose_or_with_the_latch_set_is_refused(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     params = SendGoal(pose=Pose2D(3.0, 3.0, 0.0))

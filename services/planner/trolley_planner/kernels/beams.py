@@ -1,4 +1,4 @@
-"""Compiled loops that put a scan into the costmap: where beams lie, what they clear and mark.
+"""Compiled loops over the beams of a scan: where they lie, and where mirrors end them.
 
 Everything is in frame `grid` [m]: x along the columns, y along the rows, the origin at the outer
 corner of cell (0, 0).
@@ -16,14 +16,6 @@ from trolley_planner.kernels.angles import wrapped
 X, Y, DX, DY, CLEAR, ECHO = range(6)
 """Columns of a beam: start [m], direction, length that is free [m], distance of the echo [m]."""
 
-TICK_S = 0.1
-"""Unit of the times kept per cell [s]: coarse, so that 32 bits last for years."""
-
-MAX_EVIDENCE = 12
-"""Scans without an echo that a well-seen cell outlives."""
-MARK_EVIDENCE = 3
-"""Evidence that each scan with an echo adds; one that sees through takes away 1."""
-
 
 class EchoLayer(NamedTuple):
     """What the lidar has seen, per cell: the arrays of `trolley_planner.echoes.Echoes`."""
@@ -33,7 +25,7 @@ class EchoLayer(NamedTuple):
     hits: NDArray[np.uint8]
     """(rows, cols) scans that confirmed it, saturating."""
     seen_ticks: NDArray[np.int32]
-    """(rows, cols) robot time of the last echo, in `TICK_S`."""
+    """(rows, cols) robot time of the last echo, in `kernels.echoes.TICK_S`."""
     points: NDArray[np.float32]
     """(rows, cols, 2) where in the cell the last echo lay [m]."""
     observed: NDArray[np.uint8]
@@ -161,161 +153,3 @@ def cut_at_lines(
                 beams[beam, CLEAR] = min(beams[beam, CLEAR], along)
                 if beams[beam, ECHO] > along - tolerance_m:
                     beams[beam, ECHO] = 0.0
-
-
-@kernel
-def see_through(layer: EchoLayer, row: int, col: int, scan_number: int) -> None:
-    """Note that a beam passed a cell; evidence falls once a scan, however many beams pass."""
-    if layer.observed[row, col] == 0:
-        layer.observed[row, col] = 1
-        touch(layer.dirty, row, col)
-    if layer.evidence[row, col] == 0 or layer.touched[row, col, 0] == scan_number:
-        return
-    layer.touched[row, col, 0] = scan_number
-    layer.evidence[row, col] -= 1
-    if layer.evidence[row, col] == 0:
-        layer.hits[row, col] = 0
-        touch(layer.dirty, row, col)
-
-
-@kernel
-def trace_beams(
-    layer: EchoLayer,
-    walls: NDArray[np.uint8],
-    beams: NDArray[np.float64],
-    resolution_m: float,
-    scan_number: int,
-) -> None:
-    """Clear the cells that beams pass, up to the first wall of the map.
-
-    What a beam shows behind a wall of the map is a reflection or an error of the pose: its echo
-    is dropped, and nothing behind the wall is cleared.
-
-    Args:
-        layer: changed in place.
-        walls: (rows, cols), set where rays end.
-        beams: (n, 6); echoes behind walls are set to 0.
-        resolution_m: cell edge [m].
-        scan_number: differs from that of every other scan.
-
-    Source:
-        Amanatides, Woo, A Fast Voxel Traversal Algorithm for Ray Tracing (1987).
-    """
-    rows, cols = walls.shape
-    for beam in range(beams.shape[0]):
-        # The cell of the echo and the one before it are the obstacle's.
-        reach = beams[beam, CLEAR] / resolution_m
-        if beams[beam, ECHO] > 0.0:
-            reach = min(reach, beams[beam, ECHO] / resolution_m - 0.7)
-        if reach <= 0.0:
-            continue
-        x, y = beams[beam, X] / resolution_m, beams[beam, Y] / resolution_m
-        dx, dy = beams[beam, DX], beams[beam, DY]
-        row, col = math.floor(y), math.floor(x)
-        step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-        per_col = abs(1.0 / dx) if dx != 0.0 else math.inf
-        per_row = abs(1.0 / dy) if dy != 0.0 else math.inf
-        next_x = ((col + (dx > 0.0)) - x) / dx if dx != 0.0 else math.inf
-        next_y = ((row + (dy > 0.0)) - y) / dy if dy != 0.0 else math.inf
-        travelled = 0.0
-        while travelled < reach and 0 <= row < rows and 0 <= col < cols:
-            if walls[row, col]:
-                beams[beam, ECHO] = 0.0
-                beams[beam, CLEAR] = travelled * resolution_m
-                break
-            see_through(layer, row, col, scan_number)
-            if next_x < next_y:
-                travelled, col = next_x, col + step_col
-                next_x += per_col
-            else:
-                travelled, row = next_y, row + step_row
-                next_y += per_row
-
-
-@kernel
-def mark_echoes(
-    layer: EchoLayer,
-    wall_distance_m: NDArray[np.float32],
-    beams: NDArray[np.float64],
-    limits_m: tuple[float, float, float],
-    scan_number: int,
-    now_ticks: int,
-) -> None:
-    """Mark the cells of echoes that the map does not explain.
-
-    Args:
-        layer: changed in place.
-        wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
-        beams: (n, 6).
-        limits_m: cell edge; echoes farther than the second are not marked; echoes nearer to a
-            wall than the third are the wall.
-        scan_number: of this scan, as in `trace_beams`, which comes first.
-        now_ticks: robot time of the scan, in `TICK_S`.
-    """
-    rows, cols = wall_distance_m.shape
-    resolution_m, mark_max_m, explained_m = limits_m
-    for beam in range(beams.shape[0]):
-        echo = beams[beam, ECHO]
-        if echo <= 0.0 or echo > mark_max_m:
-            continue
-        x = beams[beam, X] + echo * beams[beam, DX]
-        y = beams[beam, Y] + echo * beams[beam, DY]
-        row, col = math.floor(y / resolution_m), math.floor(x / resolution_m)
-        if not (0 <= row < rows and 0 <= col < cols) or wall_distance_m[row, col] < explained_m:
-            continue
-        layer.points[row, col, 0] = x
-        layer.points[row, col, 1] = y
-        if layer.touched[row, col, 1] == scan_number:
-            continue
-        layer.touched[row, col, 1] = scan_number
-        layer.seen_ticks[row, col] = now_ticks
-        # A beam beside the echo may have seen through the same cell in this scan.
-        passed = 1 if layer.touched[row, col, 0] == scan_number else 0
-        before = int(layer.evidence[row, col]) + passed
-        if layer.evidence[row, col] == 0:
-            touch(layer.dirty, row, col)
-        layer.evidence[row, col] = min(before + MARK_EVIDENCE, MAX_EVIDENCE)
-        layer.hits[row, col] = min(int(layer.hits[row, col]) + 1, 255)
-
-
-@kernel
-def fade(layer: EchoLayer, now_ticks: int, kept_ticks: tuple[int, int, int]) -> None:
-    """Forget what has not been seen for long: the sooner, the less often it was confirmed.
-
-    People leave few echoes in each cell, furniture many, so what moves is forgotten first.
-
-    Args:
-        layer: changed in place.
-        now_ticks: robot time, in `TICK_S`.
-        kept_ticks: how long a cell is kept at least, how much longer for each scan that
-            confirmed it, and how long at most.
-    """
-    rows, cols = layer.evidence.shape
-    least, per_hit, most = kept_ticks
-    for row in range(rows):
-        for col in range(cols):
-            if layer.evidence[row, col] == 0:
-                continue
-            kept = min(least + per_hit * int(layer.hits[row, col]), most)
-            if now_ticks - layer.seen_ticks[row, col] > kept:
-                layer.evidence[row, col] = 0
-                layer.hits[row, col] = 0
-                touch(layer.dirty, row, col)
-
-
-@kernel
-def forget_near(layer: EchoLayer, x_cells: float, y_cells: float, radius_cells: float) -> None:
-    """Forget every obstacle seen whose cell centre lies within a circle [cells]."""
-    rows, cols = layer.evidence.shape
-    for row in range(
-        max(0, math.floor(y_cells - radius_cells)), min(rows, math.ceil(y_cells + radius_cells))
-    ):
-        for col in range(
-            max(0, math.floor(x_cells - radius_cells)),
-            min(cols, math.ceil(x_cells + radius_cells)),
-        ):
-            near = math.hypot(col + 0.5 - x_cells, row + 0.5 - y_cells) <= radius_cells
-            if near and layer.evidence[row, col] > 0:
-                layer.evidence[row, col] = 0
-                layer.hits[row, col] = 0
-                touch(layer.dirty, row, col)

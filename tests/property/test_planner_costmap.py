@@ -1,0 +1,161 @@
+"""The costmap's compiled loops beside slow plain ones."""
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from trolley_planner.kernels.beams import EchoLayer
+from trolley_planner.kernels.echoes import doubt, forget_inside, trace_ray
+from trolley_planner.kernels.layers import UNKNOWN, WALL, Layers, compose_into
+from trolley_planner.kernels.people import spread_walk
+
+ROWS, COLS = 14, 17
+SEEDS = st.integers(0, 2**32 - 1)
+PLACES = st.floats(-4.0, 20.0)
+ANGLES = st.floats(-math.pi, math.pi)
+
+
+def full_layer(seed: int) -> EchoLayer:
+    """A layer whose every cell holds something, seen at a random place in it."""
+    rng = np.random.default_rng(seed)
+    shape = (ROWS, COLS)
+    corners = np.stack(np.meshgrid(np.arange(COLS), np.arange(ROWS)), axis=-1)
+    points = 0.1 * (corners + rng.uniform(0.05, 0.95, (*shape, 2)))
+    return EchoLayer(
+        evidence=rng.integers(1, 13, shape).astype(np.uint8),
+        hits=rng.integers(1, 256, shape).astype(np.uint8),
+        seen_ticks=np.zeros(shape, dtype=np.int32),
+        points=points.astype(np.float32),
+        observed=np.zeros(shape, dtype=np.uint8),
+        touched=np.zeros((*shape, 2), dtype=np.int32),
+        dirty=np.array([99, -1, 99, -1], dtype=np.int64),
+    )
+
+
+@given(SEEDS, st.booleans())
+def test_a_cell_is_blocked_by_any_layer(seed: int, unknown_blocks: bool) -> None:
+    rng = np.random.default_rng(seed)
+    kinds = rng.integers(0, 3, (ROWS, COLS)).astype(np.uint8)
+    keepout, closed, evidence, observed = (
+        (rng.random((ROWS, COLS)) < 0.3).astype(np.uint8) for _ in range(4)
+    )
+    layers = Layers(kinds, keepout, closed, evidence, observed)
+    first_row, first_col = int(rng.integers(0, 5)), int(rng.integers(0, 5))
+    mask = np.full((ROWS - first_row - 1, COLS - first_col - 2), 7, dtype=np.uint8)
+    compose_into(mask, layers, (first_row, first_col), unknown_blocks)
+    expected = (kinds == WALL) | (keepout > 0) | (closed > 0) | (evidence > 0)
+    if unknown_blocks:
+        expected |= (kinds == UNKNOWN) & (observed == 0)
+    box = expected[first_row : first_row + mask.shape[0], first_col : first_col + mask.shape[1]]
+    np.testing.assert_array_equal(mask, box)
+
+
+def cells_along(x: float, y: float, angle: float, start: float, end: float) -> set[tuple[int, int]]:
+    """The cells that a dense row of points on a ray lies in."""
+    along = np.arange(start, end, 0.002)
+    rows = np.floor(y + along * math.sin(angle)).astype(int)
+    cols = np.floor(x + along * math.cos(angle)).astype(int)
+    inside = (rows >= 0) & (rows < ROWS) & (cols >= 0) & (cols < COLS)
+    return set(zip(rows[inside].tolist(), cols[inside].tolist(), strict=True))
+
+
+def places(cells: int) -> st.SearchStrategy[float]:
+    """Coordinates off the borders of cells: along a border the ray may go on either side."""
+    return st.integers(0, 100 * cells - 1).map(lambda number: (number + 0.5) / 100.0)
+
+
+@given(
+    places(COLS),
+    places(ROWS),
+    ANGLES,
+    st.floats(0.0, 5.0),
+    st.floats(0.1, 25.0),
+)
+def test_a_ray_clears_the_cells_it_passes(
+    x: float, y: float, angle: float, start: float, length: float
+) -> None:
+    layer, walls = full_layer(1), np.zeros((ROWS, COLS), dtype=np.uint8)
+    ray, stretch = (x, y, math.cos(angle), math.sin(angle)), (start, start + length)
+    assert trace_ray(layer, walls, ray, stretch, 1) == math.inf
+    passed = set(zip(*(index.tolist() for index in np.nonzero(layer.observed)), strict=True))
+    on_the_way = cells_along(x, y, angle, start, start + length)
+    # A corner that the dense points miss may count, and the first cell where it enters later.
+    entered_before = cells_along(x, y, angle, max(start - 1.5, 0.0), start + 0.005)
+    assert on_the_way - entered_before <= passed
+    near = {(row + a, col + b) for row, col in on_the_way for a in (-1, 0, 1) for b in (-1, 0, 1)}
+    assert passed <= near
+
+
+@given(ANGLES, st.integers(0, COLS - 1), st.integers(0, ROWS - 1))
+def test_a_ray_ends_at_a_wall(angle: float, col: int, row: int) -> None:
+    walls = np.zeros((ROWS, COLS), dtype=np.uint8)
+    walls[row, col] = 1
+    layer = full_layer(2)
+    x, y = 8.31, 7.17
+    ran = trace_ray(layer, walls, (x, y, math.cos(angle), math.sin(angle)), (0.0, 30.0), 1)
+    if ran == math.inf:
+        along = cells_along(x, y, angle, 0.0, 30.0)
+        assert (row, col) not in along
+    else:
+        end = x + (ran + 1e-6) * math.cos(angle), y + (ran + 1e-6) * math.sin(angle)
+        assert (math.floor(end[1]), math.floor(end[0])) == (row, col)
+        assert not layer.observed[row, col]
+
+
+def inside(polygon: NDArray[np.float64], x: float, y: float) -> bool:
+    """Whether a point lies in a convex polygon, counter-clockwise."""
+    ahead = np.roll(polygon, -1, axis=0) - polygon
+    offset = np.array([x, y]) - polygon
+    return bool((ahead[:, 0] * offset[:, 1] - ahead[:, 1] * offset[:, 0] > 0.0).all())
+
+
+@given(SEEDS, PLACES, PLACES, ANGLES)
+def test_what_was_seen_inside_the_outline_is_forgotten(
+    seed: int, x: float, y: float, yaw: float
+) -> None:
+    layer = full_layer(seed)
+    corners = np.array([(3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0), (3.0, -2.0)])
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    polygon = corners @ turn.T + (x, y)
+    forget_inside(layer, polygon, 0.1)
+    for row in range(ROWS):
+        for col in range(COLS):
+            point = layer.points[row, col].astype(np.float64) / 0.1
+            kept = layer.evidence[row, col] > 0
+            assert kept != inside(polygon, float(point[0]), float(point[1]))
+            assert kept == (layer.hits[row, col] > 0)
+
+
+def test_what_moves_is_doubted_where_it_is_seen() -> None:
+    layer = full_layer(5)
+    before = layer.evidence.copy()
+    doubt(layer, np.array([[0.35, 0.25], [-1.0, 0.2], [9.0, 0.2], [0.2, 1.45]]), 0.1)
+    changed = np.argwhere((layer.hits == 1) | (layer.evidence != before)).tolist()
+    assert [2, 3] in changed
+    assert layer.evidence[2, 3] == min(int(before[2, 3]), 3)
+    others = np.ones((ROWS, COLS), dtype=bool)
+    others[2, 3] = False
+    np.testing.assert_array_equal(layer.evidence[others], before[others])
+
+
+@given(PLACES, PLACES, ANGLES, st.floats(1.0, 12.0), st.floats(0.5, 6.0))
+def test_the_way_of_who_walks_is_dear(
+    x: float, y: float, angle: float, length: float, reach: float
+) -> None:
+    dx, dy = length * math.cos(angle), length * math.sin(angle)
+    weights = np.full((ROWS, COLS), 5, dtype=np.uint8)
+    box = spread_walk(weights, (x, y, x + dx, y + dy), reach, 44.0)
+    for row in range(ROWS):
+        for col in range(COLS):
+            px, py = col + 0.5 - x, row + 0.5 - y
+            squared = dx * dx + dy * dy
+            along = min(max((px * dx + py * dy) / squared, 0.0), 1.0) if squared > 0.0 else 0.0
+            away = math.hypot(px - along * dx, py - along * dy)
+            price = 44.0 * (1.0 - 0.7 * along) * (1.0 - away / reach)
+            assert abs(int(weights[row, col]) - max(5.0, price)) <= 1.0
+            if weights[row, col] > 5:
+                assert box[0] <= row <= box[1]
+                assert box[2] <= col <= box[3]

@@ -1,0 +1,134 @@
+"""What the planner says on the wire when it does not get on, and what it takes from there."""
+
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from support.flatland import Flatland, empty_room, two_rooms, with_block
+
+from trolley import codes, topics
+from trolley.codes import Refused
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import Suspects
+from trolley.messages.sensing import SuspectLine
+
+from .conftest import START, Stage
+
+FAR_SIDE = Pose2D(6.5, 4.5, 0.0)
+
+
+def told(stage: Stage) -> list[tuple[str, str]]:
+    """States with their reasons, each once in their order."""
+    pairs = [(goal.state, goal.reason) for goal in stage.goals]
+    return [pair for index, pair in enumerate(pairs) if index == 0 or pair != pairs[index - 1]]
+
+
+def test_a_blocked_door_is_told_with_its_place_and_all_that_is_tried(tmp_path: Path) -> None:
+    world = Flatland(two_rooms(), START)
+    world.set_truth(with_block(two_rooms(), 3.9, 2.5, 0.2, 1.0))
+    stage = Stage(tmp_path, world, give_up_s=30.0)
+    stage.send(FAR_SIDE)
+    ended = stage.until("failed", 150.0)
+    assert told(stage)[-3:] == [("driving", ""), ("recovering", "blocked"), ("failed", "blocked")]
+    assert math.dist(ended.blocked[0], (3.9, 3.0)) < 0.6
+    messages = {goal.message for goal in stage.goals if goal.state == "recovering"}
+    for word in ("waits", "looks again", "backs up", "turns"):
+        assert any(word in message for message in messages), word
+    assert ended.recoveries >= 4
+    assert world.touches == 0
+    stage.lockstep.close()
+
+
+class Ice(Flatland):
+    """The wheels turn, the robot stays; the localizer sees that."""
+
+    def drive(self, twist: Twist2D, dt: float) -> None:
+        stays = self.pose
+        super().drive(twist, dt)
+        self.pose = stays
+
+    def correction(self, stamp_ns: int):
+        true = self.map_T_base @ self.odom_T_base.inverse()
+        return msgspec.structs.replace(super().correction(stamp_ns), pose=true)
+
+
+class Swing(Flatland):
+    """Whatever it wants, the robot rolls to and fro."""
+
+    speed = 0.3
+
+    def drive(self, twist: Twist2D, dt: float) -> None:
+        if abs(self.pose.x - START.x) > 0.05:
+            self.speed = math.copysign(self.speed, START.x - self.pose.x)
+        super().drive(Twist2D(self.speed, 0.0, 0.0), dt)
+
+
+class Stuck(Flatland):
+    """The robot does not move, for no reason that anybody sees."""
+
+    def drive(self, twist: Twist2D, dt: float) -> None:
+        del twist, dt
+
+
+@pytest.mark.parametrize(
+    ("world", "reason"), [(Ice, codes.SLIP), (Swing, codes.OSCILLATION), (Stuck, codes.BLOCKED)]
+)
+def test_why_it_does_not_get_on_is_told(tmp_path: Path, world, reason: str) -> None:
+    stage = Stage(tmp_path, world(empty_room(), START))
+    stage.send(FAR_SIDE)
+    assert stage.until("recovering", 30.0).reason == reason
+    ended = stage.until("failed", 200.0)
+    assert (ended.reason, ended.message) == (reason, codes.SENTENCES[reason])
+    stage.lockstep.close()
+
+
+def test_a_door_that_is_too_narrow_is_refused_with_its_place(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, Flatland(two_rooms(0.2), START))
+    with pytest.raises(Refused) as refusal:
+        stage.send(FAR_SIDE)
+    assert refusal.value.code == codes.NO_PATH
+    [place] = refusal.value.details["blocked"]
+    assert math.dist(place, (4.0, 3.0)) < 0.15
+    stage.lockstep.close()
+
+
+def test_a_pose_off_the_map_stops_the_robot_and_says_so(stage: Stage) -> None:
+    stage.send(FAR_SIDE)
+    stage.lockstep.run(2.0)
+    plain = stage.world.correction
+    away = Pose2D(-30.0, 2.0, 0.3)
+    stage.world.correction = lambda stamp_ns: msgspec.structs.replace(
+        plain(stamp_ns), pose=away @ plain(stamp_ns).pose
+    )
+    assert stage.stands()
+    assert (stage.goals[-1].state, stage.goals[-1].reason) == ("recovering", codes.OUTSIDE_MAP)
+    with pytest.raises(Refused) as refusal:
+        stage.send(START)
+    assert refusal.value.code == codes.OUTSIDE_MAP
+    del stage.world.correction
+    assert stage.until("arrived").reason == ""
+    assert stage.world.touches == 0
+
+
+def test_nothing_is_seen_behind_a_suspected_mirror(tmp_path: Path) -> None:
+    world = Flatland(empty_room(), START)
+    world.set_truth(with_block(empty_room(), 3.0, 2.8, 0.3, 0.4))
+    stage = Stage(tmp_path, world)
+    rig = stage.planner._navigator.surroundings.need_rig()
+
+    def is_seen() -> bool:
+        return bool(np.any(rig.costmap.echoes.layer.evidence[50:70, 58:68]))
+
+    stage.lockstep.run(2.0)
+    assert is_seen()
+    line = SuspectLine(points=[(2.5, 2.0), (2.5, 4.0)], score=0.7)
+    stage.lockstep.publish(topics.SUSPECTS, Suspects(stamp_ns=1, lines=[line]))
+    rig.costmap.forget_all()
+    stage.lockstep.run(2.0)
+    assert not is_seen()
+    stage.lockstep.publish(topics.SUSPECTS, Suspects(stamp_ns=2, lines=[]))
+    stage.lockstep.run(2.0)
+    assert is_seen()
+    stage.lockstep.close()

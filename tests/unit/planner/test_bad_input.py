@@ -1,0 +1,159 @@
+"""Maps, outlines, scans and poses that make no sense: a refusal or a stop, each with its reason."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from support.flatland import Flatland, empty_room, scan_message, with_block
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import UNKNOWN, GridMap
+from trolley.messages import OccupancyGrid, Scan
+from trolley.messages.asking import SendGoal
+from trolley.messages.types import floats_to_bytes
+
+START = Pose2D(1.0, 3.0, 0.0)
+CROSSED = [(0.2, 0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, -0.2)]
+BESIDE = [(0.3, 0.1), (0.1, 0.1), (0.1, -0.1), (0.3, -0.1)]
+
+
+def refused(ride, pose: Pose2D) -> Refused:
+    with pytest.raises(Refused) as refusal:
+        ride.navigator.send(SendGoal(pose=pose), "x", ride.now_ns)
+    assert ride.navigator.board.state == "idle"
+    ride.step(20)
+    assert ride.commands[-1] is None
+    return refusal.value
+
+
+def map_of(cells: np.ndarray) -> OccupancyGrid:
+    grid = GridMap("odd", 0.05, Pose2D.identity(), cells.astype(np.int8))
+    return Flatland(grid, START).map()
+
+
+@pytest.mark.parametrize("value", [0, 100, UNKNOWN])
+def test_on_a_map_of_one_cell_no_goal_is_taken(ride, value: int) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.navigator.senses.map = map_of(np.full((1, 1), value))
+    drive.step(4)
+    assert refused(drive, Pose2D(0.02, 0.02, 0.0)).code == codes.OUTSIDE_MAP
+    assert refused(drive, START).code == codes.OUTSIDE_MAP
+    assert all(grid is not None for grid in drive.navigator.costmaps(drive.now_ns))
+
+
+def test_on_a_map_of_nothing_known_no_goal_is_taken(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.navigator.senses.map = map_of(np.full((120, 160), UNKNOWN))
+    drive.step(4)
+    refusal = refused(drive, Pose2D(3.0, 3.0, 0.0))
+    assert refusal.code == codes.IN_OBSTACLE
+    assert "does not know" in refusal.message
+
+
+@pytest.mark.parametrize("outline", [CROSSED, BESIDE, [(0.1, 0.0), (-0.1, 0.0), (0.2, 0.0)]])
+def test_an_outline_that_is_none_is_named(ride, outline) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    senses = drive.navigator.senses
+    senses.robot = msgspec.structs.replace(senses.robot, footprint=outline)
+    drive.step(4)
+    refusal = refused(drive, Pose2D(3.0, 3.0, 0.0))
+    assert refusal.code == codes.NOT_READY
+    assert "footprint" in refusal.message
+
+
+def test_an_outline_that_becomes_none_ends_the_goal(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(20)
+    senses = drive.navigator.senses
+    senses.robot = msgspec.structs.replace(senses.robot, footprint=CROSSED)
+    drive.step(4)
+    status = drive.navigator.status(drive.now_ns)
+    assert (status.state, status.reason) == ("failed", codes.NOT_READY)
+    assert "footprint" in status.message
+    drive.step(20)
+    assert drive.world.twist.is_zero
+
+
+def test_with_an_outline_that_is_none_nothing_turns_to_look_round(ride) -> None:
+    drive = ride(Flatland(empty_room(), START), PlannerConfig(turn_to_find=True))
+    senses = drive.navigator.senses
+    senses.robot = msgspec.structs.replace(senses.robot, footprint=BESIDE)
+    drive.pose_state = "lost"
+    plain = drive.world.estimate
+    drive.world.estimate = lambda *given: msgspec.structs.replace(plain(*given), wants_turn=True)
+    drive.step(20)
+    assert drive.commands[-1] is None
+
+
+def test_a_lidar_that_sees_nothing_far_and_wide_lets_it_drive(ride) -> None:
+    world = Flatland(empty_room(), START)
+    drive = ride(world, PlannerConfig(frame="odom"))
+    world.scan = lambda stamp_ns: scan_message(np.full(360, np.inf), stamp_ns)
+    goal = world.odom_T_base @ Pose2D(3.0, 0.0, 0.0)
+    drive.navigator.send(SendGoal(pose=goal), "x", drive.now_ns)
+    assert drive.until_over().state == "arrived"
+
+
+@pytest.mark.parametrize(
+    "ranges", [np.zeros(360), np.full(360, math.nan), np.full(360, -1.0), np.zeros(0)]
+)
+def test_a_lidar_that_says_nothing_stops_the_robot(ride, ranges: np.ndarray) -> None:
+    world = Flatland(empty_room(), START)
+    drive = ride(world, PlannerConfig(give_up_s=5.0))
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(40)
+    seen = world.scan
+
+    def blind(stamp_ns: int) -> Scan:
+        return msgspec.structs.replace(seen(stamp_ns), ranges=floats_to_bytes(ranges))
+
+    world.scan = blind
+    drive.step(16)
+    assert world.twist.is_zero
+    status = drive.navigator.status(drive.now_ns)
+    assert (status.state, status.reason) == ("recovering", codes.SCAN_LOST)
+    world.scan = seen
+    drive.step(20)
+    assert drive.navigator.board.state == "driving"
+    world.scan = blind
+    status = drive.until_over(20.0)
+    assert (status.state, status.reason) == ("failed", codes.SCAN_LOST)
+
+
+def jump(drive, by: Pose2D) -> None:
+    """From now on the localizer says that the robot is elsewhere."""
+    world = drive.world
+    plain = type(world).correction
+    world.correction = lambda stamp_ns: msgspec.structs.replace(
+        plain(world, stamp_ns), pose=by @ plain(world, stamp_ns).pose
+    )
+
+
+@pytest.mark.parametrize(
+    ("by", "reason"),
+    [
+        (Pose2D(-20.0, 3.0, 0.4), codes.OUTSIDE_MAP),
+        (Pose2D(1e6, -1e6, 0.0), codes.OUTSIDE_MAP),
+        (Pose2D(3.3, 0.0, 0.0), codes.LOST),
+    ],
+)
+def test_a_pose_that_jumps_off_the_map_or_into_a_wall_ends_the_goal(
+    ride, by: Pose2D, reason: str
+) -> None:
+    world = Flatland(with_block(empty_room(), 4.5, 1.0, 2.5, 4.0), START)
+    world.set_truth(empty_room())
+    drive = ride(world, PlannerConfig(give_up_s=10.0))
+    drive.send(Pose2D(2.5, 5.3, 0.0))
+    drive.step(30)
+    jump(drive, by)
+    drive.step(12)
+    assert world.twist.is_zero
+    status = drive.until_over(60.0)
+    assert (status.state, status.reason) == ("failed", reason)
+    assert status.message
+    assert world.touches == 0
