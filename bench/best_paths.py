@@ -6,41 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
+from trolley_planner.kernels.fitting import sift_up, take_first
 from trolley_planner.kernels.lines import segment_cost
 
 AWAY = 1e-4
 """Corners are taken so far outside the cell that they belong to [cells]."""
-
-
-@kernel
-def dearest_first(heap: NDArray[np.float64], size: int, key: float, cell: int) -> None:
-    """Put a cell into a binary heap (n, 2) of keys and cells."""
-    at = size
-    while at > 0:
-        above = (at - 1) // 2
-        if heap[above, 0] <= key:
-            break
-        heap[at] = heap[above]
-        at = above
-    heap[at, 0], heap[at, 1] = key, cell
-
-
-@kernel
-def take_first(heap: NDArray[np.float64], size: int) -> int:
-    """Take the cell of the least key out of a heap; return it."""
-    cell = int(heap[0, 1])
-    key, moved = heap[size - 1, 0], heap[size - 1, 1]
-    at, last = 0, size - 1
-    while 2 * at + 1 < last:
-        below = 2 * at + 1
-        if below + 1 < last and heap[below + 1, 0] < heap[below, 0]:
-            below += 1
-        if heap[below, 0] >= key:
-            break
-        heap[at] = heap[below]
-        at = below
-    heap[at, 0], heap[at, 1] = key, moved
-    return cell
 
 
 @kernel
@@ -78,7 +48,7 @@ def grid_way(  # noqa: C901 - the textbook's in one piece
                 through = cost[cell] + 0.5 * length * (float(flat[cell]) + float(flat[other]))
                 if through < cost[other]:
                     cost[other], previous[other] = through, cell
-                    dearest_first(heap, size, through, other)
+                    sift_up(heap, size, through, other)
                     size += 1
     count, cell = 0, goal
     while cell >= 0:

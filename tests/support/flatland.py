@@ -7,6 +7,7 @@ is counted. Its lidar sees a grid of what really stands there, which may differ 
 import math
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -187,3 +188,16 @@ def scan_message(ranges: NDArray[np.float32], stamp_ns: int) -> Scan:
         range_max=RANGE_MAX,
         ranges=floats_to_bytes(ranges),
     )
+
+
+class Ice(Flatland):
+    """The wheels turn, the robot stays; the localizer sees that."""
+
+    def drive(self, twist: Twist2D, dt: float) -> None:
+        stays = self.pose
+        super().drive(twist, dt)
+        self.pose = stays
+
+    def correction(self, stamp_ns: int):
+        true = self.map_T_base @ self.odom_T_base.inverse()
+        return msgspec.structs.replace(super().correction(stamp_ns), pose=true)

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from support.flatland import Flatland, empty_room, two_rooms, with_block
+from support.flatland import Flatland, Ice, empty_room, two_rooms, with_block
 
 from trolley import codes, topics
 from trolley.codes import Refused
@@ -39,19 +39,6 @@ def test_a_blocked_door_is_told_with_its_place_and_all_that_is_tried(tmp_path: P
     assert ended.recoveries >= 4
     assert world.touches == 0
     stage.lockstep.close()
-
-
-class Ice(Flatland):
-    """The wheels turn, the robot stays; the localizer sees that."""
-
-    def drive(self, twist: Twist2D, dt: float) -> None:
-        stays = self.pose
-        super().drive(twist, dt)
-        self.pose = stays
-
-    def correction(self, stamp_ns: int):
-        true = self.map_T_base @ self.odom_T_base.inverse()
-        return msgspec.structs.replace(super().correction(stamp_ns), pose=true)
 
 
 class Swing(Flatland):

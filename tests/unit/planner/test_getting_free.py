@@ -2,7 +2,7 @@
 
 import math
 
-from support.flatland import Flatland, empty_room, two_rooms, with_block
+from support.flatland import Flatland, Ice, empty_room, two_rooms, with_block
 
 from trolley import codes
 from trolley.config import PlannerConfig
@@ -83,20 +83,6 @@ def test_a_goal_that_something_stands_on_fails_with_a_reason(ride) -> None:
 
 
 def test_wheels_that_slip_are_noticed(ride) -> None:
-    class Ice(Flatland):
-        """The wheels turn, the robot stays; the localizer sees that."""
-
-        def drive(self, twist: Twist2D, dt: float) -> None:
-            stays = self.pose
-            super().drive(twist, dt)
-            self.pose = stays
-
-        def correction(self, stamp_ns: int):
-            import msgspec
-
-            true = self.map_T_base @ self.odom_T_base.inverse()
-            return msgspec.structs.replace(super().correction(stamp_ns), pose=true)
-
     drive = ride(Ice(empty_room(), START))
     drive.send(Pose2D(5.0, 3.0, 0.0))
     drive.until(lambda: drive.navigator.board.state == "recovering", 30.0)
