@@ -93,7 +93,7 @@ def cylinders(index: int, length_cells: int = 30) -> World:
 def corridor(seed: int) -> World:
     """A corridor that bends and narrows."""
     rng = np.random.default_rng((1, seed))
-    boxes: list[tuple[float, float, float, float]] = []
+    boxes = [(-1.1, 0.0, 0.2, 5.0)]
     x, middle = -1.0, 0.0
     width = float(rng.uniform(1.2, 1.6))
     end = GOAL_M - 0.6
