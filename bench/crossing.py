@@ -222,9 +222,8 @@ class _Judge:
             return
         self._now_ns = truth.stamp_ns
         self.closest_m = min(self.closest_m, truth.clearance)
-        if self._began_ns is None:
-            if truth.pose.distance_to(self._start.pose) >= MOVED_M:
-                self._began_ns = truth.stamp_ns
+        if self._began_ns is None and truth.pose.distance_to(self._start.pose) >= MOVED_M:
+            self._began_ns = truth.stamp_ns
         if truth.collisions > 0:
             self._state = "collision"
         elif truth.pose.distance_to(self._goal) <= NEAR_M:

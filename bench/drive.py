@@ -18,12 +18,11 @@ import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from crossing import Crossing, Setup, cross
-from fields import KINDS, SETS, WORLDS_IN_A_SET, World, cylinders, load_worlds
+from fields import KINDS, SETS, WORLDS_IN_A_SET, World, load_worlds
 from figures import Figure, at_least, at_most, show, table
 
 SLOW = Setup("0.5 m/s")
@@ -40,7 +39,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--worlds", choices=sorted(KINDS), nargs="*", default=["cylinders"])
     parser.add_argument("--count", type=int, help="how many of each kind")
-    parser.add_argument("--field-cells", type=int, default=30, help="length of the fields")
     parser.add_argument("--folder", type=Path, help="worlds to read instead")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of worlds")
     parser.add_argument("--full", action="store_true")
@@ -82,8 +80,7 @@ def _worlds(given: argparse.Namespace) -> dict[str, list[tuple[int, World]]]:
         total = ALL_CYLINDERS if kind == "cylinders" else FULL_COUNT
         count = given.count or (total if given.full else 20)
         numbers = given.only or np.linspace(0, total - 1, count).round().astype(int).tolist()
-        make = partial(cylinders, length_cells=given.field_cells)
-        found[kind] = [(n, make(n) if kind == "cylinders" else KINDS[kind](n)) for n in numbers]
+        found[kind] = [(number, KINDS[kind](number)) for number in numbers]
     return found
 
 

@@ -152,7 +152,9 @@ class DwaService(Service):
         half = 0.5 * CELL_M
         left = math.dist((odometry.pose.x, odometry.pose.y), self._goal)
         alignment = half * PATH_BIAS if left > FORWARD_M else 0.0
-        scales = Scales(CELL_M * OCC_SCALE, half * PATH_BIAS, half * GOAL_BIAS, alignment, FORWARD_M)
+        scales = Scales(
+            CELL_M * OCC_SCALE, half * PATH_BIAS, half * GOAL_BIAS, alignment, FORWARD_M
+        )
         low = max(0.0, twist.vx - ACC * CONTROL_S)
         high = min(MAX_SPEED, twist.vx + ACC * CONTROL_S)
         turn_low = max(-MAX_TURN, twist.wz - TURN_ACC * CONTROL_S)

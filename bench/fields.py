@@ -25,8 +25,8 @@ Floats = NDArray[np.float64]
 GOAL_M = 10.0
 RADIUS_M = 0.075
 CELL_M = 2.0 * RADIUS_M
-# The field is 30 cells wide; a pen of this length holds the robot, which starts 2 m before it.
-ACROSS_CELLS = 30
+# The field is 30 x 30 cells; a pen of this length before it holds the robot (together 30 x 63).
+FIELD_CELLS = 30
 PEN_M, BEFORE_FIELD_M = 5.0, 2.0
 # Only worlds are used that 5 x 5 free cells can be moved through: 0.75 m.
 WAY_RADIUS_CELLS = 2
@@ -72,20 +72,16 @@ class World:
         return length
 
 
-def cylinders(index: int, length_cells: int = 30) -> World:
-    """The world `index` of 300 of rising density.
+def cylinders(index: int) -> World:
+    """The world `index`, 0 ... 299, which is also the seed, of 300 of rising density.
 
     12 sets of 25: filled to 15, 20, 25, 30 per cent, and smoothed 2, 3, 4 times.
-
-    Args:
-        index: 0 ... 299, also the seed.
-        length_cells: of the field along the robot's way.
     """
     which = index * SETS // (SETS * WORLDS_IN_A_SET)
     fill, rounds = 0.15 + 0.05 * (which // 3), 2 + which % 3
     rng = np.random.default_rng((2020, index))
     while True:
-        cells = _automaton(rng, fill, rounds, length_cells)
+        cells = _automaton(rng, fill, rounds)
         if _has_way(cells):
             return World(f"cylinders {index}", _field_and_pen(cells))
 
@@ -114,9 +110,7 @@ def doors(seed: int) -> World:
     rng = np.random.default_rng((2, seed))
     half, thick = 2.5, 0.12
     long = GOAL_M + 3.0
-    boxes = [
-        (0.5 * long - 1.5, side * (half + 0.5 * thick), long, thick) for side in (-1.0, 1.0)
-    ]
+    boxes = [(0.5 * long - 1.5, side * (half + 0.5 * thick), long, thick) for side in (-1.0, 1.0)]
     for x in (2.0, 4.0, 6.0, 8.0):
         place, width = float(rng.uniform(-1.5, 1.5)), float(rng.uniform(0.65, 0.9))
         low, high = place - 0.5 * width, place + 0.5 * width
@@ -206,7 +200,7 @@ def _published_m(world: Path) -> float | None:
     for folder in (world.parent, world.parent.parent):
         file = folder / "path_files" / name
         if file.exists():
-            shift = np.array([-RADIUS_M - ACROSS_CELLS * CELL_M, RADIUS_M + PEN_M])
+            shift = np.array([-RADIUS_M - FIELD_CELLS * CELL_M, RADIUS_M + PEN_M])
             inside = np.load(file) * CELL_M + shift
             goal = np.add(PUBLISHED_START, np.multiply(PUBLISHED_AHEAD, GOAL_M))
             path = np.vstack([PUBLISHED_START, inside, goal])
@@ -214,17 +208,15 @@ def _published_m(world: Path) -> float | None:
     return None
 
 
-def _automaton(
-    rng: np.random.Generator, fill: float, rounds: int, length: int
-) -> NDArray[np.bool_]:
+def _automaton(rng: np.random.Generator, fill: float, rounds: int) -> NDArray[np.bool_]:
     """Cells (across, along): filled at random, then 5 full neighbours fill and 1 empties a cell."""
-    cells = rng.random((ACROSS_CELLS, length)) < fill
+    cells = rng.random((FIELD_CELLS, FIELD_CELLS)) < fill
     cells[0] = cells[-1] = True
     for _ in range(rounds):
         around = np.pad(cells.astype(np.int8), ((1, 1), (0, 0)), constant_values=1)
         around = np.pad(around, ((0, 0), (1, 1)))
         count = sum(
-            around[1 + i : 1 + i + ACROSS_CELLS, 1 + j : 1 + j + length]
+            around[1 + i : 1 + i + FIELD_CELLS, 1 + j : 1 + j + FIELD_CELLS]
             for i in (-1, 0, 1)
             for j in (-1, 0, 1)
             if (i, j) != (0, 0)
@@ -268,7 +260,7 @@ def _field_and_pen(cells: NDArray[np.bool_]) -> Floats:
         for j in range(3):
             hidden &= padded[i : i + cells.shape[0], j : j + cells.shape[1]]
     rows, cols = np.nonzero(cells & ~hidden)
-    shift = -0.5 * (ACROSS_CELLS - 1) * CELL_M
+    shift = -0.5 * (FIELD_CELLS - 1) * CELL_M
     inside = np.column_stack([BEFORE_FIELD_M + cols * CELL_M, shift + rows * CELL_M])
     back = BEFORE_FIELD_M - PEN_M
     along = np.arange(back, BEFORE_FIELD_M - RADIUS_M, CELL_M)
@@ -313,9 +305,7 @@ def _cell(low: Floats, point: tuple[float, float], cell_m: float) -> tuple[int, 
     return row, col
 
 
-def _taut(
-    blocked: NDArray[np.bool_], costs: NDArray[np.float32], start: tuple[int, int]
-) -> float:
+def _taut(blocked: NDArray[np.bool_], costs: NDArray[np.float32], start: tuple[int, int]) -> float:
     """Length in cells of the way downhill, pulled taut: straight wherever that is free."""
     row, col = start
     way = [start]
