@@ -77,7 +77,12 @@ class Window:
         self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
         self._x = self._y = 0.0
         self._robot_cell = 0
-        self.body = Body(footprint.edge_points, footprint.inscribed_m, footprint.circumscribed_m)
+        self.body = Body(
+            footprint.edge_points,
+            footprint.few_points,
+            footprint.inscribed_m,
+            footprint.circumscribed_m,
+        )
 
     def look(self, x: float, y: float) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew."""

@@ -24,7 +24,7 @@ from trolley_planner.kernels.rollout import (
     allowed_speed,
     clearance_at,
     downhill_point,
-    follow_control,
+    followed,
     rollout,
 )
 
@@ -67,7 +67,7 @@ def descend_controls(
             wanted_w = TURN_GAIN * error
             if abs(error) < TURN_IN_PLACE:
                 wanted_v = share * allowed * math.cos(error) ** 2
-        follow_control(state, wanted_v, wanted_w, limits, allowed)
+        state[3], state[4] = followed(state[3], state[4], (wanted_v, wanted_w), limits, allowed)
         out_controls[step, 0], out_controls[step, 1] = state[3], state[4]
         advance(state, limits.dt)
 

@@ -22,7 +22,7 @@ from trolley_planner.kernels.rollout import (
     allowed_speed,
     clearance_at,
     downhill_point,
-    follow_control,
+    followed,
 )
 
 LOOK_S = 1.0
@@ -72,7 +72,7 @@ def pursue(
                     left = math.hypot(target.x - state[0], target.y - state[1])
                     wanted_v = min(wanted_v, math.sqrt(limits.deceleration * left) + 0.02)
                 wanted_w = max(state[3], 0.05) * curvature
-        follow_control(state, wanted_v, wanted_w, limits, allowed)
+        state[3], state[4] = followed(state[3], state[4], (wanted_v, wanted_w), limits, allowed)
         out_controls[step, 0], out_controls[step, 1] = state[3], state[4]
         advance(state, limits.dt)
 
