@@ -13,8 +13,6 @@ from trolley_planner.window import Window
 
 DT_S = 0.1
 """Step of the rollouts."""
-DELAY_S = 0.15
-"""From a command to what the wheels make of it, with the age of the scan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +87,7 @@ def safe_command(
     start = state_of(motion)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):
         start[3], start[4] = share * wanted.vx, share * wanted.wz
-        now, smallest = stopping_clearance(start, window.field, window.body, limits, DELAY_S)
+        now, smallest = stopping_clearance(start, window.field, window.body, limits)
         if smallest >= min(limits.clearance_m, now - give_m):
             return wanted.scaled(share)
     return Twist2D.zero()

@@ -13,8 +13,8 @@ from trolley_planner.kernels.rollout import COLLISION, Limits, Prices, Target, t
 from trolley_planner.window import Window
 
 NOISE_SEQUENCES = 1024
-KNOT_STEPS = 4
-"""Noise is drawn at every fourth step and even in between: commands stay smooth."""
+KNOT_STEPS = 6
+"""Noise is drawn at every sixth step and even in between: commands stay smooth."""
 NOISE_SPEED = 0.35
 """Deviation of the sampled speeds, as a share of the highest speed."""
 NOISE_TURN = 0.45

@@ -9,7 +9,7 @@ from trolley_planner.controller import Controller
 from trolley_planner.costmap import Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.global_planner import GlobalPlanner
-from trolley_planner.kernels.rollout import Field, clearance_at
+from trolley_planner.kernels.clearance import Field, clearance_at
 from trolley_planner.mppi import Mppi
 from trolley_planner.pursuit import Pursuit
 from trolley_planner.window import NO_LIMITS, Window

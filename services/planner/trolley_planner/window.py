@@ -9,8 +9,8 @@ from trolley.config import PlannerConfig
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
+from trolley_planner.kernels.clearance import Body, Field
 from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc, weigh_into
-from trolley_planner.kernels.rollout import Body, Field
 from trolley_planner.kernels.search import NUM_BUCKETS, STEP, UNREACHED, Queue, cost_to_go_into
 from trolley_planner.kernels.window import (
     coarsen_into,

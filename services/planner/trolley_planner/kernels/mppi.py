@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.kernels.angles import wrapped
+from trolley_planner.kernels.clearance import Body, Field, clearance_at
 from trolley_planner.kernels.rollout import (
-    Body,
-    Field,
     Limits,
     Prices,
     Target,
     advance,
     allowed_speed,
-    clearance_at,
     downhill_point,
     followed,
     rollout,

@@ -1,4 +1,4 @@
-"""Compiled motion of the robot over the window: clearance of its footprint, and rollouts.
+"""Compiled motion of the robot over the window: what it may do, and rollouts.
 
 Everything is in frame `grid` [m], times in seconds. A state is x, y, yaw, v, w.
 """
@@ -10,37 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-
-
-class Field(NamedTuple):
-    """What the window holds, for look-ups at any point."""
-
-    distance_m: NDArray[np.float32]
-    """(rows, cols) fine cells: distance to the nearest obstacle."""
-    cost_m: NDArray[np.float32]
-    """(rows, cols) coarse cells: cost-to-go in metres of free floor."""
-    speed_mps: NDArray[np.float32]
-    """(rows, cols) of the whole costmap: limits of the speed zones; (1, 1) if there are none."""
-    x: float
-    """Corner of the window [m]."""
-    y: float
-    fine_m: float
-    """Edge of a fine cell."""
-    coarse_m: float
-    """Edge of a coarse cell."""
-    cell_m: float
-    """Edge of a cell of the costmap."""
-
-
-class Body(NamedTuple):
-    """The robot's outline."""
-
-    edge_points: NDArray[np.float64]
-    """(n, 2) in `base_link`."""
-    few_points: NDArray[np.float64]
-    """(m, 2) the same, farther apart."""
-    inscribed_m: float
-    circumscribed_m: float
+from trolley_planner.kernels.clearance import (
+    Body,
+    Field,
+    bilinear,
+    clearance_at,
+    clearance_turned,
+    outline_clearance,
+)
 
 
 class Limits(NamedTuple):
@@ -91,100 +68,12 @@ class Prices(NamedTuple):
 
 TURN_RADIUS_M = 0.2
 """A turn by a radian counts as so many metres where things are near."""
+DELAY_S = 0.15
+"""From a command to what the wheels make of it, with the age of the scan."""
 COLLISION = 1000.0
 """Price of touching something."""
-FEW_DO_M = 0.08
-"""Clearances larger than this need not be exact: few points find them, 2 cm too long at most."""
 GIVE_M = 1e-3
 """Distances this near to each other count as the same."""
-
-
-@kernel
-def bilinear(values: NDArray[np.float32], x_cells: float, y_cells: float) -> float:
-    """Return a grid's value between cell centres; outside, that of the nearest cell."""
-    rows, cols = values.shape
-    u = min(max(x_cells - 0.5, 0.0), cols - 1.001)
-    v = min(max(y_cells - 0.5, 0.0), rows - 1.001)
-    col, row = math.floor(u), math.floor(v)
-    a, b = u - col, v - row
-    low = values[row, col] + a * (values[row, col + 1] - values[row, col])
-    high = values[row + 1, col] + a * (values[row + 1, col + 1] - values[row + 1, col])
-    return low + b * (high - low)
-
-
-@kernel
-def clearance_at(
-    field: Field, body: Body, x: float, y: float, yaw: float, enough_m: float
-) -> float:
-    """Return the distance from the footprint to the nearest obstacle [m], at most `enough_m`.
-
-    It is negative where an obstacle lies well inside.
-    """
-    return clearance_turned(field, body, (x, y), (math.cos(yaw), math.sin(yaw)), enough_m)
-
-
-@kernel
-def clearance_turned(
-    field: Field,
-    body: Body,
-    place: tuple[float, float],
-    turned: tuple[float, float],
-    enough_m: float,
-) -> float:
-    """Return the same as `clearance_at` for a heading given as its cosine and sine."""
-    scale = 1.0 / field.fine_m
-    u, v = (place[0] - field.x) * scale, (place[1] - field.y) * scale
-    half = 0.5 * field.fine_m
-    centre = bilinear(field.distance_m, u, v) - half
-    if centre >= body.circumscribed_m + enough_m:
-        return enough_m
-    if centre < body.inscribed_m:
-        # Less than what edge points in an obstacle give, so that the way out only leads upwards.
-        return centre - body.inscribed_m - half
-    outline = (body.few_points, body.edge_points)
-    face = (turned[0] * scale, turned[1] * scale)
-    return min(outline_clearance(field.distance_m, outline, (u, v), face, half), enough_m)
-
-
-@kernel
-def outline_clearance(
-    distance_m: NDArray[np.float32],
-    outline: tuple[NDArray[np.float64], NDArray[np.float64]],
-    place: tuple[float, float],
-    turned: tuple[float, float],
-    half_m: float,
-) -> float:
-    """Return the clearance of the outline's edge [m].
-
-    Args:
-        distance_m: (rows, cols) fine cells.
-        outline: few points on the edge, and all.
-        place: x, y in cells.
-        turned: cosine and sine of the heading, in cells.
-        half_m: half a cell.
-    """
-    nearest = nearest_of(distance_m, outline[0], place, turned) - half_m
-    if nearest < FEW_DO_M:
-        nearest = nearest_of(distance_m, outline[1], place, turned) - half_m
-    return nearest
-
-
-@kernel
-def nearest_of(
-    distance_m: NDArray[np.float32],
-    points: NDArray[np.float64],
-    place: tuple[float, float],
-    turned: tuple[float, float],
-) -> float:
-    """Return the least distance at points (n, 2) [m] of a body, at a place and turned [cells]."""
-    u, v = place
-    cos, sin = turned
-    nearest = math.inf
-    for index in range(points.shape[0]):
-        px, py = points[index, 0], points[index, 1]
-        distance = bilinear(distance_m, u + cos * px - sin * py, v + sin * px + cos * py)
-        nearest = min(nearest, distance)
-    return nearest
 
 
 @kernel
@@ -200,11 +89,16 @@ def zone_speed(field: Field, x: float, y: float) -> float:
 
 @kernel
 def caution_speed(limits: Limits, clearance_m: float) -> float:
-    """Return the speed limit of caution beside obstacles [m/s]."""
-    share = (clearance_m - limits.clearance_m) / (limits.caution_m - limits.clearance_m)
-    share = min(max(share, 0.0), 1.0)
+    """Return the speed limit of caution beside obstacles [m/s].
+
+    It rises evenly with the clearance, but is never less than what the robot can brake from in it.
+    """
+    room = max(0.0, clearance_m - limits.clearance_m)
+    share = min(room / (limits.caution_m - limits.clearance_m), 1.0)
     slow = min(limits.slow_speed, limits.max_speed)
-    return slow + share * (limits.max_speed - slow)
+    late = limits.deceleration * DELAY_S
+    stoppable = math.sqrt(late * late + 2.0 * limits.deceleration * room) - late
+    return min(limits.max_speed, max(slow + share * (limits.max_speed - slow), stoppable))
 
 
 @kernel
@@ -421,16 +315,14 @@ def stopping_clearance(
     field: Field,
     body: Body,
     limits: Limits,
-    delay_s: float,
 ) -> tuple[float, float]:
-    """Return the smallest clearance until the robot stands, if it brakes after a delay.
+    """Return the smallest clearance until the robot stands, if it brakes after `DELAY_S`.
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
         field: the window.
         body: the outline.
         limits: braking.
-        delay_s: how long the velocity goes on before the brakes act.
 
     Returns:
         The clearance now and the smallest on the way [m].
@@ -442,7 +334,7 @@ def stopping_clearance(
     dt = 0.04
     elapsed = 0.0
     while elapsed < 10.0:
-        if elapsed >= delay_s:
+        if elapsed >= DELAY_S:
             v, w = abs(state[3]), abs(state[4])
             slower = max(0.0, v - limits.deceleration * dt)
             # On its arc as long as it moves; a turn in place has its own brake.
