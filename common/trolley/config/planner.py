@@ -64,7 +64,7 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Commands per second."""
     horizon_s: Annotated[float, Meta(ge=0.5, le=6.0)] = 2.4
     """How far ahead the controller looks."""
-    rollouts: Annotated[int, Meta(ge=32, le=4000)] = 256
+    rollouts: Annotated[int, Meta(ge=32, le=4000)] = 512
     """Trajectories that the controller compares for each command."""
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1)] = 0
     """Fixes the controller's samples."""

@@ -19,7 +19,11 @@ from trolley.messages import (
 )
 from trolley.messages.asking import SendGoal
 from trolley.messages.types import floats_to_bytes
+from trolley_planner.controller import Motion, limits_of
+from trolley_planner.kernels.rollout import Target
 from trolley_planner.navigator import Navigator
+from trolley_planner.pursuit import Pursuit
+from trolley_planner.rig import Rig
 
 CELLS = 60
 EDGE_M = 0.05
@@ -52,6 +56,15 @@ def warm_up() -> None:
     rig = navigator.surroundings.need_rig()
     rig.costmap.echoes.forget_around(1.0, 1.0, 0.5)
     rig.planner.hopeful_weights()
+    _pursue(rig)
+
+
+def _pursue(rig: Rig) -> None:
+    """Let the other controller drive a step, and one that must not go ahead."""
+    limits = limits_of(PlannerConfig(), 0.5, 1.5, 1.0)
+    pursuit, target = Pursuit(PlannerConfig()), Target(2.0, 2.0, 0.1, goes_on=False)
+    for place in (Pose2D(0.8, 0.8, 0.0), Pose2D(0.2, 0.2, 0.0)):
+        pursuit.command(Motion(place, Twist2D.zero()), rig.window, limits, target, 0.05)
 
 
 def _navigator() -> Navigator:
