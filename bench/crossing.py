@@ -1,11 +1,13 @@
 """One crossing of a world in lock-step: a simulated base, a planner, and the truth as the judge."""
 
+import functools
 import math
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from dwa import DwaService
@@ -21,7 +23,10 @@ from trolley.messages.asking import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_base.stop_field import StopField
+from trolley_planner.mppi import Mppi
+from trolley_planner.pursuit import Pursuit
 from trolley_planner.service import PlannerService
+from trolley_planner.window import Window
 
 LENGTH_M, WIDTH_M = 0.46, 0.42
 NEAR_M, MOVED_M, LIMIT_S = 1.0, 0.1, 100.0
@@ -114,6 +119,8 @@ class Crossing:
     commands: int
     planner_s: float
     """Processor time of the planner."""
+    controller_s: float
+    """The part of it for window, cost-to-go and rollouts."""
     shortest_m: float
     reason: str = ""
 
@@ -146,7 +153,7 @@ def cross(world: World, setup: Setup, seed: int) -> Crossing:
         truths, goals = lockstep.record(topics.SIM_TRUTH), lockstep.record(topics.GOAL)
         commands = lockstep.record(topics.COMMAND, "planner")
         lockstep.run(1.0)
-        clock.seconds = 0.0
+        clock.begin()
         before = len(commands)
         reason = ""
         if not is_reference:
@@ -161,31 +168,50 @@ def cross(world: World, setup: Setup, seed: int) -> Crossing:
             reason = goals[-1].reason or "elsewhere"  # its odometry led it astray
         ending = judge.ending(bool(reason))
         seconds = judge.seconds
+        clock.close()
         best_s = shortest_m / SCORE_SPEED
         score = best_s / min(max(seconds, 2.0 * best_s), 8.0 * best_s)
         jerk = _jerks(truths)
         return Crossing(
             world.name, setup.name, ending, seconds, score if ending == "success" else 0.0,
-            judge.closest_m, jerk[0], jerk[1], len(commands) - before, clock.seconds, shortest_m,
+            judge.closest_m, jerk[0], jerk[1], len(commands) - before, clock.planner_s,
+            clock.controller_s, shortest_m,
             reason,
         )  # fmt: skip
 
 
 class _Clock:
-    """Measures the processor time that the planner takes."""
+    """Measures the processor time of the planner, and of the controller as a part of it."""
 
     def __init__(self, lockstep: Lockstep) -> None:
-        self.seconds = 0.0
+        self.planner_s = 0.0
+        self.controller_s = 0.0
+        self._owners = ((Window, "look"), (Window, "lead"), (Mppi, "command"), (Pursuit, "command"))
+        self._plain = [getattr(owner, name) for owner, name in self._owners]
+        for (owner, name), function in zip(self._owners, self._plain, strict=True):
+            setattr(owner, name, self._timed(function, "controller_s"))
         node = lockstep.nodes["planner"]
-        step = node.step
+        node.step = self._timed(node.step, "planner_s")  # type: ignore[method-assign]
 
-        def timed() -> bool:
+    def begin(self) -> None:
+        """Count from now on."""
+        self.planner_s = self.controller_s = 0.0
+
+    def close(self) -> None:
+        """Leave everything as it was."""
+        for (owner, name), function in zip(self._owners, self._plain, strict=True):
+            setattr(owner, name, function)
+
+    def _timed(self, function: Callable[..., Any], total: str) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def timed(*args: object, **keywords: object) -> Any:
             began = time.thread_time()
-            result = step()
-            self.seconds += time.thread_time() - began
-            return result
+            try:
+                return function(*args, **keywords)
+            finally:
+                setattr(self, total, getattr(self, total) + time.thread_time() - began)
 
-        node.step = timed  # type: ignore[method-assign]
+        return timed
 
 
 class _Judge:

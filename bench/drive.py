@@ -116,11 +116,12 @@ def _report(kind: str, setups: Sequence[Setup], runs: Sequence[Crossing]) -> Non
     if kind == "cylinders":
         rows += [
             [f"published {name}", f"{success:.0%}", "", "", "", f"{time:.1f}", f"{score:.3f}"]
-            + [""] * 5
+            + [""] * 7
             for name, (success, time, score) in PUBLISHED.items()
         ]
     heads = ["", "success", "hit", "late", "gave up", "time s", "score", "closest m",
-             "jerk m/s3", "turn rad/s3", "ms/command", "core"]  # fmt: skip
+             "jerk m/s3", "turn rad/s3", "ms/command", "Hz", "core",
+             "controller"]  # fmt: skip
     table(heads, rows)
     show(_figures(setups, runs))
 
@@ -131,6 +132,7 @@ def _row(name: str, runs: Sequence[Crossing]) -> list[str]:
     reached = [run.seconds for run in runs if run.ending == "success"]
     commands, seconds = sum(run.commands for run in runs), sum(run.seconds for run in runs)
     planner_s = sum(run.planner_s for run in runs)
+    controller_s = sum(run.controller_s for run in runs)
     return [
         name,
         f"{endings.count('success') / len(runs):.1%}",
@@ -141,7 +143,9 @@ def _row(name: str, runs: Sequence[Crossing]) -> list[str]:
         f"{np.mean([run.jerk_mps3 for run in runs]):.1f}",
         f"{np.mean([run.turn_jerk_radps3 for run in runs]):.1f}",
         f"{1e3 * planner_s / max(commands, 1):.2f}",
+        f"{commands / max(seconds, 1e-9):.0f}",
         f"{planner_s / max(seconds, 1e-9):.1%}",
+        f"{controller_s / max(seconds, 1e-9):.1%}",
     ]
 
 
@@ -155,13 +159,15 @@ def _figures(setups: Sequence[Setup], runs: Sequence[Crossing]) -> list[Figure]:
         success = float(np.mean([run.ending == "success" for run in mine]))
         score = float(np.mean([run.score for run in mine]))
         hits = sum(run.ending == "collision" for run in mine)
-        share = sum(run.planner_s for run in mine) / max(sum(run.seconds for run in mine), 1e-9)
+        share = sum(run.controller_s for run in mine) / max(sum(run.seconds for run in mine), 1e-9)
         if setup.speed_mps > 1.0:
             found.append(at_least(f"{setup.name}: score", score, 0.45))
         else:
             found.append(at_least(f"{setup.name}: success", 100.0 * success, 98.0, "%", 1))
         found.append(at_most(f"{setup.name}: collisions", float(hits), 0.0, digits=0))
-        found.append(at_most(f"{setup.name}: share of a core", 100.0 * share, 15.0, "%", 1))
+        found.append(
+            at_most(f"{setup.name}: controller's share of a core", 100.0 * share, 15.0, "%", 1)
+        )
         reference = of.get(REFERENCE.name)
         if reference and setup.speed_mps <= REFERENCE.speed_mps:
             ratio = score / max(float(np.mean([run.score for run in reference])), 1e-9)

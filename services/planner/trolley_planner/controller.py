@@ -11,6 +11,8 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.kernels.rollout import Limits, Target, stopping_clearance
 from trolley_planner.window import Window
 
+MAX_REVERSE = 0.25
+"""Few lidars look backwards, so that is no way to hurry [m/s]."""
 DT_S = 0.1
 """Step of the rollouts."""
 
@@ -34,7 +36,7 @@ def limits_of(config: PlannerConfig, speed: float, turn: float, deceleration: fl
     """
     return Limits(
         max_speed=speed,
-        max_reverse=min(0.15, speed),
+        max_reverse=min(MAX_REVERSE, speed),
         max_turn=min(config.max_turn_radps, turn),
         acceleration=config.acceleration_mps2,
         deceleration=min(deceleration, 1.5 * config.acceleration_mps2),

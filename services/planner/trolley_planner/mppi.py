@@ -22,8 +22,10 @@ NOISE_TURN = 0.45
 NARROW_NOISE = 0.3
 TEMPERATURE_M = 0.03
 DESCENTS = np.array(
-    [(look, share) for look in (0.2, 0.35, 0.6) for share in (0.45, 1.0)], dtype=np.float64
+    [(look, share, 0.0) for look in (0.2, 0.35, 0.6) for share in (0.45, 1.0)]
+    + [(0.35, 1.0, backwards_s) for backwards_s in (0.5, 1.0, 1.5)]
 )
+"""Ways down the cost-to-go: lookahead [m], share of the speed, backwards at first [s]."""
 PRIMITIVES = np.array(
     [
         (0.0, 0.0),
@@ -32,7 +34,7 @@ PRIMITIVES = np.array(
         (0.15, 0.0),
         (0.1, 0.4),
         (0.1, -0.4),
-        (-0.12, 0.0),
+        (-0.25, 0.0),
         (-0.1, 0.3),
         (-0.1, -0.3),
     ]
