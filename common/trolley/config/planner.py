@@ -58,11 +58,13 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     fade_max_s: Seconds = 60.0
     """How long an obstacle is remembered at most while it is out of sight."""
 
+    controller: Literal["mppi", "pursuit"] = "mppi"
+    """How it steers: by many drives tried in thought, or plainly after a point ahead (cheap)."""
     control_rate_hz: Annotated[float, Meta(ge=5.0, le=30.0)] = 20.0
     """Commands per second."""
     horizon_s: Annotated[float, Meta(ge=0.5, le=6.0)] = 2.4
     """How far ahead the controller looks."""
-    rollouts: Annotated[int, Meta(ge=32, le=4000)] = 256
+    rollouts: Annotated[int, Meta(ge=32, le=4000)] = 512
     """Trajectories that the controller compares for each command."""
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1)] = 0
     """Fixes the controller's samples."""

@@ -15,6 +15,8 @@ from trolley.geometry.footprint import (
 
 EDGE_SPACING_M = 0.03
 """Distance of the points on the edge: an obstacle between two of them is seen 2 mm too far."""
+FEW_SPACING_M = 0.12
+"""The same for a first look: at 0.15 m an obstacle is seen 12 mm too far."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,12 +26,14 @@ class Footprint:
     Attributes:
         polygon: (n, 2) corners, counter-clockwise [m].
         edge_points: (m, 2) points on the outline, at most `EDGE_SPACING_M` apart [m].
+        few_points: (k, 2) the same, at most `FEW_SPACING_M` apart [m].
         inscribed_m: radius of the largest circle about the origin inside the outline.
         circumscribed_m: radius of the smallest circle about the origin around the outline.
     """
 
     polygon: NDArray[np.float64]
     edge_points: NDArray[np.float64]
+    few_points: NDArray[np.float64]
     inscribed_m: float
     circumscribed_m: float
 
@@ -41,14 +45,19 @@ class Footprint:
             ValueError: with a sentence for people, if it is no outline around `base_link`.
         """
         polygon = footprint_from_polygon(corners)
-        edges = _edge_points(polygon)
-        return cls(polygon, edges, inscribed_radius(polygon), circumscribed_radius(polygon))
+        return cls(
+            polygon,
+            _edge_points(polygon, EDGE_SPACING_M),
+            _edge_points(polygon, FEW_SPACING_M),
+            inscribed_radius(polygon),
+            circumscribed_radius(polygon),
+        )
 
 
-def _edge_points(polygon: NDArray[np.float64]) -> NDArray[np.float64]:
+def _edge_points(polygon: NDArray[np.float64], spacing_m: float) -> NDArray[np.float64]:
     """Return points along all edges, corners included."""
     parts: list[NDArray[np.float64]] = []
     for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        count = max(1, math.ceil(float(np.hypot(*(end - start))) / EDGE_SPACING_M))
+        count = max(1, math.ceil(float(np.hypot(*(end - start))) / spacing_m))
         parts.append(start + (np.arange(count)[:, None] / count) * (end - start))
     return np.concatenate(parts)

@@ -9,7 +9,9 @@ from trolley_planner.controller import Controller
 from trolley_planner.costmap import Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.global_planner import GlobalPlanner
-from trolley_planner.kernels.rollout import Field, clearance_at
+from trolley_planner.kernels.clearance import Field, clearance_at
+from trolley_planner.mppi import Mppi
+from trolley_planner.pursuit import Pursuit
 from trolley_planner.window import NO_LIMITS, Window
 
 WINDOW_MARGIN_M = 0.4
@@ -36,7 +38,9 @@ class Rig:
         half = max(1.5, max_speed * config.horizon_s + footprint.circumscribed_m + WINDOW_MARGIN_M)
         self.window = Window(self.costmap, footprint, config, half)
         self.half_m = half
-        self.controller = Controller(config)
+        self.controller: Controller = (
+            Pursuit(config) if config.controller == "pursuit" else Mppi(config)
+        )
 
     def map_clearance(self, pose_grid: Pose2D, enough_m: float) -> float:
         """Return how far the footprint at a pose is from map and zones [m], at most `enough_m`."""

@@ -116,9 +116,9 @@ class PlannerService(Service):
 
     @on(topics.SCAN)
     def take_scan(self, scan: Scan) -> None:
-        """Take a scan and answer it with a command."""
+        """Take a scan and answer it with a command; a lidar may be faster than commands are."""
         now_ns = self.now_ns
-        if now_ns is None:
+        if now_ns is None or 0 <= now_ns - self._scan_ns < self._command_ns:
             return
         self._scan_period_ns = min(now_ns - self._scan_ns, MAX_SCAN_PERIOD_NS)
         self._scan_ns = now_ns

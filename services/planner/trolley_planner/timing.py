@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import wrap_angle, wrap_angles
 from trolley_planner.costmap import Costmap
-from trolley_planner.kernels.rollout import Limits
+from trolley_planner.kernels.rollout import Limits, caution_speed
 
 CORNER_RAD = 0.6
 """Sharper corners are turned on the spot."""
@@ -35,8 +35,7 @@ def seconds_along(
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     cells = np.floor(points[1:] / costmap.resolution_m).astype(np.int64)
     near = costmap.distance_m[cells[:, 1], cells[:, 0]] - costmap.footprint.inscribed_m
-    share = (near - limits.clearance_m) / (limits.caution_m - limits.clearance_m)
-    speeds = limits.slow_speed + share.clip(0.0, 1.0) * (limits.max_speed - limits.slow_speed)
+    speeds = np.array([caution_speed(limits, clearance) for clearance in near.tolist()])
     speeds = np.minimum(speeds, costmap.speed_limits[cells[:, 1], cells[:, 0]])
     bearings = np.arctan2(steps[:, 1], steps[:, 0])
     corners = np.abs(wrap_angles(np.diff(bearings)))

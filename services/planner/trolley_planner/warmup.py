@@ -20,12 +20,16 @@ from trolley.messages import (
 )
 from trolley.messages.asking import SendGoal
 from trolley.messages.types import floats_to_bytes
+from trolley_planner.controller import Motion, limits_of
 from trolley_planner.costmap import Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.global_planner import GlobalPlanner
+from trolley_planner.kernels.rollout import Target
 from trolley_planner.movers import Mover
 from trolley_planner.navigator import Navigator
 from trolley_planner.people import People
+from trolley_planner.pursuit import Pursuit
+from trolley_planner.rig import Rig
 
 CELLS = 60
 EDGE_M = 0.05
@@ -61,6 +65,7 @@ def warm_up() -> None:
     People(rig.costmap.shape, EDGE_M, 0.1).note([walker], rig.costmap.echoes.layer)
     rig.planner.hopeful_weights()
     _squeeze()
+    _pursue(rig)
 
 
 def _squeeze() -> None:
@@ -75,6 +80,14 @@ def _squeeze() -> None:
     way = (0.5, 0.8), [(2.2, 2.4)], costmap.weights, costmap.distance_m
     if planner.plan(*way) is None:
         planner.too_narrow(*way)
+
+
+def _pursue(rig: Rig) -> None:
+    """Let the other controller drive a step, and one that must not go ahead."""
+    limits = limits_of(PlannerConfig(), 0.5, 1.5, 1.0)
+    pursuit, target = Pursuit(PlannerConfig()), Target(2.0, 2.0, 0.1, goes_on=False)
+    for place in (Pose2D(0.8, 0.8, 0.0), Pose2D(0.2, 0.2, 0.0)):
+        pursuit.command(Motion(place, Twist2D.zero()), rig.window, limits, target, 0.05)
 
 
 def _navigator() -> Navigator:

@@ -9,9 +9,10 @@ from support.flatland import empty_room, with_block
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
 from trolley_planner.approach import Approach, Tolerances, limited_change
-from trolley_planner.controller import Controller, Motion, limits_of, safe_command
+from trolley_planner.controller import Motion, limits_of, safe_command
 from trolley_planner.footprint import Footprint
 from trolley_planner.kernels.rollout import Target
+from trolley_planner.mppi import Mppi
 from trolley_planner.rig import Rig
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
@@ -90,7 +91,7 @@ def test_away_from_an_obstacle_all_is_safe() -> None:
 
 def drive_once(seed: int) -> list[Twist2D]:
     rig = Rig(empty_room(), FOOTPRINT, PlannerConfig(seed=seed), 0.5)
-    controller = Controller(PlannerConfig(seed=seed))
+    controller = Mppi(PlannerConfig(seed=seed))
     points = np.stack([np.linspace(1.0, 4.0, 61), np.full(61, 3.0)], axis=1)
     remaining = np.linspace(3.0, 0.0, 61)
     pose, twist, given = Pose2D(1.0, 3.2, 0.4), Twist2D.zero(), []

@@ -131,9 +131,12 @@ class Scanner:
     def __init__(self, spec: LidarSpec, rng: np.random.Generator) -> None:
         self._spec = spec
         self._rng = rng
-        self._beams_per_s = spec.beams * spec.rate_hz
+        self._turn_beams = round(spec.beams * 2.0 * math.pi / spec.field_of_view)
+        first = (self._turn_beams - spec.beams) // 2
+        self._seen = slice(first, first + spec.beams)
+        self._beams_per_s = self._turn_beams * spec.rate_hz
         self._fired = 0
-        self._ranges = np.zeros(spec.beams, dtype=np.float32)
+        self._ranges = np.zeros(self._turn_beams, dtype=np.float32)
         self._draws = self._new_draws()
         self._poses = np.empty((2, 3))
         self._limits = np.array([spec.range_min_m, spec.range_max_m])
@@ -157,8 +160,8 @@ class Scanner:
         between = 1.0 / (self._beams_per_s * seconds)
         scans: list[LidarScan] = []
         while self._fired < until:
-            turn, first = divmod(self._fired, self._spec.beams)
-            count = min(until - self._fired, self._spec.beams - first)
+            turn, first = divmod(self._fired, self._turn_beams)
+            count = min(until - self._fired, self._turn_beams - first)
             begin = (self._fired / self._beams_per_s - from_ns / NS) / seconds
             sweep = Sweep(
                 (first, first + count), self._spec.clockwise, (begin, between),
@@ -166,35 +169,35 @@ class Scanner:
             )  # fmt: skip
             cast_beams_into(self._ranges, sweep, scene, self._draws)
             self._fired += count
-            if first + count == self._spec.beams:
+            if first + count == self._turn_beams:
                 scans.append(self._finish(turn))
         return scans
 
     def _finish(self, turn: int) -> LidarScan:
         spec = self._spec
-        start_ns = round(turn / spec.rate_hz * NS)
-        between = 1.0 / self._beams_per_s
-        if spec.clockwise:
-            start_ns += round((spec.beams - 1) * between * NS)
+        first, count = self._seen.start, self._turn_beams
+        between, increment = 1.0 / self._beams_per_s, 2.0 * math.pi / count
+        before = count - 1 - first if spec.clockwise else first
         scan = LidarScan(
-            stamp_ns=start_ns,
-            angle_min=-math.pi,
-            angle_increment=2.0 * math.pi / spec.beams,
+            stamp_ns=round(turn / spec.rate_hz * NS) + round(before * between * NS),
+            angle_min=-math.pi + first * increment,
+            angle_increment=increment,
             time_increment=-between if spec.clockwise else between,
             range_min=spec.range_min_m,
             range_max=spec.range_max_m,
-            ranges=self._ranges.copy(),
+            ranges=self._ranges[self._seen].copy(),
         )
         self._draws = self._new_draws()
         return scan
 
     def _new_draws(self) -> NDArray[np.float64]:
         spec = self._spec
-        draws = np.empty((3, spec.beams))
+        draws = np.empty((3, self._turn_beams))
         self._rng.standard_normal(out=draws[0])
         self._rng.random(out=draws[1])
-        fate = self._rng.random(spec.beams)
-        draws[2] = np.nan
+        fate = self._rng.random(self._turn_beams)
+        draws[2] = 0.0  # where it is blind no beam is cast
+        draws[2, self._seen] = np.nan
         draws[2, fate < spec.drop_out + spec.invalid] = 0.0
         draws[2, fate < spec.drop_out] = np.inf
         return draws

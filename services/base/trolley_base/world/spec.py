@@ -118,11 +118,13 @@ class Wheels(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class LidarSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The scanner: its grid, its reach and its errors.
 
-    The standard deviation of a range is `noise_m` + `noise_share` * range. A share `drop_out` of
-    the beams finds no echo, a share `invalid` is reported as unusable.
+    The `beams` of a scan lie evenly over `field_of_view`, centred on straight ahead; the sensor
+    turns on where it is blind. The standard deviation of a range is `noise_m` + `noise_share` *
+    range. A share `drop_out` of the beams finds no echo, a share `invalid` is reported as unusable.
     """
 
     beams: Annotated[int, Meta(ge=8, le=8192)] = 360
+    field_of_view: Annotated[float, Meta(ge=0.5, le=2.0 * math.pi)] = 2.0 * math.pi
     rate_hz: Annotated[float, Meta(ge=1.0, le=50.0)] = 10.0
     clockwise: bool = False
     range_min_m: NonNegative = 0.1

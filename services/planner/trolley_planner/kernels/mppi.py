@@ -14,17 +14,15 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.kernels.angles import wrapped
+from trolley_planner.kernels.clearance import Body, Field, clearance_at
 from trolley_planner.kernels.rollout import (
-    Body,
-    Field,
     Limits,
     Prices,
     Target,
     advance,
     allowed_speed,
-    clearance_at,
     downhill_point,
-    follow_control,
+    followed,
     rollout,
 )
 
@@ -41,10 +39,11 @@ def descend_controls(
     field: Field,
     body: Body,
     limits: Limits,
-    lookahead_m: float,
-    share: float,
+    manner: tuple[float, float, float],
 ) -> None:
     """Write the commands that follow the cost-to-go downhill, like pure pursuit of its bottom.
+
+    Where there is no room to turn the way down begins backwards.
 
     Args:
         out_controls: (steps, 2), overwritten.
@@ -52,9 +51,10 @@ def descend_controls(
         field: the window.
         body: the outline.
         limits: of the robot.
-        lookahead_m: how far ahead the point lies that is steered for.
-        share: of the allowed speed.
+        manner: how far ahead the point lies that is steered for [m], the share of the allowed
+            speed, and how long it drives straight backwards first [s].
     """
+    lookahead_m, share, backwards_s = manner
     state = start.copy()
     for step in range(out_controls.shape[0]):
         clearance = clearance_at(field, body, state[0], state[1], state[2], limits.caution_m)
@@ -67,7 +67,9 @@ def descend_controls(
             wanted_w = TURN_GAIN * error
             if abs(error) < TURN_IN_PLACE:
                 wanted_v = share * allowed * math.cos(error) ** 2
-        follow_control(state, wanted_v, wanted_w, limits, allowed)
+        if step * limits.dt < backwards_s:
+            wanted_v, wanted_w = -limits.max_reverse, 0.0
+        state[3], state[4] = followed(state[3], state[4], (wanted_v, wanted_w), limits, allowed)
         out_controls[step, 0], out_controls[step, 1] = state[3], state[4]
         advance(state, limits.dt)
 
@@ -133,8 +135,7 @@ def best_plain_into(
         out_controls: (steps, 2), overwritten.
         start: (5,).
         world: what rollouts need.
-        plain: (n, 2) lookahead [m] and share of the allowed speed of each descent, and (m, 2)
-            v, w of each constant motion.
+        plain: (n, 3) manner of each descent, and (m, 2) v, w of each constant motion.
     """
     field, body, limits, target, prices = world
     descents, primitives = plain
@@ -142,8 +143,8 @@ def best_plain_into(
     best = math.inf
     for index in range(descents.shape[0] + primitives.shape[0]):
         if index < descents.shape[0]:
-            look, share = descents[index, 0], descents[index, 1]
-            descend_controls(trial, start, field, body, limits, look, share)
+            manner = (descents[index, 0], descents[index, 1], descents[index, 2])
+            descend_controls(trial, start, field, body, limits, manner)
         else:
             trial[:, :] = primitives[index - descents.shape[0]]
         price = rollout(trial, start, field, body, limits, target, prices)

@@ -1,4 +1,4 @@
-"""Compiled motion of the robot over the window: clearance of its footprint, and rollouts.
+"""Compiled motion of the robot over the window: what it may do, and rollouts.
 
 Everything is in frame `grid` [m], times in seconds. A state is x, y, yaw, v, w.
 """
@@ -10,35 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-
-
-class Field(NamedTuple):
-    """What the window holds, for look-ups at any point."""
-
-    distance_m: NDArray[np.float32]
-    """(rows, cols) fine cells: distance to the nearest obstacle."""
-    cost_m: NDArray[np.float32]
-    """(rows, cols) coarse cells: cost-to-go in metres of free floor."""
-    speed_mps: NDArray[np.float32]
-    """(rows, cols) of the whole costmap: limits of the speed zones; (1, 1) if there are none."""
-    x: float
-    """Corner of the window [m]."""
-    y: float
-    fine_m: float
-    """Edge of a fine cell."""
-    coarse_m: float
-    """Edge of a coarse cell."""
-    cell_m: float
-    """Edge of a cell of the costmap."""
-
-
-class Body(NamedTuple):
-    """The robot's outline."""
-
-    edge_points: NDArray[np.float64]
-    """(n, 2) in `base_link`."""
-    inscribed_m: float
-    circumscribed_m: float
+from trolley_planner.kernels.clearance import (
+    Body,
+    Field,
+    bilinear,
+    clearance_at,
+    clearance_turned,
+    outline_clearance,
+)
 
 
 class Limits(NamedTuple):
@@ -89,49 +68,12 @@ class Prices(NamedTuple):
 
 TURN_RADIUS_M = 0.2
 """A turn by a radian counts as so many metres where things are near."""
+DELAY_S = 0.15
+"""From a command to what the wheels make of it, with the age of the scan."""
 COLLISION = 1000.0
 """Price of touching something."""
 GIVE_M = 1e-3
 """Distances this near to each other count as the same."""
-
-
-@kernel
-def bilinear(values: NDArray[np.float32], x_cells: float, y_cells: float) -> float:
-    """Return a grid's value between cell centres; outside, that of the nearest cell."""
-    rows, cols = values.shape
-    u = min(max(x_cells - 0.5, 0.0), cols - 1.001)
-    v = min(max(y_cells - 0.5, 0.0), rows - 1.001)
-    col, row = math.floor(u), math.floor(v)
-    a, b = u - col, v - row
-    low = values[row, col] + a * (values[row, col + 1] - values[row, col])
-    high = values[row + 1, col] + a * (values[row + 1, col + 1] - values[row + 1, col])
-    return low + b * (high - low)
-
-
-@kernel
-def clearance_at(
-    field: Field, body: Body, x: float, y: float, yaw: float, enough_m: float
-) -> float:
-    """Return the distance from the footprint to the nearest obstacle [m], at most `enough_m`.
-
-    It is negative where an obstacle lies well inside.
-    """
-    scale = 1.0 / field.fine_m
-    u, v = (x - field.x) * scale, (y - field.y) * scale
-    half = 0.5 * field.fine_m
-    centre = bilinear(field.distance_m, u, v) - half
-    if centre >= body.circumscribed_m + enough_m:
-        return enough_m
-    if centre < body.inscribed_m:
-        # Less than what edge points in an obstacle give, so that the way out only leads upwards.
-        return centre - body.inscribed_m - half
-    cos, sin = math.cos(yaw) * scale, math.sin(yaw) * scale
-    nearest = enough_m + half
-    for index in range(body.edge_points.shape[0]):
-        px, py = body.edge_points[index, 0], body.edge_points[index, 1]
-        distance = bilinear(field.distance_m, u + cos * px - sin * py, v + sin * px + cos * py)
-        nearest = min(nearest, distance)
-    return nearest - half
 
 
 @kernel
@@ -146,32 +88,43 @@ def zone_speed(field: Field, x: float, y: float) -> float:
 
 
 @kernel
-def allowed_speed(field: Field, limits: Limits, x: float, y: float, clearance_m: float) -> float:
-    """Return the least speed limit at a point: own, zone, caution beside obstacles [m/s]."""
-    share = (clearance_m - limits.clearance_m) / (limits.caution_m - limits.clearance_m)
-    share = min(max(share, 0.0), 1.0)
+def caution_speed(limits: Limits, clearance_m: float) -> float:
+    """Return the speed limit of caution beside obstacles [m/s].
+
+    It rises evenly with the clearance, but is never less than what the robot can brake from in it.
+    """
+    room = max(0.0, clearance_m - limits.clearance_m)
+    share = min(room / (limits.caution_m - limits.clearance_m), 1.0)
     slow = min(limits.slow_speed, limits.max_speed)
-    speed = slow + share * (limits.max_speed - slow)
-    return min(speed, zone_speed(field, x, y))
+    late = limits.deceleration * DELAY_S
+    stoppable = math.sqrt(late * late + 2.0 * limits.deceleration * room) - late
+    return min(limits.max_speed, max(slow + share * (limits.max_speed - slow), stoppable))
 
 
 @kernel
-def follow_control(
-    state: NDArray[np.float64], wanted_v: float, wanted_w: float, limits: Limits, allowed: float
-) -> None:
-    """Change the state's v and w towards what is wanted, as fast as the robot may.
+def allowed_speed(field: Field, limits: Limits, x: float, y: float, clearance_m: float) -> float:
+    """Return the least speed limit at a point: own, zone, caution beside obstacles [m/s]."""
+    return min(caution_speed(limits, clearance_m), zone_speed(field, x, y))
+
+
+@kernel
+def followed(
+    v: float, w: float, wanted: tuple[float, float], limits: Limits, allowed: float
+) -> tuple[float, float]:
+    """Return v and w after a step towards what is wanted, as fast as the robot may change them.
 
     Slowing down for `allowed` has the same limit as any other braking.
     """
-    v = state[3]
     faster, slower = limits.acceleration * limits.dt, limits.deceleration * limits.dt
-    wanted = min(max(wanted_v, -min(limits.max_reverse, allowed)), allowed)
+    wanted_v = min(max(wanted[0], -min(limits.max_reverse, allowed)), allowed)
     up = faster if v >= 0.0 else slower
     down = slower if v > 0.0 else faster
-    state[3] = min(max(wanted, v - down), v + up)
     change = limits.turn_acceleration * limits.dt
-    wanted_turn = min(max(wanted_w, -limits.max_turn), limits.max_turn)
-    state[4] = min(max(wanted_turn, state[4] - change), state[4] + change)
+    wanted_w = min(max(wanted[1], -limits.max_turn), limits.max_turn)
+    return (
+        min(max(wanted_v, v - down), v + up),
+        min(max(wanted_w, w - change), w + change),
+    )
 
 
 @kernel
@@ -181,6 +134,34 @@ def advance(state: NDArray[np.float64], dt: float) -> None:
     state[0] += state[3] * dt * math.cos(middle)
     state[1] += state[3] * dt * math.sin(middle)
     state[2] += state[4] * dt
+
+
+@kernel
+def moved(
+    x: float, y: float, turned: tuple[float, float], twist: tuple[float, float], dt: float
+) -> tuple[float, float, float, float]:
+    """Return x, y and the cosine and sine of the heading after a step along an arc, as `advance`.
+
+    Args:
+        x: [m].
+        y: [m].
+        turned: cosine and sine of the heading before.
+        twist: v and w.
+        dt: [s].
+    """
+    half = 0.5 * dt * twist[1]
+    # Series do for half a step's turn: 1e-9 at 0.2 rad, and no sine is computed.
+    square = half * half
+    sin = half * (1.0 - square / 6.0 * (1.0 - square / 20.0))
+    cos = 1.0 - 0.5 * square * (1.0 - square / 12.0 * (1.0 - square / 30.0))
+    middle_cos, middle_sin = turned[0] * cos - turned[1] * sin, turned[1] * cos + turned[0] * sin
+    way = twist[0] * dt
+    return (
+        x + way * middle_cos,
+        y + way * middle_sin,
+        middle_cos * cos - middle_sin * sin,
+        middle_sin * cos + middle_cos * sin,
+    )
 
 
 @kernel
@@ -217,33 +198,39 @@ def cost_at(field: Field, x: float, y: float) -> float:
 
 @kernel
 def price_of_step(
-    state: NDArray[np.float64],
-    previous: tuple[float, float],
+    now: tuple[float, float],
+    before: tuple[float, float],
     clearance: float,
     prices: Prices,
     dt: float,
 ) -> float:
-    """Return what one step costs besides the way that is left."""
+    """Return what one step costs besides the way that is left, by v and w in it and before it."""
+    v, w = now
     near = max(0.0, 1.0 - clearance / prices.near_m)
     # By the way and not by the time: else it would put off going into a narrow place for ever.
-    moved = abs(state[3]) + TURN_RADIUS_M * abs(state[4])
-    price = dt * (prices.near * near * near * moved + prices.turn * state[4] * state[4])
-    price += prices.change_v * (state[3] - previous[0]) ** 2
-    price += prices.change_w * (state[4] - previous[1]) ** 2
-    if state[3] < 0.0:
-        price -= prices.reverse * state[3] * dt
-    return price
+    moved = abs(v) + TURN_RADIUS_M * abs(w)
+    price = dt * (prices.near * near * near * moved + prices.turn * w * w)
+    price += prices.change_v * (v - before[0]) ** 2 + prices.change_w * (w - before[1]) ** 2
+    return price - prices.reverse * min(v, 0.0) * dt
 
 
 @kernel
-def price_of_end(field: Field, state: NDArray[np.float64], target: Target, prices: Prices) -> float:
-    """Return what the way from a rollout's end costs."""
-    price = cost_at(field, state[0], state[1])
+def price_of_end(
+    field: Field,
+    place: tuple[float, float],
+    turned: tuple[float, float],
+    target: Target,
+    prices: Prices,
+) -> float:
+    """Return what the way from a rollout's end costs; `turned`: its heading's cosine and sine."""
+    x, y = place
+    price = cost_at(field, x, y)
     # Beside the target the heading is the final approach's business.
-    if math.hypot(target.x - state[0], target.y - state[1]) > 0.25:
-        ahead_x, ahead_y = downhill_point(field, state[0], state[1], 0.3)
-        wanted = math.atan2(ahead_y - state[1], ahead_x - state[0])
-        price += prices.heading * (1.0 - math.cos(wanted - state[2]))
+    if math.hypot(target.x - x, target.y - y) > 0.25:
+        ahead_x, ahead_y = downhill_point(field, x, y, 0.3)
+        length = math.hypot(ahead_x - x, ahead_y - y)
+        along = turned[0] * (ahead_x - x) + turned[1] * (ahead_y - y)
+        price += prices.heading * (1.0 - along / length) if length > 0.0 else 0.0
     return price
 
 
@@ -268,27 +255,41 @@ def rollout(
         target: where the drive leads next.
         prices: what counts how much.
     """
-    state = start.copy()
+    x, y, v, w = start[0], start[1], start[3], start[4]
+    cos, sin = math.cos(start[2]), math.sin(start[2])
     enough = max(limits.caution_m, prices.near_m)
-    clearance = clearance_at(field, body, state[0], state[1], state[2], enough)
+    clearance = clearance_turned(field, body, (x, y), (cos, sin), enough)
     # Who stands too close already must not come closer.
     floor = min(limits.clearance_m, clearance - GIVE_M)
+    has_zones = field.speed_mps.shape[0] > 1
+    distance_m, outline = field.distance_m, (body.few_points, body.edge_points)
+    scale, half = 1.0 / field.fine_m, 0.5 * field.fine_m
+    inscribed, far = body.inscribed_m, body.circumscribed_m + enough
     price = 0.0
     for step in range(controls.shape[0]):
-        allowed = allowed_speed(field, limits, state[0], state[1], clearance)
-        before = (state[3], state[4])
-        follow_control(state, controls[step, 0], controls[step, 1], limits, allowed)
-        controls[step, 0], controls[step, 1] = state[3], state[4]
-        advance(state, limits.dt)
-        clearance = clearance_at(field, body, state[0], state[1], state[2], enough)
+        allowed = caution_speed(limits, clearance)
+        if has_zones:
+            allowed = min(allowed, zone_speed(field, x, y))
+        before = (v, w)
+        v, w = followed(v, w, (controls[step, 0], controls[step, 1]), limits, allowed)
+        controls[step, 0], controls[step, 1] = v, w
+        x, y, cos, sin = moved(x, y, (cos, sin), (v, w), limits.dt)
+        # `clearance_turned` by hand: passing `field` and `body` on takes as long as the look-up.
+        cells = (x - field.x) * scale, (y - field.y) * scale
+        clearance = bilinear(distance_m, cells[0], cells[1]) - half
+        if clearance < inscribed:
+            clearance -= inscribed + half
+        elif clearance < far:
+            face = (cos * scale, sin * scale)
+            clearance = outline_clearance(distance_m, outline, cells, face, half)
+        clearance = min(clearance, enough)
         if clearance < floor:
-            left = controls.shape[0] - step
-            return price + COLLISION + left + cost_at(field, state[0], state[1])
-        price += price_of_step(state, before, clearance, prices, limits.dt)
-        if math.hypot(target.x - state[0], target.y - state[1]) < target.radius:
+            return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
+        price += price_of_step((v, w), before, clearance, prices, limits.dt)
+        if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius * target.radius:
             left = (controls.shape[0] - 1 - step) * limits.dt
             return price - (left * limits.max_speed if target.goes_on else 0.0)
-    return price + price_of_end(field, state, target, prices)
+    return price + price_of_end(field, (x, y), (cos, sin), target, prices)
 
 
 @kernel
@@ -314,16 +315,14 @@ def stopping_clearance(
     field: Field,
     body: Body,
     limits: Limits,
-    delay_s: float,
 ) -> tuple[float, float]:
-    """Return the smallest clearance until the robot stands, if it brakes after a delay.
+    """Return the smallest clearance until the robot stands, if it brakes after `DELAY_S`.
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
         field: the window.
         body: the outline.
         limits: braking.
-        delay_s: how long the velocity goes on before the brakes act.
 
     Returns:
         The clearance now and the smallest on the way [m].
@@ -335,7 +334,7 @@ def stopping_clearance(
     dt = 0.04
     elapsed = 0.0
     while elapsed < 10.0:
-        if elapsed >= delay_s:
+        if elapsed >= DELAY_S:
             v, w = abs(state[3]), abs(state[4])
             slower = max(0.0, v - limits.deceleration * dt)
             # On its arc as long as it moves; a turn in place has its own brake.

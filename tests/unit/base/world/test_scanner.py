@@ -77,6 +77,23 @@ def test_each_beam_is_measured_at_its_own_time(simulate: "MakeSimulation", clock
     np.testing.assert_allclose(scan.ranges, expected, atol=1e-4)
 
 
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_a_narrower_view_is_the_middle_of_the_whole(
+    simulate: "MakeSimulation", clockwise: bool
+) -> None:
+    sense = f"clockwise = {str(clockwise).lower()}\n"
+    turning = Twist2D(0.0, 0.0, 1.0)
+    whole = EXACT_WHEELS + PERFECT + sense + "beams = 360\n"
+    part = EXACT_WHEELS + PERFECT + sense + f"beams = 270\nfield_of_view = {1.5 * math.pi}\n"
+    all_round = scans(simulate(errors=whole), 3, turning)[-1]
+    ahead = scans(simulate(errors=part), 3, turning)[-1]
+    np.testing.assert_array_equal(ahead.ranges, all_round.ranges[45:315])
+    assert ahead.angle_min == pytest.approx(all_round.angle_min + 45 * all_round.angle_increment)
+    assert ahead.angle_increment == pytest.approx(all_round.angle_increment)
+    lag_ns = round(45 * all_round.time_increment * 1e9)
+    assert abs(ahead.stamp_ns - all_round.stamp_ns - lag_ns) <= 1
+
+
 def test_no_beam_is_left_out_at_odd_rates(simulate: "MakeSimulation") -> None:
     errors = EXACT_WHEELS + PERFECT + "beams = 457\nrate_hz = 7.3\n"
     found = scans(simulate(errors=errors), 20)
