@@ -36,7 +36,7 @@ PUBLISHED = {"DWA 0.5 m/s": (0.85, 33.0, 0.159), "Nav2 MPPI 0.5 m/s": (0.76, 48.
 
 def main() -> None:
     """Drive, and print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", choices=sorted(KINDS), nargs="*", default=["cylinders"])
     parser.add_argument("--count", type=int, help="how many of each kind")
     parser.add_argument("--folder", type=Path, help="worlds to read instead")

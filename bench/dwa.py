@@ -180,7 +180,8 @@ class DwaService(Service):
         costs = np.ascontiguousarray(
             self._costs[corner[0] : row + half + 1, corner[1] : col + half + 1]
         )
-        inside = ((self._path >= corner) & (self._path < np.add(corner, costs.shape))).all(axis=1)
+        is_in = (self._path >= corner) & (self._path < np.add(corner, costs.shape))
+        inside = np.asarray(is_in.all(axis=1), np.bool_)
         nearest = int(np.abs(self._path - (row, col)).sum(axis=1).argmin())
         inside[:nearest] = False
         local = (self._path[inside] - corner) if inside.any() else np.array([[half, half]])

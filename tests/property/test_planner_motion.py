@@ -67,7 +67,7 @@ def test_steps_without_sines_are_those_with_them(place, v, w) -> None:
 )
 def test_velocities_change_no_faster_than_the_robot_can(now, wanted, allowed) -> None:
     limits = limits_of(CONFIG, 2.0, 1.5, 1.0)
-    v, w = followed(*now, wanted, limits, allowed)
+    v, w = followed(now[0], now[1], wanted, limits, allowed)
     assert abs(v - now[0]) <= limits.deceleration * limits.dt + 1e-9
     assert abs(w - now[1]) <= limits.turn_acceleration * limits.dt + 1e-9
     if now[0] >= 0.0:

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley_planner.footprint import Footprint
+from trolley_planner.kernels.clearance import Field
 from trolley_planner.kernels.fitting import Box, check_into, heading_of, thread
 from trolley_planner.kernels.lines import subdivide
-from trolley_planner.kernels.rollout import Body, Field
 from trolley_planner.path import SPACING_M
 from trolley_planner.window import NO_LIMITS
 
@@ -47,7 +47,7 @@ class Fitting:
     """
 
     def __init__(self, footprint: Footprint, resolution_m: float) -> None:
-        self._body = Body(footprint.edge_points, footprint.inscribed_m, footprint.circumscribed_m)
+        self._body = footprint.body
         self._edge_m = resolution_m
         self._is_round = footprint.circumscribed_m <= footprint.inscribed_m + resolution_m
 

@@ -12,6 +12,7 @@ from trolley.geometry.footprint import (
     footprint_from_polygon,
     inscribed_radius,
 )
+from trolley_planner.kernels.clearance import Body
 
 EDGE_SPACING_M = 0.03
 """Distance of the points on the edge: an obstacle between two of them is seen 2 mm too far."""
@@ -52,6 +53,11 @@ class Footprint:
             inscribed_radius(polygon),
             circumscribed_radius(polygon),
         )
+
+    @property
+    def body(self) -> Body:
+        """The same as the kernels take it."""
+        return Body(self.edge_points, self.few_points, self.inscribed_m, self.circumscribed_m)
 
 
 def _edge_points(polygon: NDArray[np.float64], spacing_m: float) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from trolley.config import PlannerConfig
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
-from trolley_planner.kernels.clearance import Body, Field
+from trolley_planner.kernels.clearance import Field
 from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.kernels.window import (
@@ -75,12 +75,7 @@ class Window:
         self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
         self._x = self._y = 0.0
         self._robot_cell = 0
-        self.body = Body(
-            footprint.edge_points,
-            footprint.few_points,
-            footprint.inscribed_m,
-            footprint.circumscribed_m,
-        )
+        self.body = footprint.body
 
     def look(self, x: float, y: float) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew."""

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
+from trolley_planner.kernels.clearance import Body, Field, clearance_at
 from trolley_planner.kernels.lines import segment_cost
-from trolley_planner.kernels.rollout import Body, Field, clearance_at
 
 HEADINGS = 16
 STEPS = np.array(
