@@ -48,7 +48,7 @@ LOCAL_M = 2.5
 COSTMAP_S, PLAN_S, CONTROL_S = 0.2, 1.0, 0.05
 # dwa_local_planner.
 MAX_SPEED, MIN_SPEED, MIN_TURN, MAX_TURN = 0.5, 0.1, 0.4, 1.0
-ACC, TURN_ACC = 2.5, 3.2
+ACC, TURN_ACC, ESCAPE_SPEED = 2.5, 3.2, 0.1
 SIM_S, STEP_S, V_SAMPLES, W_SAMPLES = 1.7, 0.1, 3, 20
 PATH_BIAS, GOAL_BIAS, OCC_SCALE, FORWARD_M = 32.0, 24.0, 0.01, 0.325
 # move_base: without a velocity for so long it forgets what it saw and turns round.
@@ -133,7 +133,7 @@ class DwaService(Service):
         if self._stuck_s > PATIENCE_S:
             self._stuck_s, self._turning_s = 0.0, TURN_ROUND_S
             self._marks[:] = 0
-        twist = wanted or Twist2D.zero()
+        twist = wanted or self._escape(self._odometry)
         command = VelocityCommand(stamp_ns=self.stamp_ns, twist=twist, valid_for=0.15, scan_ns=0)
         self.publish(topics.COMMAND, command, "planner")
 
@@ -143,6 +143,13 @@ class DwaService(Service):
         ahead = (pose.x, pose.y, pose.yaw + 0.1)
         is_free = outline_cost(self._costs, self._outline, ahead, CELL_M) >= 0
         return Twist2D(0.0, 0.0, MAX_TURN if is_free else 0.0)
+
+    def _escape(self, odometry: Odometry) -> Twist2D:
+        """Back up where nothing else is possible, as base_local_planner does, if that is free."""
+        pose = _in_grid(odometry.pose) @ Pose2D(-ESCAPE_SPEED, 0.0, 0.0)
+        behind = (pose.x, pose.y, pose.yaw)
+        is_free = outline_cost(self._costs, self._outline, behind, CELL_M) >= 0
+        return Twist2D(-ESCAPE_SPEED if is_free else 0.0, 0.0, 0.0)
 
     def _choose(self, odometry: Odometry) -> Twist2D | None:
         """Best of the velocities that can be reached, None if all touch something."""

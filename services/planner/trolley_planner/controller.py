@@ -72,6 +72,11 @@ class Controller(Protocol):
         ...
 
 
+def limits_here(limits: Limits, window: Window, pose: Pose2D) -> Limits:
+    """Return the limits at a place: nobody backs into what was never seen."""
+    return limits if window.sees_behind(pose) else limits._replace(max_reverse=0.0)
+
+
 def safe_command(
     motion: Motion, wanted: Twist2D, window: Window, limits: Limits, give_m: float = 0.0
 ) -> Twist2D:
@@ -87,6 +92,8 @@ def safe_command(
         give_m: how much closer it may come where it is too close already.
     """
     start = state_of(motion)
+    if wanted.vx < 0.0 and not window.sees_behind(motion.pose):
+        wanted = Twist2D(0.0, 0.0, wanted.wz)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):
         start[3], start[4] = share * wanted.vx, share * wanted.wz
         now, smallest = stopping_clearance(start, window.field, window.body, limits)

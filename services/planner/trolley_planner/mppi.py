@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D
-from trolley_planner.controller import DT_S, Motion, first_step, state_of
+from trolley_planner.controller import DT_S, Motion, first_step, limits_here, state_of
 from trolley_planner.kernels.mppi import choose_controls
 from trolley_planner.kernels.rollout import COLLISION, Limits, Prices, Target, trace_into
 from trolley_planner.window import Window
@@ -76,6 +76,7 @@ class Mppi:
         self, motion: Motion, window: Window, limits: Limits, target: Target, elapsed_s: float
     ) -> Twist2D | None:
         """Return the velocity to drive now; see `Controller`."""
+        limits = limits_here(limits, window, motion.pose)
         start = state_of(motion)
         self._controls = _moved_on(self._controls, elapsed_s / DT_S)
         scale = np.array([NOISE_SPEED * limits.max_speed, NOISE_TURN * limits.max_turn])

@@ -4,7 +4,7 @@ import numpy as np
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D
-from trolley_planner.controller import DT_S, Motion, first_step, state_of
+from trolley_planner.controller import DT_S, Motion, first_step, limits_here, state_of
 from trolley_planner.kernels.mppi import best_plain_into
 from trolley_planner.kernels.pursuit import pursue
 from trolley_planner.kernels.rollout import COLLISION, Limits, Target, rollout, trace_into
@@ -34,6 +34,7 @@ class Pursuit:
         self, motion: Motion, window: Window, limits: Limits, target: Target, elapsed_s: float
     ) -> Twist2D | None:
         """Return the velocity to drive now; see `Controller`."""
+        limits = limits_here(limits, window, motion.pose)
         start, field, body = state_of(motion), window.field, window.body
         world = (field, body, limits, target, PRICES)
         for share in SHARES:

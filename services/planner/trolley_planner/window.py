@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.kernels.clearance import Field
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, soften_disc, weigh_into
+from trolley_planner.kernels.layers import LETHAL, UNKNOWN, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.kernels.window import (
     coarsen_into,
@@ -29,6 +31,8 @@ EDGE_RISE_M, EDGE_CELLS = 0.5, 3
 """Beside the places that a way leads from, the cost-to-go rises by so much from cell to cell."""
 BORDER_CELLS = 0.02
 """Points of the path this near to the border of two cells belong to both."""
+BACK_M = (0.05, 0.1, 0.15)
+"""So far behind the robot must know what there is, to back up."""
 ESCAPE_M = 0.3
 ESCAPE_WEIGHT = 240
 
@@ -73,6 +77,7 @@ class Window:
         )
         needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
         self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
+        self._behind = _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
         self.body = footprint.body
@@ -149,6 +154,19 @@ class Window:
         slope_edges(self._cost_m, UNREACHED_M, EDGE_RISE_M, EDGE_CELLS)
         return bool(self._costs[self._robot_cell] != UNREACHED)
 
+    def sees_behind(self, pose: Pose2D) -> bool:
+        """Say whether what the robot would back into is known, by the map or by the lidar.
+
+        Args:
+            pose: of the robot in `grid`.
+        """
+        costmap = self._costmap
+        cells = np.floor(pose.transform_points(self._behind) / costmap.resolution_m)
+        limit = np.array(costmap.shape)[::-1] - 1
+        cols, rows = np.clip(cells, 0, limit).astype(np.int64).T
+        known = costmap.kinds[rows, cols] != UNKNOWN
+        return bool((known | (costmap.echoes.layer.observed[rows, cols] != 0)).all())
+
     @property
     def cost_of_metre(self) -> float:
         """Units of cost in one metre of free floor."""
@@ -169,6 +187,13 @@ class Window:
             self.coarse_m,
             costmap.resolution_m,
         )
+
+
+def _points_behind(footprint: Footprint) -> NDArray[np.float64]:
+    """Return points (n, 2) in `base_link` that the outline sweeps next when it backs up."""
+    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_M]
+    points = np.concatenate(shifts)
+    return points[~polygon_contains(footprint.polygon, points)]
 
 
 NO_LIMITS = np.full((1, 1), np.inf, dtype=np.float32)

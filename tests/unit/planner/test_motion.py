@@ -13,7 +13,7 @@ from trolley_planner.controller import Motion, limits_of, safe_command
 from trolley_planner.footprint import Footprint
 from trolley_planner.kernels.rollout import Target
 from trolley_planner.mppi import Mppi
-from trolley_planner.rig import Rig
+from trolley_planner.rig import Rig, empty_grid
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
 FOOTPRINT = Footprint.from_polygon(CORNERS)
@@ -87,6 +87,16 @@ def test_away_from_an_obstacle_all_is_safe() -> None:
     assert safe_command(Motion(pose, Twist2D.zero()), back, rig.window, LIMITS) == back
     ahead = Twist2D(0.1, 0.0, 0.0)
     assert safe_command(Motion(pose, Twist2D.zero()), ahead, rig.window, LIMITS).is_zero
+
+
+def test_nobody_backs_into_what_was_never_seen() -> None:
+    config = PlannerConfig(frame="odom")
+    rig = Rig(empty_grid(Pose2D.identity(), 6.0, 0.05), FOOTPRINT, config, 0.5)
+    motion, back = Motion(Pose2D(3.0, 3.0, 1.0), Twist2D.zero()), Twist2D(-0.1, 0.0, 0.3)
+    rig.window.look(3.0, 3.0)
+    assert safe_command(motion, back, rig.window, LIMITS) == Twist2D(0.0, 0.0, 0.3)
+    rig.costmap.echoes.layer.observed[:] = 1
+    assert safe_command(motion, back, rig.window, LIMITS) == back
 
 
 def drive_once(seed: int) -> list[Twist2D]:
