@@ -31,12 +31,12 @@ setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernel
 demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `trolley demo`.
 	@$(BIN)/trolley demo $(ARGS)
 
-# Tests of whole processes wait most of the time, so two of them run side by side. A browser that
+# Tests of whole processes wait most of the time, so three of them run side by side. A browser that
 # renders in software takes all there is, so its tests run alone.
 test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
 ifeq ($(ARGS),)
 	@$(BIN)/python -m pytest --numprocesses auto --ignore=tests/process --ignore=tests/browser
-	@$(BIN)/python -m pytest --numprocesses 2 --dist worksteal tests/process
+	@$(BIN)/python -m pytest --numprocesses 3 --dist worksteal tests/process
 	@$(BIN)/python -m pytest tests/browser
 else
 	@$(BIN)/python -m pytest $(ARGS)
