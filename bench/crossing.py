@@ -193,7 +193,7 @@ class _Clock:
         for (owner, name), function in zip(self._owners, self._plain, strict=True):
             setattr(owner, name, self._timed(function, "controller_s"))
         node = lockstep.nodes["planner"]
-        node.step = self._timed(node.step, "planner_s")  # type: ignore[method-assign]
+        node.step = self._timed(node.step, "planner_s")
 
     def begin(self) -> None:
         """Count from now on."""

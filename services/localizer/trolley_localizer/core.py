@@ -80,7 +80,6 @@ class Localizer:
         self._last: ScanInput | None = None
         self._beams: BeamSet | None = None
         self._map_T_odom: Pose2D | None = None
-        self._support = Support(0.0, 0.0, 0.0, 0, 0.0)
 
     # What people and the shell ask for.
 
@@ -218,7 +217,6 @@ class Localizer:
         if not beams.is_blind:
             self._follower.look(beams, is_trusted=self._judge.state == "localized")
         support, classes = self._verifier.classify(self._follower.pose, beams)
-        self._support = support
         if self._rivals.exist and not beams.is_blind:
             self._weigh_rivals(beams, support)
         evidence = Evidence(support.value, self._follower.spread_m, beams.is_blind)

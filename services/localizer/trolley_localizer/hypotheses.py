@@ -179,8 +179,11 @@ class Hypotheses:
         """Whether the best place is supported by the newest scan and by the views so far."""
         if not self.items:
             return False
-        best = self.items[0]
-        return min(best.latest, best.total / self._views) >= self._config.poor_support
+        return self._least_support(self.items[0]) >= self._config.poor_support
+
+    def _least_support(self, item: Hypothesis) -> float:
+        """Return the support by the newest scan or the mean over the views, whichever is less."""
+        return min(item.latest, item.total / self._views)
 
     @property
     def is_stale(self) -> bool:
@@ -197,7 +200,7 @@ class Hypotheses:
         if best.total < _CLEAR * self._views and not has_waited:
             return None
         margin = self._config.search_margin * (_LASTING_LEAD if has_waited else 1.0)
-        if min(best.latest, best.total / self._views) < self._config.good_support:
+        if self._least_support(best) < self._config.good_support:
             # Where much has been moved about, only a place far ahead of all others will do.
             margin *= _DOUBTFUL_LEAD
         second = self.items[1].total if len(self.items) > 1 else 0.0

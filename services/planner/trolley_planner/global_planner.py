@@ -49,7 +49,7 @@ class _Leg:
 
 
 class GlobalPlanner:
-    """Plans on one costmap; keeps the goal's cost-to-go as long as the weights stay the same.
+    """Plans on one costmap; keeps what it knows of the goal's cost-to-go from plan to plan.
 
     All points are in frame `grid` [m].
     """
