@@ -84,6 +84,17 @@ def test_a_line_between_two_cells_that_touch_in_a_corner_is_closed(seed, row, co
     assert math.isinf(segment_cost(weights, x + 1.0, y + 1.0, x, y, math.inf))
 
 
+@given(st.integers(0, 1000), st.integers(1, 10), st.floats(-2e-7, 2e-7), st.booleans())
+def test_a_line_along_a_border_must_be_free_on_both_sides(seed, at, off, is_row) -> None:
+    weights = grid(seed, 0.1)
+    if is_row:
+        weights = weights.T.copy()
+    cost = segment_cost(weights, at + off, 2.5, at + off, 8.5, math.inf)
+    if is_row:
+        cost = segment_cost(weights.T.copy(), 2.5, at + off, 8.5, at + off, math.inf)
+    assert math.isinf(cost) == (weights[2:9, at - 1 : at + 1] == 0).any()
+
+
 @given(st.integers(0, 1000), st.integers(2, 12))
 def test_shortcuts_and_smoothing_make_no_path_dearer(seed, count) -> None:
     weights = grid(seed, 0.15)

@@ -1,6 +1,7 @@
 """The bucket queue against the textbook, and paths that touch nothing."""
 
 import heapq
+import itertools
 import math
 
 import numpy as np
@@ -17,22 +18,45 @@ from trolley_planner.global_planner import GlobalPlanner
 from trolley_planner.kernels.layers import LETHAL
 from trolley_planner.kernels.search import (
     DIAGONAL,
+    KNIGHT,
     STEP,
     UNREACHED,
     cost_to_go_into,
     descend_into,
     make_queue,
+    price_of_step,
 )
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 
 
-def naive_costs(weights: np.ndarray, seeds: list[tuple[int, int]]) -> np.ndarray:
+def naive_price(flat: np.ndarray, cell: int, dr: int, dc: int, cols: int) -> int | None:
+    """Price of a step to another cell, None where it is none or passes something."""
+    if (dr, dc) == (0, 0) or (max(abs(dr), abs(dc)) == 2 and min(abs(dr), abs(dc)) != 1):
+        return None
+    passed = [cell, cell + dr * cols + dc]
+    length = DIAGONAL if dr and dc else STEP
+    beside: list[int] = []
+    if abs(dr) == 2:
+        length, beside = KNIGHT, [cell + dr // 2 * cols, cell + dr // 2 * cols + dc]
+    elif abs(dc) == 2:
+        length, beside = KNIGHT, [cell + dc // 2, cell + dr * cols + dc // 2]
+    elif dr and dc and not (flat[cell + dr * cols] and flat[cell + dc]):
+        return None
+    if not all(flat[other] for other in beside) or not all(flat[other] for other in passed):
+        return None
+    return length * int(sum(flat[other] for other in [*passed, *beside]))
+
+
+def naive_costs(
+    weights: np.ndarray, seeds: list[tuple[int, int]], directions: int = 8
+) -> np.ndarray:
     """Dijkstra with a heap (1959), cell by cell."""
     rows, cols = weights.shape
     cost = np.full(rows * cols, UNREACHED, dtype=np.int64)
     flat = weights.reshape(-1).astype(int)
     heap = [(price, cell) for cell, price in seeds if flat[cell]]
+    reach = range(-1, 2) if directions == 8 else range(-2, 3)
     for price, cell in heap:
         cost[cell] = min(cost[cell], price)
     heapq.heapify(heap)
@@ -40,18 +64,12 @@ def naive_costs(weights: np.ndarray, seeds: list[tuple[int, int]]) -> np.ndarray
         price, cell = heapq.heappop(heap)
         if price > cost[cell]:
             continue
-        for dr in (-1, 0, 1):
-            for dc in (-1, 0, 1):
-                other = cell + dr * cols + dc
-                if (dr, dc) == (0, 0) or not flat[other]:
-                    continue
-                if dr and dc and not (flat[cell + dr * cols] and flat[cell + dc]):
-                    continue
-                length = DIAGONAL if dr and dc else STEP
-                through = price + length * (flat[cell] + flat[other])
-                if through < cost[other]:
-                    cost[other] = through
-                    heapq.heappush(heap, (through, other))
+        for dr, dc in itertools.product(reach, reach):
+            step = naive_price(flat, cell, dr, dc, cols)
+            other = cell + dr * cols + dc
+            if step is not None and price + step < cost[other]:
+                cost[other] = price + step
+                heapq.heappush(heap, (price + step, other))
     return cost
 
 
@@ -77,13 +95,40 @@ def test_costs_are_those_of_dijkstra(seed, rows, cols, share, num_seeds) -> None
     prices = np.sort(rng.integers(0, 20_000, num_seeds))
     seeds = np.stack([cells, prices], axis=1).astype(np.int32)
     cost = np.empty(rows * cols, dtype=np.int32)
-    cost_to_go_into(cost, weights.reshape(-1), make_queue(rows * cols), seeds, cols, (-1, 0))
+    flat, queue = weights.reshape(-1), make_queue(rows * cols)
+    cost_to_go_into(cost, flat, queue, seeds, cols, (-1, 0), 8)
     pairs = [(int(cell), int(price)) for cell, price in seeds]
-    np.testing.assert_array_equal(cost, naive_costs(weights, pairs))
+    by_eight = naive_costs(weights, pairs)
+    np.testing.assert_array_equal(cost, by_eight)
+    # Along 16 directions some dear moves are left out where weights differ by much.
+    cost_to_go_into(cost, flat, queue, seeds, cols, (-1, 0), 16)
+    assert (cost <= by_eight).all()
+    assert (cost >= naive_costs(weights, pairs, 16)).all()
 
 
-@given(st.integers(0, 10_000), st.floats(0.0, 0.5))
-def test_the_descent_leads_downhill_to_the_goal(seed, share) -> None:
+@given(st.integers(0, 10_000), st.integers(3, 24), st.integers(3, 24), st.floats(0.0, 0.6))
+def test_over_free_floor_16_directions_are_those_of_dijkstra(seed, rows, cols, share) -> None:
+    weights = np.minimum(random_weights(seed, rows, cols, share), np.uint8(4))
+    goal = int(np.random.default_rng(seed).integers(rows * cols))
+    cost = np.empty(rows * cols, dtype=np.int32)
+    seeds = np.array([[goal, 0]], dtype=np.int32)
+    queue = make_queue(rows * cols)
+    cost_to_go_into(cost, weights.reshape(-1), queue, seeds, cols, (-1, 0), 16)
+    np.testing.assert_array_equal(cost, naive_costs(weights, [(goal, 0)], 16))
+
+
+@given(st.integers(0, 10_000), st.integers(-2, 2), st.integers(-2, 2))
+def test_a_step_costs_what_the_cells_under_it_do(seed, dr, dc) -> None:
+    weights = random_weights(seed, 7, 9, 0.3)
+    flat = weights.reshape(-1)
+    cell = 3 * 9 + 4
+    flat[cell] = 4
+    expected = naive_price(flat.astype(int), cell, dr, dc, 9)
+    assert price_of_step(flat, cell, dr, dc, 9) == (expected or 0)
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 0.5), st.sampled_from([8, 16]))
+def test_the_descent_leads_downhill_to_the_goal(seed, share, directions) -> None:
     rows, cols = 20, 30
     weights = random_weights(seed, rows, cols, share)
     goal, start = 1 * cols + 1, (rows - 2) * cols + cols - 2
@@ -91,11 +136,11 @@ def test_the_descent_leads_downhill_to_the_goal(seed, share) -> None:
     cost = np.empty(rows * cols, dtype=np.int32)
     seeds = np.array([[goal, 0]], dtype=np.int32)
     flat = weights.reshape(-1)
-    cost_to_go_into(cost, flat, make_queue(rows * cols), seeds, cols, (start, 0))
+    cost_to_go_into(cost, flat, make_queue(rows * cols), seeds, cols, (start, 0), directions)
     if cost[start] == UNREACHED:
         return
     found = np.empty(rows * cols, dtype=np.int32)
-    way = found[: descend_into(found, cost, flat, start, cols)]
+    way = found[: descend_into(found, cost, flat, start, cols, directions)]
     assert way[0] == start
     assert way[-1] == goal
     assert (np.diff(cost[way]) < 0).all()

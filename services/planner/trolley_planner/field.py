@@ -11,7 +11,6 @@ from trolley_planner.kernels.corridor import (
     Terrain,
     close,
     coarsen_into,
-    cost_of_way,
     has_opened,
     open_box,
     open_way,
@@ -31,12 +30,21 @@ from trolley_planner.kernels.search import (
     make_queue,
 )
 
-REACH_TILES = 1
-"""The corridor is so much wider than the coarse way, on either side."""
+NEAR_CELLS = 300
+"""Targets no farther away are searched for along 16 directions, others along 8: their ways would
+take too long, and are more alike."""
+REACH_TILES, WIDE_TILES = 1, 60
+"""The corridor is so much wider than the coarse way on either side, more where that is short: its
+length in tiles times its reach is at least the second, if the reach is no more than"""
+REACH_MOST_TILES = 8
+"""this."""
 SLACK_CELLS = 40
 """How far a search goes on beyond the robot, so that the result serves where it drives next."""
-DEARER_CELLS = 2
-"""It may cost so much more than the coarse one promised, or all other ways are looked at, too."""
+DEARER, DEARER_CELLS = 1.03, 3
+"""It may cost so many times what the coarse one promised and so much more, or all tiles that
+promise better are searched, too."""
+BAND_CELLS = 8
+"""How much more a tile may promise and be searched still, since it is not exact."""
 COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 """Cost of a straight step over free cells."""
 
@@ -44,9 +52,14 @@ COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 class GoalField:
     """Cost-to-go of the newest target; what changes far from the way leaves it as it is.
 
-    The coarse grid takes each tile for as passable as its best cell. Where it knows no way there
-    is none. Otherwise the cells near its way are searched; where they hold no way, or one much
-    dearer than promised (as behind a wall thinner than a tile), all cells are.
+    The coarse grid takes each tile for as passable as its best row or column. Where it knows no
+    way there is none. Otherwise the cells near its way are searched. Where they hold a way dearer
+    than promised, so are all tiles through which it promises one that is cheaper than what was
+    found; where they hold none (as behind a wall thinner than a tile), all cells are.
+
+    Source:
+        The promises guide the search as the costs of an abstraction do in Holte, Perez, Zimmer and
+        MacDonald, Hierarchical A*: Searching Abstraction Hierarchies Efficiently (1996).
 
     Args:
         shape: rows and columns of the costmap.
@@ -73,7 +86,8 @@ class GoalField:
         # All costs below these are final.
         self._final_cost = self._final_coarse = 0
         self._has_all = False
-        self._promise = 1.0
+        self._promise = DEARER
+        self._directions = 8
         self.searches = 0
         """How often all was looked for anew."""
 
@@ -127,7 +141,9 @@ class GoalField:
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the way, looked for anew; None if there is none."""
         self.searches += 1
-        corridor = self._corridor
+        corridor, cols = self._corridor, self._shape[1]
+        away = math.hypot(start % cols - target % cols, start // cols - target // cols)
+        self._directions = 16 if away <= NEAR_CELLS else 8
         close(corridor, self._num_inside)
         self._num_inside = 0
         self._has_all = False
@@ -136,18 +152,54 @@ class GoalField:
         tiles = self._coarse_way(start, target, terrain)
         if tiles is None:
             return None
-        self._num_inside = open_way(corridor, self._num_inside, terrain.weights, tiles, REACH_TILES)
-        self._promise = self._promise_of(tiles, terrain.discs)
+        reach = min(max(REACH_TILES, WIDE_TILES // len(tiles)), REACH_MOST_TILES)
+        self._num_inside = open_way(corridor, self._num_inside, terrain.weights, tiles, reach)
+        self._promise = DEARER
         seeds = np.array([[target, 0]], dtype=np.int32)
         clear_queue(self._queue)
         self._grow(seeds, 0, start)
         cells = self._descend(start, terrain.discs)
         if cells is not None:
             return cells
-        self._open_all(terrain)
-        clear_queue(self._queue)
+        if self._flat_cost[start] == UNREACHED:
+            self._open_all(terrain)
+            clear_queue(self._queue)
+        else:
+            self._open_better(start, terrain.weights)
+            rewind(corridor, self._num_inside, self._queue, -1)
         self._grow(seeds, 0, start)
-        return self._descend(start, terrain.discs)
+        # What is dearer than promised now is so everywhere.
+        self._promise = math.inf
+        cells = self._descend(start, terrain.discs)
+        if cells is not None:
+            self._promise = max(DEARER, self._ratio(cells, terrain.discs))
+        return cells
+
+    def _open_better(self, start: int, weights: NDArray[np.uint8]) -> None:
+        """Take all tiles into the corridor through which a cheaper way may lead."""
+        start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
+        flat, queue = self._coarse_weights.reshape(-1), self._coarse_queue
+        limit = (int(self._flat_cost[start]) + BAND_CELLS * COST_OF_CELL) // TILE
+        slack = max(limit - int(self._coarse_cost[start_tile]), BAND_CELLS * COST_OF_CELL)
+        none = np.empty((0, 2), dtype=np.int32)
+        self._final_coarse = grow(
+            self._coarse_cost,
+            flat,
+            queue,
+            none,
+            tile_cols,
+            max(0, self._final_coarse - COSTLIEST_STEP),
+            (start_tile, slack),
+            self._directions,
+        )
+        # What is left for the way from the start to each tile: no more than that is looked for.
+        left = np.maximum(limit + 1 - self._coarse_cost.astype(np.int64), 0).astype(np.int32)
+        cost = left.copy()
+        seed = np.array([[start_tile, 0]], dtype=np.int32)
+        clear_queue(queue)
+        grow(cost, flat, queue, seed, tile_cols, 0, (-1, 0), self._directions)
+        better = np.flatnonzero(cost < left).astype(np.int32)
+        self._num_inside = open_way(self._corridor, self._num_inside, weights, better, 0)
 
     def _open_all(self, terrain: Terrain) -> None:
         """Take everything into the corridor."""
@@ -175,11 +227,13 @@ class GoalField:
             np.array([[self._tile(target), 0]], dtype=np.int32),
             tile_cols,
             (start_tile, SLACK_CELLS * COST_OF_CELL // TILE),
+            self._directions,
         )
         if self._coarse_cost[start_tile] == UNREACHED:
             return None
         tiles = np.empty(self._coarse_cost.size, dtype=np.int32)
-        count = descend_into(tiles, self._coarse_cost, flat, start_tile, tile_cols)
+        known = self._coarse_cost
+        count = descend_into(tiles, known, flat, start_tile, tile_cols, self._directions)
         return tiles[:count]
 
     def _descend(self, start: int, discs: NDArray[np.float64]) -> NDArray[np.int32] | None:
@@ -192,17 +246,26 @@ class GoalField:
         if cost[start] == UNREACHED:
             return None
         cells = np.empty(TILE * TILE * self._num_inside, dtype=np.int32)
-        count = descend_into(cells, cost, self._flat_weights, start, self._shape[1])
+        flat, cols = self._flat_weights, self._shape[1]
+        count = descend_into(cells, cost, flat, start, cols, self._directions)
         cells = cells[:count]
-        skipped, left = _ends(discs)
-        if self._has_all or count <= skipped + left:
+        if self._has_all or self._ratio(cells, discs) <= self._promise:
             return cells
+        return None
+
+    def _ratio(self, cells: NDArray[np.int32], discs: NDArray[np.float64]) -> float:
+        """Return what a way costs by what the coarse one promised; infinite where that ends."""
+        skipped, left = _ends(discs)
+        if len(cells) <= skipped + left:
+            return 1.0
+        cost = self._flat_cost
         first, last = int(cells[skipped]), int(cells[-1 - left])
         coarse_first = int(self._coarse_cost[self._tile(first)])
-        coarse = coarse_first - int(self._coarse_cost[self._tile(last)])
-        allowed = self._promise * TILE * coarse + DEARER_CELLS * COST_OF_CELL
-        is_cheap = int(cost[first]) - int(cost[last]) <= allowed
-        return cells if is_cheap and coarse_first < self._final_coarse else None
+        if coarse_first >= self._final_coarse:
+            return math.inf
+        coarse = TILE * (coarse_first - int(self._coarse_cost[self._tile(last)]))
+        dearer = int(cost[first]) - int(cost[last]) - DEARER_CELLS * COST_OF_CELL
+        return dearer / max(coarse, 1)
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
         """Search on in the corridor until some way beyond the start."""
@@ -214,6 +277,7 @@ class GoalField:
             self._shape[1],
             first,
             (start, SLACK_CELLS * COST_OF_CELL),
+            self._directions,
         )
 
     def _open_discs(self, terrain: Terrain) -> int:
@@ -229,15 +293,6 @@ class GoalField:
             self._num_inside, least = open_box(self._corridor, self._num_inside, terrain, box)
             right = min(right, least)
         return right
-
-    def _promise_of(self, tiles: NDArray[np.int32], discs: NDArray[np.float64]) -> float:
-        """Return how much dearer the way along tiles is by their mean weights than by the best."""
-        skipped, left = (-(-cells // TILE) for cells in _ends(discs))
-        way = tiles[skipped : len(tiles) - left]
-        if len(way) < 2:
-            return 1.0
-        best = int(self._coarse_cost[way[0]]) - int(self._coarse_cost[way[-1]])
-        return cost_of_way(self._corridor, way) / best
 
     def _tile(self, cell: int) -> int:
         """Return the tile of a cell."""

@@ -26,7 +26,7 @@ NARROW_PLACES = 8
 """So many places that prove too narrow are gone round, then there is no way."""
 NARROW_M = 0.12
 """Radius that is closed at such a place, at least."""
-SHORTCUTS = ((0.08, 40), (0.4, 64))
+SHORTCUTS = ((0.4, 64),)
 """Distance of the points [m] and over how many of them lines are tried, one after the other."""
 SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
 """Distance of the points [m] and passes over them, one after the other."""

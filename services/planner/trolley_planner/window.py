@@ -149,7 +149,8 @@ class Window:
         """Compute the cost-to-go to seeds (cell, price); say whether the robot can reach one."""
         ordered = np.ascontiguousarray(seeds[np.argsort(seeds[:, 1], kind="stable")])
         size = self._coarse_cells
-        cost_to_go_into(self._costs, self._weights.reshape(-1), self._queue, ordered, size, (-1, 0))
+        flat = self._weights.reshape(-1)
+        cost_to_go_into(self._costs, flat, self._queue, ordered, size, (-1, 0), 8)
         costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, UNREACHED_M)
         slope_edges(self._cost_m, UNREACHED_M, EDGE_RISE_M, EDGE_CELLS)
         return bool(self._costs[self._robot_cell] != UNREACHED)

@@ -14,8 +14,6 @@ from trolley.jit import kernel
 from trolley_planner.kernels.layers import LETHAL
 from trolley_planner.kernels.search import (
     COSTLIEST_STEP,
-    DIAGONAL,
-    STEP,
     UNREACHED,
     Queue,
     clear_queue,
@@ -23,6 +21,8 @@ from trolley_planner.kernels.search import (
 )
 
 TILE = 4
+CUT = 4096
+"""Stands for a lethal weight in sums; more than those of all others in a line of a tile."""
 
 
 class Corridor(NamedTuple):
@@ -53,7 +53,9 @@ class Terrain(NamedTuple):
 
 @kernel
 def coarsen_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8]) -> None:
-    """Write the lowest weight of each tile that is not lethal, 0 where all are.
+    """Write what it takes to cross each tile: the mean weight of its best row or column.
+
+    Where all of them are cut, its lowest weight; 0 where all cells are lethal.
 
     Args:
         out_weights: (tile rows, tile cols), overwritten.
@@ -61,18 +63,42 @@ def coarsen_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8]) -> 
     """
     rows, cols = weights.shape
     out_weights[:, :] = LETHAL
-    lowest = np.empty(cols, dtype=np.uint8)
+    tile_cols = out_weights.shape[1] - 2
+    row_line = np.full(TILE * tile_cols, CUT, dtype=np.uint16)
+    columns = np.empty(TILE * tile_cols, dtype=np.uint16)
+    lowest = np.empty(TILE * tile_cols, dtype=np.uint16)
+    best = np.empty(tile_cols, dtype=np.uint16)
     for tile_row in range(1, out_weights.shape[0] - 1):
-        # Less one, lethal is the highest of all; a loop without branches over whole rows.
-        lowest[:] = 255
-        for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
+        best[:], columns[:], lowest[:] = CUT, 0, CUT
+        for row in range((tile_row - 1) * TILE, tile_row * TILE):
+            # Loops without branches over whole rows; what lies beyond the grid is lethal.
+            if row == rows:
+                columns[:] = CUT
+                break
             for col in range(cols):
-                lowest[col] = min(lowest[col], np.uint8(weights[row, col] - np.uint8(1)))
-        for tile_col in range(1, out_weights.shape[1] - 1):
-            best = np.uint8(255)
-            for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-                best = min(best, lowest[col])
-            out_weights[tile_row, tile_col] = np.uint8(best + np.uint8(1))
+                weight = weights[row, col]
+                row_line[col] = np.uint16(weight) + np.uint16(weight == 0) * np.uint16(CUT)
+            for col in range(TILE * tile_cols):
+                columns[col] += row_line[col]
+                lowest[col] = min(lowest[col], row_line[col])
+            for tile in range(tile_cols):
+                first = TILE * tile
+                total = row_line[first] + row_line[first + 1]
+                total += row_line[first + 2] + row_line[first + 3]
+                best[tile] = min(best[tile], np.uint16(total))
+        for tile in range(tile_cols):
+            least, line = np.uint16(CUT), best[tile]
+            for col in range(TILE * tile, TILE * (tile + 1)):
+                least, line = min(least, lowest[col]), min(line, columns[col])
+            out_weights[tile_row, tile + 1] = tile_weight(int(line), int(least))
+
+
+@kernel
+def tile_weight(line: int, least: int) -> int:
+    """Return the weight of a tile by the sum of its best line and its lowest weight."""
+    if line < CUT:
+        return (line + TILE // 2) // TILE
+    return least if least < CUT else LETHAL
 
 
 @kernel
@@ -153,9 +179,9 @@ def open_way(
     way: NDArray[np.int32],
     reach: int,
 ) -> int:
-    """Take the tiles of a way and those at most `reach` from it into the corridor.
+    """Take tiles and those at most `reach` from them into the corridor.
 
-    No cost must be known yet, and the tiles under the discs be inside.
+    The tiles under the discs must be inside.
 
     Returns:
         How many are inside now.
@@ -260,7 +286,7 @@ def has_opened(
 
 @kernel
 def retile(out_weights: NDArray[np.uint8], corridor: Corridor, num_tiles: int) -> None:
-    """Write the lowest weight of the tiles inside, which may differ from the grid's.
+    """Write the weights of the tiles inside, as in `coarsen_into`; they may differ from the grid's.
 
     Args:
         out_weights: (tile rows, tile cols), changed.
@@ -272,35 +298,22 @@ def retile(out_weights: NDArray[np.uint8], corridor: Corridor, num_tiles: int) -
     for index in range(num_tiles):
         tile_row = corridor.tiles[index] // tile_cols
         tile_col = corridor.tiles[index] % tile_cols
-        lowest = 256
-        for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
-            for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-                if corridor.weights[row, col] != LETHAL:
-                    lowest = min(lowest, int(corridor.weights[row, col]))
-        out_weights[tile_row, tile_col] = lowest if lowest < 256 else LETHAL
+        line, least = CUT, CUT
+        for step in range(TILE):
+            along_row, along_col = 0, 0
+            for part in range(TILE):
+                row, col = (tile_row - 1) * TILE + step, (tile_col - 1) * TILE + part
+                weight = cut_at(corridor.weights, row, col, rows, cols)
+                along_row, least = along_row + weight, min(least, weight)
+                row, col = (tile_row - 1) * TILE + part, (tile_col - 1) * TILE + step
+                along_col += cut_at(corridor.weights, row, col, rows, cols)
+            line = min(line, min(along_row, along_col))
+        out_weights[tile_row, tile_col] = tile_weight(line, least)
 
 
 @kernel
-def cost_of_way(corridor: Corridor, way: NDArray[np.int32]) -> float:
-    """Return what the way along tiles costs over their mean weights, one step over a tile.
-
-    Args:
-        corridor: must hold the way.
-        way: (n,) tiles, from the start to the target.
-    """
-    tile_cols = corridor.is_inside.shape[1]
-    rows, cols = corridor.weights.shape
-    total, before = 0.0, 0.0
-    for index in range(way.shape[0]):
-        tile_row, tile_col = way[index] // tile_cols, way[index] % tile_cols
-        weight, count = 0, 0
-        for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
-            for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-                weight += corridor.weights[row, col]
-                count += corridor.weights[row, col] != LETHAL
-        mean = weight / count
-        if index > 0:
-            step = abs(way[index] - way[index - 1])
-            total += (STEP if step == 1 or step == tile_cols else DIAGONAL) * (before + mean)
-        before = mean
-    return total
+def cut_at(weights: NDArray[np.uint8], row: int, col: int, rows: int, cols: int) -> int:
+    """Return the weight of a cell, `CUT` where it is lethal or outside."""
+    if row >= rows or col >= cols or weights[row, col] == LETHAL:
+        return CUT
+    return int(weights[row, col])

@@ -28,8 +28,8 @@ def segment_cost(
 ) -> float:
     """Return the cost of a straight line, in weights times cells.
 
-    +inf if it meets a lethal cell, passes between two that touch with their corners, or costs
-    more than `most`.
+    +inf if it meets a lethal cell, runs along the border of one, passes between two that touch with
+    their corners, or costs more than `most`.
 
     Args:
         weights: (rows, cols).
@@ -49,10 +49,13 @@ def segment_cost(
     at_col = ((col + (dx > 0.0)) - x1) / dx if cols_left else math.inf
     at_row = ((row + (dy > 0.0)) - y1) / dy if rows_left else math.inf
     by_col, by_row = abs(1.0 / dx) if cols_left else 0.0, abs(1.0 / dy) if rows_left else 0.0
+    # Along a border the cells on its other side count, too: rounding may put points there.
+    row_beside = side_of_border(y1, dy)
+    col_beside = side_of_border(x1, dx)
     total, at = 0.0, 0.0
     while True:
         weight = weights[row, col]
-        if weight == 0:
+        if weight == 0 or weights[row + row_beside, col + col_beside] == 0:
             return math.inf
         until = min(at_col, at_row, 1.0)
         total += (until - at) * length * weight
@@ -71,6 +74,15 @@ def segment_cost(
         if is_corner or not crosses_col:
             row, rows_left = row + row_step, rows_left - 1
             at_row = at_row + by_row if rows_left else math.inf
+
+
+@kernel
+def side_of_border(value: float, change: float) -> int:
+    """Return where the cells beside a line lie that runs along a border, -1 or 1; else 0."""
+    off = value - math.floor(value)
+    if abs(change) > SAME_CELLS or SAME_CELLS < off < 1.0 - SAME_CELLS:
+        return 0
+    return -1 if off <= SAME_CELLS else 1
 
 
 @kernel
