@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from dwa_kernels import BLOCKED, navfn_into
@@ -31,8 +32,10 @@ PEN_M, BEFORE_FIELD_M = 5.0, 2.0
 # Only worlds are used that 5 x 5 free cells can be moved through: 0.75 m.
 WAY_RADIUS_CELLS = 2
 SETS, WORLDS_IN_A_SET = 12, 25
-# Where the published runs start and end [m].
-PUBLISHED_START, PUBLISHED_AHEAD = (-2.0, 3.0), (0.0, 1.0)
+# Where the published runs start and end [m]: in the middle between the walls of the pen.
+PUBLISHED_START, PUBLISHED_AHEAD = (-2.25, 3.0), (0.0, 1.0)
+NOT_WORLDS = ("path_", "cspace_", "metrics_", "norm_metrics_")
+"""Names of the other files that are published with the worlds begin so."""
 
 
 @dataclass(frozen=True)
@@ -143,19 +146,32 @@ KINDS = {"cylinders": cylinders, "corridors": corridor, "doors": doors, "people"
 def load_worlds(folder: Path) -> Iterator[World]:
     """Read all worlds of a folder, in the order of the numbers in their names.
 
-    `*.world` are Gazebo's, as published: cylinders where each model stands, the robot at (-2, 3);
-    with `path_files/path_N.npy` beside them (here or one folder up) the path's length is the
-    published one. `*.npy` and `*.txt` hold cylinders, (n, 2) x, y or (n, 3) with their radius [m],
-    in the frame of the start.
+    `*.world` are Gazebo's, as published: a cylinder where each model stands, the robot at
+    (-2.25, 3) looking along y. Where there are none, `grid_N.npy` (30 x 30 cells, 1 full) are the
+    published fields, `*.npy` and `*.txt` else hold cylinders, (n, 2) x, y or (n, 3) with their
+    radius [m], in the frame of the start. With `path_N.npy` beside a world, or in `path_files` here
+    or one folder up, the path's length is the published one. The published folder may be given as
+    a whole: its worlds lie in `world_files` or `grid_files`.
 
     Raises:
         ValueError: a file does not hold what its name says, or there is none.
     """
-    files = [path for path in folder.iterdir() if path.suffix in (".world", ".npy", ".txt")]
-    if not files:
-        raise ValueError(f"{folder}: no *.world, *.npy or *.txt there")
+    for place in (folder, folder / "world_files", folder / "grid_files"):
+        if files := _world_files(place):
+            break
+    else:
+        raise ValueError(f"{folder}: no *.world, grid_*.npy, or *.npy and *.txt of cylinders there")
     for path in sorted(files, key=lambda path: (_number(path), path.name)):
         yield _load_gazebo(path) if path.suffix == ".world" else _load_table(path)
+
+
+def _world_files(folder: Path) -> list[Path]:
+    files = list(folder.iterdir()) if folder.is_dir() else []
+    return [path for path in files if path.suffix == ".world"] or [
+        path
+        for path in files
+        if path.suffix in (".npy", ".txt") and not path.name.startswith(NOT_WORLDS)
+    ]
 
 
 def _number(path: Path) -> int:
@@ -164,8 +180,20 @@ def _number(path: Path) -> int:
 
 
 def _load_table(path: Path) -> World:
-    table = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, ndmin=2)
-    table = np.asarray(table, dtype=np.float64)
+    try:
+        table = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, ndmin=2)
+        table = np.asarray(table, dtype=np.float64)
+    except (OSError, EOFError, ValueError) as error:
+        raise ValueError(f"{path}: holds no table of numbers ({error})") from error
+    if path.name.startswith("grid_") or table.shape == (FIELD_CELLS, FIELD_CELLS):
+        if table.shape != (FIELD_CELLS, FIELD_CELLS) or not np.isin(table, (0.0, 1.0)).all():
+            raise ValueError(
+                f"{path}: expected {FIELD_CELLS} x {FIELD_CELLS} cells that are 0 or 1, "
+                f"found {table.shape} from {table.min(initial=0.0):g} to {table.max(initial=0.0):g}"
+            )
+        # Its rows lie along x of the published world, to the right of the robot.
+        circles = _field_and_pen(table[::-1] == 1.0)
+        return World(path.stem, circles, published_m=_published_m(path))
     if table.ndim != 2 or table.shape[1] not in (2, 3) or not np.isfinite(table).all():
         raise ValueError(f"{path}: expected cylinders (n, 2) or (n, 3), found {table.shape}")
     if table.shape[1] == 2:
@@ -174,18 +202,48 @@ def _load_table(path: Path) -> World:
 
 
 def _load_gazebo(path: Path) -> World:
-    text = path.read_text()
-    model = re.compile(
-        r"<model name='[^']*cylinder[^']*'>\s*<static>1</static>\s*<pose[^>]*>([^<]*)</pose>"
-        r".*?<radius>([^<]*)</radius>",
-        re.DOTALL,
-    )
-    found = [(*pose.split()[:2], radius) for pose, radius in model.findall(text)]
-    if not found:
-        raise ValueError(f"{path}: no static models of cylinders")
-    circles = np.array(found, dtype=np.float64)
-    circles[:, :2] = _seen_from_start(circles[:, :2])
-    return World(path.stem, circles, published_m=_published_m(path))
+    try:
+        world = ElementTree.parse(path).getroot().find("world")
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path}: is no SDF file: {error}") from error
+    if world is None:
+        raise ValueError(f"{path}: holds no <world>")
+    # Where a model stands now comes before where it was put first.
+    places = {model.get("name"): model.find("pose") for model in world.iterfind("state/model")}
+    circles: list[tuple[float, float, float]] = []
+    for model in world.iterfind("model"):
+        name = f"{path}: model {model.get('name')!r}"
+        shapes = [shape[0] for shape in model.iterfind("link/collision/geometry") if len(shape)]
+        if all(shape.tag == "plane" for shape in shapes):
+            continue
+        if len(shapes) != 1 or shapes[0].tag != "cylinder":
+            raise ValueError(f"{name}: only models of one cylinder can be driven round")
+        for inner in ("link/pose", "link/collision/pose"):
+            if any(_numbers(model.find(inner), name)):
+                raise ValueError(f"{name}: its {inner} is not zero, which cannot be read")
+        place = places.get(model.get("name"))
+        pose = _numbers(model.find("pose") if place is None else place, name)
+        (radius,) = _numbers(shapes[0].find("radius"), name) or (0.0,)
+        if len(pose) != 6 or radius <= 0.0:
+            raise ValueError(f"{name}: its pose or its radius is missing or broken")
+        circles.append((pose[0], pose[1], radius))
+    if not circles:
+        raise ValueError(f"{path}: no models of cylinders")
+    seen = np.array(circles)
+    seen[:, :2] = _seen_from_start(seen[:, :2])
+    return World(path.stem, seen, published_m=_published_m(path))
+
+
+def _numbers(element: ElementTree.Element | None, name: str) -> tuple[float, ...]:
+    """The numbers in an element, none where it is missing."""
+    text = "" if element is None else element.text or ""
+    try:
+        numbers = tuple(float(word) for word in text.split())
+    except ValueError as error:
+        raise ValueError(f"{name}: {text.strip()!r} are no numbers") from error
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name}: {text.strip()!r} are not all finite")
+    return numbers
 
 
 def _seen_from_start(points: Floats) -> Floats:
@@ -197,11 +255,14 @@ def _seen_from_start(points: Floats) -> Floats:
 def _published_m(world: Path) -> float | None:
     """Length of the published path from start to goal through the cells of the field."""
     name = f"path_{_number(world)}.npy"
-    for folder in (world.parent, world.parent.parent):
-        file = folder / "path_files" / name
+    for folder in (world.parent, world.parent / "path_files", world.parent.parent / "path_files"):
+        file = folder / name
         if file.exists():
+            cells = np.load(file)
+            if cells.ndim != 2 or cells.shape[1] != 2:
+                raise ValueError(f"{file}: expected a path (n, 2) of cells, found {cells.shape}")
             shift = np.array([-RADIUS_M - FIELD_CELLS * CELL_M, RADIUS_M + PEN_M])
-            inside = np.load(file) * CELL_M + shift
+            inside = cells * CELL_M + shift
             goal = np.add(PUBLISHED_START, np.multiply(PUBLISHED_AHEAD, GOAL_M))
             path = np.vstack([PUBLISHED_START, inside, goal])
             return float(np.hypot(*np.diff(path, axis=0).T).sum())

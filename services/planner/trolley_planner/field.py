@@ -30,7 +30,7 @@ from trolley_planner.kernels.search import (
     make_queue,
 )
 
-NEAR_CELLS = 300
+NEAR_CELLS = 400
 """Targets no farther away are searched for along 16 directions, others along 8: their ways would
 take too long, and are more alike."""
 REACH_TILES, WIDE_TILES = 1, 60
@@ -40,7 +40,7 @@ REACH_MOST_TILES = 8
 """this."""
 SLACK_CELLS = 40
 """How far a search goes on beyond the robot, so that the result serves where it drives next."""
-DEARER, DEARER_CELLS = 1.03, 3
+DEARER, DEARER_CELLS = 1.01, 1
 """It may cost so many times what the coarse one promised and so much more, or all tiles that
 promise better are searched, too."""
 BAND_CELLS = 8
