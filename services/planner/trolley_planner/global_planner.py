@@ -26,9 +26,9 @@ NARROW_PLACES = 8
 """So many places that prove too narrow are gone round, then there is no way."""
 NARROW_M = 0.12
 """Radius that is closed at such a place, at least."""
-SHORTCUTS = ((0.4, 64),)
-"""Distance of the points [m] and over how many of them lines are tried, one after the other."""
-SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 5), (0.15, 4))
+SHORTCUT_M, SHORTCUT_REACH = 0.4, 32
+"""Distance of the points [m] and over how many of them lines are tried."""
+SMOOTHING = ((1.6, 4), (0.8, 4), (0.4, 4), (0.15, 3))
 """Distance of the points [m] and passes over them, one after the other."""
 
 
@@ -214,12 +214,9 @@ def straighten(
 
     No line of it touches a lethal cell where those along the cells do not.
     """
-    path = points
-    for spacing_m, reach in SHORTCUTS:
-        path = subdivide(path, spacing_m * cells_per_m)
-        kept = np.empty(len(path), dtype=np.int32)
-        count = shortcut_into(kept, weights, path, reach)
-        path = path[kept[:count]]
+    path = subdivide(points, SHORTCUT_M * cells_per_m)
+    kept = np.empty(len(path), dtype=np.int32)
+    path = path[kept[: shortcut_into(kept, weights, path, SHORTCUT_REACH)]]
     # Far apart the points reach farther, close together they follow the bends.
     for spacing_m, rounds in SMOOTHING:
         path = subdivide(path, spacing_m * cells_per_m)

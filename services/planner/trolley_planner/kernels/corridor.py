@@ -181,7 +181,8 @@ def open_way(
 ) -> int:
     """Take tiles and those at most `reach` from them into the corridor.
 
-    The tiles under the discs must be inside.
+    The tiles under the discs must be inside. With a reach of 1 only those with an edge in common
+    are taken: a way that goes across is wide enough with them.
 
     Returns:
         How many are inside now.
@@ -192,6 +193,8 @@ def open_way(
         row, col = tile // tile_cols, tile % tile_cols
         for near_row in range(row - reach, row + reach + 1):
             for near_col in range(col - reach, col + reach + 1):
+                if reach == 1 and near_row != row and near_col != col:
+                    continue
                 # The rim of the grid of tiles is never part of a way, but may lie beside one.
                 if not (0 < near_row < corridor.is_inside.shape[0] - 1):
                     continue

@@ -97,20 +97,12 @@ def push(queue: Queue, cost: NDArray[np.int32], cell: int, new_cost: int) -> Non
 
 @kernel
 def spread(  # noqa: C901, PLR0915 - see its docstring
-    cost: NDArray[np.int32],
-    weights: NDArray[np.uint8],
-    queue: Queue,
-    cols: int,
-    bucket: int,
-    directions: int,
+    cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
 ) -> None:
     """Settle the cells of one bucket: offer each neighbour the way through them.
 
-    Diagonal steps need both cells beside them: no corner is cut. A knight passes through the cell
-    beside it and the one across; it does not go past cells that were reached before, since these
-    reach what lies behind them by themselves. (That is exact where weights do not differ by much.)
-    The loops over the neighbours are unrolled by the compiler; with a call of `push` inside them
-    the search takes three times as long.
+    Diagonal steps need both cells beside them: no corner is cut. The loop over the neighbours is
+    unrolled by the compiler; with a call of `push` inside it the search takes three times as long.
     """
     heads, cells, nexts = queue.heads, queue.cells, queue.nexts
     free, waiting = queue.state[FREE_ENTRY], queue.state[NUM_WAITING]
@@ -125,27 +117,27 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
         if cost_here >> BUCKET_SHIFT != bucket:
             continue
         here = np.int32(weights[cell])
-        north, south = np.int32(weights[cell - cols]), np.int32(weights[cell + cols])
-        west, east = np.int32(weights[cell - 1]), np.int32(weights[cell + 1])
+        north, south = weights[cell - cols], weights[cell + cols]
+        west, east = weights[cell - 1], weights[cell + 1]
         for direction in range(8):
-            if direction < 4:
-                if direction == 0:
-                    other, there = cell - cols, north
-                elif direction == 1:
-                    other, there = cell + cols, south
-                elif direction == 2:
-                    other, there = cell - 1, west
-                else:
-                    other, there = cell + 1, east
-                through = cost_here + np.int32(STEP) * (here + there)
+            if direction == 0:
+                other, there = cell - cols, north
+            elif direction == 1:
+                other, there = cell + cols, south
+            elif direction == 2:
+                other, there = cell - 1, west
+            elif direction == 3:
+                other, there = cell + 1, east
             else:
                 other = cell + (-cols if direction < 6 else cols)
                 other += -1 if direction % 2 == 0 else 1
                 # Read whether it counts or not: that spares a branch.
-                across = np.int32(weights[other])
-                tall, wide = north if direction < 6 else south, west if direction % 2 == 0 else east
-                there = across if tall != 0 and wide != 0 else np.int32(0)
-                through = cost_here + np.int32(DIAGONAL) * (here + there)
+                ahead = weights[other]
+                beside = north if direction < 6 else south
+                is_free = beside != 0 and (west if direction % 2 == 0 else east) != 0
+                there = ahead if is_free else np.uint8(0)
+            length = np.int32(STEP if direction < 4 else DIAGONAL)
+            through = cost_here + length * (here + np.int32(there))
             known = cost[other]
             if (through >= known) | (there == 0):
                 continue
@@ -162,28 +154,53 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
             cells[fresh], nexts[fresh] = other, heads[slot]
             heads[slot] = fresh
             waiting += 1
-        if directions == 8:
+    queue.state[FREE_ENTRY], queue.state[NUM_WAITING] = free, waiting
+    queue.state[NUM_TOUCHED] = touched
+
+
+@kernel
+def leap(
+    cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
+) -> None:
+    """Offer the cells that a knight reaches from those of one bucket the way through them.
+
+    A knight passes through the cell beside it and the one across. It does not go past cells that
+    were reached before, since these reach what lies behind them by themselves. (That is exact where
+    weights do not differ by much.) The bucket itself stays as it is: no move ends in it.
+    """
+    heads, cells, nexts = queue.heads, queue.cells, queue.nexts
+    free, waiting = queue.state[FREE_ENTRY], queue.state[NUM_WAITING]
+    touched = queue.state[NUM_TOUCHED]
+    entry = heads[bucket & (NUM_BUCKETS - 1)]
+    while entry != NONE:
+        cell = cells[entry]
+        entry = nexts[entry]
+        cost_here = cost[cell]
+        if cost_here >> BUCKET_SHIFT != bucket:
             continue
+        here = np.int32(weights[cell])
         for side in range(4):
             if side == 0:
-                beside, forth, aside = north, -cols, 1
+                forth, across_by = -cols, 1
             elif side == 1:
-                beside, forth, aside = south, cols, 1
+                forth, across_by = cols, 1
             elif side == 2:
-                beside, forth, aside = west, -1, cols
+                forth, across_by = -1, cols
             else:
-                beside, forth, aside = east, 1, cols
+                forth, across_by = 1, cols
+            beside = weights[cell + forth]
             if beside == 0 or cost[cell + forth] < cost_here:
                 continue
+            ends = here + np.int32(beside)
             for turn in range(2):
-                shift = aside if turn == 0 else -aside
-                across = np.int32(weights[cell + forth + shift])
-                if across == 0 or cost[cell + forth + shift] < cost_here:
+                aside = across_by if turn == 0 else -across_by
+                across = weights[cell + forth + aside]
+                if across == 0 or cost[cell + forth + aside] < cost_here:
                     continue
-                other = cell + 2 * forth + shift
-                there = np.int32(weights[other])
-                through = cost_here + np.int32(KNIGHT) * (here + beside + across + there)
-                known = cost[other]
+                other = cell + 2 * forth + aside
+                there = weights[other]
+                price = np.int32(KNIGHT) * (ends + np.int32(across) + np.int32(there))
+                through, known = cost_here + price, cost[other]
                 if (through >= known) | (there == 0):
                     continue
                 cost[other] = through
@@ -242,7 +259,9 @@ def grow(
             if weights[cell] != 0 and price < cost[cell]:
                 push(queue, cost, cell, price)
             seed += 1
-        spread(cost, weights, queue, cols, bucket, directions)
+        if directions == MOST_DIRECTIONS:
+            leap(cost, weights, queue, cols, bucket)
+        spread(cost, weights, queue, cols, bucket)
         if stop_cell >= 0 and cost[stop_cell] >> BUCKET_SHIFT <= bucket:
             last = min(last, (cost[stop_cell] + slack) >> BUCKET_SHIFT)
         bucket += 1
