@@ -168,7 +168,7 @@ def quality_of(kind: str, maps: int) -> list[Figure]:
     return [
         at_most(f"{kind}: wrong of {len(length) + len(cost)}", quality.num_wrong, 0, digits=0),
         at_most(f"{kind}: length / shortest, mean", length.mean(), 1.02, digits=4),
-        Figure(f"{kind}: the longest", f"{length.max():.4f}"),
+        at_most(f"{kind}: the longest", length.max(), 1.02, digits=4),
         Figure(f"{kind}: share at most 2 % longer", f"{100 * (length <= 1.02).mean():.1f} %"),
         at_most(f"{kind}: cost along cells / cheapest, mean", grid.mean(), 1.005, digits=4),
         at_most(f"{kind}: cost of the path / cheapest, worst", cost.max(), 1.02, digits=4),

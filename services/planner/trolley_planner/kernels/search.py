@@ -159,7 +159,7 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
 
 
 @kernel
-def leap(
+def leap(  # noqa: C901 - in one piece for its speed, as `spread`
     cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
 ) -> None:
     """Offer the cells that a knight reaches from those of one bucket the way through them.
