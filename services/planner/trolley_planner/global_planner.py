@@ -28,7 +28,7 @@ NARROW_M = 0.12
 """Radius that is closed at such a place, at least."""
 SHORTCUT_M, SHORTCUT_REACH = 0.4, 32
 """Distance of the points [m] and over how many of them lines are tried."""
-SMOOTHING = ((1.6, 4), (0.8, 4), (0.4, 4), (0.15, 3))
+SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 6), (0.15, 6))
 """Distance of the points [m] and passes over them, one after the other."""
 
 
