@@ -86,7 +86,8 @@ class GlobalPlanner:
         self.narrow = []
         ends = [start, *targets]
         found = self._fitting_way(ends, weights, distance_m, False)
-        if found is None:
+        # Onto what stands on a target no way is narrow: there is none.
+        if found is None and all(self._has_room(target, distance_m) for target in targets):
             squeezed = self._costmap.squeezed(weights, distance_m)
             found = self._fitting_way(ends, squeezed, distance_m, True)
         return found
@@ -234,6 +235,11 @@ class GlobalPlanner:
                 soften_disc(weights, distance_m, (x, y), radius, ESCAPE_WEIGHT)
         smooth_points = straighten(points, weights, scale) * self._costmap.resolution_m
         return _Leg(smooth_points, weights, metres)
+
+    def _has_room(self, point: Point, distance_m: NDArray[np.float32]) -> bool:
+        """Say whether the footprint's centre may be at a point."""
+        cell = self._cell(point)
+        return cell is not None and float(distance_m.reshape(-1)[cell]) >= self._costmap.tight_m
 
     def _cell(self, point: Point) -> int | None:
         """Return the flat index of the cell under a point, None outside and on the border."""
