@@ -2,10 +2,10 @@
 
     python bench/planner_stops.py [--count 20] [--full] [--fast]
 
-All of base, localizer and planner run in lock-step on the simulated robot of the demo, whose wheels,
-lidar and motors err as they do there. The goal's default tolerances hold for the pose that the
-localizer gives; the truth differs by its error, which is printed besides. `--full` drives 200 goals;
-`--fast` lets the robot drive at up to 2 m/s.
+Base, localizer and planner run in lock-step on the simulated robot of the demo, whose wheels, lidar
+and motors err as they do there. The goal's tolerances hold for the pose that the localizer gives;
+the truth differs by its error and is printed besides. `--full` drives 200 goals; `--fast` lets the
+robot drive at up to 2 m/s.
 """
 
 import argparse
@@ -104,7 +104,9 @@ def drive(seed: int, count: int, is_fast: bool) -> list[Stop]:
                     continue
                 told = poses[-1].pose
                 true = _off(goal, truths[-1].pose)
-                stops.append(Stop("arrived", seconds, true if told is None else _off(goal, told), true))
+                stops.append(
+                    Stop("arrived", seconds, true if told is None else _off(goal, told), true)
+                )
     return stops
 
 
@@ -140,9 +142,7 @@ def _report(stops: list[Stop]) -> None:
     if not reached:
         return
     rows: list[list[str]] = []
-    figures: list[Figure] = [
-        at_least("arrived", 100.0 * len(reached) / len(stops), 99.0, "%", 1)
-    ]
+    figures: list[Figure] = [at_least("arrived", 100.0 * len(reached) / len(stops), 99.0, "%", 1)]
     for name in ("told", "true"):
         for k, unit in ((0, "m"), (1, "deg")):
             off = np.array([getattr(stop, name)[k] for stop in reached])

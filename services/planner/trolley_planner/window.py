@@ -41,9 +41,9 @@ ESCAPE_WEIGHT = 240
 TIGHT_WEIGHT = 80
 """Price of places with less than the usual clearance, where they may be passed at all."""
 
-TIGHT_PRICE = 3.0
-"""A metre of the path counts so much there: getting on must be worth driving beside walls, and
-backwards too."""
+NARROW_M, NARROW_PRICE = 0.08, 3.0
+"""Where the robot has less room than this beside it a metre of the path counts so much: getting on
+must be worth driving beside walls, and backwards too."""
 
 
 class Window:
@@ -94,6 +94,7 @@ class Window:
         self._behind = _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
+        self._narrow_m = footprint.inscribed_m + NARROW_M
         self._price_of_path = 1.0
         self.body = footprint.body
 
@@ -127,11 +128,13 @@ class Window:
         coarsen_into(self._coarse_m, self._distance_m, self._group)
         table = self._tight_table if is_tight else self._table
         weigh_into(self._weights, self._coarse_m, table, TABLE_STEP_M)
-        self._price_of_path = TIGHT_PRICE if is_tight else 1.0
         self._weights[0] = self._weights[-1] = LETHAL
         self._weights[:, 0] = self._weights[:, -1] = LETHAL
         centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
         self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
+        room_m = self._coarse_m.reshape(-1)[self._robot_cell]
+        is_narrow = is_tight or room_m < self._narrow_m
+        self._price_of_path = NARROW_PRICE if is_narrow else 1.0
         soften_disc(
             self._weights,
             self._coarse_m,
