@@ -28,6 +28,8 @@ from trolley.messages.types import floats_to_bytes
 BOX = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
 RANGE_MAX = 8.0
 BEAMS = 360
+# Touches are judged by parts of cells.
+FINE_PARTS = 5
 # Between the true map and the odometry: the planner must not mix the two up.
 MAP_T_ODOM = Pose2D(0.4, -0.3, 0.5)
 
@@ -82,7 +84,9 @@ class Flatland:
         """Let something else stand around from now on."""
         self.truth = truth
         self._occupied = truth.occupied_mask()
-        self._distance = distance_transform(self._occupied, truth.resolution)
+        parts = np.ones((FINE_PARTS, FINE_PARTS), dtype=self._occupied.dtype)
+        self._fine_m = truth.resolution / FINE_PARTS
+        self._distance = distance_transform(np.kron(self._occupied, parts), self._fine_m)
 
     @property
     def map_T_base(self) -> Pose2D:
@@ -107,13 +111,13 @@ class Flatland:
         edges = [
             a + shares * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)
         ]
-        points = pose.transform_points(np.concatenate(edges)) / self.grid.resolution
+        points = pose.transform_points(np.concatenate(edges)) / self._fine_m
         cells = np.floor(points).astype(int)
         rows, cols = self._distance.shape
         inside = (cells >= 0).all(1) & (cells[:, 1] < rows) & (cells[:, 0] < cols)
         if not inside.all():
             return 0.0
-        found = self._distance[cells[:, 1], cells[:, 0]] - self.grid.resolution
+        found = self._distance[cells[:, 1], cells[:, 0]] - self._fine_m
         return float(found.min())
 
     # Messages.

@@ -32,7 +32,7 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     caution_distance_m: Distance = 0.35
     """Clearance from which on the robot need not drive slower [m]."""
     clearance_m: Margin = 0.03
-    """Distance that the footprint keeps from obstacles; best below the base's stop margin [m]."""
+    """Distance that the footprint keeps where the way allows; best below the stop margin [m]."""
 
     unknown_is_free: bool = False
     """Whether paths may lead through cells that the map does not know (in `odom` they may)."""

@@ -39,6 +39,10 @@ from trolley_planner.people import People
 PADDING_M = 0.02
 """Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
 TABLE_STEP_M = 0.005
+TIGHT_CELLS = 0.3
+"""What is seen lies in its cell up to so much farther than the cell's centre."""
+SQUEEZE_WEIGHT = 60 * WEIGHT_UNIT
+"""Price of cells where the robot fits only if all lies well in its cells."""
 CLOSED_S = 60.0
 """A place where the robot did not get through is tried again after this time."""
 
@@ -85,6 +89,8 @@ class Costmap:
             WEIGHT_UNIT,
         )
         self._reach_m = self._table.shape[0] * TABLE_STEP_M
+        self.tight_m = footprint.inscribed_m - TIGHT_CELLS * grid.resolution
+        """Cells nearer than this to an obstacle cannot hold the footprint's centre."""
         self.set_zones([])
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
@@ -202,6 +208,20 @@ class Costmap:
         self.weights[write[0] : write[1], write[2] : write[3]] = weights
         self._close_border(self.weights)
         return True
+
+    def squeezed(
+        self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]
+    ) -> NDArray[np.uint8]:
+        """Return weights with a high price where the robot may just fit, instead of lethal.
+
+        Args:
+            weights: (rows, cols).
+            distance_m: (rows, cols) that belongs to them.
+        """
+        may_fit = (weights == LETHAL) & (distance_m >= self.tight_m)
+        squeezed = np.where(may_fit, np.uint8(SQUEEZE_WEIGHT), weights)
+        self._close_border(squeezed)
+        return squeezed
 
     def costs(self) -> NDArray[np.int8]:
         """Return (rows, cols) as on the wire.

@@ -24,6 +24,7 @@ from trolley_planner.route import PASS_M, Route
 from trolley_planner.staging import can_turn_by
 from trolley_planner.timing import seconds_along
 from trolley_planner.touching import TouchWatch
+from trolley_planner.window import TIGHT_M
 
 BLOCKED_S = 0.7
 """So long no way must be found before the robot begins to try things."""
@@ -114,7 +115,7 @@ class Drive:
     def look(self, motion: Motion, now_ns: int) -> None:
         """Take in a new scan: distances in the window, and the way through it."""
         pose, window = motion.pose, self.rig.window
-        window.look(pose.x, pose.y)
+        window.look(pose.x, pose.y, self.route.is_tight_here)
         braking = 1.5 * self._config.acceleration_mps2
         costmap = self.rig.costmap
         self._closing.note(now_ns, costmap.movers, pose, motion.twist, braking)
@@ -196,11 +197,13 @@ class Drive:
             0.5 * self.goal.tolerances.xy if stretch.is_goal else PASS_M,
             not stretch.is_goal,
         )
-        controller = self.rig.controller
-        found = controller.command(now.motion, self.rig.window, now.limits, target, now.elapsed_s)
+        controller, limits = self.rig.controller, now.limits
+        if route.is_tight_here:
+            limits = limits._replace(clearance_m=min(TIGHT_M, limits.clearance_m))
+        found = controller.command(now.motion, self.rig.window, limits, target, now.elapsed_s)
         if found is None:
             return Twist2D.zero()
-        return safe_command(now.motion, found, self.rig.window, now.limits, GIVE_M)
+        return safe_command(now.motion, found, self.rig.window, limits, GIVE_M)
 
     def _take_detour(self) -> None:
         """Take over the path of an arrival that goes somewhere else first."""

@@ -7,7 +7,13 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley_planner.kernels.beams import EchoLayer, ScanShape, cut_at_lines, place_beams_into
+from trolley_planner.kernels.beams import (
+    EchoLayer,
+    ScanShape,
+    cut_at_lines,
+    place_beams_into,
+    smooth_ranges_into,
+)
 from trolley_planner.kernels.echoes import (
     TICK_S,
     fade,
@@ -89,9 +95,11 @@ class Echoes:
         """
         self._scan_number += 1
         config, beams = self._config, np.empty((sweep.ranges_m.shape[0], 6))
+        ranges_m = np.empty(sweep.ranges_m.shape[0], dtype=np.float32)
+        smooth_ranges_into(ranges_m, sweep.ranges_m, sweep.shape.angle_increment)
         place_beams_into(
             beams,
-            sweep.ranges_m,
+            ranges_m,
             sweep.shape,
             sweep.start.as_array(),
             sweep.end.as_array(),

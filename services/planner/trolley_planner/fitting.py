@@ -22,7 +22,7 @@ LEAD_M = 1.0
 MARGIN_M = 0.8
 """and so far to the sides of the path."""
 GIVE_CELLS = 0.25
-"""What is seen lies anywhere in its cell."""
+"""Obstacles may reach so far into the footprint: what is seen lies anywhere in its cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +56,7 @@ class Fitting:
         points: NDArray[np.float64],
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
+        give_cells: float = GIVE_CELLS,
     ) -> Fitted:
         """Lead a path through where the footprint fits.
 
@@ -63,6 +64,8 @@ class Fitting:
             points: (n, 2) [m].
             weights: (rows, cols) of the costmap.
             distance_m: (rows, cols) to the nearest obstacle.
+            give_cells: how far obstacles may reach into the footprint; what is seen lies anywhere
+                in its cell.
         """
         if self._is_round:
             return Fitted(points, None)
@@ -70,12 +73,12 @@ class Fitting:
         field = Field(distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
         done = 0
         while True:
-            wrong = self._first_misfit(points, field, done)
+            wrong = self._first_misfit(points, field, done, give_cells * edge)
             if wrong is None:
                 return Fitted(points, None)
             first, last = wrong
             start, end = self._turning_places(points, field, first, last)
-            way = self._thread(points, weights, field, (start, end))
+            way = self._thread(points, weights, field, (start, end), give_cells * edge)
             if way is None:
                 x, y = points[(first + last) // 2]
                 return Fitted(points, (float(x), float(y)))
@@ -83,13 +86,13 @@ class Fitting:
             done = start + 1 + len(way)
 
     def _first_misfit(
-        self, points: NDArray[np.float64], field: Field, done: int
+        self, points: NDArray[np.float64], field: Field, done: int, give_m: float
     ) -> tuple[int, int] | None:
         """Return the first and last point of the next stretch where the footprint does not fit."""
         steps = np.diff(points, axis=0)
         along = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
         fits = np.ones(len(points), dtype=np.bool_)
-        check_into(fits, field, self._body, points, AROUND, GIVE_CELLS * self._edge_m)
+        check_into(fits, field, self._body, points, AROUND, give_m)
         fits |= (along < START_M) | (along > along[-1] - END_M)
         fits[:done] = True
         misfits = np.flatnonzero(~fits)
@@ -122,6 +125,7 @@ class Fitting:
         weights: NDArray[np.uint8],
         field: Field,
         stretch: tuple[int, int],
+        give_m: float,
     ) -> NDArray[np.float64] | None:
         """Return points (n, 2) in place of a stretch of the path, None if there is no way."""
         start, end = stretch
@@ -139,7 +143,7 @@ class Fitting:
             int(in_box[-1, 1]) * box.cols + int(in_box[-1, 0]),
             self._heading(points, end),
         )
-        way = thread(weights, field, self._body, box, ends, GIVE_CELLS * edge)
+        way = thread(weights, field, self._body, box, ends, give_m)
         if way.size == 0:
             return None
         moved = np.append(True, way[1:] != way[:-1])

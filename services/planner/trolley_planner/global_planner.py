@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley_planner.costmap import Costmap
 from trolley_planner.field import COST_OF_CELL, GoalField
-from trolley_planner.fitting import Fitting
+from trolley_planner.fitting import Fitted, Fitting
 from trolley_planner.kernels.corridor import Terrain
 from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
 from trolley_planner.kernels.lines import polyline_cost, shortcut_into, smooth, subdivide
@@ -22,6 +23,8 @@ OBSTRUCTED_WEIGHT = 30 * WEIGHT_UNIT
 """Price of what the lidar saw in the way, for a plan that hopes it will be gone."""
 START_ESCAPE_M = 0.5
 GOAL_ESCAPE_M = 0.15
+SEEN_GIVE_CELLS, MAP_GIVE_CELLS = 0.5, 0.15
+"""Where there is no other way, obstacles may reach so far into the footprint: seen, and mapped."""
 NARROW_PLACES = 8
 """So many places that prove too narrow are gone round, then there is no way."""
 NARROW_M = 0.12
@@ -81,8 +84,31 @@ class GlobalPlanner:
             # Dear, so that the way leads out of the zone by the shortest way, and not through it.
             weights = np.where(leaving & (weights != LETHAL), np.uint8(ESCAPE_WEIGHT), weights)
         self.narrow = []
+        ends = [start, *targets]
+        found = self._fitting_way(ends, weights, distance_m, False)
+        # Onto what stands on a target no way is narrow: there is none.
+        if found is None and all(self._has_room(target, distance_m) for target in targets):
+            squeezed = self._costmap.squeezed(weights, distance_m)
+            found = self._fitting_way(ends, squeezed, distance_m, True)
+        return found
+
+    def _fitting_way(
+        self,
+        ends: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+        is_tight: bool,
+    ) -> PlannedPath | None:
+        """Return the cheapest way along which the footprint fits, None if there is none.
+
+        Args:
+            ends: the start, then the targets.
+            weights: as in `plan`.
+            distance_m: as in `plan`.
+            is_tight: whether it may touch where that is only because of the size of the cells.
+        """
         for _ in range(NARROW_PLACES):
-            found = self._through(start, targets, weights, distance_m)
+            found = self._through(ends, weights, distance_m, is_tight)
             if isinstance(found, PlannedPath) or found is None:
                 return found
             self.narrow.append(found)
@@ -143,24 +169,35 @@ class GlobalPlanner:
 
     def _through(
         self,
-        start: Point,
-        targets: list[Point],
+        ends: list[Point],
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
+        is_tight: bool,
     ) -> PlannedPath | Point | None:
         """Return the way through all targets, or else where it is too narrow; None: no way."""
         legs: list[NDArray[np.float64]] = []
         cost = 0.0
-        for here, target in zip([start, *targets], targets, strict=False):
+        for here, target in pairwise(ends):
             leg = self._leg(here, target, weights, distance_m)
             if leg is None:
                 return None
-            fitted = self._fitting.fit(leg.points, leg.weights, distance_m)
+            fitted = self._fit(leg, distance_m, is_tight)
             if fitted.narrow is not None:
                 return fitted.narrow
             legs.append(fitted.points)
             cost += leg.cost
-        return PlannedPath.join(legs, cost)
+        return PlannedPath.join(legs, cost, is_tight)
+
+    def _fit(self, leg: _Leg, distance_m: NDArray[np.float32], is_tight: bool) -> Fitted:
+        """Lead a leg through where the footprint fits."""
+        if not is_tight:
+            return self._fitting.fit(leg.points, leg.weights, distance_m)
+        # What the lidar saw gives way by cells, but the map's walls are where they are drawn.
+        fitted = self._fitting.fit(leg.points, leg.weights, distance_m, SEEN_GIVE_CELLS)
+        if fitted.narrow is not None:
+            return fitted
+        walls_m = self._costmap.static_distance_m
+        return self._fitting.fit(fitted.points, leg.weights, walls_m, MAP_GIVE_CELLS)
 
     def _leg(
         self,
@@ -198,6 +235,11 @@ class GlobalPlanner:
                 soften_disc(weights, distance_m, (x, y), radius, ESCAPE_WEIGHT)
         smooth_points = straighten(points, weights, scale) * self._costmap.resolution_m
         return _Leg(smooth_points, weights, metres)
+
+    def _has_room(self, point: Point, distance_m: NDArray[np.float32]) -> bool:
+        """Say whether the footprint's centre may be at a point."""
+        cell = self._cell(point)
+        return cell is not None and float(distance_m.reshape(-1)[cell]) >= self._costmap.tight_m
 
     def _cell(self, point: Point) -> int | None:
         """Return the flat index of the cell under a point, None outside and on the border."""

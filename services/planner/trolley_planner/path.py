@@ -1,6 +1,6 @@
 """A planned path: points a few centimetres apart in frame `grid`, and where along it things are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +18,26 @@ class PlannedPath:
         remaining_m: (n,) length of the path from each point on.
         vias: for each via point that it leads through, the index of its point.
         cost: of the whole, in metres of free floor.
+        is_tight: whether it leads where the robot fits only with less clearance than usual.
     """
 
     points: NDArray[np.float64]
     remaining_m: NDArray[np.float64]
     vias: tuple[int, ...]
     cost: float
+    is_tight: bool = False
 
     @classmethod
-    def join(cls, legs: list[NDArray[np.float64]], cost: float) -> "PlannedPath":
+    def join(
+        cls, legs: list[NDArray[np.float64]], cost: float, is_tight: bool = False
+    ) -> "PlannedPath":
         """Make a path of legs (n, 2) [m], each of which begins where the one before ended."""
         points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
         steps: NDArray[np.float64] = np.diff(points, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
         remaining = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
         ends = np.cumsum([len(leg) - 1 for leg in legs])[:-1]
-        return cls(points, remaining, tuple(int(end) for end in ends), cost)
+        return cls(points, remaining, tuple(int(end) for end in ends), cost, is_tight)
 
     @property
     def length_m(self) -> float:
@@ -42,7 +46,7 @@ class PlannedPath:
 
     def without_first_via(self) -> "PlannedPath":
         """Return the same path after its first via point was passed."""
-        return PlannedPath(self.points, self.remaining_m, self.vias[1:], self.cost)
+        return replace(self, vias=self.vias[1:])
 
     def nearest(self, x: float, y: float, first: int, reach_m: float) -> int:
         """Return the index of the nearest point among those up to `reach_m` on from `first`."""

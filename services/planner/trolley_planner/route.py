@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
@@ -24,6 +25,8 @@ STRAYED_M = 0.7
 REACH_M = 1.0
 """The robot is looked for at most this far on along the path since the last time."""
 OWN_PLACE_M, GOAL_PLACE_M = 0.4, 0.2
+TIGHT_AHEAD_M, TIGHT_BEHIND_M = 0.8, 0.5
+"""So far before and behind a tight place the robot keeps the clearance that there is."""
 HORIZON_M = 12.0
 """Only obstacles this near along the path call for a new one."""
 
@@ -132,6 +135,15 @@ class Route:
             self._weights_changed = False
             self._replan(pose, is_cut, now_ns, force)
 
+    @property
+    def is_tight_here(self) -> bool:
+        """Whether the robot is where it fits only with less clearance than usual, or nearly so."""
+        if not self.path.is_tight:
+            return False
+        left = float(self.path.remaining_m[self.index])
+        first = int(np.searchsorted(-self.path.remaining_m, -(left + TIGHT_BEHIND_M)))
+        return bool(self._lethal(first, self.path.ahead(self.index, TIGHT_AHEAD_M)).any())
+
     def blocked_points(self, limit: int = 20) -> list[tuple[float, float]]:
         """Return points of the path ahead that something keeps the robot from [m in `grid`].
 
@@ -142,9 +154,21 @@ class Route:
         left = float(self.path.remaining_m[self.index])
         last = self.path.ahead(self.index, min(HORIZON_M, left - GOAL_PLACE_M))
         points = self.path.points[first : last + 1]
-        cells = np.floor(points / costmap.resolution_m).astype(np.int64)
-        lethal = costmap.weights[cells[:, 1], cells[:, 0]] == LETHAL
+        lethal = self._lethal(first, last)
+        if self.path.is_tight:
+            cols, rows = self._cells(first, last)
+            lethal &= costmap.distance_m[rows, cols] < costmap.tight_m
         return [(float(x), float(y)) for x, y in points[lethal][:limit]]
+
+    def _lethal(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Return for some points of the path whether they are too near to something."""
+        cols, rows = self._cells(first, last)
+        return self._rig.costmap.weights[rows, cols] == LETHAL
+
+    def _cells(self, first: int, last: int) -> NDArray[np.int64]:
+        """Return columns and rows (2, n) of some points of the path."""
+        points = self.path.points[first : last + 1]
+        return np.floor(points / self._rig.costmap.resolution_m).astype(np.int64).T
 
     def _replan(self, pose: Pose2D, is_cut: bool, now_ns: int, force: bool) -> None:
         """Look for a better path, or any if the present one is cut."""
@@ -166,7 +190,9 @@ class Route:
         old_length = float(self.path.remaining_m[self.index])
         is_detour = found.length_m > DETOUR_FACTOR * old_length + DETOUR_M
         blocked_since = now_ns if self._blocked_since_ns is None else self._blocked_since_ns
-        if is_cut and is_detour and now_ns - blocked_since < self._patience_ns:
+        # Nor does it squeeze past who may step aside.
+        is_worse = is_detour or (found.is_tight and not self.path.is_tight)
+        if is_cut and is_worse and now_ns - blocked_since < self._patience_ns:
             self.is_blocked = True
             return
         self.is_blocked = False

@@ -23,8 +23,11 @@ from trolley_planner.kernels.window import (
 )
 from trolley_planner.layers import inflation_table
 
-FINE_M = 0.03
-"""Cells of the window are at most this large: the footprint is checked to a centimetre."""
+FINE_M, FINEST_M, MAX_FINE_CELLS = 0.03, 0.015, 350
+"""Cells of the window are at most as large as the first: the footprint is checked to a centimetre;
+where there are not too many of them, as large as the second."""
+TIGHT_M = 0.005
+"""Clearance in places that are passed only because there is no other way."""
 UNREACHED_M = 100.0
 """Cost-to-go of places from which no way leads to the path."""
 EDGE_RISE_M, EDGE_CELLS = 0.5, 3
@@ -35,6 +38,12 @@ BACK_M = (0.05, 0.1, 0.15)
 """So far behind the robot must know what there is, to back up."""
 ESCAPE_M = 0.3
 ESCAPE_WEIGHT = 240
+TIGHT_WEIGHT = 80
+"""Price of places with less than the usual clearance, where they may be passed at all."""
+
+NARROW_M, NARROW_PRICE = 0.08, 3.0
+"""Where the robot has less room than this beside it a metre of the path counts so much: getting on
+must be worth driving beside walls, and backwards too."""
 
 
 class Window:
@@ -51,7 +60,8 @@ class Window:
         self, costmap: Costmap, footprint: Footprint, config: PlannerConfig, half_m: float
     ) -> None:
         self._costmap = costmap
-        self._parts = max(1, math.ceil(costmap.resolution_m / FINE_M))
+        edge_m = FINEST_M if 2.0 * half_m / FINEST_M < MAX_FINE_CELLS else FINE_M
+        self._parts = max(1, math.ceil(costmap.resolution_m / edge_m))
         self.fine_m = costmap.resolution_m / self._parts
         self._group = max(1, round(0.05 / self.fine_m))
         self.coarse_m = self._group * self.fine_m
@@ -75,15 +85,27 @@ class Window:
             TABLE_STEP_M,
             WEIGHT_UNIT,
         )
+        near = footprint.inscribed_m + np.array([TIGHT_M, config.clearance_m])
+        self._tight_table = self._table.copy()
+        first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
+        self._tight_table[first:last] = TIGHT_WEIGHT
         needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
         self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
         self._behind = _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
+        self._narrow_m = footprint.inscribed_m + NARROW_M
+        self._price_of_path = 1.0
         self.body = footprint.body
 
-    def look(self, x: float, y: float) -> None:
-        """Centre on a point of `grid` [m] and compute the distances there anew."""
+    def look(self, x: float, y: float, is_tight: bool = False) -> None:
+        """Centre on a point of `grid` [m] and compute the distances there anew.
+
+        Args:
+            x: of the robot.
+            y: of the robot.
+            is_tight: whether the way may lead where there is less than the usual clearance.
+        """
         resolution = self._costmap.resolution_m
         half = self._cells // self._parts // 2
         first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
@@ -104,11 +126,15 @@ class Window:
         column_distances_into(self._columns, self._mask)
         distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
         coarsen_into(self._coarse_m, self._distance_m, self._group)
-        weigh_into(self._weights, self._coarse_m, self._table, TABLE_STEP_M)
+        table = self._tight_table if is_tight else self._table
+        weigh_into(self._weights, self._coarse_m, table, TABLE_STEP_M)
         self._weights[0] = self._weights[-1] = LETHAL
         self._weights[:, 0] = self._weights[:, -1] = LETHAL
         centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
         self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
+        room_m = self._coarse_m.reshape(-1)[self._robot_cell]
+        is_narrow = is_tight or room_m < self._narrow_m
+        self._price_of_path = NARROW_PRICE if is_narrow else 1.0
         soften_disc(
             self._weights,
             self._coarse_m,
@@ -135,7 +161,8 @@ class Window:
         cells = np.floor(on_window).astype(np.int32)
         inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
         cells = cells[inside]
-        prices = np.rint(remaining_m[inside] * self.cost_of_metre).astype(np.int32)
+        price = self._price_of_path * self.cost_of_metre
+        prices = np.rint(remaining_m[inside] * price).astype(np.int32)
         blocked = np.flatnonzero(self._weights[cells[:, 1], cells[:, 0]] == LETHAL)
         flat = np.stack([cells[:, 1] * self._coarse_cells + cells[:, 0], prices], axis=1)
         if blocked.size == 0:

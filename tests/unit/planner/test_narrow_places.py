@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.flatland import empty_room, two_rooms, with_block
+from support.flatland import BEAMS, Flatland, empty_room, two_rooms, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
@@ -17,6 +17,7 @@ from trolley_planner.global_planner import GlobalPlanner
 from trolley_planner.path import PlannedPath
 
 LONG = [(0.3, 0.15), (-0.3, 0.15), (-0.3, -0.15), (0.3, -0.15)]
+WIDE = [(0.23, 0.21), (-0.23, 0.21), (-0.23, -0.21), (0.23, -0.21)]
 HOOK = [(0.5, 0.15), (-0.1, 0.15), (-0.1, -0.15), (0.5, -0.15)]
 
 
@@ -83,6 +84,50 @@ def test_a_door_narrower_than_the_robot_is_named() -> None:
     assert path is None
     assert len(narrow) == 1
     assert math.dist(narrow[0], (4.0, 3.0)) < 0.15
+
+
+def test_a_door_that_leaves_little_is_passed_where_there_is_no_other_way() -> None:
+    way = (1.0, 1.0), (6.0, 5.0)
+    for width_m, is_tight in ((0.45, True), (0.5, True), (0.7, False)):
+        path, _ = plan(two_rooms(width_m), WIDE, way)
+        assert path is not None
+        assert path.is_tight is is_tight
+    path, narrow = plan(two_rooms(0.4), WIDE, way)
+    assert path is None
+    assert math.dist(narrow[0], (4.0, 3.0)) < 0.15
+
+
+def test_who_has_another_way_does_not_squeeze() -> None:
+    cells = two_rooms(0.5).cells.copy()
+    cells[96:114, 79:81] = FREE
+    path, _ = plan(GridMap("doors", 0.05, Pose2D.identity(), cells), WIDE, ((3.0, 3.0), (5.0, 3.0)))
+    assert path is not None
+    assert not path.is_tight
+    assert path.points[:, 1].max() > 4.8
+
+
+class Noisy(Flatland):
+    """A lidar that errs by a centimetre."""
+
+    def ranges(self):
+        rng = np.random.default_rng(round(1e6 * self.pose.x) % 2**31)
+        return (super().ranges() + rng.normal(0.0, 0.01, BEAMS)).astype(np.float32)
+
+
+def test_it_backs_out_of_a_dead_end_as_narrow_as_itself(ride) -> None:
+    # 6 cm on each side, where it cannot turn; and it must not wait or try long.
+    lane = with_block(with_block(empty_room(), 4.0, 0.1, 3.9, 2.65), 4.0, 3.3, 3.9, 2.6)
+    drive = ride(Noisy(lane, Pose2D(5.5, 3.025, 0.0), footprint=WIDE))
+    drive.send(Pose2D(2.0, 4.0, 0.0))
+    assert drive.until_over(40.0).state == "arrived"
+    assert drive.world.touches == 0
+
+
+def test_it_drives_through_a_door_that_leaves_four_centimetres(ride) -> None:
+    drive = ride(Noisy(two_rooms(0.5), Pose2D(2.0, 2.5, 0.0), footprint=WIDE))
+    drive.send(Pose2D(6.0, 3.5, 0.0))
+    assert drive.until_over(60.0).state == "arrived"
+    assert drive.world.touches == 0
 
 
 def test_a_wall_without_a_door_names_no_place() -> None:

@@ -16,6 +16,11 @@ from trolley_planner.kernels.angles import wrapped
 X, Y, DX, DY, CLEAR, ECHO = range(6)
 """Columns of a beam: start [m], direction, length that is free [m], distance of the echo [m]."""
 
+SURFACE_M, MAX_SMOOTHED = 0.012, 8
+"""Echoes this far to both sides, and at most so many, may lie on one surface,"""
+SAME_M = 0.04
+"""if their ranges are this near."""
+
 
 class EchoLayer(NamedTuple):
     """What the lidar has seen, per cell: the arrays of `trolley_planner.echoes.Echoes`."""
@@ -66,6 +71,39 @@ def inside_polygon(polygon: NDArray[np.float64], x: float, y: float) -> bool:
             inside = not inside
         previous = index
     return inside
+
+
+@kernel
+def smooth_ranges_into(
+    out_m: NDArray[np.float32], ranges_m: NDArray[np.float32], angle_increment: float
+) -> None:
+    """Write each range as the mean of itself and those beside it on the same surface.
+
+    The nearest of a hundred noisy echoes lies well before the wall, and what is seen of a passage
+    would be narrower than the passage is. Only pairs of one beam on each side count: so a wall
+    that is seen aslant stays where it is, and so do the edges of things.
+
+    Args:
+        out_m: (n,), overwritten.
+        ranges_m: (n,) +inf = no echo, 0 or NaN = invalid.
+        angle_increment: from beam to beam [rad].
+    """
+    count = ranges_m.shape[0]
+    for beam in range(count):
+        here = float(ranges_m[beam])
+        out_m[beam] = ranges_m[beam]
+        if not (0.0 < here < math.inf):
+            continue
+        width = math.floor(min(SURFACE_M / (here * angle_increment), float(MAX_SMOOTHED)))
+        total, num = here, 1
+        for shift in range(1, min(width, beam, count - 1 - beam) + 1):
+            right, left = float(ranges_m[beam - shift]), float(ranges_m[beam + shift])
+            # Of what is not finite neither comparison holds.
+            if not (abs(right - here) < SAME_M and abs(left - here) < SAME_M):
+                break
+            total += right + left
+            num += 2
+        out_m[beam] = total / num
 
 
 @kernel

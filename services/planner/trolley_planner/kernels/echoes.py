@@ -254,10 +254,11 @@ def forget_near(layer: EchoLayer, x_cells: float, y_cells: float, radius_cells: 
 def forget_inside(
     layer: EchoLayer, polygon_cells: NDArray[np.float64], resolution_m: float
 ) -> None:
-    """Forget every obstacle whose last echo lay inside a polygon (n, 2) [cells].
+    """Forget every obstacle whose last echo lay inside a polygon (n, 2) [cells], and know it free.
 
     Where the robot is nothing else can be; a lidar that does not look all round would never see
-    that what it once saw there is gone.
+    that what it once saw there is gone, nor the place that the robot set off from, and would not
+    let it back up to there.
     """
     rows, cols = layer.evidence.shape
     for row in range(
@@ -268,6 +269,11 @@ def forget_inside(
             max(0, math.floor(polygon_cells[:, 0].min())),
             min(cols, math.ceil(polygon_cells[:, 0].max())),
         ):
+            if layer.observed[row, col] == 0 and inside_polygon(
+                polygon_cells, col + 0.5, row + 0.5
+            ):
+                layer.observed[row, col] = 1
+                touch(layer.dirty, row, col)
             if layer.evidence[row, col] == 0:
                 continue
             x = layer.points[row, col, 0] / resolution_m
