@@ -13,6 +13,7 @@ from trolley.gridmap.distance import distance_transform
 from trolley.messages import Zone
 from trolley_planner.echoes import Echoes, Sweep
 from trolley_planner.footprint import Footprint
+from trolley_planner.kernels.clearance import NOBODY
 from trolley_planner.kernels.layers import (
     LETHAL,
     UNKNOWN,
@@ -33,12 +34,14 @@ from trolley_planner.layers import (
     speed_limits,
     zone_points,
 )
-from trolley_planner.movers import Mover, MoverWatch
+from trolley_planner.movers import Mover, MoverWatch, discs_of
 from trolley_planner.people import People
 
 PADDING_M = 0.02
 """Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
 TABLE_STEP_M = 0.005
+MOST_AGE_S = 0.5
+"""Nobody is known to walk on for longer than this after the last scan."""
 CLOSED_S = 60.0
 """A place where the robot did not get through is tried again after this time."""
 
@@ -74,6 +77,8 @@ class Costmap:
         self._watch = MoverWatch()
         self.movers: list[Mover] = []
         """Who moves by the newest scan, in `grid`."""
+        self._walkers = NOBODY
+        self._scanned_ns = 0
         self._closed = np.zeros(self.shape, dtype=np.uint8)
         self._closed_until_ns: int | None = None
         self._suspects = np.empty((0, 4))
@@ -149,7 +154,16 @@ class Costmap:
         self.movers = self._watch.look(
             now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m
         )
+        self._walkers, self._scanned_ns = discs_of(self.movers), now_ns
+        self.echoes.lift(self._walkers)
         self._people.note(self.movers, self.echoes.layer)
+
+    def walkers_at(self, now_ns: int) -> NDArray[np.float64]:
+        """Return who walks by the newest scan, where they are now; see `Field.walkers`."""
+        walkers = self._walkers.copy()
+        age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MOST_AGE_S)
+        walkers[:, :2] += age_s * walkers[:, 2:4]
+        return walkers
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""
@@ -160,7 +174,7 @@ class Costmap:
     def forget_all(self) -> None:
         """Forget everything that was seen or closed, as after a jump of the pose."""
         self._watch.reset()
-        self.movers = []
+        self.movers, self._walkers = [], NOBODY
         self.echoes.forget_all()
         self._people.note([], self.echoes.layer)
         self.reopen()

@@ -11,7 +11,6 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.approach import limited_change
 from trolley_planner.arrival import Arrival, Situation
-from trolley_planner.closing import ClosingWatch
 from trolley_planner.controller import Motion, safe_command
 from trolley_planner.escape import LOOKBACK_M, BackUp, TurnRound, free_turn
 from trolley_planner.goal import Goal
@@ -62,7 +61,6 @@ class Drive:
         self._progress = ProgressChecker(config)
         self._trail = Trail()
         self._ahead_m = rig.footprint.circumscribed_m + CLOSE_M + 0.1
-        self._closing = ClosingWatch(rig.footprint.circumscribed_m)
         self._touch = TouchWatch(rig.footprint, config.patience_s)
         self._maneuver: BackUp | TurnRound | None = None
         self._waits_for = False
@@ -115,9 +113,7 @@ class Drive:
         """Take in a new scan: distances in the window, and the way through it."""
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y)
-        braking = 1.5 * self._config.acceleration_mps2
         costmap = self.rig.costmap
-        self._closing.note(now_ns, costmap.movers, pose, motion.twist, braking)
         self._touch.note(now_ns, costmap.echoes.beams, costmap.movers, pose)
         self.route.follow(pose)
         if not self.route.vias_left and self._arrival.look(pose):
@@ -140,6 +136,7 @@ class Drive:
 
     def command(self, now: Situation) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
+        self.rig.window.watch(now.now_ns)
         self.route.follow(now.motion.pose)
         driven = self._drive_on(now)
         self._held_s = self._held_s + now.elapsed_s if self._is_held(now) else 0.0
@@ -265,7 +262,7 @@ class Drive:
 
     def _is_held(self, now: Situation) -> bool:
         """Say whether somebody who moves makes the robot stand."""
-        return self._closing.must_stand(now.now_ns) or self._touch.must_stand(now.now_ns)
+        return self._touch.must_stand(now.now_ns)
 
     def _prepare(self, wanted: Try, now: Situation) -> bool:
         """Get ready for a try that moves the robot; say whether there is room for it."""

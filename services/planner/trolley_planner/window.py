@@ -11,7 +11,7 @@ from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
-from trolley_planner.kernels.clearance import Field
+from trolley_planner.kernels.clearance import NOBODY, Field
 from trolley_planner.kernels.layers import LETHAL, UNKNOWN, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.kernels.window import (
@@ -80,7 +80,12 @@ class Window:
         self._behind = _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
+        self._walkers = NOBODY
         self.body = footprint.body
+
+    def watch(self, now_ns: int) -> None:
+        """Move those who walk on to where they are now."""
+        self._walkers = self._costmap.walkers_at(now_ns)
 
     def look(self, x: float, y: float) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew."""
@@ -100,7 +105,7 @@ class Window:
             resolution,
         )
         fine_first = first[0] * self._parts, first[1] * self._parts
-        draw_echoes(self._mask, echoes.beams, fine_first, self.fine_m)
+        draw_echoes(self._mask, echoes.standing, fine_first, self.fine_m)
         column_distances_into(self._columns, self._mask)
         distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
         coarsen_into(self._coarse_m, self._distance_m, self._group)
@@ -186,6 +191,7 @@ class Window:
             self.fine_m,
             self.coarse_m,
             costmap.resolution_m,
+            self._walkers,
         )
 
 

@@ -29,6 +29,11 @@ MAX_EVIDENCE = 12
 MARK_EVIDENCE = 3
 """Evidence that each scan with an echo adds; one that sees through takes away 1."""
 
+LIFT_M = 0.05
+"""Echoes this near to who walks are theirs,"""
+TRAIL_S = 0.5
+"""and so is what was seen where they were within this time, if it is seen no more."""
+
 MAX_SPREAD = 0.06
 """Neighbouring beams farther apart than this [rad] say nothing of what lies between them."""
 
@@ -279,18 +284,53 @@ def forget_inside(
 
 
 @kernel
-def doubt(layer: EchoLayer, points: NDArray[np.float64], resolution_m: float) -> None:
-    """Take the echoes of what moves for no more than a first sight: they are soon forgotten.
+def lift_walkers(
+    layer: EchoLayer,
+    beams: NDArray[np.float64],
+    walkers: NDArray[np.float64],
+    resolution_m: float,
+    scan_number: int,
+) -> None:
+    """Take who walks out of what stands: their echoes, and what is left of where they were.
 
     Args:
         layer: changed in place.
-        points: (n, 2) x, y of the echoes [m].
+        beams: (n, 6); echoes of who walks are set to 0.
+        walkers: (n, 5) x, y [m], velocity [m/s], radius [m].
         resolution_m: cell edge [m].
+        scan_number: of the newest scan; what it saw beside who walks stays.
     """
     rows, cols = layer.evidence.shape
-    for index in range(points.shape[0]):
-        row = math.floor(points[index, 1] / resolution_m)
-        col = math.floor(points[index, 0] / resolution_m)
-        if 0 <= row < rows and 0 <= col < cols and layer.evidence[row, col] > 0:
-            layer.evidence[row, col] = min(int(layer.evidence[row, col]), MARK_EVIDENCE)
-            layer.hits[row, col] = 1
+    for index in range(walkers.shape[0]):
+        x, y, vx, vy, radius = walkers[index]
+        reach = radius + LIFT_M
+        for beam in range(beams.shape[0]):
+            echo = beams[beam, ECHO]
+            away_x = beams[beam, X] + echo * beams[beam, DX] - x
+            away_y = beams[beam, Y] + echo * beams[beam, DY] - y
+            if echo > 0.0 and away_x * away_x + away_y * away_y < reach * reach:
+                beams[beam, ECHO] = 0.0
+        back_x, back_y = x - TRAIL_S * vx, y - TRAIL_S * vy
+        for row in range(
+            max(0, math.floor((min(y, back_y) - reach) / resolution_m)),
+            min(rows, math.ceil((max(y, back_y) + reach) / resolution_m)),
+        ):
+            for col in range(
+                max(0, math.floor((min(x, back_x) - reach) / resolution_m)),
+                min(cols, math.ceil((max(x, back_x) + reach) / resolution_m)),
+            ):
+                if layer.evidence[row, col] == 0:
+                    continue
+                away_x = layer.points[row, col, 0] - x
+                away_y = layer.points[row, col, 1] - y
+                if away_x * away_x + away_y * away_y >= reach * reach:
+                    if layer.touched[row, col, 1] == scan_number:
+                        continue
+                    squared = vx * vx + vy * vy
+                    ago_s = -(away_x * vx + away_y * vy) / squared if squared > 0.0 else 0.0
+                    ago_s = min(max(ago_s, 0.0), TRAIL_S)
+                    if math.hypot(away_x + ago_s * vx, away_y + ago_s * vy) >= reach:
+                        continue
+                layer.evidence[row, col] = 0
+                layer.hits[row, col] = 0
+                touch(layer.dirty, row, col)
