@@ -34,7 +34,7 @@ LEAST_AGO_S, MOST_AGO_S = 0.08, 0.45
 """How old the scans may be that the newest one is compared with."""
 TRACK_S = 0.6
 """A velocity is that of so much time: legs swing."""
-HIDDEN_S = 1.5
+HIDDEN_S = 1.0
 """Who comes out of sight is taken to walk on for so long."""
 SLOWEST_MPS, FASTEST_MPS = 0.25, 2.5
 """Slower is noise, and faster two different things."""
@@ -231,16 +231,26 @@ def _things(points: Floats) -> list[Floats]:
 def _with_both_legs(things: list[Floats]) -> list[Floats]:
     """Return things with those that may be the two legs of one person as one."""
     joined: list[Floats] = []
-    is_leg = False
+    legs: list[int] = []
     for thing in things:
-        was_leg, is_leg = is_leg, _size(thing) <= LEG_M
-        if was_leg and is_leg and math.dist(joined[-1][-1], thing[0]) <= STRIDE_M:
-            both = np.concatenate([joined[-1], thing])
-            if _size(both) <= PAIR_M:
-                joined[-1], is_leg = both, False
-                continue
-        joined.append(thing)
+        if _size(thing) > LEG_M:
+            joined.append(thing)
+            continue
+        # Between two legs something farther away may be seen.
+        for index in reversed(legs):
+            both = np.concatenate([joined[index], thing])
+            if _size(both) <= PAIR_M and _gap(joined[index], thing) <= STRIDE_M:
+                joined[index] = both
+                legs.remove(index)
+                break
+        else:
+            legs.append(len(joined))
+            joined.append(thing)
     return joined
+
+
+def _gap(one: Floats, other: Floats) -> float:
+    return float(np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min())
 
 
 def _size(points: Floats) -> float:

@@ -87,6 +87,12 @@ class Window:
         """Move those who walk on to where they are now."""
         self._walkers = self._costmap.walkers_at(now_ns)
 
+    def sees_somebody(self, pose: Pose2D, within_m: float) -> bool:
+        """Say whether somebody walks this near to a place [m]."""
+        walkers = self._walkers
+        away = np.hypot(walkers[:, 0] - pose.x, walkers[:, 1] - pose.y) - walkers[:, 4]
+        return bool((away < within_m).any())
+
     def look(self, x: float, y: float) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew."""
         resolution = self._costmap.resolution_m
