@@ -13,7 +13,8 @@ from trolley_planner.kernels.echoes import (
     fade,
     forget_inside,
     forget_near,
-    lift_walkers,
+    lift_cells,
+    lift_echoes,
     mark_echoes,
     trace_beams,
 )
@@ -118,8 +119,8 @@ class Echoes:
         """
         if len(walkers) > 0:
             self.standing = self.beams.copy()
-            number = self._scan_number
-            lift_walkers(self.layer, self.standing, walkers, self._resolution_m, number)
+            lift_echoes(self.standing, walkers)
+            lift_cells(self.layer, walkers, self._resolution_m, self._scan_number)
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""

@@ -10,7 +10,6 @@ from support.flatland import BEAMS, Flatland, empty_room, with_block
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, distance_transform
-from trolley_planner.closing import HOLD_S, ClosingWatch
 from trolley_planner.drive import Drive
 from trolley_planner.footprint import Footprint
 from trolley_planner.movers import Mover, MoverWatch
@@ -18,49 +17,12 @@ from trolley_planner.touching import TouchWatch
 
 STEP_S = 0.05
 HERE = Pose2D(0.0, 0.0, 0.0)
-STANDING = Twist2D.zero()
-DRIVING = Twist2D(0.5, 0.0, 0.0)
 
 
 def mover(x: float, y: float, vx: float, vy: float) -> list[Mover]:
     """One thing of 0.2 m."""
     points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])
     return [Mover(points, np.array([vx, vy]))]
-
-
-def must_stand(movers: list[Mover], twist: Twist2D) -> bool:
-    watch = ClosingWatch(0.2)
-    watch.note(0, movers, HERE, twist, 0.9)
-    assert not watch.must_stand(round(HOLD_S * 1e9))
-    return watch.must_stand(round(0.9 * HOLD_S * 1e9))
-
-
-@pytest.mark.parametrize(
-    ("movers", "twist"),
-    [
-        (mover(1.3, 0.0, -1.0, 0.0), DRIVING),
-        (mover(0.4, 1.0, 0.0, -1.0), DRIVING),
-        (mover(0.4, -1.0, 0.0, 1.0), DRIVING),
-        (mover(-0.8, 0.0, 1.2, 0.0), STANDING),
-    ],
-)
-def test_stands_before_it_meets_anybody(movers: list[Mover], twist: Twist2D) -> None:
-    assert must_stand(movers, twist)
-
-
-@pytest.mark.parametrize(
-    ("movers", "twist"),
-    [
-        ([], DRIVING),
-        (mover(1.3, 0.0, 1.0, 0.0), DRIVING),
-        (mover(0.4, 1.0, 0.0, 1.0), DRIVING),
-        (mover(3.0, 1.5, -1.0, 0.0), DRIVING),
-        (mover(-1.0, 0.0, 0.3, 0.0), DRIVING),
-        (mover(1.6, 1.0, 0.0, -1.0), STANDING),
-    ],
-)
-def test_drives_on_where_ways_do_not_meet(movers: list[Mover], twist: Twist2D) -> None:
-    assert not must_stand(movers, twist)
 
 
 class Watched:
@@ -182,10 +144,10 @@ def test_who_runs_out_of_a_door_finds_the_robot_standing(
 def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
     ride, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def always(watch: ClosingWatch, now_ns: int) -> bool:
+    def always(watch: TouchWatch, now_ns: int) -> bool:
         return True
 
-    monkeypatch.setattr(ClosingWatch, "must_stand", always)
+    monkeypatch.setattr(TouchWatch, "must_stand", always)
     drive = ride(Flatland(empty_room(), Pose2D(1.0, 3.0, 0.0)), PlannerConfig(give_up_s=20.0))
     drive.send(Pose2D(6.5, 3.0, 0.0))
     assert isinstance(drive.navigator.drive, Drive)

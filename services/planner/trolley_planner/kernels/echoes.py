@@ -284,53 +284,63 @@ def forget_inside(
 
 
 @kernel
-def lift_walkers(
-    layer: EchoLayer,
-    beams: NDArray[np.float64],
-    walkers: NDArray[np.float64],
-    resolution_m: float,
-    scan_number: int,
+def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -> float:
+    """Return how far a point is from where somebody was within the last `trail_s` [m].
+
+    Args:
+        walker: (5,) x, y [m], velocity [m/s], radius [m].
+        x: [m].
+        y: [m].
+        trail_s: 0 for where they are.
+    """
+    dx, dy, vx, vy = x - walker[0], y - walker[1], walker[2], walker[3]
+    squared = vx * vx + vy * vy
+    ago_s = -(dx * vx + dy * vy) / squared if squared > 0.0 else 0.0
+    ago_s = min(max(ago_s, 0.0), trail_s)
+    return math.hypot(dx + ago_s * vx, dy + ago_s * vy) - walker[4]
+
+
+@kernel
+def lift_echoes(beams: NDArray[np.float64], walkers: NDArray[np.float64]) -> None:
+    """Set the echoes of who walks (n, 5) to 0 in beams (m, 6)."""
+    for beam in range(beams.shape[0]):
+        echo = beams[beam, ECHO]
+        if echo <= 0.0:
+            continue
+        x = beams[beam, X] + echo * beams[beam, DX]
+        y = beams[beam, Y] + echo * beams[beam, DY]
+        for index in range(walkers.shape[0]):
+            if off_trail(walkers[index], x, y, 0.0) < LIFT_M:
+                beams[beam, ECHO] = 0.0
+
+
+@kernel
+def lift_cells(
+    layer: EchoLayer, walkers: NDArray[np.float64], resolution_m: float, scan_number: int
 ) -> None:
-    """Take who walks out of what stands: their echoes, and what is left of where they were.
+    """Forget what was seen of who walks, and where they were unless it is still seen.
 
     Args:
         layer: changed in place.
-        beams: (n, 6); echoes of who walks are set to 0.
         walkers: (n, 5) x, y [m], velocity [m/s], radius [m].
         resolution_m: cell edge [m].
-        scan_number: of the newest scan; what it saw beside who walks stays.
+        scan_number: of the newest scan.
     """
     rows, cols = layer.evidence.shape
     for index in range(walkers.shape[0]):
         x, y, vx, vy, radius = walkers[index]
-        reach = radius + LIFT_M
-        for beam in range(beams.shape[0]):
-            echo = beams[beam, ECHO]
-            away_x = beams[beam, X] + echo * beams[beam, DX] - x
-            away_y = beams[beam, Y] + echo * beams[beam, DY] - y
-            if echo > 0.0 and away_x * away_x + away_y * away_y < reach * reach:
-                beams[beam, ECHO] = 0.0
-        back_x, back_y = x - TRAIL_S * vx, y - TRAIL_S * vy
-        for row in range(
-            max(0, math.floor((min(y, back_y) - reach) / resolution_m)),
-            min(rows, math.ceil((max(y, back_y) + reach) / resolution_m)),
-        ):
-            for col in range(
-                max(0, math.floor((min(x, back_x) - reach) / resolution_m)),
-                min(cols, math.ceil((max(x, back_x) + reach) / resolution_m)),
-            ):
+        back_x, back_y, reach = x - TRAIL_S * vx, y - TRAIL_S * vy, radius + LIFT_M
+        first_row = max(0, math.floor((min(y, back_y) - reach) / resolution_m))
+        end_row = min(rows, math.ceil((max(y, back_y) + reach) / resolution_m))
+        first_col = max(0, math.floor((min(x, back_x) - reach) / resolution_m))
+        end_col = min(cols, math.ceil((max(x, back_x) + reach) / resolution_m))
+        for row in range(first_row, end_row):
+            for col in range(first_col, end_col):
                 if layer.evidence[row, col] == 0:
                     continue
-                away_x = layer.points[row, col, 0] - x
-                away_y = layer.points[row, col, 1] - y
-                if away_x * away_x + away_y * away_y >= reach * reach:
-                    if layer.touched[row, col, 1] == scan_number:
-                        continue
-                    squared = vx * vx + vy * vy
-                    ago_s = -(away_x * vx + away_y * vy) / squared if squared > 0.0 else 0.0
-                    ago_s = min(max(ago_s, 0.0), TRAIL_S)
-                    if math.hypot(away_x + ago_s * vx, away_y + ago_s * vy) >= reach:
-                        continue
-                layer.evidence[row, col] = 0
-                layer.hits[row, col] = 0
-                touch(layer.dirty, row, col)
+                trail_s = 0.0 if layer.touched[row, col, 1] == scan_number else TRAIL_S
+                px, py = layer.points[row, col, 0], layer.points[row, col, 1]
+                if off_trail(walkers[index], px, py, trail_s) < LIFT_M:
+                    layer.evidence[row, col] = 0
+                    layer.hits[row, col] = 0
+                    touch(layer.dirty, row, col)
