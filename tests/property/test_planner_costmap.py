@@ -172,7 +172,9 @@ def test_echoes_of_who_walks_are_theirs(seed: int, count: int) -> None:
     rng, walkers = np.random.default_rng(seed), walkers_of(seed, count)
     angles, ranges = rng.uniform(-math.pi, math.pi, 40), rng.uniform(0.0, 2.0, 40)
     ranges[::5] = 0.0
-    beams = np.column_stack([*np.full((2, 40), 0.7), np.cos(angles), np.sin(angles), ranges, ranges])
+    beams = np.column_stack(
+        [*np.full((2, 40), 0.7), np.cos(angles), np.sin(angles), ranges, ranges]
+    )
     lift_echoes(beams, walkers)
     points = 0.7 + ranges[:, None] * beams[:, 2:4]
     gaps = np.hypot(*np.moveaxis(points[:, None] - walkers[:, :2], -1, 0)) - walkers[:, 4]

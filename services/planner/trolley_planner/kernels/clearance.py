@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 
-
 NOBODY = np.empty((0, 5))
 """Nobody walks."""
 
