@@ -238,8 +238,12 @@ def _with_both_legs(things: list[Floats]) -> list[Floats]:
             continue
         # Between two legs something farther away may be seen.
         for index in reversed(legs):
-            both = np.concatenate([joined[index], thing])
-            if _size(both) <= PAIR_M and _gap(joined[index], thing) <= STRIDE_M:
+            other = joined[index]
+            # Most are far from each other: two of their points show that at little cost.
+            if math.dist(other[0], thing[0]) > PAIR_M:
+                continue
+            both = np.concatenate([other, thing])
+            if _size(both) <= PAIR_M and _gap(other, thing) <= STRIDE_M:
                 joined[index] = both
                 legs.remove(index)
                 break

@@ -287,14 +287,12 @@ def rollout(
         elif clearance < far:
             face = (cos * scale, sin * scale)
             clearance = outline_clearance(distance_m, outline, cells, face, half)
-        clearance = min(clearance, enough)
-        if clearance < floor:
-            return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
+        clearance, near = min(clearance, enough), 0.0
         if walkers.shape[0] > 0:
             near = company(walkers, walked, (x, y), (cos, sin), v, (step + 1) * limits.dt)
-            if near == math.inf:
-                return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
-            price += prices.company * near * limits.dt
+        if clearance < floor or near == math.inf:
+            return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
+        price += prices.company * near * limits.dt
         price += price_of_step((v, w), before, clearance, prices, limits.dt)
         if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius * target.radius:
             left = (controls.shape[0] - 1 - step) * limits.dt

@@ -30,7 +30,7 @@ STANDS_MPS = 0.05
 LEAVING = -0.5
 """Nor who drives away from them: the cosine of the angle between."""
 FARTHEST = 1.5
-"""Who is as far within the robot as `NEAR_M` times half counts no more for being farther."""
+"""What somebody counts at most, where 1 is touching: an overlap of half of `NEAR_M`."""
 
 
 @kernel
