@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.geometry.polygon import polygon_contains
+from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.gridmap import GridMap
 from trolley.gridmap.distance import distance_transform
 from trolley.messages import Zone
@@ -40,6 +40,8 @@ from trolley_planner.people import People
 PADDING_M = 0.02
 """Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
 TABLE_STEP_M = 0.005
+BESIDE_M = 0.15
+"""Who walks nearer to the robot's outline than this is an obstacle as well."""
 MOST_AGE_S = 0.5
 """Nobody is known to walk on for longer than this after the last scan."""
 CLOSED_S = 60.0
@@ -155,7 +157,8 @@ class Costmap:
             now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m
         )
         self._walkers, self._scanned_ns = discs_of(self.movers), now_ns
-        self.echoes.lift(self._walkers)
+        outline = in_grid.end.transform_points(sweep.body_laser)
+        self.echoes.lift(discs_of([one for one in self.movers if _may_lift(one, outline)]))
         self._people.note(self.movers, self.echoes.layer)
 
     def walkers_at(self, now_ns: int) -> NDArray[np.float64]:
@@ -291,6 +294,12 @@ class Costmap:
         """Make the outermost cells lethal: the search then needs no test for the grid's edge."""
         weights[0, :] = weights[-1, :] = LETHAL
         weights[:, 0] = weights[:, -1] = LETHAL
+
+
+def _may_lift(mover: Mover, outline: NDArray[np.float64]) -> bool:
+    """Say whether a mover is no obstacle: it is seen, and the robot does not turn into it."""
+    gap_m = float(distance_to_outline(outline, mover.points).min())
+    return mover.is_seen and gap_m > BESIDE_M
 
 
 def _grown(

@@ -55,15 +55,17 @@ class Mover(NamedTuple):
     """(n, 2) where the lidar sees it [m]."""
     velocity: Floats
     """(2,) [m/s]."""
+    is_seen: bool = True
+    """Whether the newest scan shows it; else it is where it must have gone."""
 
 
 def discs_of(movers: Sequence[Mover]) -> Floats:
     """Return who moves as discs: (n, 5) x, y [m], velocity [m/s], radius [m]."""
     discs = np.empty((len(movers), 5))
-    for index, (points, velocity) in enumerate(movers):
-        middle = points.mean(axis=0)
-        spread = float(np.hypot(*(points - middle).T).max())
-        discs[index] = *middle, *velocity, max(spread + DEPTH_M, BODY_M)
+    for index, mover in enumerate(movers):
+        middle = mover.points.mean(axis=0)
+        spread = float(np.hypot(*(mover.points - middle).T).max())
+        discs[index] = *middle, *mover.velocity, max(spread + DEPTH_M, BODY_M)
     return discs
 
 
@@ -144,12 +146,12 @@ class MoverWatch:
             is_back = any(math.dist(middle, thing.mean(axis=0)) < ASTRAY_M for thing in view.things)
             is_gone = view.stamp_ns - since_ns > HIDDEN_S * 1e9
             if not is_back and not is_gone and not _was_free(view, middle[None])[0]:
-                hidden.append((since_ns, mover))
+                hidden.append((since_ns, mover._replace(is_seen=False)))
         return hidden
 
 
 def _moved(mover: Mover, time_ns: int) -> Mover:
-    return Mover(mover.points + time_ns * 1e-9 * mover.velocity, mover.velocity)
+    return mover._replace(points=mover.points + time_ns * 1e-9 * mover.velocity)
 
 
 def _is_comparable(view: _View, stamp_ns: int) -> bool:
