@@ -123,7 +123,7 @@ def _report(kind: str, setups: Sequence[Setup], runs: Sequence[Crossing]) -> Non
              "jerk m/s3", "turn rad/s3", "ms/command", "Hz", "core",
              "controller"]  # fmt: skip
     table(heads, rows)
-    show(_figures(setups, runs))
+    show(_figures(kind, setups, runs))
 
 
 def _row(name: str, runs: Sequence[Crossing]) -> list[str]:
@@ -149,7 +149,12 @@ def _row(name: str, runs: Sequence[Crossing]) -> list[str]:
     ]
 
 
-def _figures(setups: Sequence[Setup], runs: Sequence[Crossing]) -> list[Figure]:
+def _seconds(runs: Sequence[Crossing]) -> float:
+    """Mean time of those that reached the goal."""
+    return float(np.mean([run.seconds for run in runs if run.ending == "success"] or [np.nan]))
+
+
+def _figures(kind: str, setups: Sequence[Setup], runs: Sequence[Crossing]) -> list[Figure]:
     found: list[Figure] = []
     of = {setup.name: [run for run in runs if run.setup == setup.name] for setup in setups}
     for setup in setups:
@@ -172,6 +177,11 @@ def _figures(setups: Sequence[Setup], runs: Sequence[Crossing]) -> list[Figure]:
         if reference and setup.speed_mps <= REFERENCE.speed_mps:
             ratio = score / max(float(np.mean([run.score for run in reference])), 1e-9)
             found.append(at_least(f"{setup.name}: score / that of the DWA", ratio, 1.0, digits=2))
+            if kind == "people":
+                ratio = _seconds(mine) / _seconds(reference)
+                found.append(
+                    at_most(f"{setup.name}: time / that of the DWA", ratio, 1.15, digits=2)
+                )
     return found
 
 

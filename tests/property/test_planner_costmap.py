@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from trolley_planner.kernels.beams import EchoLayer
-from trolley_planner.kernels.echoes import doubt, forget_inside, trace_ray
+from trolley_planner.kernels.echoes import (
+    LIFT_M,
+    TRAIL_S,
+    forget_inside,
+    lift_cells,
+    lift_echoes,
+    trace_ray,
+)
 from trolley_planner.kernels.layers import UNKNOWN, WALL, Layers, compose_into
 from trolley_planner.kernels.people import spread_walk
 
@@ -129,16 +136,51 @@ def test_what_was_seen_inside_the_outline_is_forgotten(
             assert kept == (layer.hits[row, col] > 0)
 
 
-def test_what_moves_is_doubted_where_it_is_seen() -> None:
-    layer = full_layer(5)
-    before = layer.evidence.copy()
-    doubt(layer, np.array([[0.35, 0.25], [-1.0, 0.2], [9.0, 0.2], [0.2, 1.45]]), 0.1)
-    changed = np.argwhere((layer.hits == 1) | (layer.evidence != before)).tolist()
-    assert [2, 3] in changed
-    assert layer.evidence[2, 3] == min(int(before[2, 3]), 3)
-    others = np.ones((ROWS, COLS), dtype=bool)
-    others[2, 3] = False
-    np.testing.assert_array_equal(layer.evidence[others], before[others])
+def walkers_of(seed: int, count: int) -> NDArray[np.float64]:
+    """Discs of people about the layer."""
+    rng = np.random.default_rng(seed)
+    places, velocities = rng.uniform(-0.3, 1.8, (count, 2)), rng.uniform(-1.5, 1.5, (count, 2))
+    return np.column_stack([places, velocities, rng.uniform(0.1, 0.4, count)])
+
+
+@given(SEEDS, st.integers(0, 3))
+def test_who_walks_is_taken_out_and_what_is_seen_beside_their_way_stays(
+    seed: int, count: int
+) -> None:
+    layer, walkers = full_layer(seed), walkers_of(seed, count)
+    layer.touched[:, : COLS // 2, 1] = 7
+    lift_cells(layer, walkers, 0.1, 7)
+    for row in range(ROWS):
+        for col in range(COLS):
+            x, y = layer.points[row, col].astype(np.float64)
+            ago = np.linspace(0.0, 0.0 if col < COLS // 2 else TRAIL_S, 101)[:, None]
+            where = walkers[:, None, :2] - ago * walkers[:, None, 2:4]
+            gaps = np.hypot(where[..., 0] - x, where[..., 1] - y) - walkers[:, 4:5]
+            nearest = float(gaps.min(initial=math.inf))
+            if abs(nearest - LIFT_M) > 1e-3:
+                assert (layer.evidence[row, col] == 0) == (nearest < LIFT_M)
+            assert (layer.evidence[row, col] > 0) == (layer.hits[row, col] > 0)
+    if (layer.evidence == 0).any():
+        first_row, last_row, first_col, last_col = layer.dirty.tolist()
+        rows, cols = np.nonzero(layer.evidence == 0)
+        assert (first_row, last_row) == (rows.min(), rows.max())
+        assert (first_col, last_col) == (cols.min(), cols.max())
+
+
+@given(SEEDS, st.integers(0, 3))
+def test_echoes_of_who_walks_are_theirs(seed: int, count: int) -> None:
+    rng, walkers = np.random.default_rng(seed), walkers_of(seed, count)
+    angles, ranges = rng.uniform(-math.pi, math.pi, 40), rng.uniform(0.0, 2.0, 40)
+    ranges[::5] = 0.0
+    beams = np.column_stack(
+        [*np.full((2, 40), 0.7), np.cos(angles), np.sin(angles), ranges, ranges]
+    )
+    lift_echoes(beams, walkers)
+    points = 0.7 + ranges[:, None] * beams[:, 2:4]
+    gaps = np.hypot(*np.moveaxis(points[:, None] - walkers[:, :2], -1, 0)) - walkers[:, 4]
+    expected = np.where((gaps < LIFT_M).any(axis=1), 0.0, ranges)
+    np.testing.assert_array_equal(beams[:, 5], expected)
+    np.testing.assert_array_equal(beams[:, 4], ranges)
 
 
 @given(PLACES, PLACES, ANGLES, st.floats(1.0, 12.0), st.floats(0.5, 6.0))

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley_planner.kernels.rollout import Limits, Target, stopping_clearance
+from trolley_planner.kernels.rollout import DELAY_S, Limits, Target, stopping_clearance
+from trolley_planner.kernels.walkers import would_meet
 from trolley_planner.window import Window
 
 MAX_REVERSE = 0.25
@@ -73,14 +74,15 @@ class Controller(Protocol):
 
 
 def limits_here(limits: Limits, window: Window, pose: Pose2D) -> Limits:
-    """Return the limits at a place: nobody backs into what was never seen."""
-    return limits if window.sees_behind(pose) else limits._replace(max_reverse=0.0)
+    """Return the limits at a place: nobody backs into what was never seen, or among people."""
+    is_clear = window.sees_behind(pose) and len(window.field.walkers) == 0
+    return limits if is_clear else limits._replace(max_reverse=0.0)
 
 
 def safe_command(
     motion: Motion, wanted: Twist2D, window: Window, limits: Limits, give_m: float = 0.0
 ) -> Twist2D:
-    """Return as much of a velocity as lets the robot stop before it touches anything.
+    """Return as much of a velocity as lets the robot stop before it touches anything or anybody.
 
     Who stands too close already may still move away.
 
@@ -91,12 +93,14 @@ def safe_command(
         limits: braking and clearance.
         give_m: how much closer it may come where it is too close already.
     """
-    start = state_of(motion)
+    start, field = state_of(motion), window.field
     if wanted.vx < 0.0 and not window.sees_behind(motion.pose):
         wanted = Twist2D(0.0, 0.0, wanted.wz)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):
         start[3], start[4] = share * wanted.vx, share * wanted.wz
-        now, smallest = stopping_clearance(start, window.field, window.body, limits)
+        now, smallest = stopping_clearance(start, field, window.body, limits)
+        if would_meet(start, field.walkers, window.body, limits.deceleration, DELAY_S):
+            continue
         if smallest >= min(limits.clearance_m, now - give_m):
             return wanted.scaled(share)
     return Twist2D.zero()

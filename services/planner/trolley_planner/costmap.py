@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.geometry.polygon import polygon_contains
+from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.gridmap import GridMap
 from trolley.gridmap.distance import distance_transform
 from trolley.messages import Zone
 from trolley_planner.echoes import Echoes, Sweep
 from trolley_planner.footprint import Footprint
+from trolley_planner.kernels.clearance import NOBODY
 from trolley_planner.kernels.layers import (
     LETHAL,
     UNKNOWN,
@@ -33,7 +34,7 @@ from trolley_planner.layers import (
     speed_limits,
     zone_points,
 )
-from trolley_planner.movers import Mover, MoverWatch
+from trolley_planner.movers import Mover, MoverWatch, discs_of
 from trolley_planner.people import People
 
 PADDING_M = 0.02
@@ -43,6 +44,10 @@ TIGHT_CELLS = 0.3
 """What is seen lies in its cell up to so much farther than the cell's centre."""
 SQUEEZE_WEIGHT = 60 * WEIGHT_UNIT
 """Price of cells where the robot fits only if all lies well in its cells."""
+BESIDE_M = 0.15
+"""Who walks nearer to the robot's outline than this is an obstacle as well."""
+MOST_AGE_S = 0.5
+"""Nobody is known to walk on for longer than this after the last scan."""
 CLOSED_S = 60.0
 """A place where the robot did not get through is tried again after this time."""
 
@@ -78,6 +83,8 @@ class Costmap:
         self._watch = MoverWatch()
         self.movers: list[Mover] = []
         """Who moves by the newest scan, in `grid`."""
+        self._walkers = NOBODY
+        self._scanned_ns = 0
         self._closed = np.zeros(self.shape, dtype=np.uint8)
         self._closed_until_ns: int | None = None
         self._suspects = np.empty((0, 4))
@@ -155,7 +162,17 @@ class Costmap:
         self.movers = self._watch.look(
             now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m
         )
+        self._walkers, self._scanned_ns = discs_of(self.movers), now_ns
+        outline = in_grid.end.transform_points(sweep.body_laser)
+        self.echoes.lift(discs_of([one for one in self.movers if _may_lift(one, outline)]))
         self._people.note(self.movers, self.echoes.layer)
+
+    def walkers_at(self, now_ns: int) -> NDArray[np.float64]:
+        """Return who walks by the newest scan, where they are now; see `Field.walkers`."""
+        walkers = self._walkers.copy()
+        age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MOST_AGE_S)
+        walkers[:, :2] += age_s * walkers[:, 2:4]
+        return walkers
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""
@@ -166,7 +183,7 @@ class Costmap:
     def forget_all(self) -> None:
         """Forget everything that was seen or closed, as after a jump of the pose."""
         self._watch.reset()
-        self.movers = []
+        self.movers, self._walkers = [], NOBODY
         self.echoes.forget_all()
         self._people.note([], self.echoes.layer)
         self.reopen()
@@ -297,6 +314,12 @@ class Costmap:
         """Make the outermost cells lethal: the search then needs no test for the grid's edge."""
         weights[0, :] = weights[-1, :] = LETHAL
         weights[:, 0] = weights[:, -1] = LETHAL
+
+
+def _may_lift(mover: Mover, outline: NDArray[np.float64]) -> bool:
+    """Say whether a mover is no obstacle: it is seen, and the robot does not turn into it."""
+    gap_m = float(distance_to_outline(outline, mover.points).min())
+    return mover.is_seen and gap_m > BESIDE_M
 
 
 def _grown(

@@ -11,11 +11,11 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.approach import limited_change
 from trolley_planner.arrival import Arrival, Situation
-from trolley_planner.closing import ClosingWatch
 from trolley_planner.controller import Motion, safe_command
 from trolley_planner.escape import LOOKBACK_M, BackUp, TurnRound, free_turn
 from trolley_planner.goal import Goal
 from trolley_planner.kernels.rollout import GIVE_M, Limits, Target
+from trolley_planner.kernels.walkers import STANDS_MPS
 from trolley_planner.path import PlannedPath
 from trolley_planner.progress import ProgressChecker
 from trolley_planner.recovery import Recovery, Trail, Try
@@ -34,6 +34,8 @@ CLOSE_M = 0.2
 """Radius of the place on the path that is closed where the robot did not get through."""
 ON_GOAL_M, TAKEN_M = 0.1, 0.5
 """The robot waits between these distances from a goal that something stands on,"""
+YIELD_M = 0.8
+"""Who walks this near to the robot may be why it stands."""
 TAKEN_PATIENCE = 4.0
 """for so many times the usual patience."""
 
@@ -63,7 +65,6 @@ class Drive:
         self._progress = ProgressChecker(config)
         self._trail = Trail()
         self._ahead_m = rig.footprint.circumscribed_m + CLOSE_M + 0.1
-        self._closing = ClosingWatch(rig.footprint.circumscribed_m)
         self._touch = TouchWatch(rig.footprint, config.patience_s)
         self._maneuver: BackUp | TurnRound | None = None
         self._waits_for = False
@@ -116,9 +117,7 @@ class Drive:
         """Take in a new scan: distances in the window, and the way through it."""
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y, self.route.is_tight_here)
-        braking = 1.5 * self._config.acceleration_mps2
         costmap = self.rig.costmap
-        self._closing.note(now_ns, costmap.movers, pose, motion.twist, braking)
         self._touch.note(now_ns, costmap.echoes.beams, costmap.movers, pose)
         self.route.follow(pose)
         if not self.route.vias_left and self._arrival.look(pose):
@@ -141,15 +140,17 @@ class Drive:
 
     def command(self, now: Situation) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when the drive is over."""
+        self.rig.window.watch(now.now_ns)
         self.route.follow(now.motion.pose)
         driven = self._drive_on(now)
-        self._held_s = self._held_s + now.elapsed_s if self._is_held(now) else 0.0
-        if self._held_s > 0.0:
+        if self._touch.must_stand(now.now_ns):
             self.rig.controller.reset()
             driven = Twist2D.zero()
-            # Where that lasts its time runs: who never gets on must give up.
-            if self.recovery.current is None and self._held_s < self._config.patience_s:
-                self.recovery.excuse(round(now.elapsed_s * 1e9))
+        is_held = abs(driven.vx) < STANDS_MPS and self._is_held(now)
+        self._held_s = self._held_s + now.elapsed_s if is_held else 0.0
+        # Where that lasts its time runs: who never gets on must give up.
+        if is_held and self.recovery.current is None and self._held_s < self._config.patience_s:
+            self.recovery.excuse(round(now.elapsed_s * 1e9))
         if self._maneuver is not None:
             self._maneuver.note(driven, now.elapsed_s)
         return driven
@@ -267,8 +268,10 @@ class Drive:
         return self._has_way and not self.route.is_blocked and not self._is_held(now)
 
     def _is_held(self, now: Situation) -> bool:
-        """Say whether somebody who moves makes the robot stand."""
-        return self._closing.must_stand(now.now_ns) or self._touch.must_stand(now.now_ns)
+        """Say whether somebody may be why the robot stands: they touch it, or walk near it."""
+        near_m = self.rig.footprint.circumscribed_m + YIELD_M
+        walks_near = self.rig.window.sees_somebody(now.motion.pose, near_m)
+        return walks_near or self._touch.must_stand(now.now_ns)
 
     def _prepare(self, wanted: Try, now: Situation) -> bool:
         """Get ready for a try that moves the robot; say whether there is room for it."""

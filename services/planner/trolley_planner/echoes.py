@@ -19,6 +19,8 @@ from trolley_planner.kernels.echoes import (
     fade,
     forget_inside,
     forget_near,
+    lift_cells,
+    lift_echoes,
     mark_echoes,
     trace_beams,
 )
@@ -75,6 +77,8 @@ class Echoes:
         )
         self.beams = np.empty((0, 6), dtype=np.float64)
         """(n, 6) the newest scan in `grid`, cut at mirrors and walls (columns: kernels.beams)."""
+        self.standing = self.beams
+        """The same without the echoes of who walks."""
 
     def add(
         self,
@@ -113,7 +117,18 @@ class Echoes:
         limits = (self._resolution_m, config.mark_range_m, EXPLAINED_CELLS * self._resolution_m)
         now_ticks = ticks(now_ns)
         mark_echoes(self.layer, wall_distance_m, beams, limits, self._scan_number, now_ticks)
-        self.beams = beams
+        self.beams = self.standing = beams
+
+    def lift(self, walkers: NDArray[np.float64]) -> None:
+        """Take who walks by the newest scan out of what stands.
+
+        Args:
+            walkers: (n, 5) in `grid`: x, y [m], velocity [m/s], radius [m].
+        """
+        if len(walkers) > 0:
+            self.standing = self.beams.copy()
+            lift_echoes(self.standing, walkers)
+            lift_cells(self.layer, walkers, self._resolution_m, self._scan_number)
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""
@@ -132,7 +147,7 @@ class Echoes:
         for array in (self.layer.evidence, self.layer.hits, self.layer.observed):
             array.fill(0)
         self.touch_all()
-        self.beams = np.empty((0, 6), dtype=np.float64)
+        self.beams = self.standing = np.empty((0, 6), dtype=np.float64)
 
     def touch_all(self) -> None:
         """Say that anything may have changed."""

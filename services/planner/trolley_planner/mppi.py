@@ -48,6 +48,7 @@ PRICES = Prices(
     change_v=0.3,
     change_w=0.1,
     heading=0.15,
+    company=0.4,
 )
 
 

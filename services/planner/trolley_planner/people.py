@@ -1,7 +1,7 @@
 """The layer of the costmap that people make: where somebody walks, and is about to walk.
 
-What they stand on is an obstacle like any other, though soon forgotten; the way ahead of them is
-dear, so that paths lead behind them, but never closed.
+Who walks is no obstacle of the costmap: they will be elsewhere when the robot comes. The way ahead
+of them is dear, so that paths lead behind them, but never closed.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from trolley_planner.kernels.beams import EchoLayer, touch
-from trolley_planner.kernels.echoes import doubt
 from trolley_planner.kernels.layers import WEIGHT_UNIT
 from trolley_planner.kernels.people import spread_walk
 from trolley_planner.movers import Mover
@@ -18,7 +17,7 @@ AHEAD_S = 1.5
 """How far ahead somebody's way matters."""
 BODY_M = 0.25
 """Half of somebody's width, who is seen from one side."""
-PRICE = 10.0
+PRICE = 4.0
 """What crossing right in front of somebody costs, where a metre of free floor costs 1."""
 NOBODY = (1, 0, 1, 0)
 
@@ -43,15 +42,13 @@ class People:
         """Take who walks by the newest scan, in place of those before.
 
         Args:
-            movers: in `grid`; their echoes are in the layer already.
-            layer: where they fade sooner than what stands; its box of changes is extended.
+            movers: in `grid`.
+            layer: its box of changes is extended.
         """
         first_row, last_row, first_col, last_col = self._box
         self.weights[first_row : last_row + 1, first_col : last_col + 1] = 0
         boxes = [] if self._box == NOBODY else [self._box]
         walks = [self._spread(mover) for mover in movers]
-        for mover in movers:
-            doubt(layer, mover.points, 1.0 / self._scale)
         self._box = NOBODY
         if walks:
             lows, highs = np.min(walks, axis=0), np.max(walks, axis=0)

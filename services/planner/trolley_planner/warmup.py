@@ -25,7 +25,7 @@ from trolley_planner.costmap import Costmap
 from trolley_planner.footprint import Footprint
 from trolley_planner.global_planner import GlobalPlanner
 from trolley_planner.kernels.rollout import Target
-from trolley_planner.movers import Mover
+from trolley_planner.movers import Mover, discs_of
 from trolley_planner.navigator import Navigator
 from trolley_planner.people import People
 from trolley_planner.pursuit import Pursuit
@@ -62,6 +62,7 @@ def warm_up() -> None:
     rig = navigator.surroundings.need_rig()
     rig.costmap.echoes.forget_around(1.0, 1.0, 0.5)
     walker = Mover(np.array([[1.0, 1.0], [1.1, 1.0]]), np.array([0.5, 0.0]))
+    rig.costmap.echoes.lift(discs_of([walker]))
     People(rig.costmap.shape, EDGE_M, 0.1).note([walker], rig.costmap.echoes.layer)
     rig.planner.hopeful_weights()
     _squeeze()

@@ -11,7 +11,7 @@ from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
-from trolley_planner.kernels.clearance import Field
+from trolley_planner.kernels.clearance import NOBODY, Field
 from trolley_planner.kernels.layers import LETHAL, UNKNOWN, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.kernels.window import (
@@ -96,7 +96,18 @@ class Window:
         self._robot_cell = 0
         self._narrow_m = footprint.inscribed_m + NARROW_M
         self._price_of_path = 1.0
+        self._walkers = NOBODY
         self.body = footprint.body
+
+    def watch(self, now_ns: int) -> None:
+        """Move those who walk on to where they are now."""
+        self._walkers = self._costmap.walkers_at(now_ns)
+
+    def sees_somebody(self, pose: Pose2D, within_m: float) -> bool:
+        """Say whether somebody walks this near to a place [m]."""
+        walkers = self._walkers
+        away = np.hypot(walkers[:, 0] - pose.x, walkers[:, 1] - pose.y) - walkers[:, 4]
+        return bool((away < within_m).any())
 
     def look(self, x: float, y: float, is_tight: bool = False) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew.
@@ -122,7 +133,7 @@ class Window:
             resolution,
         )
         fine_first = first[0] * self._parts, first[1] * self._parts
-        draw_echoes(self._mask, echoes.beams, fine_first, self.fine_m)
+        draw_echoes(self._mask, echoes.standing, fine_first, self.fine_m)
         column_distances_into(self._columns, self._mask)
         distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
         coarsen_into(self._coarse_m, self._distance_m, self._group)
@@ -214,6 +225,7 @@ class Window:
             self.fine_m,
             self.coarse_m,
             costmap.resolution_m,
+            self._walkers,
         )
 
 

@@ -142,6 +142,16 @@ def test_the_way_ahead_of_who_walks_is_dear_but_open() -> None:
     np.testing.assert_array_equal(grid.weights[20:100, 20:140], grid.static_weights[20:100, 20:140])
 
 
+def test_who_walks_is_no_obstacle_but_right_beside_the_robot() -> None:
+    for start, is_obstacle in ((3.5, False), (1.78, True)):
+        grid = make(empty_room())
+        for number in range(6):
+            sweep = scan_at(1.0, 3.0, person_at(start - 0.1 * number))
+            grid.add_scan(sweep, number * 10**8)
+        assert [mover.is_seen for mover in grid.movers] == [True]
+        assert bool(np.count_nonzero(grid.echoes.layer.evidence)) == is_obstacle
+
+
 def test_who_stands_is_remembered_longer_than_who_walks() -> None:
     def left_after(positions: list[float]) -> int:
         grid = make(empty_room())

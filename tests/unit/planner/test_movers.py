@@ -8,59 +8,21 @@ from numpy.typing import NDArray
 from support.flatland import BEAMS, Flatland, empty_room, with_block
 
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
-from trolley_planner.closing import HOLD_S, ClosingWatch
 from trolley_planner.drive import Drive
 from trolley_planner.footprint import Footprint
-from trolley_planner.movers import Mover, MoverWatch
+from trolley_planner.movers import HIDDEN_S, Mover, MoverWatch, discs_of
 from trolley_planner.touching import TouchWatch
 
 STEP_S = 0.05
 HERE = Pose2D(0.0, 0.0, 0.0)
-STANDING = Twist2D.zero()
-DRIVING = Twist2D(0.5, 0.0, 0.0)
 
 
 def mover(x: float, y: float, vx: float, vy: float) -> list[Mover]:
     """One thing of 0.2 m."""
     points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])
     return [Mover(points, np.array([vx, vy]))]
-
-
-def must_stand(movers: list[Mover], twist: Twist2D) -> bool:
-    watch = ClosingWatch(0.2)
-    watch.note(0, movers, HERE, twist, 0.9)
-    assert not watch.must_stand(round(HOLD_S * 1e9))
-    return watch.must_stand(round(0.9 * HOLD_S * 1e9))
-
-
-@pytest.mark.parametrize(
-    ("movers", "twist"),
-    [
-        (mover(1.3, 0.0, -1.0, 0.0), DRIVING),
-        (mover(0.4, 1.0, 0.0, -1.0), DRIVING),
-        (mover(0.4, -1.0, 0.0, 1.0), DRIVING),
-        (mover(-0.8, 0.0, 1.2, 0.0), STANDING),
-    ],
-)
-def test_stands_before_it_meets_anybody(movers: list[Mover], twist: Twist2D) -> None:
-    assert must_stand(movers, twist)
-
-
-@pytest.mark.parametrize(
-    ("movers", "twist"),
-    [
-        ([], DRIVING),
-        (mover(1.3, 0.0, 1.0, 0.0), DRIVING),
-        (mover(0.4, 1.0, 0.0, 1.0), DRIVING),
-        (mover(3.0, 1.5, -1.0, 0.0), DRIVING),
-        (mover(-1.0, 0.0, 0.3, 0.0), DRIVING),
-        (mover(1.6, 1.0, 0.0, -1.0), STANDING),
-    ],
-)
-def test_drives_on_where_ways_do_not_meet(movers: list[Mover], twist: Twist2D) -> None:
-    assert not must_stand(movers, twist)
 
 
 class Watched:
@@ -182,10 +144,10 @@ def test_who_runs_out_of_a_door_finds_the_robot_standing(
 def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
     ride, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def always(watch: ClosingWatch, now_ns: int) -> bool:
+    def always(watch: TouchWatch, now_ns: int) -> bool:
         return True
 
-    monkeypatch.setattr(ClosingWatch, "must_stand", always)
+    monkeypatch.setattr(TouchWatch, "must_stand", always)
     drive = ride(Flatland(empty_room(), Pose2D(1.0, 3.0, 0.0)), PlannerConfig(give_up_s=20.0))
     drive.send(Pose2D(6.5, 3.0, 0.0))
     assert isinstance(drive.navigator.drive, Drive)
@@ -258,3 +220,84 @@ def test_the_robot_stands_while_somebody_leans_on_it(ride) -> None:
     world.set_truth(room)
     assert drive.until_over().state == "arrived"
     assert world.touches == 0
+
+
+ANGLES = np.arange(360) * (2.0 * math.pi / 360)
+NO_WALLS = np.full((200, 200), 9.0, dtype=np.float32)
+EDGE_M = 0.05
+
+
+def beams_to(
+    circles: list[tuple[float, float, float]], shown_to: float = 7.0
+) -> NDArray[np.float64]:
+    """Beams from (5, 5) that meet circles (x, y, radius), or end in a wall all round 2 m away.
+
+    Those at angles above `shown_to` are left out, as by a lidar that does not look there.
+    """
+    ways = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+    ranges = np.full(len(ANGLES), 2.0)
+    for x, y, radius in circles:
+        along = ways @ (x - 5.0, y - 5.0)
+        beside = (x - 5.0) ** 2 + (y - 5.0) ** 2 - along**2
+        meets = (along > 0.0) & (beside < radius**2)
+        ranges[meets] = np.minimum(ranges[meets], along[meets] - np.sqrt(radius**2 - beside[meets]))
+    here = np.full(len(ANGLES), 5.0)
+    return np.column_stack([here, here, ways, ranges, ranges])[shown_to > ANGLES]
+
+
+def legs(y: float) -> list[tuple[float, float, float]]:
+    """Of somebody at (6.2, y) who walks along y."""
+    swing = 0.15 * math.sin(2.0 * math.pi * y / 1.2)
+    return [(6.1, y + swing, 0.06), (6.3, y - swing, 0.06)]
+
+
+def test_two_legs_are_one_person_who_walks_evenly() -> None:
+    watch = MoverWatch()
+    for step in range(25):
+        y = 4.2 + 0.08 * step
+        movers = watch.look(step * 100_000_000, beams_to(legs(y)), NO_WALLS, EDGE_M)
+        if step >= 6:
+            assert len(movers) == 1
+            x_mps, y_mps = movers[0].velocity
+            assert abs(float(x_mps)) < 0.4
+            assert 0.4 < float(y_mps) < 1.2
+            disc = discs_of(movers)[0]
+            assert math.hypot(disc[0] - 6.2, disc[1] - y) < 0.25
+
+
+def test_who_comes_out_of_sight_walks_on_for_a_while_where_nobody_looks() -> None:
+    watch = MoverWatch()
+    shown_to = 0.8
+    times: list[float] = []
+    for step in range(40):
+        y = 5.0 + 0.1 * step
+        beams = beams_to([(5.8, y, 0.15)], shown_to)
+        movers = watch.look(step * 100_000_000, beams, NO_WALLS, EDGE_M)
+        is_hidden = math.atan2(y - 5.2, 0.8) > shown_to
+        if is_hidden and movers:
+            times.append(0.1 * step)
+            disc = discs_of(movers)[0]
+            assert math.hypot(disc[0] - 5.8, disc[1] - y) < 0.6
+    assert len(movers) == 0
+    assert 0.5 < times[-1] - times[0] < HIDDEN_S + 0.15
+
+
+def test_nobody_is_left_where_the_lidar_sees_nobody() -> None:
+    watch = MoverWatch()
+    for step in range(8):
+        circles = [(5.8, 4.6 + 0.1 * step, 0.15)]
+        assert bool(watch.look(step * 100_000_000, beams_to(circles), NO_WALLS, EDGE_M)) == (
+            step > 0
+        )
+    assert watch.look(800_000_000, beams_to([]), NO_WALLS, EDGE_M) == []
+
+
+def test_between_two_looks_who_walks_goes_on() -> None:
+    watch = MoverWatch()
+    for step in range(6):
+        found = watch.look(
+            step * 100_000_000, beams_to([(5.8, 4.6 + 0.1 * step, 0.15)]), NO_WALLS, EDGE_M
+        )
+    (walker,) = found
+    (later,) = watch.look(540_000_000, beams_to([(5.8, 5.14, 0.15)]), NO_WALLS, EDGE_M)
+    np.testing.assert_allclose(later.points, walker.points + 0.04 * walker.velocity)

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 
+NOBODY = np.empty((0, 5))
+"""Nobody walks."""
+
 
 class Field(NamedTuple):
     """What the window holds, for look-ups at any point."""
@@ -30,6 +33,8 @@ class Field(NamedTuple):
     """Edge of a coarse cell."""
     cell_m: float
     """Edge of a cell of the costmap."""
+    walkers: NDArray[np.float64] = NOBODY
+    """(n, 5) who walks: x, y now [m], velocity [m/s], radius [m]; they are not in the distances."""
 
 
 class Body(NamedTuple):

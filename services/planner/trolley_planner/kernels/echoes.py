@@ -29,6 +29,11 @@ MAX_EVIDENCE = 12
 MARK_EVIDENCE = 3
 """Evidence that each scan with an echo adds; one that sees through takes away 1."""
 
+LIFT_M = 0.05
+"""Echoes this near to who walks are theirs,"""
+TRAIL_S = 0.5
+"""and so is what was seen where they were within this time, if it is seen no more."""
+
 MAX_SPREAD = 0.06
 """Neighbouring beams farther apart than this [rad] say nothing of what lies between them."""
 
@@ -285,18 +290,63 @@ def forget_inside(
 
 
 @kernel
-def doubt(layer: EchoLayer, points: NDArray[np.float64], resolution_m: float) -> None:
-    """Take the echoes of what moves for no more than a first sight: they are soon forgotten.
+def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -> float:
+    """Return how far a point is from where somebody was within the last `trail_s` [m].
+
+    Args:
+        walker: (5,) x, y [m], velocity [m/s], radius [m].
+        x: [m].
+        y: [m].
+        trail_s: 0 for where they are.
+    """
+    dx, dy, vx, vy = x - walker[0], y - walker[1], walker[2], walker[3]
+    squared = vx * vx + vy * vy
+    ago_s = -(dx * vx + dy * vy) / squared if squared > 0.0 else 0.0
+    ago_s = min(max(ago_s, 0.0), trail_s)
+    return math.hypot(dx + ago_s * vx, dy + ago_s * vy) - walker[4]
+
+
+@kernel
+def lift_echoes(beams: NDArray[np.float64], walkers: NDArray[np.float64]) -> None:
+    """Set the echoes of who walks (n, 5) to 0 in beams (m, 6)."""
+    for beam in range(beams.shape[0]):
+        echo = beams[beam, ECHO]
+        if echo <= 0.0:
+            continue
+        x = beams[beam, X] + echo * beams[beam, DX]
+        y = beams[beam, Y] + echo * beams[beam, DY]
+        for index in range(walkers.shape[0]):
+            if off_trail(walkers[index], x, y, 0.0) < LIFT_M:
+                beams[beam, ECHO] = 0.0
+
+
+@kernel
+def lift_cells(
+    layer: EchoLayer, walkers: NDArray[np.float64], resolution_m: float, scan_number: int
+) -> None:
+    """Forget what was seen of who walks, and where they were unless it is still seen.
 
     Args:
         layer: changed in place.
-        points: (n, 2) x, y of the echoes [m].
+        walkers: (n, 5) x, y [m], velocity [m/s], radius [m].
         resolution_m: cell edge [m].
+        scan_number: of the newest scan.
     """
     rows, cols = layer.evidence.shape
-    for index in range(points.shape[0]):
-        row = math.floor(points[index, 1] / resolution_m)
-        col = math.floor(points[index, 0] / resolution_m)
-        if 0 <= row < rows and 0 <= col < cols and layer.evidence[row, col] > 0:
-            layer.evidence[row, col] = min(int(layer.evidence[row, col]), MARK_EVIDENCE)
-            layer.hits[row, col] = 1
+    for index in range(walkers.shape[0]):
+        x, y, vx, vy, radius = walkers[index]
+        back_x, back_y, reach = x - TRAIL_S * vx, y - TRAIL_S * vy, radius + LIFT_M
+        first_row = max(0, math.floor((min(y, back_y) - reach) / resolution_m))
+        end_row = min(rows, math.ceil((max(y, back_y) + reach) / resolution_m))
+        first_col = max(0, math.floor((min(x, back_x) - reach) / resolution_m))
+        end_col = min(cols, math.ceil((max(x, back_x) + reach) / resolution_m))
+        for row in range(first_row, end_row):
+            for col in range(first_col, end_col):
+                if layer.evidence[row, col] == 0:
+                    continue
+                trail_s = 0.0 if layer.touched[row, col, 1] == scan_number else TRAIL_S
+                px, py = layer.points[row, col, 0], layer.points[row, col, 1]
+                if off_trail(walkers[index], px, py, trail_s) < LIFT_M:
+                    layer.evidence[row, col] = 0
+                    layer.hits[row, col] = 0
+                    touch(layer.dirty, row, col)

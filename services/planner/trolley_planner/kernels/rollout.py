@@ -18,6 +18,7 @@ from trolley_planner.kernels.clearance import (
     clearance_turned,
     outline_clearance,
 )
+from trolley_planner.kernels.walkers import company
 
 
 class Limits(NamedTuple):
@@ -64,6 +65,8 @@ class Prices(NamedTuple):
     """Squared changes of the turn rate."""
     heading: float
     """Ending turned away from the way on."""
+    company: float
+    """A second right at somebody who walks."""
 
 
 TURN_RADIUS_M = 0.2
@@ -265,6 +268,8 @@ def rollout(
     distance_m, outline = field.distance_m, (body.few_points, body.edge_points)
     scale, half = 1.0 / field.fine_m, 0.5 * field.fine_m
     inscribed, far = body.inscribed_m, body.circumscribed_m + enough
+    walkers = field.walkers
+    walked = body.few_points, inscribed, body.circumscribed_m
     price = 0.0
     for step in range(controls.shape[0]):
         allowed = caution_speed(limits, clearance)
@@ -282,9 +287,12 @@ def rollout(
         elif clearance < far:
             face = (cos * scale, sin * scale)
             clearance = outline_clearance(distance_m, outline, cells, face, half)
-        clearance = min(clearance, enough)
-        if clearance < floor:
+        clearance, near = min(clearance, enough), 0.0
+        if walkers.shape[0] > 0:
+            near = company(walkers, walked, (x, y), (cos, sin), v, (step + 1) * limits.dt)
+        if clearance < floor or near == math.inf:
             return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
+        price += prices.company * near * limits.dt
         price += price_of_step((v, w), before, clearance, prices, limits.dt)
         if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius * target.radius:
             left = (controls.shape[0] - 1 - step) * limits.dt

@@ -1,0 +1,155 @@
+"""Compiled foresight among people: how near the robot comes to who walks, moment by moment.
+
+Who walks is a disc that goes on as it does; how far it may be from there grows with time. A state
+is x, y, yaw, v, w; everything is in frame `grid` [m].
+
+Source:
+    Fiorini, Shiller, Motion Planning in Dynamic Environments Using Velocity Obstacles (1998): what
+    counts is where both will be. Here along rollouts, and for some time only: people change their
+    minds.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_planner.kernels.clearance import Body
+
+SPREAD_MPS, MOST_SPREAD_M = 0.1, 0.15
+"""Discs grow so fast, and by so much."""
+MEET_M = 0.06
+"""Nearer than this the robot has met somebody,"""
+SURE_S = 1.2
+"""which counts as touching them within this time; later much may change."""
+NEAR_M = 0.4
+"""Nearer than this to somebody costs, the more the nearer."""
+STANDS_MPS = 0.05
+"""Who is not faster than this cannot run into anybody."""
+LEAVING = -0.5
+"""Nor who drives away from them: the cosine of the angle between."""
+FARTHEST = 1.5
+"""What somebody counts at most, where 1 is touching: an overlap of half of `NEAR_M`."""
+
+
+@kernel
+def disc_gap(
+    outline: NDArray[np.float64],
+    inscribed_m: float,
+    away: tuple[float, float],
+    turned: tuple[float, float],
+    radius_m: float,
+) -> float:
+    """Return the gap between the robot's outline and a disc [m], negative where they overlap.
+
+    Args:
+        outline: (n, 2) points of its edge in `base_link`.
+        inscribed_m: radius of a circle within it.
+        away: from the robot's origin to the disc's centre.
+        turned: cosine and sine of the robot's heading.
+        radius_m: of the disc.
+    """
+    squared = away[0] * away[0] + away[1] * away[1]
+    if squared < inscribed_m * inscribed_m:
+        return math.sqrt(squared) - inscribed_m - radius_m
+    x, y = turned[0] * away[0] + turned[1] * away[1], turned[0] * away[1] - turned[1] * away[0]
+    nearest = math.inf
+    for index in range(outline.shape[0]):
+        dx, dy = outline[index, 0] - x, outline[index, 1] - y
+        nearest = min(nearest, dx * dx + dy * dy)
+    return math.sqrt(nearest) - radius_m
+
+
+@kernel
+def is_to_blame(v: float, away: tuple[float, float], turned: tuple[float, float]) -> bool:
+    """Say whether a robot at speed v that meets who is `away` of it has a part in that."""
+    if abs(v) < STANDS_MPS:
+        return False
+    along = math.copysign(1.0, v) * (turned[0] * away[0] + turned[1] * away[1])
+    return along > LEAVING * math.hypot(away[0], away[1])
+
+
+@kernel
+def company(
+    walkers: NDArray[np.float64],
+    body: tuple[NDArray[np.float64], float, float],
+    place: tuple[float, float],
+    turned: tuple[float, float],
+    v: float,
+    time_s: float,
+) -> float:
+    """Return how near a moving robot is to who walks: 0 far away, 1 touching; infinite if it hits.
+
+    Args:
+        walkers: (n, 5) see `Field.walkers`.
+        body: points of the outline (n, 2), inscribed and circumscribed radius.
+        place: of the robot then.
+        turned: cosine and sine of its heading.
+        v: its speed.
+        time_s: from now.
+    """
+    outline, inscribed, circumscribed = body
+    spread = min(SPREAD_MPS * time_s, MOST_SPREAD_M)
+    total = 0.0
+    for index in range(walkers.shape[0]):
+        away_x = walkers[index, 0] + time_s * walkers[index, 2] - place[0]
+        away_y = walkers[index, 1] + time_s * walkers[index, 3] - place[1]
+        radius = walkers[index, 4] + spread
+        reach = radius + NEAR_M + circumscribed
+        if away_x * away_x + away_y * away_y >= reach * reach:
+            continue
+        away = away_x, away_y
+        gap = disc_gap(outline, inscribed, away, turned, radius)
+        if gap < MEET_M and time_s <= SURE_S and is_to_blame(v, away, turned):
+            return math.inf
+        if gap < NEAR_M:
+            near = min(1.0 - gap / NEAR_M, FARTHEST)
+            total += near * near
+    return total
+
+
+@kernel
+def would_meet(
+    start: NDArray[np.float64],
+    walkers: NDArray[np.float64],
+    body: Body,
+    deceleration: float,
+    delay_s: float,
+) -> bool:
+    """Say whether a robot that brakes after a delay still meets who walks on, or who stops.
+
+    Args:
+        start: (5,) with the velocity that is about to be commanded.
+        walkers: (n, 5) see `Field.walkers`.
+        body: the outline.
+        deceleration: of the robot [m/s^2].
+        delay_s: until it brakes.
+    """
+    if walkers.shape[0] == 0:
+        return False
+    x, y, yaw, v, w = start[0], start[1], start[2], start[3], start[4]
+    dt, elapsed = 0.05, 0.0
+    while abs(v) >= STANDS_MPS and elapsed < 10.0:
+        elapsed += dt
+        if elapsed > delay_s:
+            slower = max(0.0, abs(v) - deceleration * dt)
+            w *= slower / abs(v)
+            v = math.copysign(slower, v)
+        middle = yaw + 0.5 * dt * w
+        x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
+        turned = math.cos(yaw), math.sin(yaw)
+        for index in range(walkers.shape[0]):
+            radius = walkers[index, 4]
+            reach = radius + MEET_M + body.circumscribed_m
+            for moves in (0.0, elapsed):
+                away = (
+                    walkers[index, 0] + moves * walkers[index, 2] - x,
+                    walkers[index, 1] + moves * walkers[index, 3] - y,
+                )
+                if away[0] * away[0] + away[1] * away[1] >= reach * reach:
+                    continue
+                gap = disc_gap(body.edge_points, body.inscribed_m, away, turned, radius)
+                if gap < MEET_M and is_to_blame(v, away, turned):
+                    return True
+    return False
