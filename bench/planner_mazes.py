@@ -7,8 +7,8 @@ FOLDER is searched with all folders in it for `.scen` files; their maps lie besi
 anywhere in FOLDER. A point robot plans over free weights without inflation. For each map and for
 all: the ways along cells and the smooth paths as shares of the optimum, queries without a way
 though there is one, ways found where there is none, and the time of a query from weights to smooth
-path, nothing kept. Ways may be shorter than the optimum, which keeps to eight directions: theirs
-are 16, those of smooth paths any. Each query that went wrong is named.
+path, nothing kept. The ways along cells keep to eight directions as the optimum does; smooth paths
+may be shorter. Each query that went wrong is named.
 """
 
 import argparse
@@ -41,8 +41,6 @@ from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
 from trolley_planner.kernels.lines import polyline_cost
 
 MOST_NAMED = 20
-ANY_BY_EIGHT = math.sqrt(0.5)
-"""Through a staircase without diagonal steps a straight line is that much of a way along cells."""
 CELLS_PER_M = 20.0
 """Cells of 5 cm, as at home."""
 
@@ -106,7 +104,7 @@ class Runner:
             weights[1:-1, 1:-1][cells == kind] = WEIGHT_UNIT
         self._cells = cells
         self._nowhere = np.zeros((rows, cols), np.float32)
-        self._fields = GoalField((rows, cols))
+        self._fields = GoalField((rows, cols), near_cells=-1.0)
 
     def ask(self, query: Query, tally: Tally) -> None:
         """Plan, and count what came of it."""
@@ -134,8 +132,7 @@ class Runner:
         )
         touches = math.isinf(polyline_cost(weights, smooth, math.inf))
         ends = math.dist(smooth[0], start) + math.dist(smooth[-1], goal)
-        # Whatever its directions, no way is shorter than this share of one along eight.
-        too_short = smooth_length < query.optimum * ANY_BY_EIGHT - 1e-3
+        too_short = grid_length < query.optimum - 1e-3
         if touches or ends > 1e-6 or too_short or (query.optimum == 0.0 and start != goal):
             tally.wrong += 1
             tally.failures.append(f"{query.place}: a wrong way of {smooth_length:.3f} cells")

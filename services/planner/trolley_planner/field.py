@@ -31,8 +31,6 @@ from trolley_planner.kernels.search import (
 )
 
 NEAR_CELLS = 400
-"""Targets no farther away are searched for along 16 directions, others along 8: their ways would
-take too long, and are more alike."""
 REACH_TILES, WIDE_TILES = 1, 60
 """The corridor is so much wider than the coarse way on either side, more where that is short: its
 length in tiles times its reach is at least the second, if the reach is no more than"""
@@ -63,10 +61,13 @@ class GoalField:
 
     Args:
         shape: rows and columns of the costmap.
+        near_cells: targets no farther away are searched for along 16 directions, others along 8:
+            their ways would take too long, and are more alike.
     """
 
-    def __init__(self, shape: tuple[int, int]) -> None:
+    def __init__(self, shape: tuple[int, int], near_cells: float = NEAR_CELLS) -> None:
         self._shape = shape
+        self._near_cells = near_cells
         tiles = tuple(-(-size // TILE) + 2 for size in shape)
         num_cells, num_tiles = math.prod(shape), math.prod(tiles)
         # Zeros, so that the system gives memory only for what is used.
@@ -143,7 +144,7 @@ class GoalField:
         self.searches += 1
         corridor, cols = self._corridor, self._shape[1]
         away = math.hypot(start % cols - target % cols, start // cols - target // cols)
-        self._directions = 16 if away <= NEAR_CELLS else 8
+        self._directions = 16 if away <= self._near_cells else 8
         close(corridor, self._num_inside)
         self._num_inside = 0
         self._has_all = False
