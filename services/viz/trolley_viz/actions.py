@@ -6,7 +6,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import viser
 
 from trolley import codes, requests
 from trolley.codes import Refused
@@ -58,13 +57,13 @@ class Actions:
         self._asked: Pointed | None = None
 
     # Pointing.
-    def point_goal(self, pointing: Pointing, client: viser.ClientHandle) -> None:
-        """Let a client point out where to go; pressed again, leave it."""
-        self._arm(pointing, client, Tool(GO_TO, self._preview, self._go_to), GOAL_HINT)
+    def point_goal(self, pointing: Pointing) -> None:
+        """Let the person point out where to go; pressed again, leave it."""
+        self._arm(pointing, Tool(GO_TO, self._preview, self._go_to), GOAL_HINT)
 
-    def point_pose(self, pointing: Pointing, client: viser.ClientHandle) -> None:
-        """Let a client point out where the robot is; pressed again, leave it."""
-        self._arm(pointing, client, Tool(SET_POSE, _ignore, self._set_pose), POSE_HINT)
+    def point_pose(self, pointing: Pointing) -> None:
+        """Let the person point out where the robot is; pressed again, leave it."""
+        self._arm(pointing, Tool(SET_POSE, _ignore, self._set_pose), POSE_HINT)
 
     def put_away(self) -> None:
         """Forget hint and preview of the tool."""
@@ -123,28 +122,17 @@ class Actions:
         }[action]
         self._ask(request, Nothing(), f"{action}: not done")
 
-    # Stop.
-    def ask_stop(self, robot: str, answered: Callable[[bool], None]) -> None:
-        """Ask a robot to stop; `answered` gets whether base replied."""
-        self._service.request(
-            requests.BASE_STOP,
-            Nothing(),
-            lambda reply: answered(not isinstance(reply, Refused)),
-            timeout_s=1.0,
-            robot=robot,
-        )
-
     def resume(self) -> None:
         """Let the robot drive again; it does not set off by itself."""
         self._ask(requests.BASE_RESUME, Nothing(), "Not resumed")
 
     # Inside.
-    def _arm(self, pointing: Pointing, client: viser.ClientHandle, tool: Tool, hint: str) -> None:
+    def _arm(self, pointing: Pointing, tool: Tool, hint: str) -> None:
         was = pointing.tool
         pointing.disarm()
         self.put_away()
         if was is None or was.name != tool.name:
-            pointing.arm(client, tool)
+            pointing.arm(tool)
             self.hint = hint
 
     def _goal(self, pointed: Pointed, goal_id: str | None) -> SendGoal:

@@ -60,7 +60,7 @@ def open_server(config: VizConfig, sockets: Mapping[str, Serve] = {}) -> LocalSe
     if server.get_port() != config.port:
         close_server(server)
         raise PortTaken(f"port {config.port} on {config.host} was taken just now")
-    configure_look(server, dark=False)
+    configure_look(server.gui, dark=False)
     server.gui.set_panel_label("Trolley")
     server.gui.main_panel.dock_right()
     # Set from the beginning: the first change moves the cameras that are there, later ones do not.
@@ -76,9 +76,9 @@ def close_server(server: viser.ViserServer) -> None:
         server.stop()
 
 
-def configure_look(server: viser.ViserServer, *, dark: bool) -> None:
+def configure_look(gui: viser.GuiApi, *, dark: bool) -> None:
     """Set the look of the page, without viser's own buttons."""
-    server.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+    gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -34,6 +34,8 @@ from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 from trolley_viz.server import open_server
 from trolley_viz.service import VizService
+from trolley_viz.session import Session
+from trolley_viz.visitors import NOBODY, Visitor
 
 
 def free_port() -> int:
@@ -152,12 +154,26 @@ def scan(stamp_ns: int, ranges: memoryview) -> Scan:
     )
 
 
+class OwnScene:
+    """Puts what one browser sees alone beside what all see, under other paths."""
+
+    def __init__(self, scene: viser.SceneApi, above: str) -> None:
+        self._scene = scene
+        self._above = above
+
+    def __getattr__(self, name: str) -> Any:
+        add = getattr(self._scene, name)
+        return lambda path, *args, **options: add(f"{self._above}{path}", *args, **options)
+
+
 class Browser:
     """Stands for viser's handle of one browser."""
 
-    def __init__(self, client_id: int, scene: viser.SceneApi) -> None:
+    def __init__(self, client_id: int, server: viser.ViserServer) -> None:
         self.client_id = client_id
-        self.scene = scene
+        # An API of its own, as viser gives each browser; what goes there is kept and not sent.
+        self.scene = cast(Any, OwnScene(server.scene, f"/own{client_id}"))
+        self.gui = server.gui
         self.camera = SimpleNamespace(image_width=1200, image_height=800, position=None)
         self.notices: list[tuple[str, str]] = []
 
@@ -182,16 +198,26 @@ class Stage:
         self.robot = self.runtime.add(PretendRobot())
         self.viz = self.runtime.add(VizService(self.config))
 
-    def browse(self, client_id: int = 0) -> Any:
+    def browse(self, client_id: int = 0, visitor: Visitor = NOBODY) -> Any:
         """Open a browser and let everything settle; the real handle is viser's."""
         assert self.viz._server is not None
-        browser = Browser(client_id, self.viz._server.scene)
-        self.viz._client_came(browser)  # type: ignore[arg-type]
+        browser = Browser(client_id, self.viz._server)
+        self.viz._client_came(browser, visitor)  # type: ignore[arg-type]
         self.runtime.run(0.5)
         return browser
 
-    def layer(self, key: str) -> Any:
-        return next(one for one in self.viz._scene.layers if one.key == key)
+    @property
+    def session(self) -> Session:
+        """Of the browser that came first."""
+        return next(iter(self.viz._sessions.values()))
+
+    def layer(self, key: str, robot: str = "trolley") -> Any:
+        return self.viz._stages[robot].scene.layer(key)
+
+    def feeds(self, robot: str = "trolley") -> set[str]:
+        """The streams that are subscribed to."""
+        stage = self.viz._stages.get(robot)
+        return set() if stage is None else set(stage.feeds.names())
 
 
 @pytest.fixture

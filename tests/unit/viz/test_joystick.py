@@ -119,7 +119,7 @@ def test_clocks_that_run_apart_make_nothing_late() -> None:
 
 
 def test_every_part_of_the_pad_is_in_the_page() -> None:
-    page = pad_html()
+    page = pad_html(7)
     for part in ("startPad", "hand-pad", "pointercancel", "touch-action"):
         assert part in page
 
@@ -127,7 +127,7 @@ def test_every_part_of_the_pad_is_in_the_page() -> None:
 # The whole viewer.
 def press(stage: "Stage", who: int, held: bool = True, y: float = 1.0) -> None:
     now_ms = stage.viz.monotonic_ns / MS
-    stage.viz._by_hand._said(who, grip(now_ms, y=y, held=held))
+    stage.viz._by_hand._said(who, 0, grip(now_ms, y=y, held=held))
 
 
 def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage: "Stage") -> None:
@@ -149,13 +149,35 @@ def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage:
     assert 4 <= len(after) <= 8
 
 
-def ask(port: int, message: Any, path: str = "joystick", **options: Any) -> int | None:
+def test_who_follows_another_robot_lets_go(stage: "Stage") -> None:
+    stage.browse()
+    hands = stage.viz._by_hand
+    hands.sockets._clients[ONE] = 0
+    sent = stage.runtime.record(topics.COMMAND, "teleop")
+    press(stage, ONE)
+    stage.runtime.run(0.1)
+    assert sent[-1].twist == Twist2D(0.25, 0.0, 0.0)
+    stage.session.follow("kart")
+    press(stage, ONE)
+    stage.runtime.run(0.2)
+    assert sent[-1].twist == Twist2D.zero()
+    stage.session.follow("trolley")
+    press(stage, ONE)
+    stage.runtime.run(0.2)
+    assert sent[-1].twist == Twist2D.zero()
+    press(stage, ONE, held=False)
+    press(stage, ONE)
+    stage.runtime.run(0.1)
+    assert sent[-1].twist == Twist2D(0.25, 0.0, 0.0)
+
+
+def ask(port: int, message: Any, path: str = "joystick?client=0", **options: Any) -> int | None:
     """Say something over the pad's own connection; the code with which it is closed, if it is."""
 
     async def talk() -> int | None:
         async with connect(f"ws://127.0.0.1:{port}/{path}", **options) as socket:
-            await socket.send(message)
             try:
+                await socket.send(message)
                 await asyncio.wait_for(socket.recv(), 1.0)
             except websockets.ConnectionClosed:
                 return socket.close_code
@@ -174,6 +196,13 @@ def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") ->
         assert ask(port, json.dumps(bad)) == 1008, bad
     assert ask(port, "[" * 900) == 1008
     assert ask(port, b"\xff\xfe") == 1008
+    for path in (
+        "joystick",
+        "joystick?client=-1",
+        "joystick?client=x",
+        f"joystick?client={'9' * 99}",
+    ):
+        assert ask(port, json.dumps(said), path) == 1008
     wait_until(lambda: not stage.viz._by_hand.sockets.who(), 5.0, "all are gone")
 
 

@@ -2,7 +2,7 @@
 
 import asyncio
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_a_trip_shows_what_was_and_what_comes() -> None:
 
 def test_the_own_robot_is_listed_before_it_is_heard_of() -> None:
     robots = Robots("trolley")
-    assert robots.labels(lambda _: True) == {"trolley – away": "trolley"}
+    assert robots.labels("trolley", lambda _: True) == {"trolley – away": "trolley"}
 
 
 def test_heavier_particles_are_darker() -> None:
@@ -120,7 +120,7 @@ def test_a_place_is_deleted_at_the_second_press_only(server: viser.ViserServer) 
     deleted: list[str] = []
     actions: Any = SimpleNamespace(delete_place=deleted.append)
     panel = DrivePanel(
-        server.gui, actions, Pointing(server, lambda call: call()), lambda call: call()
+        server.gui, actions, Pointing(cast(Any, server), lambda call: call()), lambda call: call()
     )
     places = [
         SavedPose(name=name, map="m", pose=Pose2D.identity()) for name in ("attic", "kitchen")

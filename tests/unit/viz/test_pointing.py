@@ -36,8 +36,8 @@ class Gesture:
 
 
 def arm(server: viser.ViserServer, gesture: Gesture) -> tuple[Pointing, Any]:
-    pointing = Pointing(server, lambda call: call())
-    pointing.arm(SimpleNamespace(client_id=3, scene=server.scene), gesture.tool)  # type: ignore[arg-type]
+    pointing = Pointing(server, lambda call: call())  # type: ignore[arg-type]
+    pointing.arm(gesture.tool)
     return pointing, pointing._plane
 
 
@@ -79,11 +79,3 @@ def test_a_click_is_a_place_without_direction(server: viser.ViserServer) -> None
     click = plane._impl.click_cb[0].callback
     asyncio.run(click(SimpleNamespace(ray_origin=(0, 0, 2), ray_direction=(1, 0, -1))))
     assert gesture.done == [Pointed(2.0, 0.0)]
-
-
-def test_the_tool_goes_with_its_client(server: viser.ViserServer) -> None:
-    pointing, _ = arm(server, Gesture())
-    pointing.client_left(4)
-    assert pointing.tool is not None
-    pointing.client_left(3)
-    assert pointing.tool is None

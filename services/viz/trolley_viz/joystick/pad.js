@@ -1,6 +1,6 @@
 // The pad in the page. What is held here drives the robot only as long as this says so, ten times a
 // second; everything that might be a release is one.
-function startPad(root) {
+function startPad(root, client) {
   if (root.dataset.started) return; // an image may be loaded twice
   root.dataset.started = "yes";
   const BEAT_MS = 100, RETRY_MS = 1000, SILENCE_MS = 1500, MAX_WAITING_BYTES = 1000;
@@ -94,7 +94,8 @@ function startPad(root) {
     if (!root.isConnected) return end();
     const url = new URL("joystick", location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
-    url.search = url.hash = "";
+    url.search = `?client=${client}`;
+    url.hash = "";
     const mine = (socket = new WebSocket(url));
     mine.onmessage = (event) => {
       if (!root.isConnected) return end();

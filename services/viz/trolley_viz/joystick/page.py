@@ -12,13 +12,13 @@ RUN = (
 )
 
 
-def pad_html() -> str:
-    """Return what viser is given to put into the page.
+def pad_html(client_id: int) -> str:
+    """Return what viser is given to put into the page of one browser.
 
     Scripts in such HTML are not run; an image that has been loaded may run one. It makes a script
     of its own of ours, since names mean other things inside of an element.
     """
-    script = f"{_read('pad.js')}\nstartPad(document.getElementById('trolley-hand'));"
+    script = f"{_read('pad.js')}\nstartPad(document.getElementById('trolley-hand'), {client_id});"
     return (
         f"<style>{_read('pad.css')}</style>{_read('pad.html').strip()}"
         f'<img src="{PIXEL}" alt="" style="display:none" onload="{RUN}" '

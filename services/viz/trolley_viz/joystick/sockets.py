@@ -8,6 +8,7 @@ page; this one is there only while the pad is.
 import asyncio
 import itertools
 from collections.abc import Callable
+from urllib.parse import parse_qs
 
 import msgspec
 import websockets
@@ -39,40 +40,45 @@ class Sockets:
 
     Args:
         post: hands a call to the service's thread.
-        said: called there with what a browser says.
-        left: called there when it is gone.
+        said: called there with which pad it is, viser's number for the browser, and what it says.
+        left: called there when a pad is gone.
     """
 
     def __init__(
-        self, post: Post, said: Callable[[int, Grip], None], left: Callable[[int], None]
+        self, post: Post, said: Callable[[int, int, Grip], None], left: Callable[[int], None]
     ) -> None:
         self._post = post
         self._said = said
         self._left = left
         self._ids = itertools.count()
         self._open: dict[int, tuple[ServerConnection, asyncio.AbstractEventLoop]] = {}
+        self._clients: dict[int, int] = {}
 
     async def serve(self, connection: ServerConnection) -> None:
         """Listen to one browser until it is gone, on the web server's thread."""
-        who = next(self._ids)
+        who, client_id = next(self._ids), _client_id(connection)
+        if client_id is None:
+            await connection.close(BAD_MESSAGE, "no client is named")
+            return
+        self._clients[who] = client_id
         self._open[who] = connection, asyncio.get_running_loop()
         try:
             async for data in connection:
                 if len(data) > MAX_BYTES:
                     await connection.close(BAD_MESSAGE, "too long")
                     return
-                self._hear(who, msgspec.json.decode(data, type=Grip))
+                self._hear(who, client_id, msgspec.json.decode(data, type=Grip))
         except websockets.ConnectionClosed:
             pass  # as good a way to go as any
         except (msgspec.MsgspecError, RecursionError):
             await connection.close(BAD_MESSAGE, "not understood")
         finally:
-            del self._open[who]
+            del self._open[who], self._clients[who]
             self._post(lambda: self._left(who))
 
-    def who(self) -> list[int]:
-        """Return the browsers that are there."""
-        return list(self._open)
+    def who(self) -> dict[int, int]:
+        """Return the pads that are open, and viser's number for the browser of each."""
+        return dict(self._clients)
 
     def tell(self, who: int, word: Word) -> None:
         """Tell a browser something; from any thread, without waiting for it."""
@@ -82,5 +88,12 @@ class Sockets:
             text = msgspec.json.encode(word).decode()
             loop.call_soon_threadsafe(broadcast, [connection], text)
 
-    def _hear(self, who: int, grip: Grip) -> None:
-        self._post(lambda: self._said(who, grip))
+    def _hear(self, who: int, client_id: int, grip: Grip) -> None:
+        self._post(lambda: self._said(who, client_id, grip))
+
+
+def _client_id(connection: ServerConnection) -> int | None:
+    """Viser's number for the browser, as its pad names it."""
+    query = "" if connection.request is None else connection.request.path.partition("?")[2]
+    named = parse_qs(query).get("client", [""])[0]
+    return int(named) if named.isdecimal() and len(named) < 10 else None

@@ -66,8 +66,8 @@ class DrivePanel:
         self._set.label = "Press again to leave" if armed == SET_POSE else POINT_POSE
 
     def _bind(self, actions: Actions, pointing: Pointing, post: Post) -> None:
-        self._go.on_click(handler(post, lambda client, _: actions.point_goal(pointing, client)))
-        self._set.on_click(handler(post, lambda client, _: actions.point_pose(pointing, client)))
+        self._go.on_click(handler(post, lambda _, __: actions.point_goal(pointing)))
+        self._set.on_click(handler(post, lambda _, __: actions.point_pose(pointing)))
         self._find.on_click(handler(post, lambda _, __: actions.find()))
         self._steer.on_click(
             handler(post, lambda _, action: actions.steer_goal(action, self._goal))

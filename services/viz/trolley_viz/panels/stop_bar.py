@@ -44,16 +44,24 @@ RED, DARK_RED = "#d21f1f", "#8c0d0d"
 
 
 class StopBar:
-    """The two buttons and the line above them; the tool's hint over the scene, too."""
+    """The two buttons and the line above them; the tool's hint over the scene, too.
+
+    Args:
+        gui: where they are added.
+        stop: called when Stop is pressed.
+        resume: called when Resume is pressed; None where that is not the person's to do.
+    """
 
     def __init__(
         self,
         gui: viser.GuiApi,
         stop: Callable[[], None],
-        resume: Callable[[], None],
+        resume: Callable[[], None] | None,
     ) -> None:
         self._stop = gui.add_button("STOP", color=STOP_RED, icon=viser.Icon.HAND_STOP)
-        self._resume = gui.add_button("Resume", color=GREY, icon=viser.Icon.PLAYER_PLAY)
+        self._resume = gui.add_button(
+            "Resume", color=GREY, icon=viser.Icon.PLAYER_PLAY, visible=resume is not None
+        )
         gui.add_html(STYLE.format(stop=_element_id(self._stop), resume=_element_id(self._resume)))
         self._line = gui.add_html("")
         self._hint = gui.add_html("")
@@ -63,7 +71,8 @@ class StopBar:
             stop()
 
         async def resumed(_: viser.GuiEvent[Any]) -> None:
-            resume()
+            if resume is not None:
+                resume()
 
         self._stop.on_click(pressed)
         self._resume.on_click(resumed)

@@ -1,18 +1,21 @@
 """The tab of the view (layers, look, legend) and the tab of details (frames, services)."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import viser
 
 from trolley.geometry.frames import BASE, LASER
 from trolley.messages import Health
-from trolley_viz.panels.control import GREY, Post, handler
+from trolley_viz.panels.control import GREY, handler
 from trolley_viz.panels.markup import note, swatches, table
 from trolley_viz.placement import Placement
-from trolley_viz.scene.layer import Layer
 from trolley_viz.scene.places import ZONE_COLOURS
+from trolley_viz.scene.scene import LAYERS
 from trolley_viz.scene.sensing import BEAM_COLOURS
 from trolley_viz.words import duration
+
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
 
 LEGEND = [
     ("echo of something on the map", 0),
@@ -23,46 +26,23 @@ LEGEND = [
 ]
 
 
-class ViewChoices(Protocol):
-    """What the viewer does about the choices of this panel."""
-
-    def switch_layer(self, key: str, *, is_on: bool) -> None:
-        """Show or hide a layer, and remember it."""
-        ...
-
-    def set_dark(self, *, is_dark: bool) -> None:
-        """Change the look, and remember it."""
-        ...
-
-    def fit_view(self, client: viser.ClientHandle) -> None:
-        """Show this client the whole map."""
-        ...
-
-
 class ViewPanel:
     """Which layers are shown."""
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        choices: ViewChoices,
-        post: Post,
-        layers: list[Layer],
-        *,
-        dark: bool,
-    ) -> None:
+    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+        post, shown = session.post, session.layers()
         fit = gui.add_button("Show the whole map", icon=viser.Icon.MAXIMIZE, color=GREY)
-        fit.on_click(handler(post, lambda client, _: choices.fit_view(client)))
-        for layer in (one for one in layers if one.is_listed):
-            box = gui.add_checkbox(layer.title, layer.is_on)
-            key = layer.key
+        fit.on_click(handler(post, lambda _, __: session.fit_view()))
+        for kind in LAYERS:
+            box = gui.add_checkbox(kind.title, shown[kind.key])
+            key = kind.key
             box.on_update(
                 handler(
-                    post, lambda _, is_on, key=key: choices.switch_layer(key, is_on=bool(is_on))
+                    post, lambda _, is_on, key=key: session.switch_layer(key, is_on=bool(is_on))
                 )
             )
-        look = gui.add_checkbox("Dark background", dark)
-        look.on_update(handler(post, lambda _, is_dark: choices.set_dark(is_dark=bool(is_dark))))
+        look = gui.add_checkbox("Dark background", session.choices.dark)
+        look.on_update(handler(post, lambda _, is_dark: session.set_dark(is_dark=bool(is_dark))))
         beams = [(text, _rgb(BEAM_COLOURS[i].tolist())) for text, i in LEGEND]
         zones = [(f"zone: {kind}", colour) for kind, colour in ZONE_COLOURS.items()]
         gui.add_html(note("Laser scan and zones") + swatches(beams + zones))

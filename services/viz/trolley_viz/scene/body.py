@@ -27,8 +27,8 @@ class RobotLayer(Layer):
     key, title = "robot", "Robot"
     period_s = 0.05
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._frame = self.scene.add_frame(self.path("base_link"), show_axes=False, visible=False)
         self._body: viser.MeshHandle | None = None
         self._parts: list[viser.SceneNodeHandle] = []
@@ -107,8 +107,8 @@ class FrameLayer(Layer):
     on_by_default = False
     period_s = 0.1
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._axes: dict[str, viser.FrameHandle] = {}
 
     def draw(self, view: View) -> None:

@@ -58,8 +58,8 @@ class MapLayer(Layer):
     key, title = "map", "Map"
     needs = (topics.MAP,)
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._nodes: list[viser.SceneNodeHandle] = []
 
     def draw(self, view: View) -> None:
@@ -116,8 +116,8 @@ class CostmapLayer(Layer):
     period_s = 0.5
     on_by_default = False
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._node: viser.ImageHandle | None = None
 
     def draw(self, view: View) -> None:

@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 
 import viser
 
+from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import Path, Robot
+from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
 from trolley_viz.placement import Placement
@@ -34,12 +35,28 @@ class View:
     robot: Robot | None
     now_ns: int
     """Local monotonic time [ns]."""
-    is_away: bool
-    """The robot's clock is silent."""
+    robot_ns: int | None
+    """The robot's time [ns], None while its clock is silent."""
     work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
     """Runs a slow function aside, then calls the second one with its result."""
-    preview: Path | None = None
-    """The way to where somebody points just now."""
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the robot's clock is silent."""
+        return self.robot_ns is None
+
+    @property
+    def map(self) -> OccupancyGrid | None:
+        """The robot's map."""
+        return self.feeds.latest(topics.MAP)
+
+    def place_frames(self) -> None:
+        """Bring the frames to where the newest messages say that they are."""
+        self.placement.update(
+            self.feeds.by_parts(topics.TF),
+            self.feeds.history(topics.ODOM),
+            has_map=self.map is not None,
+        )
 
     def is_fresh(self, topic: Topic[Any], within_s: float = 1.5) -> bool:
         """Whether a message of the topic arrived within the last real seconds."""
@@ -48,7 +65,7 @@ class View:
 
 
 class Layer:
-    """Something that can be switched on and off; it draws itself from a view at its own pace."""
+    """Something that browsers can show or hide; it draws itself from a view at its own pace."""
 
     key: ClassVar[str]
     title: ClassVar[str]
@@ -56,30 +73,24 @@ class Layer:
     """The streams it needs besides those that are always there."""
     period_s: ClassVar[float] = 0.2
     on_by_default: ClassVar[bool] = True
-    is_listed: ClassVar[bool] = True
-    """Whether people may switch it."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
         self.server = server
         self.scene = server.scene
-        self.is_on = self.on_by_default
-        self._root = self.scene.add_frame(f"/{self.key}", show_axes=False, visible=self.is_on)
+        self.root = f"{above}/{self.key}"
+        """The scene path of all that it draws; each browser shows or hides it for itself."""
+        self.scene.add_frame(self.root, show_axes=False)
         self._due_ns = 0
         self._drawn: tuple[Any, ...] = ()
 
-    def switch(self, is_on: bool) -> None:
-        """Show or hide it."""
-        self.is_on = is_on
-        self._root.visible = is_on
-
     def update(self, view: View) -> None:
-        """Draw what changed, if it is shown and due."""
-        if self.is_on and view.now_ns >= self._due_ns:
+        """Draw what changed, if it is due."""
+        if view.now_ns >= self._due_ns:
             self._due_ns = view.now_ns + int(self.period_s * 1e9)
             self.draw(view)
 
     def forget(self) -> None:
-        """Draw everything anew the next time, as for another robot."""
+        """Draw everything anew the next time, as after a restart of the robot."""
         self._drawn = ()
         self._due_ns = 0
 
@@ -96,7 +107,7 @@ class Layer:
 
     def path(self, name: str) -> str:
         """The scene path of a node of this layer."""
-        return f"/{self.key}/{name}"
+        return f"{self.root}/{name}"
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -33,8 +33,8 @@ class PlaceLayer(Layer):
 
     key, title = "places", "Saved poses"
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._nodes: dict[str, tuple[viser.MeshHandle, viser.LabelHandle]] = {}
         self._count = 0
 
@@ -76,8 +76,8 @@ class ZoneLayer(Layer):
     key, title = "zones", "Zones"
     needs = (topics.ZONES, topics.SUSPECTS)
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._nodes: list[viser.SceneNodeHandle] = []
 
     def draw(self, view: View) -> None:

@@ -29,8 +29,8 @@ class ScanLayer(Layer):
     needs = (topics.SCAN, topics.BEAMS)
     period_s = 0.1
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._points: viser.PointCloudHandle | None = None
 
     def draw(self, view: View) -> None:
@@ -78,8 +78,8 @@ class ParticleLayer(Layer):
     key, title = "particles", "Particles"
     needs = (topics.PARTICLES,)
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._arrows: viser.LineSegmentsHandle | None = None
 
     def draw(self, view: View) -> None:
@@ -114,8 +114,8 @@ class CandidateLayer(Layer):
 
     key, title = "candidates", "Possible places"
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._nodes: list[viser.SceneNodeHandle] = []
 
     def draw(self, view: View) -> None:
