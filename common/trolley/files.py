@@ -4,11 +4,16 @@ import os
 import tempfile
 from pathlib import Path
 
-READABLE_BY_ALL = 0o644
+READABLE_BY_ALL, SECRET = 0o644, 0o600
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) -> None:
     """Replace a file so that after a crash the old or the new content stands there, never a part.
+
+    Args:
+        path: the file.
+        content: what it shall hold.
+        mode: who may read and write it.
 
     Raises:
         OSError: It cannot be written; the old content stands.
@@ -16,7 +21,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            os.fchmod(handle, READABLE_BY_ALL)
+            os.fchmod(handle, mode)
             file.write(content)
             file.flush()
             os.fsync(handle)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 import msgspec
 import tomli_w
 
-from trolley.files import write_atomically
+from trolley.files import READABLE_BY_ALL, SECRET, write_atomically
 from trolley.runtime.log import Log
 
 T = TypeVar("T")
@@ -47,8 +47,10 @@ class StateFolder:
             self._keep_aside(path, str(error))
             return None
 
-    def write(self, name: str, value: msgspec.Struct) -> None:
+    def write(self, name: str, value: msgspec.Struct, *, is_secret: bool = False) -> None:
         """Write `value` whole or not at all; fields that are None are left out.
+
+        What `is_secret` only the service's own user can read.
 
         It waits for the disk, so call it through `Service.work`.
 
@@ -58,7 +60,8 @@ class StateFolder:
         plain = _without_none(msgspec.to_builtins(value))
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, tomli_w.dumps(plain).encode())
+        mode = SECRET if is_secret else READABLE_BY_ALL
+        write_atomically(path, tomli_w.dumps(plain).encode(), mode)
 
     def _keep_aside(self, path: Path, why: str) -> None:
         aside = _unused(path.with_name(f"{path.name}.broken-{int(time.time())}"))

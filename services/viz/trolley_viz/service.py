@@ -15,6 +15,8 @@ from trolley.messages.asking import Nothing
 from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
 from trolley_viz import camera, visitors
+from trolley_viz.gate import FILE as ACCESS_FILE
+from trolley_viz.gate import Access, Gate, is_loopback_host
 from trolley_viz.joystick.by_hand import ByHand
 from trolley_viz.robots import Robots
 from trolley_viz.scene.ground import map_bounds
@@ -53,7 +55,7 @@ class VizService(Service):
         self._by_hand = ByHand(self, self._robots, self.robot_ns, self._driven_by)
         sockets = {JOYSTICK_PATH: self._by_hand.sockets.serve}
         try:
-            server = self._server = open_server(self._config, sockets)
+            server = self._server = open_server(self._config, self._gate(), sockets)
         except PortTaken as taken:
             # Nothing to trace: the sentence says it all, so it is no exception in the log.
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
@@ -72,6 +74,8 @@ class VizService(Service):
         server.on_client_connect(came)
         server.on_client_disconnect(left)
         self.log.info("The viewer is ready", url=f"http://{self._config.host}:{self._config.port}")
+        if not is_loopback_host(self._config.host):
+            self.log.info("It asks for a token: `trolley viewer-link` prints links that hold one")
 
     def stop(self) -> None:
         """Close the web page."""
@@ -144,6 +148,18 @@ class VizService(Service):
         self._by_hand.let_go(client_id)
 
     # Inside.
+    def _gate(self) -> Gate:
+        """Who is let in: with the tokens that are kept, or new ones."""
+        access = self.state.read(ACCESS_FILE, Access)
+        if access is None:
+            access = Access.new()
+            try:
+                self.state.write(ACCESS_FILE, access, is_secret=True)
+            except OSError as error:
+                self.log.warning("The viewer's tokens were not saved", why=error.strerror)
+        config = self._config
+        return Gate(config.port, config.origins, always_ask=config.always_ask, access=access)
+
     def _client_came(self, client: viser.ClientHandle, visitor: Visitor) -> None:
         choices = self._settings.browsers.get(visitor.browser, Choices())
         self._sessions[client.client_id] = Session(self, self, client, visitor, choices)

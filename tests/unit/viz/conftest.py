@@ -32,6 +32,7 @@ from trolley.messages import (
 from trolley.messages.asking import Nothing, SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
+from trolley_viz.gate import Access, Gate
 from trolley_viz.server import open_server
 from trolley_viz.service import VizService
 from trolley_viz.session import Session
@@ -227,8 +228,12 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     stage.runtime.close()
 
 
+def open_gate() -> Gate:
+    return Gate(0, (), always_ask=False, access=Access.new())
+
+
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
-    server = open_server(VizConfig(port=free_port()))
+    server = open_server(VizConfig(port=free_port()), open_gate())
     yield server
     server.stop()

@@ -1,6 +1,7 @@
 """The viewer as a service: what it subscribes to, draws, asks and remembers."""
 
 import socket
+import stat
 import tomllib
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -282,3 +283,13 @@ def test_nobody_gets_a_public_tunnel(stage: "Stage") -> None:
     assert stage.viz._server is not None
     assert stage.viz._server.request_share_url() is None
     assert stage.viz._server.get_host() == "127.0.0.1"
+
+
+def test_tokens_are_kept_and_only_their_owner_reads_them(stage: "Stage") -> None:
+    path = stage.viz.state.path / "viewer_access.toml"
+    tokens = path.read_text()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    stage.runtime.kill("viz")
+    stage.viz.stop()
+    stage.runtime.add(VizService(stage.config))
+    assert path.read_text() == tokens
