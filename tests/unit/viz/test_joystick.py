@@ -12,6 +12,7 @@ from websockets.asyncio.client import connect
 from trolley import topics
 from trolley.geometry import Twist2D
 from trolley.messages import Robot
+from trolley_viz.gate import Access
 from trolley_viz.joystick.grips import LATE_MS, SILENCE_NS, Grip, Joystick, twist_of
 from trolley_viz.joystick.page import pad_html
 
@@ -209,3 +210,15 @@ def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") ->
 def test_pages_of_other_sites_do_not_drive(stage: "Stage") -> None:
     with pytest.raises(websockets.InvalidStatus):
         ask(stage.config.viz.port, "{}", origin="http://elsewhere.example")
+
+
+def test_who_may_only_look_cannot_drive_in_anothers_name(stage: "Stage") -> None:
+    stage.browse()
+    port = stage.config.viz.port
+    said = json.dumps({"x": 0.0, "y": 1.0, "held": True, "speed": 0.2, "sent_ms": 5.0})
+    access = stage.viz.state.read("viewer_access.toml", Access)
+    assert access is not None
+    cookie = f"trolley-{port}=0123456789abcdef.{access.viewer}"
+    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) == 1008
+    cookie = f"trolley-{port}=0123456789abcdef.{access.operator}"
+    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) is None

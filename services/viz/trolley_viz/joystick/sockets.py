@@ -15,6 +15,7 @@ import websockets
 from msgspec import Struct
 from websockets.asyncio.server import ServerConnection, broadcast
 
+from trolley_viz import visitors
 from trolley_viz.joystick.grips import Grip
 from trolley_viz.words import Tone
 
@@ -59,6 +60,10 @@ class Sockets:
         who, client_id = next(self._ids), _client_id(connection)
         if client_id is None:
             await connection.close(BAD_MESSAGE, "no client is named")
+            return
+        # The number names another browser as easily, so it is asked who is there in truth.
+        if visitors.present.get().role != "operator":
+            await connection.close(BAD_MESSAGE, "only to look")
             return
         self._clients[who] = client_id
         self._open[who] = connection, asyncio.get_running_loop()
