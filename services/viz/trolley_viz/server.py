@@ -10,6 +10,7 @@ import html
 import io
 import logging
 import socket
+import warnings
 from collections.abc import Awaitable, Callable, Generator, Mapping
 from http import HTTPStatus
 from typing import Any, cast
@@ -69,6 +70,8 @@ def open_server(config: VizConfig, gate: Gate, sockets: Mapping[str, Serve] = {}
     _check_port(config.host, config.port)
     # A probe of the port, or a browser that leaves early, is no error of ours with a traceback.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+    # A browser may leave while something is said to it: nobody misses that.
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     # viser prints a banner whatever it is told; what people need to know stands in the log.
     with contextlib.redirect_stdout(io.StringIO()), _changed_serving(gate, sockets):
         server = LocalServer(host=config.host, port=config.port, verbose=False)
