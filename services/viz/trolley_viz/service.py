@@ -15,6 +15,7 @@ from trolley.messages.asking import Nothing
 from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
 from trolley_viz import camera, visitors
+from trolley_viz.fleet import Fleet
 from trolley_viz.gate import FILE as ACCESS_FILE
 from trolley_viz.gate import Access, Gate, is_loopback_host
 from trolley_viz.joystick.by_hand import ByHand
@@ -43,6 +44,12 @@ class VizService(Service):
         self._config = config.viz
         self._robots = Robots(config.robot.name)
         self._stops = StopPresses(self._ask_stop)
+        self._fleet = Fleet(
+            self._robots,
+            lambda topic: self.watch(topic, robot="*"),
+            self.close_watch,
+            self.robot_ns,
+        )
         self._sessions: dict[int, Session] = {}
         """The browsers that are open, by viser's number for each."""
         self._stages: dict[str, Stage] = {}
@@ -89,6 +96,7 @@ class VizService(Service):
         if not self._sessions:
             return
         self._robots.update(self._robot_watch.by_parts)
+        self._fleet.update(is_watched=True)
         self._update_stages()
         for session in self._sessions.values():
             session.update_scene(self._stages.keys())
@@ -170,6 +178,7 @@ class VizService(Service):
         if session is not None:
             session.put_tools_away()
         if not self._sessions:
+            self._fleet.update(is_watched=False)
             self._update_stages()
 
     def _update_stages(self) -> None:
@@ -187,6 +196,7 @@ class VizService(Service):
                 now_ns=self.monotonic_ns,
                 robot_ns=self.robot_ns(name),
                 epoch=self.time_of(name).epoch,
+                fleet=self._fleet.members,
             )
         self._set_initial_camera()
 
@@ -200,6 +210,9 @@ class VizService(Service):
 
     def _open_watch(self, topic: Topic[Any], seconds: float, robot: str) -> Watch[Any]:
         return self.watch(topic, seconds=seconds, robot=robot)
+
+    def _watch_all(self, topic: Topic[Any]) -> Watch[Any]:
+        return self.watch(topic, robot="*")
 
     def _driven_by(self, client_id: int) -> str | None:
         """The robot that a browser may drive by hand."""

@@ -156,6 +156,11 @@ class Session:
         """Stop the robot."""
         self._hub.stops.press(self._robot, self._hub.monotonic_ns)
 
+    def press_stop_all(self) -> None:
+        """Stop all robots, those that are away too: each as soon as it can be."""
+        for name in self._hub.robots.names(self._robot):
+            self._hub.stops.press(name, self._hub.monotonic_ns)
+
     def press_resume(self) -> None:
         """Let it drive again."""
         self._hub.stops.release(self._robot)

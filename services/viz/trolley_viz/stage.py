@@ -1,6 +1,6 @@
 """A robot that somebody looks at: its streams, where its frames are, and its part of the scene."""
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +10,7 @@ from trolley.messages import Robot
 from trolley.runtime.service import Watch
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
+from trolley_viz.fleet import Member
 from trolley_viz.placement import Placement
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.scene import Scene
@@ -42,6 +43,7 @@ class Stage:
         self._epoch = 0
         self._seen_map = ""
         self.view = View(
+            robot_name=robot,
             feeds=self.feeds,
             placement=self.placement,
             robot=None,
@@ -59,6 +61,7 @@ class Stage:
         now_ns: int,
         robot_ns: int | None,
         epoch: int,
+        fleet: Sequence[Member],
     ) -> None:
         """Take in what arrived and draw what changed.
 
@@ -68,13 +71,14 @@ class Stage:
             now_ns: local monotonic time [ns].
             robot_ns: the robot's time [ns], None while its clock is silent.
             epoch: the run of its base; what an earlier one measured is dropped.
+            fleet: all robots, where there are several.
         """
         if epoch != self._epoch:
             self._epoch = epoch
             self.feeds.drop_all()
             self.scene.forget()
         self.feeds.want(self.scene.wanted(shown))
-        self.view = replace(self.view, robot=robot, now_ns=now_ns, robot_ns=robot_ns)
+        self.view = replace(self.view, robot=robot, now_ns=now_ns, robot_ns=robot_ns, fleet=fleet)
         self.view.place_frames()
         self.scene.update(self.view, shown)
 

@@ -7,6 +7,7 @@ import viser
 from trolley import topics
 from trolley_viz.joystick.page import pad_html
 from trolley_viz.panels.drive import DrivePanel
+from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tours import TourPanel
@@ -26,6 +27,7 @@ class Console:
         self._session = session
         hub, actions, post = session.hub, session.actions, session.post
         self._status = StatusPanel(gui, session.follow, post)
+        self._robots = RobotsPanel(gui, session.follow, session.press_stop_all, post)
         self._drive: DrivePanel | None = None
         self._tours: TourPanel | None = None
         tabs = gui.add_tab_group()
@@ -56,6 +58,7 @@ class Console:
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
         self._stop_bar.show_hint(session.actions.hint)
         self._status.update(session.robot_labels(), session.robot, state_words(view))
+        self._robots.update(view.fleet, session.robot)
         if self._drive is not None:
             tool = session.pointing.tool
             self._drive.update(goal, current_places(view), None if tool is None else tool.name)

@@ -11,6 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
+from trolley_viz.fleet import Member
 from trolley_viz.placement import Placement
 
 # Heights above the floor [m] keep flat things from flickering into each other.
@@ -30,6 +31,7 @@ Z_LABEL = 0.2
 class View:
     """What layers draw from."""
 
+    robot_name: str
     feeds: Feeds
     placement: Placement
     robot: Robot | None
@@ -39,6 +41,8 @@ class View:
     """The robot's time [ns], None while its clock is silent."""
     work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
     """Runs a slow function aside, then calls the second one with its result."""
+    fleet: Sequence[Member] = ()
+    """All robots, where there are several."""
 
     @property
     def is_away(self) -> bool:

@@ -10,6 +10,7 @@ from trolley.topics import Topic
 from trolley_viz.scene.body import FrameLayer, RobotLayer
 from trolley_viz.scene.ground import CostmapLayer, MapLayer
 from trolley_viz.scene.layer import Layer, View
+from trolley_viz.scene.others import OthersLayer
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
 from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
 from trolley_viz.scene.sensing import CandidateLayer, ParticleLayer, ScanLayer
@@ -19,6 +20,7 @@ LAYERS: tuple[type[Layer], ...] = (
     ZoneLayer,
     PlaceLayer,
     RobotLayer,
+    OthersLayer,
     ScanLayer,
     ParticleLayer,
     CandidateLayer,
