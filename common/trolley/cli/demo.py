@@ -12,6 +12,7 @@ import click
 
 from trolley import ports
 from trolley.cli import exits
+from trolley.cli.demo_recording import with_recorded
 from trolley.cli.demo_robot import (
     NAME,
     TOUR_NAME,
@@ -88,8 +89,13 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 )
 @click.option("--state", type=click.Path(path_type=Path), help="Keep the state in this folder.")
 @click.option("--world", help="A world file, or the name of one that ships with Trolley.")
-@click.option("--recording", type=FILE, help="Play a recorded drive (npz) instead.")
-@click.option("--map", "map_file", type=FILE, help="The map of the recorded drive.")
+@click.option("--recording", type=FILE, help="Play a recorded drive (mcap, npz) instead.")
+@click.option(
+    "--map",
+    "map_file",
+    type=FILE,
+    help="The map of the recorded drive; a file of `trolley record` holds its own.",
+)
 @click.option("--start", callback=pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
 @click.option(
     "--emulate",
@@ -143,7 +149,7 @@ def _scene(
         folder = Path(name)
         named = state or (Path(os.environ["TROLLEY_STATE"]) if _names_state() else None)
         kept = (named or folder / "state").resolve()
-        config = write_settings(choices, folder)
+        config = write_settings(with_recorded(choices, folder), folder)
         load_config(config)
         environment = {
             "TROLLEY_CONFIG": str(config),

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trolley.cli.demo_recording import duration_s
 from trolley.cli.demo_robot import (
     PLACES,
     START,
     TOUR,
     Choices,
-    duration_s,
     parse_pose,
     settings,
     write_settings,
