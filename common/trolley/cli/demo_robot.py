@@ -48,6 +48,8 @@ class Choices:
     port: int = 7447
     viz_port: int | None = None
     """None: no viewer."""
+    foxglove_port: int | None = None
+    """Where the viewer lets Foxglove connect, if it does."""
     seed: int = 0
     speed: float = 1.0
     world: str | None = None
@@ -96,6 +98,8 @@ def settings(choices: Choices) -> dict[str, Any]:
         plain["start"] = {"pose": _plain(start), "always": always}
     if choices.viz_port is not None:
         plain["viz"] = {"port": choices.viz_port}
+        if choices.foxglove_port is not None:
+            plain["viz"]["foxglove_port"] = choices.foxglove_port
     return plain
 
 

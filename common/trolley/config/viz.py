@@ -18,3 +18,7 @@ class VizConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Addresses of the page behind a proxy, as `"https://robot.example"`."""
     always_ask: bool = False
     """Ask for a token on this host, too."""
+    foxglove_port: Annotated[int, Meta(ge=1, le=65_535)] | None = None
+    """The port for Foxglove, which looks on and commands nothing; usual is 8765."""
+    foxglove_host: str = "127.0.0.1"
+    """The address for Foxglove; anything but loopback lets the whole network look on."""

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from typing import Any, cast
 
 import msgspec
@@ -117,7 +117,8 @@ def _channels() -> Iterator[Channel]:
         yield Channel(name, "protobuf", kind.get_schema(), tuple(rows))
     drawing = fox.SceneUpdate.get_schema()
     yield Channel(_PLACES, "protobuf", drawing, (topics.POSES, topics.MAP))
-    yield Channel(MARKERS, "protobuf", drawing, (topics.MARKER,))
+    # The clock brings the moments to look which markers are gone.
+    yield Channel(MARKERS, "protobuf", drawing, (topics.MARKER, topics.CLOCK))
     for name, topic in _PLAIN.items():
         yield Channel(name, "json", _json_schema(topic), (topic,))
 
@@ -161,11 +162,16 @@ class Views:
 
     def without(self, key: str, now_ns: int) -> Iterator[tuple[str, bytes]]:
         """What is seen when the markers that `key` matches are deleted."""
-        gone = {
+        there = {
             name
             for name in self._markers
-            if matches(key, topics.MARKER.key(self.robot, *name.split("/")))
+            if not matches(key, topics.MARKER.key(self.robot, *name.split("/")))
         }
+        return self.left(there, now_ns)
+
+    def left(self, there: Set[str], now_ns: int) -> Iterator[tuple[str, bytes]]:
+        """What is seen when only these markers, `<ns>/<id>`, are left."""
+        gone = self._markers - there
         self._markers -= gone
         if gone:
             yield MARKERS, scene.deletions(self.robot, sorted(gone), now_ns)

@@ -16,6 +16,7 @@ from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
 from trolley_viz import camera, visitors
 from trolley_viz.fleet import Fleet
+from trolley_viz.foxglove import open_bridge
 from trolley_viz.gate import FILE as ACCESS_FILE
 from trolley_viz.gate import Access, Gate, is_loopback_host
 from trolley_viz.joystick.by_hand import ByHand
@@ -69,6 +70,7 @@ class VizService(Service):
             raise SystemExit(1) from taken
         self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
+        self._bridge = open_bridge(self, self._config)
 
         # async, and only handing over: these run on the thread of the web server.
         async def came(client: viser.ClientHandle) -> None:
@@ -88,6 +90,8 @@ class VizService(Service):
         """Close the web page."""
         if self._server is not None:
             close_server(self._server)
+            if self._bridge is not None:
+                self._bridge.close()
 
     @every(0.05, clock="local")
     def look(self) -> None:
