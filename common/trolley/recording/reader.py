@@ -4,15 +4,16 @@ import dataclasses
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
 
 import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
 
 from trolley.recording.layout import (
     MAX_RECORD_BYTES,
@@ -24,7 +25,14 @@ from trolley.topics import Topic
 
 NAMED = 6
 """How many channels of a foreign file are named."""
-_BROKEN = (McapError, struct.error, ValueError, zstandard.ZstdError, RuntimeError)
+_BROKEN = (
+    McapError,
+    struct.error,
+    ValueError,
+    OverflowError,
+    RuntimeError,
+    zstandard.ZstdError,
+)
 """What reading damaged bytes ends in."""
 
 
@@ -126,11 +134,10 @@ class RecordingFile:
             stream = _WholeReads(file)
             good = 0
             try:
-                for record in StreamReader(
-                    stream,  # pyright: ignore[reportArgumentType]: it has all that is used of IO
-                    emit_chunks=True,
-                    record_size_limit=MAX_RECORD_BYTES,
-                ).records:
+                reader = StreamReader(
+                    cast("IO[bytes]", stream), emit_chunks=True, record_size_limit=MAX_RECORD_BYTES
+                )
+                for record in reader.records:
                     good = stream.count
                     if isinstance(record, DataEnd):  # what follows is the index
                         return
@@ -154,15 +161,15 @@ class RecordingFile:
     def _read_summary(self) -> Summary | None:
         """The index at the end of the file, None where it was cut."""
         with self._open() as file:
-            try:
-                return SeekingReader(file, record_size_limit=MAX_RECORD_BYTES).get_summary()
-            except InvalidMagic as error:
-                file.seek(0)
-                if file.read(8) == b"\x89MCAP0\r\n":
-                    return None
+            head = file.read(len(MCAP0_MAGIC))
+            if head != MCAP0_MAGIC[: len(head)]:
                 raise BadRecording(
                     f"{self.path}: is no MCAP file; `trolley record` writes such files"
-                ) from error
+                )
+            file.seek(0)
+            stream = cast("IO[bytes]", _WholeReads(file))
+            try:
+                return SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).get_summary()
             except (*_BROKEN, OSError):  # shorter than an index, or damaged
                 return None
 
@@ -237,8 +244,11 @@ class _WholeReads:
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
         self.count = 0
+        self.seek, self.tell, self.seekable = file.seek, file.tell, file.seekable
 
     def read(self, length: int) -> bytes:
+        if length > MAX_RECORD_BYTES:
+            raise EndOfFile
         data = self._file.read(length)
         if len(data) < length:
             raise EndOfFile

@@ -12,6 +12,9 @@ from trolley.runtime.bus import Sample
 from trolley.runtime.robot_time import FollowedTime
 from trolley.topics import Qos, Topic
 
+FASTEST = 1e4
+"""No clock runs faster."""
+LAST_NS = 2**63 - 1
 MAX_KEYS = 2000
 """Of how many keys messages are recorded: what a stranger may make the file list."""
 
@@ -42,7 +45,7 @@ class Recorder:
             clock = codec.decode(Clock, sample.payload, sample.encoding)
         except codec.BadPayload:
             return
-        self._time.hear(clock, arrived_ns)
+        self._hear(clock, arrived_ns)
 
     def take(
         self, sample: Sample, arrived_ns: int, unix_ns: int, *, is_latest: bool = False
@@ -74,7 +77,7 @@ class Recorder:
         self._heard.add(sample.key)
         message = self._decode(topic, sample)
         if isinstance(message, Clock):
-            self._time.hear(message, arrived_ns)
+            self._hear(message, arrived_ns)
         at_ns = self._robot_ns(arrived_ns, unix_ns)
         stamp_ns = getattr(message, "stamp_ns", 0) or at_ns
         self._writer.add(at_ns, sample.key, topic, sample.payload, sample.encoding, stamp_ns)
@@ -88,6 +91,10 @@ class Recorder:
             seen = iter(())
         for name, data in seen:
             self._writer.add_view(at_ns, name, data, stamp_ns)
+
+    def _hear(self, clock: Clock, arrived_ns: int) -> None:
+        if clock.rate <= FASTEST:  # else no moment could be told from the next
+            self._time.hear(clock, arrived_ns)
 
     def _decode(self, topic: Topic[Any], sample: Sample) -> Any | None:
         if sample.is_delete:
@@ -104,7 +111,8 @@ class Recorder:
         if now_ns is None and self._last_ns:
             passed_ns = arrived_ns - self._last_arrived_ns
             now_ns = self._last_ns + round(self._time.rate * passed_ns)
-        self._last_ns = max(self._last_ns, unix_ns if now_ns is None else now_ns)
+        moment_ns = unix_ns if now_ns is None else now_ns
+        self._last_ns = min(max(self._last_ns, moment_ns), LAST_NS)
         self._last_arrived_ns = arrived_ns
         return self._last_ns
 

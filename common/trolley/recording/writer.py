@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, Self, cast
 
 import msgspec
 from mcap.writer import CompressionType, Writer
@@ -42,7 +42,7 @@ class RecordingWriter:
         self._wire: dict[tuple[str, str], int] = {}
         self._views: dict[str, int] = {}
         self._mcap = Writer(
-            self._file,  # pyright: ignore[reportArgumentType]: it has all that is used of IO
+            cast("IO[Any]", self._file),
             chunk_size=CHUNK_BYTES,
             compression=CompressionType.ZSTD,
         )
