@@ -61,6 +61,11 @@ class FoxgloveBridge:
         service.watch(topics.ROBOT, robot="*", then=self._meet)
         service.log.info("Foxglove can connect", port=self._server.port)
 
+    @property
+    def subscribed(self) -> set[tuple[str, str]]:
+        """The robots and topics that are subscribed to for clients."""
+        return {(robot, name) for robot, shown in self._shown.items() for name in shown.watches}
+
     def close(self) -> None:
         """Stop serving."""
         self._server.stop()
