@@ -68,7 +68,9 @@ def told_to_end() -> Generator[Callable[[], bool]]:
     metavar="NAMES",
     help="Only these, such as scan,odom,tf/*; clock and robot are always recorded.",
 )
-@click.option("--seconds", type=click.FloatRange(min=0.0, min_open=True), help="End after so long.")
+@click.option(
+    "--seconds", type=click.FloatRange(min=0.0, min_open=True), help="End after so long [s]."
+)
 @where_options
 @reports_errors
 def record_command(file: Path | None, patterns: list[str], seconds: float | None) -> None:
@@ -102,13 +104,14 @@ def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | 
                 return exits.FAILED
     finally:
         listener.close()
-    click.echo(f"{path}: {writer.num_messages} messages, {writer.size / 1e6:.1f} MB.")
-    for reason, number in {**recorder.counts, "lost: the disk is too slow": listener.lost}.items():
-        if number:
-            click.secho(f"{number} messages {reason}", err=True, fg="yellow")
     if not writer.num_messages:
+        path.unlink()
         click.secho(f"Nothing was heard of {robot.name}.", err=True, fg="red")
         return exits.FAILED
+    click.echo(f"{path}: {writer.num_messages} messages, {writer.size / 1e6:.1f} MB.")
+    for reason, number in {**recorder.counts, "lost, the disk is too slow": listener.lost}.items():
+        if number:
+            click.secho(f"{number} messages: {reason}", err=True, fg="yellow")
     return exits.OK
 
 

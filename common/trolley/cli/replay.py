@@ -40,7 +40,10 @@ LONGEST_NAME = 32
     help="Recorded seconds per second.",
 )
 @click.option(
-    "--as", "name", metavar="NAME", help=f"The robot's name [default: the recorded one{SUFFIX}]."
+    "--as",
+    "name",
+    metavar="NAME",
+    help=f"What it is called [default: the recorded robot's name and {SUFFIX}].",
 )
 @click.option("--loop", is_flag=True, help="Again and again, until Ctrl-C.")
 @click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Begin so late [s].")
