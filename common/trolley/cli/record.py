@@ -68,9 +68,7 @@ def told_to_end() -> Generator[Callable[[], bool]]:
     metavar="NAMES",
     help="Only these, such as scan,odom,tf/*; clock and robot are always recorded.",
 )
-@click.option(
-    "--seconds", type=click.FloatRange(min=0.0, min_open=True), help="End after so long [s]."
-)
+@click.option("--seconds", type=click.FloatRange(min=0.0, min_open=True), help="How long [s].")
 @where_options
 @reports_errors
 def record_command(file: Path | None, patterns: list[str], seconds: float | None) -> None:

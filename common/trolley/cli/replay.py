@@ -43,7 +43,7 @@ LONGEST_NAME = 32
     "--as",
     "name",
     metavar="NAME",
-    help=f"What it is called [default: the recorded robot's name and {SUFFIX}].",
+    help=f"Its name [default: the recorded one and {SUFFIX}].",
 )
 @click.option("--loop", is_flag=True, help="Again and again, until Ctrl-C.")
 @click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Begin so late [s].")
