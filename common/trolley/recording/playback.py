@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import msgspec
 
 from trolley import topics
-from trolley.messages import Clock, Robot
+from trolley.messages import Clock
 from trolley.recording.reader import Entry
 from trolley.runtime import codec
 from trolley.runtime.bus import matches
@@ -21,6 +21,8 @@ SILENCE_NS = 1_000_000_000
 TURN_NS = 1_000_000_000
 """Epochs of different turns differ by less than this."""
 MAX_KEYS = 4000
+OTHER_WORLD = "replay"
+"""What the simulated world is called when it is played again."""
 
 
 class Pace:
@@ -98,10 +100,15 @@ class Replica:
             self._hear(entry)
             return None
         if entry.topic is topics.ROBOT:
-            renamed = self._renamed(entry)
-            if renamed is None:
-                return None
-            entry = renamed
+            changed = _changed(entry, name=self.name)
+        elif entry.topic is topics.SIM_TRUTH:
+            # A simulation of the recorded world would run into it.
+            changed = _changed(entry, world=OTHER_WORLD)
+        else:
+            changed = entry
+        if changed is None:
+            return None
+        entry = changed
         if entry.is_delete:
             for name in list(_matching(self.latest, entry.name)):
                 del self.latest[name]
@@ -135,14 +142,15 @@ class Replica:
         except codec.BadPayload:
             return  # whoever listened then did not understand it either
 
-    def _renamed(self, entry: Entry) -> Entry | None:
-        try:
-            robot = codec.decode(Robot, entry.payload, entry.encoding)
-        except codec.BadPayload:
-            return None
-        renamed = msgspec.structs.replace(robot, name=self.name)
-        payload = codec.encode(renamed, "msgpack")
-        return Entry(entry.at_ns, entry.name, entry.topic, payload, codec.MIME["msgpack"])
+
+def _changed(entry: Entry, **changes: str) -> Entry | None:
+    """An entry whose message is changed, None where nobody could understand it."""
+    try:
+        message = codec.decode(entry.topic.message, entry.payload, entry.encoding)
+    except codec.BadPayload:
+        return None
+    payload = codec.encode(msgspec.structs.replace(message, **changes), "msgpack")
+    return Entry(entry.at_ns, entry.name, entry.topic, payload, codec.MIME["msgpack"])
 
 
 def _matching(names: dict[str, Entry], pattern: str) -> Iterator[str]:

@@ -4,8 +4,8 @@ import pytest
 from support.samples import make_clock, make_estimate, make_scan
 
 from trolley import topics
-from trolley.geometry import Twist2D
-from trolley.messages import Clock, Marker, Robot, VelocityCommand
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import Clock, Marker, Robot, Truth, VelocityCommand
 from trolley.recording.playback import TURN_NS, Pace, Replica
 from trolley.recording.reader import Entry
 from trolley.runtime import codec
@@ -81,6 +81,17 @@ def test_messages_go_out_as_they_were_but_the_robot_has_its_new_name() -> None:
     assert robot is not None
     renamed = codec.decode(Robot, robot.payload, robot.encoding)
     assert (renamed.name, renamed.title, renamed.footprint) == ("two", ROBOT.title, ROBOT.footprint)
+
+
+def test_a_simulation_does_not_take_it_for_a_thing_of_its_world() -> None:
+    still = Twist2D.zero()
+    truth = Truth(
+        stamp_ns=1, world="apartment", pose=Pose2D(1, 2, 3), twist=still, collisions=0, clearance=1
+    )
+    played = Replica("two", 0).take(entry_of(0.0, topics.SIM_TRUTH, truth))
+    assert played is not None
+    changed = codec.decode(Truth, played.payload, played.encoding)
+    assert (changed.world, changed.pose) == ("replay", truth.pose)
 
 
 def test_nothing_that_could_drive_goes_out() -> None:
