@@ -193,8 +193,6 @@ def _run(
     with supervised(children, environment, choices.endpoint, held=held) as supervisor:
         if not headless:
             announce_viewer(settings)
-            if choices.foxglove_port is not None:
-                click.echo(f"Foxglove: ws://127.0.0.1:{choices.foxglove_port}")
         started_s = time.monotonic()
         with Connection([choices.endpoint]) as connection:
             robot = Robot.over(connection, choices.name)

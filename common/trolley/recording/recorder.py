@@ -12,8 +12,6 @@ from trolley.runtime.bus import Sample
 from trolley.runtime.robot_time import FollowedTime
 from trolley.topics import Qos, Topic
 
-FASTEST = 1e4
-"""No clock runs faster."""
 LAST_NS = 2**63 - 1
 MAX_KEYS = 2000
 """Of how many keys messages are recorded: what a stranger may make the file list."""
@@ -45,7 +43,7 @@ class Recorder:
             clock = codec.decode(Clock, sample.payload, sample.encoding)
         except codec.BadPayload:
             return
-        self._hear(clock, arrived_ns)
+        self._time.hear(clock, arrived_ns)
 
     def take(
         self, sample: Sample, arrived_ns: int, unix_ns: int, *, is_latest: bool = False
@@ -77,7 +75,7 @@ class Recorder:
         self._heard.add(sample.key)
         message = self._decode(topic, sample)
         if isinstance(message, Clock):
-            self._hear(message, arrived_ns)
+            self._time.hear(message, arrived_ns)
         at_ns = self._robot_ns(arrived_ns, unix_ns)
         stamp_ns = getattr(message, "stamp_ns", 0) or at_ns
         self._writer.add(at_ns, sample.key, topic, sample.payload, sample.encoding, stamp_ns)
@@ -91,10 +89,6 @@ class Recorder:
             seen = iter(())
         for name, data in seen:
             self._writer.add_view(at_ns, name, data, stamp_ns)
-
-    def _hear(self, clock: Clock, arrived_ns: int) -> None:
-        if clock.rate <= FASTEST:  # else no moment could be told from the next
-            self._time.hear(clock, arrived_ns)
 
     def _decode(self, topic: Topic[Any], sample: Sample) -> Any | None:
         if sample.is_delete:
