@@ -120,16 +120,17 @@ class _Play:
             raise ConfigError(f"there is a robot called {name} already; give another name by --as")
         click.echo(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
         with closing(Stage(connection, name)) as stage:
-            begun_ns = self._turn(stage)
-            while loop and begun_ns and not self._is_over(stage):
+            has_begun = self._turn(stage)
+            while loop and has_begun and not self._is_over(stage):
                 self._turn(stage)
             usurper = stage.usurper
         for sentence in self._recording.damage.sentences():
             click.secho(sentence, err=True, fg="yellow")
         if usurper is not None:
-            click.secho(f"A robot called {name} has come up, so the replay has ended.", fg="red")
+            text = f"A robot called {name} has come up, so the replay has ended."
+            click.secho(text, err=True, fg="red")
             return exits.FAILED
-        if not begun_ns:
+        if not has_begun:
             click.secho("Nothing was played: --start lies behind the end.", err=True, fg="red")
             return exits.FAILED
         click.echo(f"Played {self._num_messages} messages.")

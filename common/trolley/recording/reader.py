@@ -27,6 +27,7 @@ NAMED = 6
 """How many channels of a foreign file are named."""
 _BROKEN = (
     McapError,
+    OSError,
     struct.error,
     ValueError,
     OverflowError,
@@ -170,7 +171,7 @@ class RecordingFile:
             stream = cast("IO[bytes]", _WholeReads(file))
             try:
                 return SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).get_summary()
-            except (*_BROKEN, OSError):  # shorter than an index, or damaged
+            except _BROKEN:  # shorter than an index, or damaged
                 return None
 
     def _find_robot(self) -> str:

@@ -33,7 +33,8 @@ class Recorder:
         self._patterns = patterns
         self._views = Views(robot)
         self._time = FollowedTime()
-        self._heard: set[str] = set()
+        self._heard: dict[str, tuple[int, int]] = {}
+        """Stamp and hash of the last message of each key."""
         self._last_ns = 0
         self._last_arrived_ns = 0
 
@@ -54,7 +55,7 @@ class Recorder:
             sample: What came.
             arrived_ns: Local monotonic time of its arrival.
             unix_ns: The host's clock, which counts only until robot time is known.
-            is_latest: It was asked for; what came by itself is newer.
+            is_latest: It was asked for, and is recorded only if it is news.
 
         Raises:
             OSError: The file cannot be written.
@@ -64,7 +65,7 @@ class Recorder:
         if found is None or topic is None or not is_wanted(found[1], self._patterns):
             return
         # What changes all the time need not be asked for, and is old by the time it is answered.
-        if is_latest and (topic.qos is not Qos.STATE or sample.key in self._heard):
+        if is_latest and topic.qos is not Qos.STATE:
             return
         if sample.key not in self._heard and len(self._heard) >= MAX_KEYS:
             self._leave_out("too many keys")
@@ -72,12 +73,15 @@ class Recorder:
         if len(sample.payload) > topic.max_bytes or not (sample.payload or sample.is_delete):
             self._leave_out("too large" if sample.payload else "empty")
             return
-        self._heard.add(sample.key)
         message = self._decode(topic, sample)
+        own_stamp_ns = getattr(message, "stamp_ns", 0)
+        if is_latest and self._is_known(sample, own_stamp_ns):
+            return
+        self._heard[sample.key] = own_stamp_ns, hash(sample.payload)
         if isinstance(message, Clock):
             self._time.hear(message, arrived_ns)
         at_ns = self._robot_ns(arrived_ns, unix_ns)
-        stamp_ns = getattr(message, "stamp_ns", 0) or at_ns
+        stamp_ns = own_stamp_ns or at_ns
         self._writer.add(at_ns, sample.key, topic, sample.payload, sample.encoding, stamp_ns)
         if sample.is_delete:
             seen = self._views.without(sample.key, at_ns)
@@ -89,6 +93,13 @@ class Recorder:
             seen = iter(())
         for name, data in seen:
             self._writer.add_view(at_ns, name, data, stamp_ns)
+
+    def _is_known(self, sample: Sample, stamp_ns: int) -> bool:
+        """Whether a latest value was heard already, or something newer of its key was."""
+        heard = self._heard.get(sample.key)
+        if heard is None:
+            return False
+        return heard[1] == hash(sample.payload) or 0 < stamp_ns <= heard[0]
 
     def _decode(self, topic: Topic[Any], sample: Sample) -> Any | None:
         if sample.is_delete:

@@ -3,7 +3,14 @@
 from pathlib import Path
 
 import pytest
-from support.samples import make_clock, make_estimate, make_place, make_scan, make_transform
+from support.samples import (
+    make_clock,
+    make_estimate,
+    make_place,
+    make_places,
+    make_scan,
+    make_transform,
+)
 
 from trolley import topics
 from trolley.geometry import Twist2D
@@ -78,6 +85,16 @@ def test_latest_values_come_first_and_only_once(tmp_path: Path) -> None:
     base_link = sample_of(topics.TF, make_transform(1, "base_link"), "base_link")
     taking.take(0.1, base_link, is_latest=True)
     assert [entry.name for entry in taking.entries()] == ["robot", "tf/laser"]
+
+
+def test_what_was_missed_while_the_router_was_away_is_news(tmp_path: Path) -> None:
+    taking = Taking(tmp_path)
+    taking.take(0.0, sample_of(topics.POSES, make_places(0, "a")))
+    taking.take(0.0, sample_of(topics.POSE, make_estimate(7)))
+    for _ in range(2):  # asked again after each reconnection
+        taking.take(9.0, sample_of(topics.POSES, make_places(0, "a", "b")), is_latest=True)
+        taking.take(9.0, sample_of(topics.POSE, make_estimate(6)), is_latest=True)
+    assert [entry.name for entry in taking.entries()] == ["poses", "pose", "poses"]
 
 
 def test_wishes_requests_and_strangers_are_left_out(tmp_path: Path) -> None:

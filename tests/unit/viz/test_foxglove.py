@@ -172,6 +172,6 @@ def test_a_taken_port_is_told_and_the_viewer_goes_on(tmp_path: Path) -> None:
     runtime.close()
 
 
-def test_without_the_setting_nothing_is_loaded(tmp_path: Path) -> None:
-    host = Lockstep(state=tmp_path).add(Host(VizConfig()))
-    assert host.bridge is None
+def test_without_the_setting_there_is_none(tmp_path: Path) -> None:
+    with Lockstep(state=tmp_path) as runtime:
+        assert runtime.add(Host(VizConfig())).bridge is None
