@@ -1,4 +1,4 @@
-"""What a demo takes from the recorded drive that it plays: map, start, footprint, length."""
+"""What a demo takes from the recorded drive that it plays: map, zones, start, footprint."""
 
 import dataclasses
 from pathlib import Path
@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
+import tomli_w
 
 from trolley.cli.demo_robot import Choices
 from trolley.config import ConfigError
 from trolley.gridmap import GridMap, MapError, save_map
-from trolley.messages import OccupancyGrid
+from trolley.messages import OccupancyGrid, Zones
 from trolley.messages.mapping import MapName
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def with_recorded(choices: Choices, folder: Path) -> Choices:
     if map_file is None:
         if drive.map is None:
             raise ConfigError(f"{choices.recording} holds no map; name the one driven on by --map")
-        map_file = _write_map(drive.map, folder)
+        map_file = _write_map(drive.map, drive.zones, folder)
         # On another map it stood elsewhere.
         start = start or drive.map_T_start
     outline = None if drive.robot is None else [list(point) for point in drive.robot.footprint]
@@ -62,7 +63,8 @@ def _read(recording: Path) -> "Drive":
         raise ConfigError(str(error)) from error
 
 
-def _write_map(grid: OccupancyGrid, folder: Path) -> Path:
+def _write_map(grid: OccupancyGrid, zones: Zones | None, folder: Path) -> Path:
+    """Write a map and, beside it, its zones, as the localizer takes them over."""
     try:
         name = msgspec.convert(grid.name, MapName)
     except msgspec.ValidationError:
@@ -73,4 +75,11 @@ def _write_map(grid: OccupancyGrid, folder: Path) -> Path:
         save_map(GridMap(name, grid.resolution, grid.origin, cells), path)
     except (MapError, ValueError) as error:
         raise ConfigError(f"the recorded map cannot be used: {error}") from error
+    if zones is not None and zones.map == grid.name:
+        listed = [
+            {name: value for name, value in msgspec.to_builtins(zone).items() if value is not None}
+            for zone in zones.zones
+        ]
+        text = tomli_w.dumps({"zones": listed})
+        path.with_name(f"{name}.zones.toml").write_text(text, encoding="utf-8")
     return path

@@ -15,6 +15,7 @@ from trolley.messages import (
     Robot,
     Scan,
     Transform,
+    Zones,
 )
 from trolley.recording.reader import BadRecording, Entry, RecordingFile
 from trolley.runtime import codec
@@ -32,6 +33,7 @@ class Drive:
     base_T_laser: Pose2D | None = None
     robot: Robot | None = None
     map: OccupancyGrid | None = None
+    zones: Zones | None = None
     estimate: PoseEstimate | None = None
     """The first one in which the robot knew where it was."""
 
@@ -103,6 +105,8 @@ def _take(drive: Drive, entry: Entry, message: Any) -> None:
             drive.robot = message
         case OccupancyGrid() if entry.topic is topics.MAP:
             drive.map = drive.map or message
+        case Zones():
+            drive.zones = message
         case PoseEstimate(state="localized") if drive.estimate is None:
             drive.estimate = message
         case _:

@@ -1,5 +1,6 @@
 """What the demo takes from a file of `trolley record`."""
 
+import tomllib
 from pathlib import Path
 
 import msgspec
@@ -12,13 +13,14 @@ from trolley.cli.demo_robot import Choices, write_settings
 from trolley.config import ConfigError, load_config
 from trolley.geometry import Pose2D
 from trolley.gridmap import load_map
-from trolley.messages import OccupancyGrid, PoseEstimate, Robot
+from trolley.messages import OccupancyGrid, PoseEstimate, Robot, Zone, Zones
 from trolley.recording.recorder import Recorder
 from trolley.recording.writer import RecordingWriter
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 from trolley.topics import Topic
 
+MIRROR = Zone(name="old mirror", kind="mirror", points=[(0.0, 1.0), (2.0, 1.0)])
 SECOND_NS = 1_000_000_000
 OUTLINE = [(0.2, 0.1), (-0.2, 0.1), (-0.2, -0.1), (0.2, -0.1)]
 ROBOT = Robot(
@@ -58,6 +60,7 @@ def record(path: Path, *, grid: OccupancyGrid | None = MAP, estimate: bool = Tru
         take(topics.TF, make_transform(1, "laser", "base_link"), "laser")
         if grid is not None:
             take(topics.MAP, grid)
+            take(topics.ZONES, Zones(stamp_ns=0, map=grid.name, zones=[MIRROR]))
         for step in range(101):
             stamp_ns = step * SECOND_NS // 10
             take(topics.CLOCK, make_clock(stamp_ns))
@@ -93,6 +96,10 @@ def test_map_start_and_footprint_are_the_recorded_ones(tmp_path: Path) -> None:
     grid = load_map(config.map.file)
     assert (grid.name, grid.resolution, grid.origin) == ("attic", 0.1, MAP.origin)
     assert grid.cells.tobytes() == bytes(MAP.cells)
+    zones = tomllib.loads((tmp_path / "attic.zones.toml").read_text(encoding="utf-8"))
+    assert zones == {
+        "zones": [{"name": "old mirror", "kind": "mirror", "points": [[0.0, 1.0], [2.0, 1.0]]}]
+    }
     assert duration_s(file) == (pytest.approx(10.0), 101)
 
 
