@@ -28,6 +28,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FLUSH_S = 1.0
 POLL_S = 0.1
 CLOCK_PATIENCE_S = 1.5
+SILENCE_S = 3.0
 
 
 def patterns_option(
@@ -134,7 +135,7 @@ def _follow(
 ) -> None:
     """Record until told to end, and what waits by then."""
     progress, started_s = Progress(), time.monotonic()
-    flush_at_s = started_s + FLUSH_S
+    flush_at_s, heard_s = started_s + FLUSH_S, started_s
     clock = listener.await_clock(CLOCK_PATIENCE_S, is_told)
     if clock is not None:
         recorder.hear_clock(clock.sample, clock.arrived_ns)
@@ -142,6 +143,7 @@ def _follow(
     while True:
         heard = listener.take(0.0 if is_over else POLL_S)
         if heard is not None:
+            heard_s = time.monotonic()
             recorder.take(heard.sample, heard.arrived_ns, time.time_ns(), is_latest=heard.is_latest)
         elif is_over:
             break
@@ -149,14 +151,21 @@ def _follow(
         if now_s >= flush_at_s:
             flush_at_s = now_s + FLUSH_S
             writer.flush()
+            silent_s = now_s - heard_s
             progress.show(
                 f"{seconds_text(now_s - started_s)}, {writer.num_messages} messages, "
-                f"{writer.size / 1e6:.1f} MB; Ctrl-C ends it"
+                f"{writer.size / 1e6:.1f} MB; "
+                + ("Ctrl-C ends it" if silent_s < SILENCE_S else _silence(silent_s)),
+                "silent" if silent_s >= SILENCE_S else "",
             )
         if not is_over and (is_told() or (seconds is not None and now_s - started_s >= seconds)):
             is_over = True
             listener.close()
     progress.clear()
+
+
+def _silence(seconds: float) -> str:
+    return f"nothing was heard of the robot for {seconds_text(seconds)}"
 
 
 def _say_why(path: Path, writer: "RecordingWriter", error: OSError) -> None:
