@@ -47,7 +47,8 @@ def pose_message(pose: Pose2D, z: float = 0.0) -> fox.Pose:
 
 def laser_scan(robot: str, scan: Scan) -> bytes:
     """A scan; no echo stays +inf, what is invalid becomes NaN, which is drawn as nothing."""
-    ranges = floats_from_bytes(scan.ranges).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # whatever bytes a stranger sends
+        ranges = floats_from_bytes(scan.ranges).astype(np.float64)
     ranges[~(ranges > 0.0)] = np.nan
     last = max(0, len(ranges) - 1)
     return fox.LaserScan(

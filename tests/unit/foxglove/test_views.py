@@ -89,6 +89,21 @@ def test_a_scan_keeps_its_angles_and_what_is_no_echo() -> None:
     assert back[3] == 2.5
 
 
+def test_bytes_that_are_no_numbers_are_no_trouble() -> None:
+    scan = Scan(
+        stamp_ns=STAMP_NS,
+        frame="laser",
+        angle_min=0.0,
+        angle_increment=0.5,
+        time_increment=0.0,
+        range_min=0.1,
+        range_max=8.0,
+        ranges=memoryview(struct.pack("<I", 0x7F800001)),  # a signalling NaN
+    )
+    (value,) = doubles(fields(seen(topics.SCAN, scan)["scan"])[6][0])
+    assert math.isnan(value)
+
+
 def test_a_grid_lies_where_the_map_lies() -> None:
     cells = np.array([[0, 100, -1], [50, 99, 0]], dtype=np.int8)
     grid = OccupancyGrid(
