@@ -1,0 +1,45 @@
+"""Rules over distance and bearing: the first that matches gives an overlay its text and colour."""
+
+import math
+from collections.abc import Sequence
+
+from trolley.geometry.angles import TWO_PI
+from trolley.messages import OverlayRule
+
+ROUNDING = 1e-9
+
+
+def first_match(
+    rules: Sequence[OverlayRule], distance: float | None, bearing: float | None
+) -> OverlayRule | None:
+    """The first rule whose bounds hold distance [m] and bearing [rad]; None if none does.
+
+    A missing bound is open. What is not known lies within no bounds.
+    """
+    return next((rule for rule in rules if matches(rule, distance, bearing)), None)
+
+
+def matches(rule: OverlayRule, distance: float | None, bearing: float | None) -> bool:
+    """Whether distance [m] and bearing [rad] lie within the bounds of a rule, ends included."""
+    return _lies_between(distance, rule.distance_min, rule.distance_max) and _points_between(
+        bearing, rule.bearing_min, rule.bearing_max
+    )
+
+
+def _lies_between(value: float | None, low: float | None, high: float | None) -> bool:
+    if low is None and high is None:
+        return True
+    if value is None:
+        return False
+    return (low is None or value >= low) and (high is None or value <= high)
+
+
+def _points_between(angle: float | None, low: float | None, high: float | None) -> bool:
+    """As above, counter-clockwise from `low` to `high`; low > high: over pi, behind the back."""
+    if low is None or high is None or angle is None:
+        return _lies_between(angle, low, high)
+    width = high - low if high >= low else (high - low) % TWO_PI
+    if width >= TWO_PI:
+        return True
+    turned = (angle - low) % TWO_PI
+    return turned <= width + ROUNDING or math.isclose(turned, TWO_PI, abs_tol=ROUNDING)
