@@ -46,6 +46,8 @@ class Topic(Generic[M]):
     binary_get: bool = False  # `get` answers msgpack unless asked for JSON
     of_epoch: bool = False  # dropped when stamped before the present run of base
     max_bytes: int = 1 << 20
+    max_keys: int = 2000
+    """Of how many keys a receiver keeps the newest: what a stranger may make it remember."""
 
     @property
     def chunks(self) -> tuple[str, ...]:
@@ -140,7 +142,13 @@ TOURS = Topic("tours", m.Tours, "tour", "on change", Qos.STATE)
 STORED_TOUR = Topic("tours/{name}", m.Tour, "tour", "stored", Qos.STATE, Kind.STORED)
 TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz", Qos.STATE)
 MARKER = Topic(
-    "markers/{ns}/{id}", m.Marker, "anyone; kept by tour", "on change", Qos.STATE, Kind.STORED
+    "markers/{ns}/{id}",
+    m.Marker,
+    "anyone; kept by tour",
+    "on change",
+    Qos.STATE,
+    Kind.STORED,
+    max_keys=5000,
 )
 OVERLAY = Topic(
     "overlays/{id}", m.Overlay, "anyone; kept by tour", "on change", Qos.STATE, Kind.STORED

@@ -13,8 +13,6 @@ M = TypeVar("M", bound=msgspec.Struct)
 R = TypeVar("R")
 
 
-MAX_KEYS = 2000
-"""Of how many keys a watch keeps the newest message: what a stranger may make it remember."""
 MAX_HISTORY = 5000
 
 
@@ -31,6 +29,8 @@ class Watch(Generic[M]):
         """The newest message per varying chunks (the robot first where all are watched)."""
         self.history: deque[M] = deque(maxlen=MAX_HISTORY)
         """The messages of the last `seconds`, oldest first; empty unless asked for."""
+        self.is_full = False
+        """Whether messages were refused, since there are more keys than are kept."""
         self._seconds = seconds
         self._arrivals: dict[tuple[str, ...], int] = {}
         self._marks: deque[tuple[int, tuple[str, ...]]] = deque(maxlen=MAX_HISTORY)
@@ -46,7 +46,8 @@ class Watch(Generic[M]):
 
     def take(self, message: M, parts: tuple[str, ...], arrived_ns: int) -> bool:
         """Store a message (called by the runtime); False: too many keys are known already."""
-        if parts not in self.by_parts and len(self.by_parts) >= MAX_KEYS:
+        if parts not in self.by_parts and len(self.by_parts) >= self.topic.max_keys:
+            self.is_full = True
             return False
         self.latest = message
         self.arrived_ns = arrived_ns
@@ -73,6 +74,7 @@ class Watch(Generic[M]):
         self.history.extend(message for message, _ in kept)
         self._marks.clear()
         self._marks.extend(mark for _, mark in kept)
+        self.is_full = self.is_full and len(self.by_parts) >= self.topic.max_keys
         newest = max(self._arrivals, key=self._arrivals.__getitem__, default=None)
         self.latest = None if newest is None else self.by_parts[newest]
         self.arrived_ns = None if newest is None else self._arrivals[newest]

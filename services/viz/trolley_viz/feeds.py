@@ -38,6 +38,10 @@ class Feeds:
         """Stop watching and forget everything."""
         self.want(())
 
+    def watch(self, topic: Topic[M]) -> Watch[M] | None:
+        """All that is known of a topic, None while it is not watched."""
+        return self._watches.get(topic.name)
+
     def names(self) -> list[str]:
         """The topics being watched, sorted."""
         return sorted(self._watches)

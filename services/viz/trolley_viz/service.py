@@ -4,6 +4,7 @@ viser serves the browsers on threads of its own; whatever happens there is hande
 `call_soon`. A robot's streams are subscribed to only while a browser follows it.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import viser
@@ -20,6 +21,10 @@ from trolley_viz.foxglove import open_bridge
 from trolley_viz.gate import FILE as ACCESS_FILE
 from trolley_viz.gate import Access, Gate, is_loopback_host
 from trolley_viz.joystick.by_hand import ByHand
+from trolley_viz.overlays.cards import Moment
+from trolley_viz.overlays.in_pages import InPages, Shown
+from trolley_viz.overlays.layer import OverlayLayer
+from trolley_viz.overlays.readings import Readings
 from trolley_viz.robots import Robots
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.server import LocalServer, PortTaken, close_server, open_server
@@ -30,7 +35,9 @@ from trolley_viz.stopping import Answered, StopPresses
 from trolley_viz.visitors import Visitor
 
 PANEL_PERIOD_NS = 200_000_000
-JOYSTICK_PATH = "/joystick"
+JOYSTICK_PATH, OVERLAYS_PATH = "/joystick", "/overlays"
+EVERY_MESSAGE_S = 0.05
+"""A watch that keeps the last of a stream, however little, is told of every message."""
 
 
 class VizService(Service):
@@ -61,7 +68,11 @@ class VizService(Service):
     def start(self) -> None:
         """Open the web page."""
         self._by_hand = ByHand(self, self._robots, self.robot_ns, self._driven_by)
-        sockets = {JOYSTICK_PATH: self._by_hand.sockets.serve}
+        self._overlays = InPages(self, self._shown)
+        sockets = {
+            JOYSTICK_PATH: self._by_hand.sockets.serve,
+            OVERLAYS_PATH: self._overlays.sockets.serve,
+        }
         try:
             server = self._server = open_server(self._config, self._gate(), sockets)
         except PortTaken as taken:
@@ -108,6 +119,7 @@ class VizService(Service):
             self._panels_due_ns = self.monotonic_ns + PANEL_PERIOD_NS
             for session in self._sessions.values():
                 session.console.update(session.view)
+            self._overlays.tell()
             self._by_hand.tell({name: stage.view for name, stage in self._stages.items()})
 
     @every(teleop.PERIOD_S, clock="local")
@@ -132,9 +144,22 @@ class VizService(Service):
         if stage is None:
             assert self._server is not None  # sessions come from the server
             stage = self._stages[robot] = Stage(
-                self._server, robot, self._open_watch, self.close_watch, self.work
+                self._server,
+                robot,
+                self._open_watch,
+                self.close_watch,
+                self.work,
+                self.readings(robot),
             )
         return stage
+
+    def readings(self, robot: str) -> Readings:
+        """Follow values of a robot's topics; the caller drops them in the end."""
+
+        def listen(topic: Topic[Any], parts: tuple[str, ...], then: Callable[..., None]) -> Any:
+            return self.watch(topic, *parts, seconds=EVERY_MESSAGE_S, robot=robot, then=then)
+
+        return Readings(listen, self.close_watch, lambda: self.arrived_ns)
 
     def robot_ns(self, robot: str) -> int | None:
         """The time of a robot [ns], None while its clock is silent."""
@@ -217,6 +242,15 @@ class VizService(Service):
 
     def _watch_all(self, topic: Topic[Any]) -> Watch[Any]:
         return self.watch(topic, robot="*")
+
+    def _shown(self, client_id: int) -> Shown | None:
+        """The overlays that a browser shows."""
+        session = self._sessions.get(client_id)
+        stage = None if session is None else self._stages.get(session.robot)
+        if session is None or stage is None or not session.layers()[OverlayLayer.key]:
+            return None
+        when = Moment(self.monotonic_ns, is_away=stage.view.is_away)
+        return Shown(session.robot, stage.board, when)
 
     def _driven_by(self, client_id: int) -> str | None:
         """The robot that a browser may drive by hand."""

@@ -13,6 +13,7 @@ from trolley_viz.panels.console import Console
 from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
 from trolley_viz.scene.ground import map_bounds
+from trolley_viz.scene.icons import Icons
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT, shown_layers
@@ -104,6 +105,7 @@ class Session:
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
         configure_look(client.gui, dark=choices.dark)
         self._preview = PreviewLine(client.scene)
+        self._icons = Icons(client.scene)
         self.console = Console(client.gui, self)
 
     # What the panels read.
@@ -200,6 +202,9 @@ class Session:
         for key, is_on in self.layers().items():
             self._shadow(self._robot, f"/{key}", is_on=is_on)
         self._preview.draw(self.actions.preview, self.view.placement)
+        markers = self._hub.stage(self._robot).markers
+        icons = markers.icons if self.layers()[markers.key] else []
+        self._icons.show(icons, self.client.camera.wxyz)
         self._fit_new()
 
     def put_tools_away(self) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import viser
 
@@ -11,8 +11,12 @@ from trolley.runtime.service import Watch
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
 from trolley_viz.fleet import Member
+from trolley_viz.overlays.board import Board
+from trolley_viz.overlays.layer import OverlayLayer
+from trolley_viz.overlays.readings import Readings
 from trolley_viz.placement import Placement
 from trolley_viz.scene.layer import View
+from trolley_viz.scene.markers import MarkerLayer
 from trolley_viz.scene.scene import Scene
 
 Work = Callable[[Callable[[], Any], Callable[[Any], None]], None]
@@ -27,6 +31,7 @@ class Stage:
         open_watch: subscribes to a topic of a robot.
         close_watch: ends that.
         work: runs a slow function aside.
+        readings: follows the values that overlays show.
     """
 
     def __init__(
@@ -36,10 +41,12 @@ class Stage:
         open_watch: Callable[[Topic[Any], float, str], Watch[Any]],
         close_watch: Callable[[Watch[Any]], None],
         work: Work,
+        readings: Readings,
     ) -> None:
         self.placement = Placement()
         self.feeds = Feeds(lambda topic, seconds: open_watch(topic, seconds, robot), close_watch)
         self.scene = Scene(server, robot)
+        self.board = Board(readings)
         self._epoch = 0
         self._seen_map = ""
         self.view = View(
@@ -77,10 +84,20 @@ class Stage:
             self._epoch = epoch
             self.feeds.drop_all()
             self.scene.forget()
+            self.board.drop_all()
         self.feeds.want(self.scene.wanted(shown))
         self.view = replace(self.view, robot=robot, now_ns=now_ns, robot_ns=robot_ns, fleet=fleet)
         self.view.place_frames()
         self.scene.update(self.view, shown)
+        if OverlayLayer.key in shown:
+            self.board.update(self.view)
+        else:
+            self.board.drop_all()
+
+    @property
+    def markers(self) -> MarkerLayer:
+        """The layer of markers, whose icons each browser draws."""
+        return cast("MarkerLayer", self.scene.layer(MarkerLayer.key))
 
     def has_new_map(self) -> bool:
         """Whether there is another map than at the last call."""
@@ -91,4 +108,5 @@ class Stage:
     def close(self) -> None:
         """Unsubscribe, and take everything out of the scene."""
         self.feeds.drop_all()
+        self.board.drop_all()
         self.scene.remove()

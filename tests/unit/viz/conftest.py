@@ -176,6 +176,7 @@ class Browser:
         self.scene = cast(Any, OwnScene(server.scene, f"/own{client_id}"))
         self.gui = server.gui
         self.camera = SimpleNamespace(image_width=1200, image_height=800, position=None)
+        self.camera.wxyz = np.array([0.0, 1.0, 0.0, 0.0])  # looks straight down
         self.notices: list[tuple[str, str]] = []
 
     def atomic(self) -> contextlib.AbstractContextManager[None]:

@@ -14,7 +14,7 @@ from trolley.geometry import Twist2D
 from trolley.messages import Robot
 from trolley_viz.gate import Access
 from trolley_viz.joystick.grips import LATE_MS, SILENCE_NS, Grip, Joystick, twist_of
-from trolley_viz.joystick.page import pad_html
+from trolley_viz.page import pad_html
 
 if TYPE_CHECKING:
     from .conftest import Stage

@@ -2,10 +2,13 @@
 
 from collections.abc import Callable, Mapping
 
+from trolley import topics
 from trolley.geometry.relation import Frames
 from trolley.messages import Overlay
 from trolley_viz.overlays.cards import Card, Moment, card_of, scale_of
 from trolley_viz.overlays.readings import Reading, Readings
+from trolley_viz.scene.layer import View
+from trolley_viz.whereabouts import frames_of
 
 MAX_OVERLAYS = 24
 NEEDS_SOURCE = ("gauge", "plot")
@@ -24,6 +27,11 @@ class Board:
         self._chosen: dict[str, int] = {}
         self.num_left_out = 0
         """How many there are too many to show."""
+
+    def update(self, view: View) -> None:
+        """Take over which overlays there are, and what their sources say of the frames."""
+        self.put(view.feeds.by_parts(topics.OVERLAY))
+        self.sample(lambda wanted: frames_of(view.feeds, view.robot_ns, wanted), view.now_ns)
 
     def put(self, overlays: Mapping[tuple[str, ...], Overlay]) -> None:
         """Show exactly these, by the one chunk of their keys."""

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from msgspec import Struct
+
 from trolley.messages import Overlay, OverlayRule
 from trolley_viz.overlays.figures import gauge_svg, number, plot_columns, plot_svg
 from trolley_viz.overlays.markup import css_colour, escaped, safe_markup
@@ -27,11 +29,12 @@ MAX_ITEMS = 40
 WINDOW_S = 60.0
 """How far back a plot reaches; its CSV holds all that is kept."""
 DEGREES = ("deg", "degrees", "°")
+SIGNS = ("°", "%")
+"""Units that stand close to their number."""
 
 
-@dataclass(frozen=True)
-class Card:
-    """One overlay in the page."""
+class Card(Struct, frozen=True):
+    """One overlay, as the page is told of it."""
 
     kind: str
     place: str
@@ -87,7 +90,7 @@ def item_of(overlay: Overlay, reading: Reading | None) -> int | None:
     value = None if reading is None else reading.value
     if isinstance(value, str) and value in overlay.items:
         return overlay.items.index(value)
-    if isinstance(value, float) and not overlay.rules and value == int(value):
+    if isinstance(value, float) and not overlay.rules and value.is_integer():
         return int(value)
     return overlay.index
 
@@ -105,7 +108,7 @@ def written(value: Value, unit: str, scale: float = 1.0) -> str:
         return "–"
     if isinstance(value, str):
         return value
-    return f"{number(value * scale)}{unit if unit in ('°', '%') else f' {unit}' if unit else ''}"
+    return f"{number(value * scale)}{unit if unit in SIGNS else f' {unit}' if unit else ''}"
 
 
 def _rule(overlay: Overlay, reading: Reading | None) -> OverlayRule | None:
@@ -164,15 +167,18 @@ def _gauge(
     value = None if reading is None or isinstance(reading.value, str) else reading.value
     shown = None if value is None else value * scale
     low, high = _bounds(overlay, shown)
-    text = "–" if shown is None else number(shown)
-    return gauge_svg(shown, low, high, text, overlay.unit) + _caption(overlay, rule)
+    sign = overlay.unit if overlay.unit in SIGNS else ""
+    text = "–" if shown is None else number(shown) + sign
+    return gauge_svg(shown, low, high, text, "" if sign else overlay.unit) + _caption(overlay, rule)
 
 
 def _plot(overlay: Overlay, reading: Reading | None, rule: OverlayRule | None, when: Moment) -> str:
     scale = scale_of(overlay, reading)
-    lines = [] if reading is None else reading.history.lines(when.now_ns, WINDOW_S, plot_columns())
+    if reading is None or (reading.problem and not len(reading.history)):
+        return ""
+    lines = reading.history.lines(when.now_ns, WINDOW_S, plot_columns())
     scaled = [(times, values * scale) for times, values in lines]
-    value = "–" if reading is None else written(reading.value, overlay.unit, scale)
+    value = written(reading.value, overlay.unit, scale)
     svg = plot_svg(scaled, WINDOW_S, overlay.min, overlay.max)
     return f'<div class="ov-value">{escaped(value)}</div>{svg}{_caption(overlay, rule)}'
 

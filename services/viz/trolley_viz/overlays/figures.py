@@ -11,7 +11,7 @@ from trolley_viz.overlays.markup import escaped
 Line = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Times [s], 0 now and negative before, and values."""
 
-PLOT_WIDTH, PLOT_HEIGHT = 260, 120
+PLOT_WIDTH, PLOT_HEIGHT = 260, 104
 _LEFT, _RIGHT, _TOP, _BOTTOM = 42, 6, 8, 18
 _SWEEP = math.radians(240.0)
 _RADIUS = 42.0
@@ -54,11 +54,11 @@ def plot_svg(
         return base - (value - bottom) / (top - bottom) * (base - _TOP)
 
     grid = "".join(
-        f'<line x1="{_LEFT}" x2="{right}" y1="{y_of(tick):.1f}" y2="{y_of(tick):.1f}" '
+        f'<line x1="{_LEFT}" x2="{right}" y1="{y_of(value):.1f}" y2="{y_of(value):.1f}" '
         'class="ov-grid"/>'
-        f'<text x="{_LEFT - 4}" y="{y_of(tick) + 3.5:.1f}" text-anchor="end" '
-        f'class="ov-small">{number(tick)}</text>'
-        for tick in ticks(bottom, top)
+        f'<text x="{_LEFT - 4}" y="{y_of(value) + 3.5:.1f}" text-anchor="end" '
+        f'class="ov-small">{tick}</text>'
+        for value, tick in ticks(bottom, top)
     )
     scale = (right - _LEFT) / window_s
     drawn = "".join(_polyline(right + t * scale, v, y_of, colour) for t, v in lines)
@@ -89,13 +89,20 @@ def value_range(
     return bottom, top
 
 
-def ticks(low: float, high: float, most: int = 5) -> list[float]:
-    """Round numbers between two bounds, at most `most` of them."""
+def ticks(low: float, high: float, most: int = 5) -> list[tuple[float, str]]:
+    """Round numbers between two bounds, at most `most` of them, and how they are written."""
     raw = (high - low) / (most - 1)
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw)
     first = math.ceil(low / step)
-    return [(first + i) * step for i in range(most) if (first + i) * step <= high * (1 + 1e-12)]
+    inside = [(first + i) * step for i in range(most)]
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    is_plain = digits <= 4 and max(abs(low), abs(high)) < 1e6
+    return [
+        (value, f"{value + 0.0:.{digits}f}" if is_plain else f"{value:.3g}")
+        for value in inside
+        if value <= high + 1e-9 * step
+    ]
 
 
 def number(value: float) -> str:

@@ -79,7 +79,7 @@ class History:
         ]
 
     def csv(self, scale: float = 1.0) -> str:
-        """All that is kept, times `scale`, for other programs; an unknown value is an empty cell."""
+        """All that is kept, times `scale`, as a table; an unknown value is an empty cell."""
         out = io.StringIO()
         table = csv.writer(out, lineterminator="\n")
         table.writerow(["stamp_ns", "value"])

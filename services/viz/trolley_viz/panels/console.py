@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from trolley import topics
-from trolley_viz.joystick.page import pad_html
+from trolley_viz.page import overlays_html, pad_html
 from trolley_viz.panels.drive import DrivePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.status import StatusPanel
@@ -47,6 +47,7 @@ class Console:
         )
         if session.may_drive:
             gui.add_html(pad_html(session.client.client_id))
+        gui.add_html(overlays_html(session.client.client_id))
 
     def update(self, view: View) -> None:
         """Say what is."""

@@ -7,9 +7,11 @@ import viser
 
 from trolley import topics
 from trolley.topics import Topic
+from trolley_viz.overlays.layer import OverlayLayer
 from trolley_viz.scene.body import FrameLayer, RobotLayer
 from trolley_viz.scene.ground import CostmapLayer, MapLayer
 from trolley_viz.scene.layer import Layer, View
+from trolley_viz.scene.markers import MarkerLayer
 from trolley_viz.scene.others import OthersLayer
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
 from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
@@ -27,6 +29,8 @@ LAYERS: tuple[type[Layer], ...] = (
     GoalLayer,
     PathLayer,
     TrajectoryLayer,
+    MarkerLayer,
+    OverlayLayer,
     CostmapLayer,
     FrameLayer,
 )
