@@ -9,6 +9,7 @@ import viser
 from trolley.runtime.service import Service
 from trolley_viz import camera
 from trolley_viz.actions import Actions
+from trolley_viz.overlays.readings import Readings
 from trolley_viz.panels.console import Console
 from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
@@ -58,6 +59,10 @@ class Hub(Protocol):
 
     def stage(self, robot: str) -> Stage:
         """The robot's share of the scene."""
+        ...
+
+    def readings(self, robot: str) -> Readings:
+        """Follow values of a robot's topics."""
         ...
 
     def robot_ns(self, robot: str) -> int | None:
@@ -211,6 +216,7 @@ class Session:
         """End what somebody began to point at."""
         self.pointing.disarm()
         self.actions.put_away()
+        self.console.close_plot()
 
     # Inside.
     def _choose(self, choices: Choices) -> None:

@@ -7,6 +7,8 @@ import viser
 from trolley import topics
 from trolley_viz.page import overlays_html, pad_html
 from trolley_viz.panels.drive import DrivePanel
+from trolley_viz.panels.markup import note
+from trolley_viz.panels.measuring import FramesPanel, PlotPanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
@@ -40,6 +42,9 @@ class Console:
             ViewPanel(gui, session)
         with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
             self._details = DetailPanel(gui)
+            self._notes = gui.add_html("")
+            self._frames = FramesPanel(gui)
+            self._plot = PlotPanel(gui, post, lambda: hub.readings(session.robot))
         self._stop_bar = StopBar(
             gui,
             lambda: hub.call_soon(session.press_stop, urgent=True),
@@ -66,6 +71,13 @@ class Console:
         if self._tours is not None:
             self._tours.update([] if tours is None else tours.tours, trip)
         self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
+        self._notes.content = "".join(map(note, session.hub.stage(session.robot).markers.notes))
+        self._frames.update(view)
+        self._plot.update(view)
+
+    def close_plot(self) -> None:
+        """Stop following what is plotted, as for another robot."""
+        self._plot.close()
 
 
 def state_words(view: View) -> list[Words]:
