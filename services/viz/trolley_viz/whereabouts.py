@@ -3,13 +3,21 @@
 from collections.abc import Iterable
 
 from trolley import topics
-from trolley.geometry import FrameTree
+from trolley.geometry import FrameTree, MissingLink
 from trolley.geometry.frames import BASE, MAP, ODOM
-from trolley.geometry.relation import Frames, set_link
+from trolley.geometry.relation import Frames, set_link, why_missing
 from trolley_viz.feeds import Feeds
 
 PLACE = "place:"
 """What the name of a saved place follows where a frame is asked for."""
+
+
+def why_nowhere(frames: Frames, missing: MissingLink) -> str:
+    """Why two frames are not connected, in one sentence."""
+    if missing.missing.startswith(PLACE):
+        return f"There is no saved place “{missing.missing.removeprefix(PLACE)}” on this map."
+    words = why_missing(frames, missing)
+    return f"{words[0].upper()}{words[1:]}."
 
 
 def frames_of(feeds: Feeds, robot_ns: int | None, wanted: Iterable[str] = ()) -> Frames:

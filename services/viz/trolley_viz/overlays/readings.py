@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from trolley.geometry import MissingLink
-from trolley.geometry.relation import Frames, Relation, relation, why_missing
+from trolley.geometry.relation import Frames, Relation, relation
 from trolley.runtime.service import Watch
 from trolley.topics import Topic
 from trolley_viz.overlays.history import History
@@ -20,6 +20,7 @@ from trolley_viz.overlays.source import (
     parse_source,
     read_field,
 )
+from trolley_viz.whereabouts import why_nowhere
 
 SILENT_NS = 3_000_000_000
 """What is published all the time and has been silent for so long is called dead."""
@@ -153,7 +154,7 @@ def _measure(reading: Reading, source: FrameSource, frames: Frames, now_ns: int)
         found = relation(frames, source.parent, source.child)
     except MissingLink as missing:
         reading.relation, reading.value = None, None
-        reading.problem = f"{why_missing(frames, missing)}."
+        reading.problem = why_nowhere(frames, missing)
         return
     if found.stale:  # the last value stays, and ages
         return

@@ -1,6 +1,5 @@
 """Rules over distance and bearing: the first that matches gives an overlay its text and colour."""
 
-import math
 from collections.abc import Sequence
 
 from trolley.geometry.angles import TWO_PI
@@ -38,8 +37,13 @@ def _points_between(angle: float | None, low: float | None, high: float | None) 
     """As above, counter-clockwise from `low` to `high`; low > high: over pi, behind the back."""
     if low is None or high is None or angle is None:
         return _lies_between(angle, low, high)
-    width = high - low if high >= low else (high - low) % TWO_PI
-    if width >= TWO_PI:
+    if high - low >= TWO_PI:
         return True
-    turned = (angle - low) % TWO_PI
-    return turned <= width + ROUNDING or math.isclose(turned, TWO_PI, abs_tol=ROUNDING)
+    width, turned = _turn(high - low), _turn(angle - low)
+    return turned <= width + ROUNDING
+
+
+def _turn(angle: float) -> float:
+    """A turn counter-clockwise, 0 to under 2 pi; what misses a full one by rounding is none."""
+    turn = angle % TWO_PI
+    return turn if turn < TWO_PI - ROUNDING else 0.0

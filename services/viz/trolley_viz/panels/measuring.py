@@ -8,7 +8,7 @@ import viser
 from trolley import topics
 from trolley.geometry import MissingLink
 from trolley.geometry.frames import BASE, MAP
-from trolley.geometry.relation import Relation, relation, why_missing
+from trolley.geometry.relation import Relation, relation
 from trolley.topics import Kind
 from trolley_viz.overlays.cards import written
 from trolley_viz.overlays.figures import plot_columns, plot_svg
@@ -18,7 +18,7 @@ from trolley_viz.panels.control import GREY, Post, handler, set_options
 from trolley_viz.panels.markup import note, table
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.places import current_places
-from trolley_viz.whereabouts import PLACE, frames_of
+from trolley_viz.whereabouts import PLACE, frames_of, why_nowhere
 from trolley_viz.words import duration
 
 MAX_FRAMES = 200
@@ -52,7 +52,7 @@ class FramesPanel:
         try:
             found = relation(frames, self._parent.value, self._child.value)
         except MissingLink as missing:
-            self._said.content = note(f"{why_missing(frames, missing)}.")
+            self._said.content = note(why_nowhere(frames, missing))
             return
         self._said.content = relation_table(found)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trolley.messages.types import Colour
 from trolley_viz.glb import icon_glb
 from trolley_viz.icons import icon_png
-from trolley_viz.scene.solids import Quaternion, multiplied
+from trolley_viz.scene.solids import Quaternion, multiplied, within_reach
 
 MAX_PICTURES = 64
 """Different ones, by name and colour."""
@@ -71,9 +71,9 @@ class Icons:
     def _show_alike(
         self, picture: _Picture, icons: Sequence[Icon], camera_wxyz: NDArray[np.float64]
     ) -> None:
-        sizes = np.clip(np.array([one.size for one in icons], np.float32), MIN_SIZE, MAX_SIZE)
+        sizes = np.clip(within_reach([one.size for one in icons]), MIN_SIZE, MAX_SIZE)
         wxyzs = np.array([orientation(one, camera_wxyz) for one in icons], np.float32)
-        positions = np.array([one.position for one in icons], np.float32)
+        positions = within_reach([one.position for one in icons])
         lowest = 0.5 * sizes * _upness(wxyzs) + FLOOR_GAP
         positions[:, 2] = np.maximum(positions[:, 2], lowest)
         node = self._nodes.get(picture)

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from trolley.messages import Marker
-from trolley_viz.scene.solids import Placed
+from trolley_viz.scene.solids import Placed, within_reach
 
 MAX_TEXT = 200
 MIN_WIDTH, MAX_WIDTH = 0.004, 1.0
@@ -75,7 +75,7 @@ class Labels:
             marker, node = one.marker, self._nodes[i]
             node.text = marker.text[:MAX_TEXT]
             node.font_scene_height = min(max(marker.size[2], MIN_HEIGHT), MAX_HEIGHT)
-            node.position = (marker.pose.x, marker.pose.y, marker.z)
+            node.position = within_reach((marker.pose.x, marker.pose.y, marker.z))
 
 
 def segments(marker: Marker) -> np.ndarray:
@@ -83,4 +83,4 @@ def segments(marker: Marker) -> np.ndarray:
     points = np.array(marker.points, np.float64).reshape(-1, 3)
     points[:, :2] = marker.pose.transform_points(points[:, :2])
     points[:, 2] += marker.z
-    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+    return within_reach(np.stack([points[:-1], points[1:]], axis=1))

@@ -11,7 +11,7 @@ import viser
 
 from trolley import topics
 from trolley.geometry import MissingLink, Pose2D
-from trolley.geometry.relation import Frames, Relation, relation, why_missing
+from trolley.geometry.relation import Frames, Relation, relation
 from trolley.messages import Marker
 from trolley.runtime.service import Watch
 from trolley_viz.icons import known_icon
@@ -20,9 +20,9 @@ from trolley_viz.scene.layer import Layer, View
 from trolley_viz.scene.marker_groups import Drawn, Group, Grouping
 from trolley_viz.scene.marker_nodes import Labels, Lines, MarkerNodes
 from trolley_viz.scene.motions import placed
-from trolley_viz.scene.solids import Batch, Placed, Solid
+from trolley_viz.scene.solids import Batch, Placed, Solid, within_reach
 from trolley_viz.shapes import quaternion
-from trolley_viz.whereabouts import frames_of
+from trolley_viz.whereabouts import frames_of, why_nowhere
 
 NUM_FINE = 2
 """So many batches of each kind are drawn round; further ones are coarser."""
@@ -85,7 +85,7 @@ class MarkerLayer(Layer):
             node = self._frames[frame]
             node.visible = not isinstance(where, str)
             if not isinstance(where, str):
-                node.position = where.translation
+                node.position = within_reach(where.translation)
                 node.wxyz = quaternion(where.yaw)
 
     def _draw_groups(self, now_ns: int) -> None:
@@ -135,7 +135,7 @@ class MarkerLayer(Layer):
         for frame, where in found.items():
             if isinstance(where, str):
                 members = [m for group, m in grouping.members.items() if group.frame == frame]
-                notes.append(f"{_count(sum(map(len, members)))} not drawn: {where}.")
+                notes.append(f"{_count(sum(map(len, members)))} not drawn. {where}")
         unknown = {one.name for one in self.icons if known_icon(one.name) is None}
         notes += [f"There is no icon “{name[:40]}”." for name in sorted(unknown)]
         more = len(notes) - MAX_NOTES
@@ -161,7 +161,7 @@ def _find(frames: Frames, world: str, used: set[str]) -> Found:
         try:
             found[frame] = relation(frames, world, frame)
         except MissingLink as missing:
-            found[frame] = why_missing(frames, missing)
+            found[frame] = why_nowhere(frames, missing)
     return found
 
 

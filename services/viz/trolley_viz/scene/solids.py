@@ -15,6 +15,11 @@ from trolley_viz.shapes import Mesh
 
 Solid = Literal["sphere", "cube", "cylinder", "arrow"]
 SOLIDS: tuple[Solid, ...] = ("sphere", "cube", "cylinder", "arrow")
+REACH = 1e5
+"""How far off the scene ends [m], since graphics reckon in short numbers."""
+MIN_SIZE = 1e-4
+"""[m]."""
+
 Quaternion = tuple[float, float, float, float]
 """w, x, y, z."""
 
@@ -63,12 +68,11 @@ class Batch:
             self.remove()
             return
         markers = [one.marker for one in solids]
-        positions = np.array(
-            [(one.marker.pose.x, one.marker.pose.y, one.marker.z + one.lift) for one in solids],
-            np.float32,
+        positions = within_reach(
+            [(one.marker.pose.x, one.marker.pose.y, one.marker.z + one.lift) for one in solids]
         )
         wxyzs = orientations(solids)
-        scales = np.maximum(np.array([one.size for one in markers], np.float32), 1e-4)
+        scales = np.maximum(within_reach([one.size for one in markers]), MIN_SIZE)
         colours = np.rint(255.0 * np.array([one.color for one in markers])).astype(np.uint8)
         opacities = (colours[:, 3] / 255.0).astype(np.float32)
         see_through = bool((opacities < 1.0).any())
@@ -99,6 +103,11 @@ class Batch:
         if self._node is not None:
             self._node.remove()
             self._node = None
+
+
+def within_reach(values: ArrayLike) -> NDArray[np.float32]:
+    """Coordinates or sizes [m], those that are too far off moved to where the scene ends."""
+    return np.clip(np.asarray(values, np.float64), -REACH, REACH).astype(np.float32)
 
 
 def orientations(solids: Sequence[Placed]) -> NDArray[np.float32]:
