@@ -75,10 +75,11 @@ def test_a_marker_of_the_robot_rides_on_it_without_being_sent_again(stage: "Stag
     frame = layer(stage)._frames["base_link"]
     np.testing.assert_allclose(frame.position, [1.5, 0.0, 0.0])
     moved = Transform(stamp_ns=0, parent="map", child="odom", pose=Pose2D(2.0, 1.0, math.pi / 2))
-    stage.robot.tick = lambda: None  # type: ignore[method-assign]
+    stage.runtime.kill("base")
     stage.runtime.publish(topics.TF, moved, "odom")
     stage.runtime.run(0.3)
     assert layer(stage)._frames["base_link"] is frame
+    np.testing.assert_allclose(frame.position, [2.0, 1.5, 0.0], atol=1e-6)
     assert batch._node.batched_positions is before
 
 
