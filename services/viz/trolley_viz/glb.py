@@ -45,20 +45,16 @@ def floor_glb(picture: NDArray[np.uint8], width: float, height: float) -> bytes:
     return _glb(png(picture), (0.0, 0.0, width, height), {}, {"magFilter": _NEAREST})
 
 
-def icon_glb(picture: bytes, *, see_through: bool) -> bytes:
-    """Put a PNG on a square of 1 m around the origin, its upper edge at +y, seen from +z.
-
-    Where it is clear nothing is drawn; lines that are thin themselves need `see_through`.
-    """
-    alpha = {"alphaMode": "BLEND"} if see_through else {"alphaMode": "MASK", "alphaCutoff": 0.4}
+def icon_glb(picture: bytes) -> bytes:
+    """Put a PNG on a square of 1 m around the origin, its upper edge at +y, seen from +z."""
     filters = {"magFilter": _LINEAR, "minFilter": _SMALLER}
-    return _glb(picture, (-0.5, -0.5, 0.5, 0.5), alpha, filters)
+    return _glb(picture, (-0.5, -0.5, 0.5, 0.5), {"alphaMode": "BLEND"}, filters)
 
 
 def _glb(
     picture: bytes,
     rectangle: tuple[float, float, float, float],
-    alpha: dict[str, Any],
+    alpha: dict[str, str],
     filters: dict[str, int],
 ) -> bytes:
     left, bottom, right, top = rectangle

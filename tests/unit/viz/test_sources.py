@@ -127,7 +127,8 @@ def test_every_field_that_is_offered_is_understood(topic: topics.Topic) -> None:
     [
         ("odom:pose.x", True),
         ("pose:match", True),
-        ("base:mode", True),
+        ("health/base:cpu", True),
+        ("goal:state", False),
         ("particles:weights[0]", False),
         ("tf/ball:pose.x", False),
         ("robot:max_speed", False),

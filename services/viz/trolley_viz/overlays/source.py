@@ -27,7 +27,6 @@ Value = float | str | None
 """A number, a word such as a state, or nothing known."""
 
 _STEP = re.compile(r"\.?([^.\[\]\s]+)|\[(\d{1,9})\]")
-_AT_MOST = re.compile(r"at most \d+ Hz")
 
 
 class BadSource(ValueError):
@@ -45,8 +44,8 @@ class FieldSource:
     @property
     def is_periodic(self) -> bool:
         """Whether a silence of some seconds means that nobody publishes it any more."""
-        rate = _AT_MOST.sub("", self.topic.rate)
-        return "Hz" in rate or "each scan" in rate
+        rate = self.topic.rate
+        return "on change" not in rate and "at most" not in rate
 
 
 @dataclass(frozen=True)

@@ -78,13 +78,10 @@ class Icons:
         positions[:, 2] = np.maximum(positions[:, 2], lowest)
         node = self._nodes.get(picture)
         if node is None:
-            glb = icon_glb(
-                icon_png(picture.name, picture.rgb, opacity=picture.opacity),
-                see_through=picture.opacity < 1.0,
-            )
+            png = icon_png(picture.name, picture.rgb, opacity=picture.opacity)
             self._nodes[picture] = self._scene.add_batched_glb(
                 f"/icons/{self._count}",
-                glb,
+                icon_glb(png),
                 wxyzs,
                 positions,
                 batched_scales=sizes,
