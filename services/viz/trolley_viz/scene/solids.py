@@ -27,7 +27,7 @@ Quaternion = tuple[float, float, float, float]
 @lru_cache(maxsize=8)
 def unit_mesh(kind: Solid, *, fine: bool = True) -> Mesh:
     """The shape of a marker of size 1 m around its pose; an arrow begins there and points to +x."""
-    sections = 24 if fine else 12
+    sections = 16 if fine else 8
     match kind:
         case "sphere":
             angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, sections // 2 + 1)
