@@ -39,6 +39,7 @@ def page(shown: "Shown") -> Iterator[Page]:
         page.set_default_timeout(PATIENCE_MS)
         expect.set_options(timeout=PATIENCE_MS)
         page.goto(shown.url)
+        page.get_by_role("alert").get_by_role("button").click()  # viser's word on slow graphics
         page.locator(".ov-card").first.wait_for()
         yield page
         browser.close()
@@ -56,7 +57,7 @@ def test_text_is_shown_and_what_it_smuggles_in_does_nothing(page: Page) -> None:
 
 
 def test_a_click_on_a_menu_reaches_the_program(page: Page, shown: "Shown") -> None:
-    with shown.robot.subscribe(topics.CHOICE, "mode", with_latest=False) as choices:
+    with shown.robot.subscribe(topics.CHOICE, "mode") as choices:
         card(page, "mode").get_by_role("button", name="Search").click()
         heard = choices.next(20.0)
     assert heard is not None
