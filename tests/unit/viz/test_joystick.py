@@ -207,6 +207,22 @@ def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") ->
     wait_until(lambda: not stage.viz._by_hand.sockets.who(), 5.0, "all are gone")
 
 
+def test_the_overlays_own_connection_takes_clicks_also_of_those_who_only_look(
+    stage: "Stage",
+) -> None:
+    stage.browse()
+    port = stage.config.viz.port
+    access = stage.viz.state.read("viewer_access.toml", Access)
+    assert access is not None
+    cookie = {"Cookie": f"trolley-{port}=0123456789abcdef.{access.viewer}"}
+    path = "overlays?client=0"
+    assert ask(port, '{"id": "mode", "index": 1}', path, additional_headers=cookie) is None
+    for bad in ("[]", '{"index": 1}', '{"id": "x", "index": "1"}', "[" * 900, "x" * 2000):
+        assert ask(port, bad, path) == 1008, bad
+    with pytest.raises(websockets.InvalidStatus):
+        ask(port, "{}", path, origin="http://elsewhere.example")
+
+
 def test_pages_of_other_sites_do_not_drive(stage: "Stage") -> None:
     with pytest.raises(websockets.InvalidStatus):
         ask(stage.config.viz.port, "{}", origin="http://elsewhere.example")

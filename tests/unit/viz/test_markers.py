@@ -287,7 +287,10 @@ def test_huge_and_empty_markers_harm_nothing(stage: "Stage") -> None:
     put(stage, Marker(kind="line", points=[(0.0, 0.0, 0.0)] * 6000), "c")
     put(stage, Marker(kind="icon", icon="../../etc/passwd", size=(0.0, 0.0, 0.0)), "d")
     stage.runtime.run(0.3)
-    assert "One marker is not drawn: there are too many of their kind." in layer(stage).notes
+    assert (
+        "One marker is not drawn: there are too many of their kind, or they are too long."
+        in layer(stage).notes
+    )
 
 
 def test_ten_thousand_markers(stage: "Stage") -> None:
@@ -321,6 +324,16 @@ def test_too_many_of_a_kind_wait_until_others_go() -> None:
     grouping.take_over(known, lambda _: 0)
     assert len(grouping.left_out) == 0
     assert sum(map(len, grouping.members.values())) == 390
+
+
+def test_the_points_of_all_lines_are_bounded() -> None:
+    grouping = Grouping()
+    line = Marker(kind="line", points=[(0.0, 0.0, 0.0)] * 5000)
+    grouping.take_over({("a", str(i)): line for i in range(30)}, lambda _: 0)
+    assert len(grouping.left_out) == 10
+    grouping.take_over({}, lambda _: 0)
+    grouping.take_over({("a", "0"): line}, lambda _: 0)
+    assert len(grouping.left_out) == 0
 
 
 def test_frames_of_strangers_are_bounded_and_so_is_what_moves() -> None:

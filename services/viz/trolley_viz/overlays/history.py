@@ -3,8 +3,6 @@
 import csv
 import io
 import math
-from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,35 +14,38 @@ GAP_S = 2.0
 """Where nothing came for longer than this, and than three times the usual, the line is broken."""
 
 
-class Point(NamedTuple):
-    """A value and when it came."""
-
-    arrived_ns: int
-    """By the local monotonic clock."""
-    stamp_ns: int
-    """Robot time, 0 where the sender had none."""
-    value: float
-    """NaN: nothing known."""
-
-
 class History:
     """Values in the order of their arrival, at most 6000 of the last 10 minutes."""
 
     def __init__(self) -> None:
-        self._points: deque[Point] = deque(maxlen=MAX_POINTS)
+        # Twice as many as are kept, so that what is kept lies in one piece and is seldom moved.
+        self._arrived_ns = np.zeros(2 * MAX_POINTS, np.int64)
+        self._stamps_ns = np.zeros(2 * MAX_POINTS, np.int64)
+        self._values = np.zeros(2 * MAX_POINTS, np.float64)
+        self._kept = slice(0, 0)
 
     def __len__(self) -> int:
-        return len(self._points)
+        return self._kept.stop - self._kept.start
 
     def add(self, arrived_ns: int, stamp_ns: int, value: float | None) -> None:
-        """Take a value; None breaks the line."""
-        self._points.append(Point(arrived_ns, stamp_ns, math.nan if value is None else value))
-        while arrived_ns - self._points[0].arrived_ns > KEPT_NS:
-            self._points.popleft()
+        """Take a value.
 
-    def clear(self) -> None:
-        """Forget everything."""
-        self._points.clear()
+        Args:
+            arrived_ns: when it came, by the local monotonic clock.
+            stamp_ns: robot time that it holds for, 0 where the sender had none.
+            value: None breaks the line.
+        """
+        start, end = self._kept.start, self._kept.stop
+        if end == 2 * MAX_POINTS:
+            for column in (self._arrived_ns, self._stamps_ns, self._values):
+                column[: end - start] = column[start:end]
+            start, end = 0, end - start
+        self._arrived_ns[end], self._stamps_ns[end] = arrived_ns, stamp_ns
+        self._values[end] = math.nan if value is None else value
+        start = max(start, end + 1 - MAX_POINTS)
+        while arrived_ns - self._arrived_ns[start] > KEPT_NS:
+            start += 1
+        self._kept = slice(start, end + 1)
 
     def lines(
         self, now_ns: int, window_s: float, columns: int
@@ -60,12 +61,12 @@ class History:
         Returns:
             For each line the times [s], 0 now and negative before, and the values.
         """
-        since_ns = now_ns - int(window_s * 1e9)
-        recent = [one for one in self._points if one.arrived_ns >= since_ns]
-        if not recent:
+        arrived_ns = self._arrived_ns[self._kept]
+        first = int(np.searchsorted(arrived_ns, now_ns - int(window_s * 1e9)))
+        times = (arrived_ns[first:] - now_ns).astype(np.float64) * 1e-9
+        values = self._values[self._kept][first:].copy()
+        if not len(times):
             return []
-        times = np.array([(one.arrived_ns - now_ns) * 1e-9 for one in recent])
-        values = np.array([one.value for one in recent])
         steps = np.diff(times)
         gap_s = max(GAP_S, 3.0 * float(np.median(steps))) if len(steps) else GAP_S
         known = np.isfinite(values)
@@ -83,9 +84,10 @@ class History:
         out = io.StringIO()
         table = csv.writer(out, lineterminator="\n")
         table.writerow(["stamp_ns", "value"])
+        stamps_ns, values = self._stamps_ns[self._kept].tolist(), self._values[self._kept].tolist()
         table.writerows(
-            (one.stamp_ns, "" if math.isnan(one.value) else one.value * scale)
-            for one in self._points
+            (stamp_ns, "" if math.isnan(value) else value * scale)
+            for stamp_ns, value in zip(stamps_ns, values, strict=True)
         )
         return out.getvalue()
 

@@ -6,6 +6,8 @@ from trolley.geometry.angles import TWO_PI
 from trolley.messages import OverlayRule
 
 ROUNDING = 1e-9
+MAX_RULES = 100
+"""Further ones of an overlay are not looked at."""
 
 
 def first_match(
@@ -15,7 +17,7 @@ def first_match(
 
     A missing bound is open. What is not known lies within no bounds.
     """
-    return next((rule for rule in rules if matches(rule, distance, bearing)), None)
+    return next((rule for rule in rules[:MAX_RULES] if matches(rule, distance, bearing)), None)
 
 
 def matches(rule: OverlayRule, distance: float | None, bearing: float | None) -> bool:

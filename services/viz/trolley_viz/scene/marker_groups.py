@@ -15,8 +15,8 @@ BATCH = 256
 """Markers in one node: what is sent anew when one of them changes."""
 MAX_FRAMES = 60
 MAX_NUMBER = {"text": 200, "icon": 400, "line": 1000}
-MAX_POINTS = 5000
-"""Of one line."""
+MAX_POINTS, MAX_ALL_POINTS = 5000, 100_000
+"""Of one line, and of all."""
 MAX_MOVING = 200
 """Further solids are drawn still."""
 
@@ -53,6 +53,7 @@ class Grouping:
         self._drawn: dict[Name, Drawn] = {}
         self._sorts: Counter[str] = Counter()
         self._frames: Counter[str] = Counter()
+        self._num_points = 0
 
     def take_over(
         self, known: Mapping[Name, Marker], arrived_ns: Callable[[Name], int | None]
@@ -105,7 +106,9 @@ class Grouping:
             return True
         most = MAX_NUMBER.get(marker.kind)
         is_full = most is not None and self._sorts[marker.kind] >= most
-        return is_full or len(marker.points) > MAX_POINTS
+        num_points = len(marker.points)
+        is_long = num_points > MAX_POINTS or num_points + self._num_points > MAX_ALL_POINTS
+        return is_full or is_long
 
     def _join(self, name: Name, marker: Marker, since_ns: int, sort: str) -> None:
         width_mm = max(1, round(1000.0 * marker.size[0])) if sort == "line" else 0
@@ -118,6 +121,7 @@ class Grouping:
         self.dirty.add(group)
         self._sorts[sort.split()[0]] += 1
         self._frames[marker.frame] += 1
+        self._num_points += len(marker.points)
 
     def _remove(self, name: Name) -> None:
         self.left_out.discard(name)
@@ -127,6 +131,7 @@ class Grouping:
         del self.members[drawn.group][name]
         self.dirty.add(drawn.group)
         self._sorts[drawn.group.sort.split()[0]] -= 1
+        self._num_points -= len(drawn.marker.points)
         self._frames[drawn.marker.frame] -= 1
         if self._frames[drawn.marker.frame] <= 0:
             del self._frames[drawn.marker.frame]

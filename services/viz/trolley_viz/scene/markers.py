@@ -131,7 +131,9 @@ class MarkerLayer(Layer):
             notes.append(f"There are over {topics.MARKER.max_keys} markers; the rest is not drawn.")
         if grouping.left_out:
             count = _count(len(grouping.left_out))
-            notes.append(f"{count} not drawn: there are too many of their kind.")
+            notes.append(
+                f"{count} not drawn: there are too many of their kind, or they are too long."
+            )
         for frame, where in found.items():
             if isinstance(where, str):
                 members = [m for group, m in grouping.members.items() if group.frame == frame]
