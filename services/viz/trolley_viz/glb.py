@@ -108,6 +108,11 @@ def _glb(
         "bufferViews": views,
         "buffers": [{"byteLength": len(binary)}],
     }
+    return _packed(document, binary)
+
+
+def _packed(document: dict[str, Any], binary: bytes) -> bytes:
+    """Put a document and its data into one file."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<2I", len(text), _JSON) + text
