@@ -67,7 +67,7 @@ def test_a_click_on_a_menu_reaches_the_program(page: Page, shown: "Shown") -> No
 
 def test_gauge_and_plot_show_where_the_robot_is(page: Page, shown: "Shown", pictures: Path) -> None:
     expect(card(page, "gauge").locator(".ov-big")).to_contain_text("°")
-    expect(card(page, "plot").locator("polyline")).to_have_count(1)
+    expect(card(page, "plot").locator("polyline").first).to_be_attached()
     expect(card(page, "plot").locator(".ov-value")).to_contain_text(" m")
     page.screenshot(path=pictures / "drawings.png", timeout=60_000)
     with page.expect_download() as download:
