@@ -8,7 +8,7 @@ import pytest
 from trolley.geometry.relation import Relation
 from trolley.messages import Overlay, OverlayRule
 from trolley_viz.overlays.cards import Card, Moment, card_of, item_of
-from trolley_viz.overlays.figures import gauge_svg, number, ticks
+from trolley_viz.overlays.figures import gauge_svg, number, ticks, value_range
 from trolley_viz.overlays.history import History
 from trolley_viz.overlays.markup import safe_markup
 from trolley_viz.overlays.readings import Reading
@@ -227,6 +227,16 @@ def test_history_is_bounded_and_exported_whole() -> None:
     assert history.csv().splitlines()[:2] == ["stamp_ns,value", "1000,500.0"]
     history.add(1000 * S, 7, None)  # the others are over ten minutes old
     assert history.csv() == "stamp_ns,value\n7,\n"
+
+
+def test_a_value_that_stays_the_same_lies_in_a_readable_range() -> None:
+    history = History()
+    for i in range(20):
+        history.add(i * S, i, 0.0)
+    low, high = value_range(history.lines(20 * S, 60.0, 200))
+    assert (low, high) == pytest.approx((-0.05, 0.05))
+    assert value_range([]) == pytest.approx((-0.05, 1.05))
+    assert value_range([], 2.0) == (2.0, 3.0)
 
 
 def test_numbers_are_short_and_ticks_differ() -> None:

@@ -78,8 +78,9 @@ def value_range(
     """The range to draw: what is fixed, else a little more than what the lines reach."""
     least = min((float(v.min()) for _, v in lines), default=0.0)
     most = max((float(v.max()) for _, v in lines), default=1.0)
-    # Half of what is between, since the difference of two huge numbers may not be a number.
-    margin = 0.05 * max(2.0 * (0.5 * most - 0.5 * least), 1e-6 * max(abs(most), 1.0))
+    # In halves, since the difference of two huge numbers may not be a number.
+    is_flat = 0.5 * most - 0.5 * least <= 1e-9 * max(abs(most), 1.0)
+    margin = 0.05 * max(abs(most), 1.0) if is_flat else 0.1 * (0.5 * most - 0.5 * least)
     bottom = least - margin if low is None else low
     top = most + margin if high is None else high
     if not top > bottom:
