@@ -48,6 +48,8 @@ class Topic(Generic[M]):
     max_bytes: int = 1 << 20
     max_keys: int = 2000
     """Of how many keys a receiver keeps the newest: what a stranger may make it remember."""
+    max_kept_bytes: int = 256 << 20
+    """How large these may be together, as they came over the wire."""
 
     @property
     def chunks(self) -> tuple[str, ...]:
@@ -149,9 +151,16 @@ MARKER = Topic(
     Qos.STATE,
     Kind.STORED,
     max_keys=5000,
+    max_kept_bytes=8 << 20,
 )
 OVERLAY = Topic(
-    "overlays/{id}", m.Overlay, "anyone; kept by tour", "on change", Qos.STATE, Kind.STORED
+    "overlays/{id}",
+    m.Overlay,
+    "anyone; kept by tour",
+    "on change",
+    Qos.STATE,
+    Kind.STORED,
+    max_kept_bytes=8 << 20,
 )
 CHOICE = Topic("choices/{id}", m.Choice, "viz", "on change", Qos.STATE)
 SIM_TRUTH = Topic("sim/truth", m.Truth, "base, simulated", "20 Hz", Qos.SENSOR)

@@ -30,9 +30,11 @@ class Watch(Generic[M]):
         self.history: deque[M] = deque(maxlen=MAX_HISTORY)
         """The messages of the last `seconds`, oldest first; empty unless asked for."""
         self.is_full = False
-        """Whether messages were refused, since there are more keys than are kept."""
+        """Whether messages were refused since something was last forgotten: there is too much."""
         self._seconds = seconds
         self._arrivals: dict[tuple[str, ...], int] = {}
+        self._sizes: dict[tuple[str, ...], int] = {}
+        self._num_bytes = 0
         self._marks: deque[tuple[int, tuple[str, ...]]] = deque(maxlen=MAX_HISTORY)
 
     @property
@@ -44,11 +46,16 @@ class Watch(Generic[M]):
         """Local monotonic time [ns] at which the newest message of a key arrived."""
         return self._arrivals.get(parts)
 
-    def take(self, message: M, parts: tuple[str, ...], arrived_ns: int) -> bool:
-        """Store a message (called by the runtime); False: too many keys are known already."""
-        if parts not in self.by_parts and len(self.by_parts) >= self.topic.max_keys:
+    def take(self, message: M, parts: tuple[str, ...], arrived_ns: int, num_bytes: int) -> bool:
+        """Store a message (called by the runtime); False: too much is known already."""
+        all_bytes = self._num_bytes - self._sizes.get(parts, 0) + num_bytes
+        is_new = parts not in self.by_parts
+        if (is_new and len(self.by_parts) >= self.topic.max_keys) or (
+            all_bytes > self.topic.max_kept_bytes
+        ):
             self.is_full = True
             return False
+        self._sizes[parts], self._num_bytes = num_bytes, all_bytes
         self.latest = message
         self.arrived_ns = arrived_ns
         self.by_parts[parts] = message
@@ -65,6 +72,8 @@ class Watch(Generic[M]):
         """Drop what `is_gone(varying_chunks, message)` says of (called by the runtime)."""
         for parts in [parts for parts, message in self.by_parts.items() if is_gone(parts, message)]:
             del self.by_parts[parts], self._arrivals[parts]
+            self._num_bytes -= self._sizes.pop(parts)
+            self.is_full = False
         kept = [
             (message, mark)
             for message, mark in zip(self.history, self._marks, strict=True)
@@ -74,7 +83,6 @@ class Watch(Generic[M]):
         self.history.extend(message for message, _ in kept)
         self._marks.clear()
         self._marks.extend(mark for _, mark in kept)
-        self.is_full = self.is_full and len(self.by_parts) >= self.topic.max_keys
         newest = max(self._arrivals, key=self._arrivals.__getitem__, default=None)
         self.latest = None if newest is None else self.by_parts[newest]
         self.arrived_ns = None if newest is None else self._arrivals[newest]

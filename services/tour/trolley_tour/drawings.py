@@ -17,7 +17,7 @@ Chunks = tuple[str, ...]
 
 MAX_MARKERS = topics.MARKER.max_keys
 MAX_OVERLAYS = 500
-MAX_BYTES = 8 << 20
+MAX_BYTES = topics.MARKER.max_kept_bytes
 """Of the markers, and of the overlays."""
 
 

@@ -282,6 +282,20 @@ def test_a_watch_of_many_keys_stops_growing(lockstep: Lockstep, listener: Listen
     assert not transforms.is_full
 
 
+def test_a_watch_of_large_messages_stops_growing(lockstep: Lockstep, listener: Listener):
+    size = len(codec.encode(make_transform(1, "a"), "msgpack"))
+    transforms = listener.watch(dataclasses.replace(topics.TF, max_kept_bytes=2 * size))
+    for child in "abc":
+        lockstep.publish(topics.TF, make_transform(1, child), child)
+    assert transforms.by_parts.keys() == {("a",), ("b",)}
+    lockstep.publish(topics.TF, make_transform(2, "a"), "a")  # in place of what it was
+    assert transforms.by_parts["a",].stamp_ns == 2
+    transforms.forget(lambda where, _: where == ("a",))
+    lockstep.publish(topics.TF, make_transform(1, "c"), "c")
+    assert transforms.by_parts.keys() == {("b",), ("c",)}
+    assert lockstep.counters("localizer") == {"tf/too_many": 1}
+
+
 def test_who_draws_reads_markers_and_sees_them_go(lockstep: Lockstep, listener: Listener):
     class Keeper(Service):
         """Keeps markers for late joiners, in memory."""

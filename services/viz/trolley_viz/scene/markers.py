@@ -128,7 +128,7 @@ class MarkerLayer(Layer):
         """What is not drawn, and why."""
         grouping, notes = self._grouping, list[str]()
         if is_full:
-            notes.append(f"There are over {topics.MARKER.max_keys} markers; the rest is not drawn.")
+            notes.append("There are too many markers; the last ones are not drawn.")
         if grouping.left_out:
             count = _count(len(grouping.left_out))
             notes.append(
