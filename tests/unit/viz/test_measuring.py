@@ -53,17 +53,19 @@ def test_links_that_are_too_old_are_told(stage: "Stage", panels: Any) -> None:
 
 
 def test_a_plot_follows_its_topic_only_while_it_is_asked_for(stage: "Stage", panels: Any) -> None:
-    assert panels.plot._readings is None
-    panels.plot._choose_topic("odom")
-    assert "twist.vx" in panels.plot._fields.options
-    assert panels.plot._source.value == "odom:pose.x"
+    plot: Any = panels.plot
+    assert plot._readings is None
+    plot._choose_topic("odom")
+    assert "twist.vx" in plot._fields.options
+    assert plot._source.value == "odom:pose.x"
     stage.runtime.run(2.0)
-    assert "<polyline" in panels.plot._picture.content
-    assert len(panels.plot._readings._watches) == 1
-    panels.plot._source.value = ""
+    assert "<polyline" in plot._picture.content
+    readings: Any = plot._readings
+    assert len(readings._watches) == 1
+    plot._source.value = ""
     stage.runtime.run(0.3)
-    assert panels.plot._readings is None
-    assert panels.plot._picture.content == ""
+    assert plot._readings is None
+    assert plot._picture.content == ""
 
 
 def test_a_fixed_range_is_kept_to(stage: "Stage", panels: Any) -> None:

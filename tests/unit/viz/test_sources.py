@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from msgspec import structs
 from support.samples import make_odometry, make_scan
 
 from trolley import topics
-from trolley.messages import GoalStatus, Health, Scan, floats_to_bytes
+from trolley.messages import GoalStatus, Health, floats_to_bytes
 from trolley.topics import Kind
 from trolley_viz.overlays.source import (
     BadSource,
@@ -99,9 +100,8 @@ def test_values_are_read() -> None:
 
 
 def test_an_echo_that_did_not_come_back_is_unknown() -> None:
-    scan = make_scan(1, beams=2)
     values = floats_to_bytes(np.array([1.5, np.inf, np.nan]))
-    scan = Scan(**{f: getattr(scan, f) for f in scan.__struct_fields__} | {"ranges": values})
+    scan = structs.replace(make_scan(1, beams=2), ranges=values)
     read = [read_field(field(f"scan:ranges[{i}]"), scan) for i in range(3)]
     assert read == [1.5, None, None]
 
