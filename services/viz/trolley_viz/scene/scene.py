@@ -39,6 +39,8 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.POSE,
     topics.GOAL,
     topics.POSES,
+    topics.ZONES,
+    topics.SUSPECTS,
     topics.TOURS,
     topics.TOUR,
     topics.HEALTH,
