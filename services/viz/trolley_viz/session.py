@@ -6,9 +6,14 @@ from typing import Protocol
 import msgspec
 import viser
 
+from trolley.messages import SuspectLine
 from trolley.runtime.service import Service
 from trolley_viz import camera
 from trolley_viz.actions import Actions
+from trolley_viz.drawing.board import Board
+from trolley_viz.drawing.editor import ZoneEditor, stored_zones
+from trolley_viz.drawing.suspects import SuspectLines
+from trolley_viz.drawing.wishes import ZoneWishes
 from trolley_viz.panels.console import Console
 from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
@@ -17,7 +22,7 @@ from trolley_viz.scene.layer import View
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT, shown_layers
 from trolley_viz.server import configure_look
-from trolley_viz.settings import Choices
+from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
 from trolley_viz.stage import Stage
 from trolley_viz.stopping import StopPresses
 from trolley_viz.visitors import Visitor
@@ -102,6 +107,14 @@ class Session:
         """What this browser's scene has in place of the roots of robots and of their layers."""
         self.pointing = Pointing(client, hub.call_soon)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
+        self.zones = ZoneEditor(
+            Board(client, hub.call_soon),
+            ZoneWishes(service, lambda: self._robot, lambda: stored_zones(self.view), self.tell),
+            lambda: self.view,
+            self.tell,
+            self._put_pointing_away,
+        )
+        self.suspects = SuspectLines(client.scene)
         configure_look(client.gui, dark=choices.dark)
         self._preview = PreviewLine(client.scene)
         self.console = Console(client.gui, self)
@@ -170,6 +183,7 @@ class Session:
         """Show another robot."""
         if robot != self._robot:
             self.put_tools_away()
+            self.zones.wishes.forget()
             self._hub.let_go(self.client.client_id)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
@@ -178,6 +192,14 @@ class Session:
         """Show or hide a layer, and remember it."""
         layers = {**self._choices.layers, key: is_on}
         self._choose(msgspec.structs.replace(self._choices, layers=layers))
+
+    def dismiss(self, suspect: SuspectLine) -> None:
+        """Do not suspect a mirror here any more."""
+        grid = self.view.map
+        if grid is not None:
+            one = Dismissed(map=grid.name, points=suspect.points)
+            dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
+            self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
 
     def set_dark(self, *, is_dark: bool) -> None:
         """Change the look, and remember it."""
@@ -200,14 +222,23 @@ class Session:
         for key, is_on in self.layers().items():
             self._shadow(self._robot, f"/{key}", is_on=is_on)
         self._preview.draw(self.actions.preview, self.view.placement)
+        if self.pointing.tool is not None and self.zones.mode != "idle":
+            self.zones.leave()  # one tool at a time
+        self.zones.update()
+        is_shown = self.layers()["zones"]
+        self.suspects.update(self.view, self._choices.dismissed, is_shown=is_shown)
         self._fit_new()
 
     def put_tools_away(self) -> None:
-        """End what somebody began to point at."""
+        """End what somebody began to point at or to draw."""
+        self._put_pointing_away()
+        self.zones.leave()
+
+    # Inside.
+    def _put_pointing_away(self) -> None:
         self.pointing.disarm()
         self.actions.put_away()
 
-    # Inside.
     def _choose(self, choices: Choices) -> None:
         self._choices = choices
         self._hub.remember(self.visitor.browser, choices)

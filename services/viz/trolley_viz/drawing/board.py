@@ -48,8 +48,9 @@ class Strokes:
 
     tapped: Callable[[Point, float], None]
     """Pressed and released at a point; within the reach is the same place."""
-    dragged: Callable[[Phase, Point, Point | None], None]
-    """From where to where; None while the pointer is not over the floor."""
+    dragged: Callable[[Phase, Point, Point | None], None] | None = None
+    """From where to where, which is None while the pointer is not over the floor. Without it
+    drags turn the camera."""
 
 
 class Board:
@@ -78,19 +79,23 @@ class Board:
             receive_shadow=False,
         )
 
-        # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
             met = meet_floor(event.ray_origin, event.ray_direction)
             if met is not None:
                 reach_m = REACH_SHARE * math.dist(event.ray_origin, (*met, 0.0))
                 self._post(lambda: strokes.tapped(met, reach_m))
 
+        floor.on_click(click)
+        dragged = strokes.dragged
+        if dragged is None:
+            return
+
+        # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
             x, y, _ = event.start_position
             now = floor_under(event)
-            self._post(lambda: strokes.dragged(event.phase, (x, y), now))
+            self._post(lambda: dragged(event.phase, (x, y), now))
 
-        floor.on_click(click)
         floor.on_drag("left")(drag)
 
     def release(self) -> None:

@@ -137,7 +137,7 @@ class ZoneEditor:
         self._begin()
         self.leave()
         self.mode, self.hint = "pick", PICK_HINT
-        self._board.take(Strokes(self._picked, lambda *_: None))
+        self._board.take(Strokes(self._picked))
 
     def select(self, name: str) -> None:
         """Change the zone of this name; one that does not exist ends what is under way."""
@@ -212,7 +212,7 @@ class ZoneEditor:
         grid = view.map
         if grid is None or self.kind not in LINES:
             return point
-        return snap_to_wall(grid, grid.origin, point)
+        return snap_to_wall(grid, point)
 
     def _tapped(self, point: Point, reach_m: float) -> None:
         if self.mode != "draw" or self.sketch is None:
@@ -283,4 +283,3 @@ def as_zone(sketch: Sketch, name: str, speed: float | None) -> Zone:
         points=list(sketch.points),
         speed=speed if sketch.kind == "speed" else None,
     )
-

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
 from trolley.geometry.polygon import (
     MAX_CORNERS,
     check_polygon,
@@ -77,7 +76,8 @@ class Sketch:
 
     def closes_at(self, point: Point, reach_m: float) -> bool:
         """Whether a corner there would end the drawing: at the last one, or at an area's first."""
-        ends = [*self.points[-1:]] + ([] if self.is_line or len(self.points) < 3 else [self.points[0]])
+        is_area = not self.is_line and len(self.points) >= 3
+        ends = self.points[-1:] + (self.points[:1] if is_area else ())
         return any(math.dist(point, end) <= reach_m for end in ends)
 
     def crosses(self) -> bool:
@@ -130,18 +130,17 @@ def zone_at(zones: Sequence[Zone], point: Point, reach_m: float) -> Zone | None:
     return zones[min(found)[1]] if found else None
 
 
-def snap_to_wall(grid: OccupancyGrid, map_T_grid: Pose2D, point: Point, reach_m: float = SNAP_M) -> Point:  # noqa: N803
+def snap_to_wall(grid: OccupancyGrid, point: Point, reach_m: float = SNAP_M) -> Point:
     """Move a point to the nearest face of a wall; it stays where none is within reach.
 
     Args:
         grid: the map.
-        map_T_grid: where its cell (0, 0) lies in the frame of the point.
-        point: x, y [m].
+        point: x, y [m] in the map's frame.
         reach_m: how far a wall draws it [m].
     """
     if not (math.isfinite(point[0]) and math.isfinite(point[1])):
         return point
-    at = map_T_grid.inverse().transform_points(np.array([point]))[0] / grid.resolution
+    at = grid.origin.inverse().transform_points(np.array([point]))[0] / grid.resolution
     at = np.clip(at, -FAR_CELLS, FAR_CELLS)
     faces = _wall_faces(grid, at, reach_m / grid.resolution)
     if not len(faces):
@@ -152,7 +151,7 @@ def snap_to_wall(grid: OccupancyGrid, map_T_grid: Pose2D, point: Point, reach_m:
     best = int(np.argmin(gaps))
     if gaps[best] * grid.resolution > reach_m:
         return point
-    x, y = map_T_grid.transform_points(nearest[best : best + 1] * grid.resolution)[0].tolist()
+    x, y = grid.origin.transform_points(nearest[best : best + 1] * grid.resolution)[0].tolist()
     return x, y
 
 

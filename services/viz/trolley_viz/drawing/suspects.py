@@ -1,5 +1,6 @@
 """Mirrors that the localizer suspects: shown dashed, and offered to the person at one browser."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -46,7 +47,9 @@ class SuspectLines:
             line
             for line in sorted(message.lines, key=lambda line: -line.score)[:MAX_SHOWN]
             if len(line.points) > 1
-            and not any(one.map == grid.name and is_same(one.points, line.points) for one in dismissed)
+            and not any(
+                one.map == grid.name and is_same(one.points, line.points) for one in dismissed
+            )
         ]
         for i, line in enumerate(self.offered if is_shown else []):
             points = world_T_map.transform_points(np.array(line.points))
@@ -86,7 +89,7 @@ def is_same(one: Sequence[Point], other: Sequence[Point]) -> bool:
 def dashes(points: NDArray[np.float64], dash: float, gap: float, z: float) -> NDArray[np.float32]:
     """Cut a polyline (n, 2) [m] into dashes: line segments (k, 2, 3), each piece beginning one."""
     out: list[list[tuple[float, float, float]]] = []
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in itertools.pairwise(points):
         length = float(np.hypot(*(end - start)))
         count = min(max(round((length + gap) / (dash + gap)), 1), 500)
         # Whole dashes only, stretched a little, so that both ends are seen.

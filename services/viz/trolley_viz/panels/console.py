@@ -12,6 +12,7 @@ from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tours import TourPanel
 from trolley_viz.panels.view import DetailPanel, ViewPanel
+from trolley_viz.panels.zones import ZonePanel
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.places import current_places
 from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
@@ -30,12 +31,15 @@ class Console:
         self._robots = RobotsPanel(gui, session.follow, session.press_stop_all, post)
         self._drive: DrivePanel | None = None
         self._tours: TourPanel | None = None
+        self._zones: ZonePanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
                 self._drive = DrivePanel(gui, actions, session.pointing, post)
             with tabs.add_tab("Tour", viser.Icon.ROUTE):
                 self._tours = TourPanel(gui, actions, post)
+            with tabs.add_tab("Map", viser.Icon.MAP_2):
+                self._zones = ZonePanel(gui, session.zones, session.dismiss, post)
         with tabs.add_tab("View", viser.Icon.STACK_2):
             ViewPanel(gui, session)
         with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
@@ -56,7 +60,7 @@ class Console:
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
-        self._stop_bar.show_hint(session.actions.hint)
+        self._stop_bar.show_hint(session.zones.hint or session.actions.hint)
         self._status.update(session.robot_labels(), session.robot, state_words(view))
         self._robots.update(view.fleet, session.robot)
         if self._drive is not None:
@@ -64,6 +68,8 @@ class Console:
             self._drive.update(goal, current_places(view), None if tool is None else tool.name)
         if self._tours is not None:
             self._tours.update([] if tours is None else tours.tours, trip)
+        if self._zones is not None:
+            self._zones.update(session.suspects.offered)
         self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
 
 

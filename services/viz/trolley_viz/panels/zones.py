@@ -58,9 +58,7 @@ class ZonePanel:
             self._speed = gui.add_number(
                 "At most m/s", 0.15, min=0.01, max=5.0, step=0.01, visible=False
             )
-            self._done = gui.add_button(
-                "Done", icon=viser.Icon.CHECK, color=GREEN, visible=False
-            )
+            self._done = gui.add_button("Done", icon=viser.Icon.CHECK, color=GREEN, visible=False)
             self._back = gui.add_button(
                 "Take last corner back", icon=viser.Icon.ARROW_BACK, color=GREY, visible=False
             )
