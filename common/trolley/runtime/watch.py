@@ -27,6 +27,8 @@ class Watch(Generic[M]):
         """The newest message of all keys."""
         self.arrived_ns: int | None = None
         """Local monotonic time of its arrival."""
+        self.count = 0
+        """How many messages arrived so far."""
         self.by_parts: dict[tuple[str, ...], M] = {}
         """The newest message per varying chunks (the robot first where all are watched)."""
         self.history: deque[M] = deque(maxlen=MAX_HISTORY)
@@ -48,6 +50,7 @@ class Watch(Generic[M]):
         """Store a message (called by the runtime); False: too many keys are known already."""
         if parts not in self.by_parts and len(self.by_parts) >= MAX_KEYS:
             return False
+        self.count += 1
         self.latest = message
         self.arrived_ns = arrived_ns
         self.by_parts[parts] = message

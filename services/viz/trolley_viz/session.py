@@ -17,6 +17,7 @@ from trolley_viz.drawing.wishes import ZoneWishes
 from trolley_viz.panels.console import Console
 from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
+from trolley_viz.scene.axes import FrameAxes
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.routes import PreviewLine
@@ -28,6 +29,8 @@ from trolley_viz.stopping import StopPresses
 from trolley_viz.visitors import Visitor
 from trolley_viz.words import Tone
 
+FRAME = "frame:"
+"""Begins the keys under which the choices hold the frames whose axes are shown."""
 NOTICE_S = 8.0
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
@@ -115,6 +118,7 @@ class Session:
             self._put_pointing_away,
         )
         self.suspects = SuspectLines(client.scene)
+        self._axes = FrameAxes(client.scene)
         configure_look(client.gui, dark=choices.dark)
         self._preview = PreviewLine(client.scene)
         self.console = Console(client.gui, self)
@@ -153,6 +157,11 @@ class Session:
     def layers(self) -> dict[str, bool]:
         """Which layers are shown, by key."""
         return shown_layers(self._choices.layers)
+
+    def frames_on(self) -> list[str]:
+        """The frames whose axes are shown."""
+        chosen = self._choices.layers.items()
+        return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
 
     # What the panels ask for.
     def post(self, fn: Callable[[], None]) -> None:
@@ -193,6 +202,12 @@ class Session:
         layers = {**self._choices.layers, key: is_on}
         self._choose(msgspec.structs.replace(self._choices, layers=layers))
 
+    def switch_frame(self, frame: str, *, is_on: bool) -> None:
+        """Show or hide the axes of a frame, and remember it."""
+        others = {key: on for key, on in self._choices.layers.items() if key != FRAME + frame}
+        layers = {**others, FRAME + frame: True} if is_on else others
+        self._choose(msgspec.structs.replace(self._choices, layers=layers))
+
     def dismiss(self, suspect: SuspectLine) -> None:
         """Do not suspect a mirror here any more."""
         grid = self.view.map
@@ -227,6 +242,7 @@ class Session:
         self.zones.update()
         is_shown = self.layers()["zones"]
         self.suspects.update(self.view, self._choices.dismissed, is_shown=is_shown)
+        self._axes.draw(self.view.placement, self.frames_on())
         self._fit_new()
 
     def put_tools_away(self) -> None:

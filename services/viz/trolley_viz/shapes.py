@@ -12,6 +12,8 @@ from trolley.geometry.polygon import signed_area
 Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 """Vertices (v, 3) [m] and faces (f, 3)."""
 
+CHI2_95 = 5.991
+"""95 % of the chi-squared distribution with two degrees of freedom."""
 MAX_WALL_RUNS = 40_000
 MAX_FILLED_CORNERS = 500
 
@@ -85,6 +87,20 @@ def arrow_outline(length: float, width: float) -> NDArray[np.float64]:
             [0, shaft],
         ]
     )
+
+
+def ellipse(covariance: ArrayLike, min_axis: float) -> NDArray[np.float64]:
+    """Return the outline (48, 2) [m] around the origin that holds 95 % of a normal distribution.
+
+    Args:
+        covariance: (2, 2) of x, y [m^2].
+        min_axis: half the least width [m].
+    """
+    variances, axes = np.linalg.eigh(np.asarray(covariance, np.float64))
+    half = np.maximum(np.sqrt(CHI2_95 * np.maximum(variances, 0.0)), min_axis)
+    angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)])
+    return ((axes * half) @ circle).T
 
 
 def closed_segments(polygon: ArrayLike, z: float) -> NDArray[np.float32]:

@@ -7,11 +7,11 @@ import viser
 from trolley import topics
 from trolley_viz.joystick.page import pad_html
 from trolley_viz.panels.drive import DrivePanel
+from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tours import TourPanel
-from trolley_viz.panels.view import DetailPanel, ViewPanel
 from trolley_viz.panels.zones import ZonePanel
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.places import current_places
@@ -40,10 +40,8 @@ class Console:
                 self._tours = TourPanel(gui, actions, post)
             with tabs.add_tab("Map", viser.Icon.MAP_2):
                 self._zones = ZonePanel(gui, session.zones, session.dismiss, post)
-        with tabs.add_tab("View", viser.Icon.STACK_2):
-            ViewPanel(gui, session)
-        with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
-            self._details = DetailPanel(gui)
+        with tabs.add_tab("More", viser.Icon.DOTS):
+            self._more = MorePanel(gui, session)
         self._stop_bar = StopBar(
             gui,
             lambda: hub.call_soon(session.press_stop, urgent=True),
@@ -70,7 +68,7 @@ class Console:
             self._tours.update([] if tours is None else tours.tours, trip)
         if self._zones is not None:
             self._zones.update(session.suspects.offered)
-        self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
+        self._more.update(view)
 
 
 def state_words(view: View) -> list[Words]:

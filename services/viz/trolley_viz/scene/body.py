@@ -1,4 +1,4 @@
-"""The robot: its body raised from the footprint, its outline on the floor, and its frames."""
+"""The robot: its body raised from the footprint, and its outline on the floor."""
 
 import numpy as np
 import viser
@@ -7,7 +7,7 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import BASE
 from trolley.messages import PoseState, Robot
-from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Layer, View
+from trolley_viz.scene.layer import Z_FOOTPRINT, Layer, View
 from trolley_viz.shapes import arrow_outline, closed_segments, flat, place, prism
 
 BODY_COLOURS: dict[PoseState, tuple[int, int, int]] = {
@@ -25,6 +25,8 @@ class RobotLayer(Layer):
     """The robot where it is now; its colour says how sure that is."""
 
     key, title = "robot", "Robot"
+    group = "Robot"
+    source = topics.ODOM
     period_s = 0.05
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
@@ -98,36 +100,3 @@ class RobotLayer(Layer):
             )
             place(drum, laser.pose, height + 0.025)
             self._parts.append(drum)
-
-
-class FrameLayer(Layer):
-    """The axes of every frame that has a place in the world."""
-
-    key, title = "frames", "Frames"
-    on_by_default = False
-    period_s = 0.1
-
-    def __init__(self, server: viser.ViserServer, above: str) -> None:
-        super().__init__(server, above)
-        self._axes: dict[str, viser.FrameHandle] = {}
-
-    def draw(self, view: View) -> None:
-        """Move the axes; frames that lost their place go."""
-        poses = {
-            frame: pose
-            for frame in view.placement.tree.frames()
-            if (pose := view.placement.world_T(frame)) is not None
-        }
-        for frame in self._axes.keys() - poses.keys():
-            self._axes.pop(frame).remove()
-        with self.server.atomic():
-            for frame, pose in poses.items():
-                if frame not in self._axes:
-                    path = self.path(frame.replace("/", "_"))
-                    self._axes[frame] = self.scene.add_frame(
-                        path, axes_length=0.3, axes_radius=0.012, origin_radius=0.02
-                    )
-                    self.scene.add_label(
-                        f"{path}/name", frame, position=(0.0, 0.0, Z_LABEL), font_screen_scale=0.8
-                    )
-                place(self._axes[frame], pose, Z_FOOTPRINT)

@@ -32,6 +32,8 @@ class PlaceLayer(Layer):
     """Saved poses: an arrow and the name."""
 
     key, title = "places", "Saved poses"
+    group = "Map"
+    source = topics.POSES
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
@@ -74,6 +76,8 @@ class ZoneLayer(Layer):
     """Mirrors, glass, keep-outs and speed zones."""
 
     key, title = "zones", "Zones"
+    group = "Map"
+    source = topics.ZONES
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)

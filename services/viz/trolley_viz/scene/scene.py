@@ -7,8 +7,9 @@ import viser
 
 from trolley import topics
 from trolley.topics import Topic
-from trolley_viz.scene.body import FrameLayer, RobotLayer
-from trolley_viz.scene.ground import CostmapLayer, MapLayer
+from trolley_viz.scene.body import RobotLayer
+from trolley_viz.scene.certainty import CovarianceLayer, TruthLayer
+from trolley_viz.scene.ground import CostmapLayer, GlobalCostmapLayer, MapLayer
 from trolley_viz.scene.layer import Layer, View
 from trolley_viz.scene.others import OthersLayer
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
@@ -21,6 +22,8 @@ LAYERS: tuple[type[Layer], ...] = (
     PlaceLayer,
     RobotLayer,
     OthersLayer,
+    CovarianceLayer,
+    TruthLayer,
     ScanLayer,
     ParticleLayer,
     CandidateLayer,
@@ -28,7 +31,7 @@ LAYERS: tuple[type[Layer], ...] = (
     PathLayer,
     TrajectoryLayer,
     CostmapLayer,
-    FrameLayer,
+    GlobalCostmapLayer,
 )
 
 ALWAYS: tuple[Topic[Any], ...] = (

@@ -26,6 +26,8 @@ class ScanLayer(Layer):
     """The echoes of the lidar, coloured by what the localizer makes of them."""
 
     key, title = "scan", "Laser scan"
+    group = "Senses"
+    source = topics.SCAN
     needs = (topics.SCAN, topics.BEAMS)
     period_s = 0.1
 
@@ -76,6 +78,8 @@ class ParticleLayer(Layer):
     """The localizer's hypotheses: the darker, the likelier."""
 
     key, title = "particles", "Particles"
+    group = "Senses"
+    source = topics.PARTICLES
     needs = (topics.PARTICLES,)
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
@@ -113,6 +117,8 @@ class CandidateLayer(Layer):
     """The places between which a search cannot decide, with how well each matches."""
 
     key, title = "candidates", "Possible places"
+    group = "Senses"
+    source = topics.POSE
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
