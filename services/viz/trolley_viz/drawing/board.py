@@ -29,7 +29,7 @@ Z_SKETCH = WALL_HEIGHT + 0.05
 Colour = tuple[int, int, int]
 FINE: Colour = (0, 140, 40)
 BAD: Colour = (214, 30, 30)
-CORNER_COLOUR, MIDDLE_COLOUR = (255, 255, 255), (47, 111, 224)
+CORNER_COLOUR, MIDDLE_COLOUR = (250, 200, 0), (30, 100, 255)
 
 Phase = Literal["start", "update", "end"]
 

@@ -32,7 +32,7 @@ SLOW_MPS = 0.15
 LINE_HINT = "Tap along it, corner by corner. Tap the last corner again when done."
 AREA_HINT = "Tap the corners one by one. Tap the first one again when done."
 PICK_HINT = "Tap a zone on the map."
-EDIT_HINT = "Drag the white corners, or the blue one to move it all."
+EDIT_HINT = "Drag a yellow corner, or the blue one to move it all."
 
 
 @dataclass

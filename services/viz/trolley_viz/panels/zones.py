@@ -14,8 +14,8 @@ from trolley_viz.panels.markup import note
 KINDS: dict[str, ZoneKind] = {
     "Mirror": "mirror",
     "Glass": "glass",
-    "No-go area": "keepout",
-    "Slow area": "speed",
+    "No-go": "keepout",
+    "Slow": "speed",
 }
 CHOOSE: str = "choose …"
 SUSPECT_TEXT = "A mirror seems to hang where “mirror?” stands on the map."

@@ -146,8 +146,8 @@ class ZoneLayer(Layer):
             self.scene.add_label(
                 self.path(name),
                 text,
-                position=(x, y, Z_LABEL),
-                anchor="center-center",
+                position=(x, y, Z_LABEL + 0.15),
+                anchor="bottom-center",
                 font_screen_scale=0.8,
             )
         )
