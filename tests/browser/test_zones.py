@@ -74,6 +74,12 @@ def crosses(points: np.ndarray) -> bool:
     return bool(polygon_contains(np.array(ACROSS), fine).any())
 
 
+def wait_for_frames(page: Page) -> None:
+    """Wait until the page has drawn what it was last told: before that it cannot be hit."""
+    script = "(n) => new Promise(r => {const f = () => n-- ? requestAnimationFrame(f) : r(); f();})"
+    page.evaluate(script, 3)
+
+
 def name_field(page: Page) -> Locator:
     """viser's text fields are not tied to their labels."""
     return page.locator(".mantine-TextInput-input").locator("visible=true")
@@ -89,9 +95,10 @@ def test_a_no_go_area_drawn_across_the_way_is_driven_round(
     assert crosses(way(shown))
     page.get_by_role("button", name="No-go").click()
     expect(page.get_by_text("Tap the corners one by one")).to_be_visible()
+    wait_for_frames(page)
     for corner in ACROSS:
         page.mouse.click(*pixel_of(page, corner))
-        page.wait_for_timeout(300)
+        wait_for_frames(page)
     page.screenshot(path=pictures / "zone-drawn.png", timeout=60_000)
     page.keyboard.press("Enter")
     wait_until(lambda: "no-go area 1" in zones(shown), 20.0, "the zone is stored")
@@ -105,9 +112,11 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     before = zones(shown)["no-go area 1"]
     page.get_by_role("button", name="Choose on the map").click()
     expect(page.get_by_text("Tap a zone on the map")).to_be_visible()
+    wait_for_frames(page)
     page.mouse.click(*pixel_of(page, (1.6, 0.45)))
     expect(page.get_by_role("button", name="Save")).to_be_visible()
     page.screenshot(path=pictures / "zone-selected.png", timeout=60_000)
+    wait_for_frames(page)
     # The handle stands above the floor, which is seen a little from the south.
     page.mouse.move(*pixel_of(page, (1.55, 0.37)))
     page.mouse.down()
@@ -138,10 +147,11 @@ def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> 
     page = open_map(browser, shown.url, touch=True)
     page.get_by_role("button", name="Mirror").tap()
     expect(page.get_by_text("Tap along it")).to_be_visible()
+    wait_for_frames(page)
     # The wall at the right of the room has its face at x = 3.2.
     for corner in ((3.1, 0.5), (3.1, -0.3), (3.1, -0.3)):
         page.touchscreen.tap(*pixel_of(page, corner))
-        page.wait_for_timeout(400)
+        wait_for_frames(page)
     wait_until(lambda: "mirror 1" in zones(shown), 20.0, "the mirror is stored")
     start, end = zones(shown)["mirror 1"].points
     assert start[0] == pytest.approx(end[0], abs=1e-9)  # both on the face of the wall
@@ -152,6 +162,7 @@ def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> 
 def test_escape_leaves_the_drawing(page: Page, shown: "Shown") -> None:
     page.get_by_role("button", name="Slow").click()
     expect(page.get_by_text("Tap the corners one by one")).to_be_visible()
+    wait_for_frames(page)
     page.mouse.click(*pixel_of(page, ACROSS[0]))
     page.keyboard.press("Escape")
     expect(page.get_by_text("Tap the corners one by one")).to_have_count(0)
