@@ -86,6 +86,8 @@ def started(folder: Path) -> Iterator[tuple[Used, str]]:
         try:
             wait_for_port(viewer)
             yield Used(processes[0].pid), f"http://127.0.0.1:{viewer}"
+            if any(process.poll() is not None for process in processes):
+                raise RuntimeError((folder / "log").read_text())
         finally:
             for process in processes:
                 process.terminate()

@@ -12,6 +12,7 @@ import time
 import numpy as np
 
 from trolley import topics
+from trolley.config import RobotConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import (
     BaseState,
@@ -41,9 +42,12 @@ class BusyRobot(Service):
 
     name = "base"
 
+    def __init__(self, config: RobotConfig) -> None:
+        """Needs nothing of the configuration but its name, which the runtime knows."""
+        self._random = np.random.default_rng(1)
+
     def start(self) -> None:
         """Say what does not change."""
-        self._random = np.random.default_rng(1)
         self._epoch_ns = self.monotonic_ns
         self.publish(
             topics.ROBOT,
