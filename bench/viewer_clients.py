@@ -177,7 +177,7 @@ async def open_chromium(url: str) -> Any:
     """Open the viewer in Chromium and wait until the robot is seen."""
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        page = await browser.new_page(viewport={"width": 400, "height": 400})
+        page = await browser.new_page(viewport={"width": 320, "height": 240})
         page.set_default_timeout(90_000)
         await page.add_init_script(WATCH)
         await page.goto(url)
