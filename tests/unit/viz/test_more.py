@@ -145,7 +145,6 @@ def test_frames_are_switched_one_by_one(stage: "Stage") -> None:
     axes = stage.session._axes._axes
     assert list(axes) == ["laser"]
     assert axes["laser"].position[:2] == pytest.approx([1.6, 0.0])
-    assert boxes["laser", 3].value
     stage.session.switch_frame("laser", is_on=False)
     stage.runtime.run(0.2)
     assert axes == {}

@@ -43,12 +43,9 @@ class FrameTreePanel:
     def update(self, view: View) -> None:
         """Bring tree and ages up to date."""
         branches = tree(view.placement.tree)[:MAX_FRAMES]
-        on = set(self._session.frames_on())
         keys = [(one.frame, one.depth) for one in branches]
         if keys != list(self._boxes):
-            self._build(keys, on)
-        for box, one in zip(self._boxes.values(), branches, strict=True):
-            show(box, value=one.frame in on)
+            self._build(keys, set(self._session.frames_on()))
         rows = [
             (one.frame, one.link.parent, _where(one.link), link_age(one.link, view.robot_ns))
             for one in branches

@@ -95,7 +95,7 @@ class LayerPanel:
             is_aged = shown[kind.key] and kind.source is not None
             age = f" · {_age(view, kind)}" if is_aged else ""
             is_there = kind.source is not topics.SIM_TRUTH or _is_simulated(view)
-            show(box, label=f"{kind.title}{age}", visible=is_there, value=shown[kind.key])
+            show(box, label=f"{kind.title}{age}", visible=is_there)
 
 
 def position_rows(view: View) -> list[tuple[str, ...]]:
