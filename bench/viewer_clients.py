@@ -128,26 +128,40 @@ def camera_message() -> bytes:
     return msgspec.msgpack.encode(message.as_serializable_dict())
 
 
-WATCH = """
-const Plain = window.Worker;
-window.seen = {scans: [], particles: 0, frames: 0};
-window.Worker = class extends Plain {
-  constructor(...rest) {
+IN_WORKER = """{
+  const hand = self.postMessage.bind(self);
+  self.postMessage = (data, transfer) => {
+    data.decoded_s = (performance.timeOrigin + performance.now()) / 1000;
+    hand(data, transfer);
+  };
+}"""
+"""Runs in the worker in which viser receives and decodes, before viser's own script."""
+
+WATCH = f"""
+const make = URL.createObjectURL.bind(URL), Plain = window.Worker;
+window.seen = {{scans: [], particles: 0, frames: 0}};
+URL.createObjectURL = (thing) => make(
+  thing instanceof Blob && thing.type.includes("javascript")
+    ? new Blob([`{IN_WORKER}`, thing], {{type: thing.type}}) : thing);
+window.Worker = class extends Plain {{
+  constructor(...rest) {{
     super(...rest);
-    this.addEventListener("message", (event) => {
+    this.addEventListener("message", (event) => {{
       if (event.data.type !== "message_batch") return;
-      const now = (performance.timeOrigin + performance.now()) / 1000;
-      for (const {type, name, updates} of event.data.messages) {
+      const taken_s = (performance.timeOrigin + performance.now()) / 1000;
+      for (const {{type, name, updates}} of event.data.messages) {{
         if (type !== "SceneNodeUpdateMessage" || updates.points === undefined) continue;
-        if (name.endsWith("SCAN_NODE")) seen.scans.push([updates.points[0], now]);
-        else if (name.endsWith("PARTICLE_NODE")) seen.particles++;
-      }
-    });
-  }
-};
-(function count() { seen.frames++; requestAnimationFrame(count); })();
-""".replace("SCAN_NODE", SCAN_NODE).replace("PARTICLE_NODE", PARTICLE_NODE)
-"""Listens to what viser's worker hands to the page once it is received and decoded."""
+        if (name.endsWith("{SCAN_NODE}"))
+          seen.scans.push([updates.points[0], event.data.decoded_s, taken_s]);
+        else if (name.endsWith("{PARTICLE_NODE}")) seen.particles++;
+      }}
+    }});
+  }}
+}};
+(function count() {{ seen.frames++; requestAnimationFrame(count); }})();
+"""
+"""Notes when viser's worker has decoded a scan, and when the page's main thread, which also draws,
+takes it."""
 
 
 class Chromium:
@@ -163,13 +177,15 @@ class Chromium:
         await self._page.evaluate("seen.scans = []; seen.particles = seen.frames = 0")
         self._since_s = time.perf_counter()
 
-    async def seen(self) -> tuple[Seen, float]:
-        """What came since, and the frames per second."""
+    async def seen(self) -> tuple[Seen, Seen, float]:
+        """What came since: as decoded, as taken by the main thread; and the frames per second."""
         found = await self._page.evaluate("seen")
-        seen = Seen(since_s=self._since_s, num_particles=found["particles"])
-        for first_x, now_s in found["scans"]:
-            seen.take_scan(first_x, now_s)
-        return seen, found["frames"] / (time.perf_counter() - self._since_s)
+        decoded = Seen(since_s=self._since_s, num_particles=found["particles"])
+        taken = Seen(since_s=self._since_s)
+        for first_x, decoded_s, taken_s in found["scans"]:
+            decoded.take_scan(first_x, decoded_s)
+            taken.take_scan(first_x, taken_s)
+        return decoded, taken, found["frames"] / (time.perf_counter() - self._since_s)
 
 
 @contextlib.asynccontextmanager

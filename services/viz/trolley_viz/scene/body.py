@@ -2,6 +2,7 @@
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from trolley import topics
 from trolley.geometry import Pose2D
@@ -76,7 +77,7 @@ class RobotLayer(Layer):
         """Raise the footprint, with an arrow on top and the lidar's drum where it is mounted."""
         points = np.array(robot.footprint)
         size = float(np.ptp(points, axis=0).min())
-        height = float(np.clip(0.45 * size, 0.08, 0.4))
+        height = body_height(points)
         vertices, faces = prism(0.97 * points, 0.03, height)
         self._body = self.scene.add_mesh_simple(
             self.path("base_link/body"), vertices, faces, color=AWAY_COLOUR, flat_shading=True
@@ -100,3 +101,9 @@ class RobotLayer(Layer):
             )
             place(drum, laser.pose, height + 0.025)
             self._parts.append(drum)
+
+
+def body_height(footprint: NDArray[np.float64]) -> float:
+    """How high a body is drawn [m] over a footprint (n, 2)."""
+    size = float(np.ptp(footprint, axis=0).min())
+    return float(np.clip(0.45 * size, 0.08, 0.4))

@@ -9,6 +9,7 @@ import viser
 from trolley import topics
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.messages import PoseEstimate, Truth
+from trolley_viz.scene.body import body_height
 from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Layer, View
 from trolley_viz.scene.routes import Line
 from trolley_viz.shapes import closed_segments, ellipse, place
@@ -47,7 +48,10 @@ class CovarianceLayer(Layer):
             spread = np.array(estimate.covariance, np.float64).reshape(3, 3)[:2, :2]
             world_T_middle = world_T_map @ Pose2D(estimate.pose.x, estimate.pose.y, 0.0)
             points = world_T_middle.transform_points(ellipse(spread, MIN_AXIS_M))
-            segments = closed_segments(points, Z_FOOTPRINT + 0.01)
+            robot = view.robot
+            # On top of the body, which would hide it.
+            height = 0.0 if robot is None else body_height(np.array(robot.footprint))
+            segments = closed_segments(points, height + 0.02)
         self._line.show(segments)
 
 
