@@ -18,7 +18,7 @@ from trolley_viz.settings import Dismissed
 
 SAME_M = 0.4
 """Lines whose ends are this near are the same suspect, seen from elsewhere."""
-DASH_M, GAP_M = 0.12, 0.08
+DASH_M, GAP_M = 0.14, 0.14
 MAX_SHOWN = 20
 
 
@@ -58,7 +58,7 @@ class SuspectLines:
                     f"/suspects/line{i}",
                     dashes(points, DASH_M, GAP_M, WALL_HEIGHT + 0.02),
                     SUSPECT_COLOUR,
-                    thickness=0.07,
+                    thickness=0.05,
                 ),
                 self._scene.add_label(
                     f"/suspects/name{i}",

@@ -11,12 +11,8 @@ from trolley_viz.drawing.editor import Mode, ZoneEditor
 from trolley_viz.panels.control import GREEN, GREY, Post, handler, show
 from trolley_viz.panels.markup import note
 
-KINDS: dict[str, ZoneKind] = {
-    "Mirror": "mirror",
-    "Glass": "glass",
-    "No-go": "keepout",
-    "Slow": "speed",
-}
+LINE_KINDS: dict[str, ZoneKind] = {"Mirror": "mirror", "Glass": "glass"}
+AREA_KINDS: dict[str, ZoneKind] = {"No-go": "keepout", "Slow": "speed"}
 CHOOSE: str = "choose …"
 SUSPECT_TEXT = "A mirror seems to hang where “mirror?” stands on the map."
 
@@ -49,7 +45,8 @@ class ZonePanel:
         with gui.add_folder("Zones"):
             self._suspect = gui.add_html(note(SUSPECT_TEXT), visible=False)
             self._answer = gui.add_button_group("Mirror?", ("Yes, add it", "No"), visible=False)
-            self._draw = gui.add_button_group("Draw", tuple(KINDS))
+            self._lines = gui.add_button_group("Draw a line", tuple(LINE_KINDS))
+            self._areas = gui.add_button_group("Draw an area", tuple(AREA_KINDS))
             self._choice = gui.add_dropdown("Change", (CHOOSE,))
             self._pick = gui.add_button(
                 "Choose on the map", icon=viser.Icon.HAND_FINGER, color=GREY
@@ -80,7 +77,8 @@ class ZonePanel:
             self._mode = editor.mode
             self._set_hotkeys(is_drawing=editor.mode == "draw")
         is_open = editor.mode in ("draw", "edit")
-        show(self._draw, visible=not is_open)
+        show(self._lines, visible=not is_open)
+        show(self._areas, visible=not is_open)
         show(self._pick, visible=not is_open)
         show(self._name, visible=is_open)
         show(self._speed, visible=is_open and editor.kind == "speed")
@@ -114,7 +112,8 @@ class ZonePanel:
 
     def _bind(self, editor: ZoneEditor, post: Post) -> None:
         self._answer.on_click(handler(post, lambda _, answer: self._answered(answer)))
-        self._draw.on_click(handler(post, lambda _, label: editor.start(KINDS[label])))
+        self._lines.on_click(handler(post, lambda _, label: editor.start(LINE_KINDS[label])))
+        self._areas.on_click(handler(post, lambda _, label: editor.start(AREA_KINDS[label])))
         self._choice.on_update(handler(post, lambda _, name: editor.select(name)))
         self._pick.on_click(handler(post, lambda _, __: editor.pick()))
         self._name.on_update(handler(post, lambda _, name: setattr(editor.form, "name", name)))
