@@ -130,6 +130,10 @@ class VizService(Service):
         """The presses of Stop that are not answered."""
         return self._stops
 
+    def is_open(self, client_id: int) -> bool:
+        """Whether a browser is still connected; viser knows before it says that it is gone."""
+        return self._server is not None and client_id in self._server.get_clients()
+
     def stage(self, robot: str) -> Stage:
         """Return a robot's share of the scene; there is one from the first time it is asked for."""
         stage = self._stages.get(robot)

@@ -63,6 +63,10 @@ class Hub(Protocol):
         """Call on the service's thread."""
         ...
 
+    def is_open(self, client_id: int) -> bool:
+        """Whether a browser is still connected."""
+        ...
+
     def stage(self, robot: str) -> Stage:
         """The robot's share of the scene."""
         ...
@@ -108,10 +112,10 @@ class Session:
         """The map that the camera was last moved for."""
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
-        self.pointing = Pointing(client, hub.call_soon)
+        self.pointing = Pointing(client, self._post_while_open)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
         self.zones = ZoneEditor(
-            Board(client, hub.call_soon),
+            Board(client, self._post_while_open),
             ZoneWishes(service, lambda: self._robot, lambda: stored_zones(self.view), self.tell),
             lambda: self.view,
             self.tell,
@@ -254,6 +258,18 @@ class Session:
     def _put_pointing_away(self) -> None:
         self.pointing.disarm()
         self.actions.put_away()
+
+    def _post_while_open(self, fn: Callable[[], None]) -> None:
+        """Call on the service's thread what a pointer did, unless its browser is gone.
+
+        When a connection is lost in mid-drag, viser tells of a release that nobody made.
+        """
+
+        def call() -> None:
+            if self._hub.is_open(self.client.client_id):
+                fn()
+
+        self._hub.call_soon(call)
 
     def _choose(self, choices: Choices) -> None:
         self._choices = choices
