@@ -96,7 +96,7 @@ class Hand:
         )
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], handle: int = -1) -> None:
-        node = self.board._floor if handle < 0 else self.board._handles
+        node = self.board._handles if self.board._floor is None else self.board._floor
         drag = node._impl.drag_cb[0].callback
         for phase, at in (("start", start), ("update", end), ("end", end)):
             event = self.event(phase, start, at)
@@ -310,6 +310,26 @@ def test_a_suspect_that_is_none_is_not_offered_again(stage: "Stage", keeper: Zon
     assert stage.session.choices.dismissed == [Dismissed(map="room", points=SUSPECT.points)]
     stage.browse(1, Visitor("ben"))
     assert len(stage.viz._sessions[1].suspects.offered) == 1
+
+
+def test_a_page_that_sends_nonsense_changes_nothing(hand: Hand, keeper: ZoneKeeper) -> None:
+    panel = hand.stage.session.console._zones
+    assert panel is not None
+    panel._start("Gravity")
+    assert hand.editor.mode == "idle"
+    hand.editor.start("mirror")
+    hand.drag((float("nan"), 0.0), (1.0, float("nan")))
+    assert hand.editor.sketch.points == ()
+    hand.editor.select("hall mirror")
+    for index in (-7, 3, 10**9):
+        hand.drag((1.0, 1.0), (0.0, 0.0), handle=index)
+    assert keeper.zones == [MIRROR]
+    hand.editor.form.speed = float("nan")
+    hand.editor.form.name = "x" * 100_000
+    hand.editor.done()
+    hand.wait()
+    assert len(hand.browser.notices[-1][1]) < 200
+    assert keeper.zones == [MIRROR]
 
 
 def test_a_viewer_cannot_draw(stage: "Stage", keeper: ZoneKeeper) -> None:

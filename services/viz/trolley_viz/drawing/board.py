@@ -94,7 +94,8 @@ class Board:
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
             x, y, _ = event.start_position
             now = floor_under(event)
-            self._post(lambda: dragged(event.phase, (x, y), now))
+            if math.isfinite(x) and math.isfinite(y):  # a page may send anything
+                self._post(lambda: dragged(event.phase, (x, y), now))
 
         floor.on_drag("left")(drag)
 
@@ -157,7 +158,7 @@ class Board:
 
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
             index, now = event.instance_index, floor_under(event)
-            if index is None:
+            if index is None or not 0 <= index < len(places):  # a page may send anything
                 return
             if event.phase == "start" and now is not None:
                 begun[index] = now

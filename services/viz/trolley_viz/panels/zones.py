@@ -13,6 +13,7 @@ from trolley_viz.panels.markup import note
 
 LINE_KINDS: dict[str, ZoneKind] = {"Mirror": "mirror", "Glass": "glass"}
 AREA_KINDS: dict[str, ZoneKind] = {"No-go": "keepout", "Slow": "speed"}
+KINDS: dict[str, ZoneKind] = LINE_KINDS | AREA_KINDS
 CHOOSE: str = "choose …"
 SUSPECT_TEXT = "A mirror seems to hang where “mirror?” stands on the map."
 
@@ -112,8 +113,8 @@ class ZonePanel:
 
     def _bind(self, editor: ZoneEditor, post: Post) -> None:
         self._answer.on_click(handler(post, lambda _, answer: self._answered(answer)))
-        self._lines.on_click(handler(post, lambda _, label: editor.start(LINE_KINDS[label])))
-        self._areas.on_click(handler(post, lambda _, label: editor.start(AREA_KINDS[label])))
+        self._lines.on_click(handler(post, lambda _, label: self._start(label)))
+        self._areas.on_click(handler(post, lambda _, label: self._start(label)))
         self._choice.on_update(handler(post, lambda _, name: editor.select(name)))
         self._pick.on_click(handler(post, lambda _, __: editor.pick()))
         self._name.on_update(handler(post, lambda _, name: setattr(editor.form, "name", name)))
@@ -123,6 +124,11 @@ class ZonePanel:
         self._delete.on_click(handler(post, lambda _, __: editor.delete()))
         self._leave.on_click(handler(post, lambda _, __: editor.leave()))
         self._undo.on_click(handler(post, lambda _, __: editor.undo()))
+
+    def _start(self, label: str) -> None:
+        kind = KINDS.get(label)
+        if kind is not None:  # a page may send anything
+            self._editor.start(kind)
 
     def _answered(self, answer: str) -> None:
         if self._offer is None:
