@@ -219,6 +219,16 @@ def test_a_zone_is_tapped_and_its_corner_dragged(hand: Hand, keeper: ZoneKeeper)
     assert hand.editor.wishes.last == ""
 
 
+def test_handles_keep_their_size_on_the_screen(hand: Hand) -> None:
+    hand.editor.select("hall mirror")
+    before = hand.board._handles.batched_scales.copy()
+    hand.browser.camera.position = np.array([0.0, -2.0, 3.0])
+    hand.wait()
+    after = hand.board._handles.batched_scales
+    assert after[0] < 0.6 * before[0]
+    assert after[-1] == pytest.approx(1.5 * after[0])
+
+
 def test_a_refused_move_goes_back(hand: Hand, keeper: ZoneKeeper) -> None:
     hand.editor.select("hall mirror")
     keeper.refuse = "The disk is full."

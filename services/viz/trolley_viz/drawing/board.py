@@ -63,6 +63,7 @@ class Board:
         self._line: viser.LineSegmentsHandle | None = None
         self._dots: viser.BatchedMeshHandle | None = None
         self._handles: viser.BatchedMeshHandle | None = None
+        self._size = 1.0
 
     def take(self, strokes: Strokes) -> None:
         """Take clicks and drags on the floor until `release`."""
@@ -138,16 +139,14 @@ class Board:
         first = middle - len(places) + 1
         colours = np.full((len(places), 3), CORNER_COLOUR, np.uint8)
         colours[-1] = MIDDLE_COLOUR
-        size = HANDLE_SHARE * self._eye_distance(sketch.middle)
-        scales = np.full(len(places), size, np.float32)
-        scales[-1] *= 1.5
+        self._size = HANDLE_SHARE * self._eye_distance(sketch.middle)
         handles = self._handles = self._client.scene.add_batched_meshes_simple(
             "/drawing/handles",
             OCTAHEDRON,
             OCTAHEDRON_FACES,
             _upright(len(places)),
             places,
-            batched_scales=scales,
+            batched_scales=handle_scales(len(places), self._size),
             batched_colors=colours,
             lod="off",
             flat_shading=True,
@@ -169,6 +168,16 @@ class Board:
             self._post(lambda: moved(event.phase, first + index, by))
 
         handles.on_drag("left")(drag)
+
+    def resize_handles(self, sketch: Sketch) -> None:
+        """Keep the handles as large as they are on the screen when somebody zooms."""
+        if self._handles is None:
+            return
+        size = HANDLE_SHARE * self._eye_distance(sketch.middle)
+        if not 0.75 <= size / self._size <= 1.33:
+            self._size = size
+            count = len(self._handles.batched_positions)
+            self._handles.batched_scales = handle_scales(count, size)
 
     def clear(self) -> None:
         """Take everything away."""
@@ -222,6 +231,13 @@ def handle_places(sketch: Sketch) -> NDArray[np.float32]:
     corners = list(sketch.points) if len(sketch.points) <= MAX_HANDLES else []
     points = np.array([*corners, sketch.middle])
     return np.column_stack([points, np.full(len(points), Z_SKETCH)]).astype(np.float32)
+
+
+def handle_scales(count: int, size: float) -> NDArray[np.float32]:
+    """The sizes of the handles (n,) [m]: the one that moves all is larger."""
+    scales = np.full(count, size, np.float32)
+    scales[-1] *= 1.5
+    return scales
 
 
 def floor_under(event: viser.SceneNodeDragEvent[Any]) -> Point | None:

@@ -168,7 +168,9 @@ class ZoneEditor:
         )
 
     def update(self) -> None:
-        """Follow what others do to the zones."""
+        """Follow what others do to the zones, and the eye."""
+        if self.mode == "edit" and self.sketch is not None:
+            self._board.resize_handles(self.sketch)
         zones = self._view().feeds.latest(topics.ZONES)
         if zones is self._seen or self.wishes.is_busy:
             return
