@@ -41,13 +41,14 @@ def browser() -> Iterator[Browser]:
 
 def open_map(browser: Browser, url: str, *, touch: bool) -> Page:
     """A page with the tab of the map open; small, as it is drawn in software."""
-    context = browser.new_context(viewport={"width": 900, "height": 600}, has_touch=touch)
+    context = browser.new_context(viewport={"width": 1120, "height": 640}, has_touch=touch)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.goto(url)
     page.get_by_text("Localized").first.wait_for()
     page.get_by_role("tab", name="Map").click()
     expect(page.get_by_role("button", name="Mirror")).to_be_visible()
+    page.wait_for_timeout(2500)  # by then the view is mended if the page was laid out late
     return page
 
 

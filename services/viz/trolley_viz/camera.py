@@ -55,20 +55,25 @@ def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
     server.initial_camera.look_at = look_at
 
 
-def fit(client: viser.ClientHandle, bounds: Bounds, *, is_new: bool) -> None:
-    """Move one client's camera so that it sees all of `bounds`.
+def seen_pixels(client: viser.ClientHandle, *, is_new: bool = False) -> tuple[int, int]:
+    """Width and height of a browser's picture.
 
-    A client that `is_new` tells the width of its window from before the panel was docked.
+    One that `is_new` tells as a rule, but not always, the width from before the panel was docked.
     """
-    camera = client.camera
-    width, height = camera.image_width, camera.image_height
-    if width <= NARROW_PIXELS:
+    width, height = client.camera.image_width, client.camera.image_height
+    if is_new and width > NARROW_PIXELS:
+        width -= PANEL_PIXELS
+    return max(width, 1), max(height, 1)
+
+
+def fit(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[int, int]) -> None:
+    """Move one browser's camera so that it sees all of `bounds` in so many pixels."""
+    width, height = pixels
+    if client.camera.image_width <= NARROW_PIXELS:
         x0, y0, x1, y1 = bounds
         bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
-    elif is_new:
-        width -= PANEL_PIXELS
-    position, look_at = stand(bounds, max(width, 1) / max(height, 1))
+    position, look_at = stand(bounds, width / height)
     with client.atomic():
-        camera.fov = FIELD_OF_VIEW
-        camera.position = position
-        camera.look_at = look_at
+        client.camera.fov = FIELD_OF_VIEW
+        client.camera.position = position
+        client.camera.look_at = look_at

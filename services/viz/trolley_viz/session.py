@@ -31,6 +31,8 @@ from trolley_viz.words import Tone
 
 FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""
+SETTLE_NS = 2_000_000_000
+SAME_ASPECT = 0.03
 NOTICE_S = 8.0
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
@@ -109,7 +111,10 @@ class Session:
         self._choices = choices
         self._robot = choices.robot or hub.robots.own
         self._fitted = ""
-        """The map that the camera was last moved for."""
+        """The map that the camera was last moved for, and the pixels there were then."""
+        self._pixels = (1, 1)
+        self._settled_ns: int | None = None
+        """When to see whether the page is laid out as it was thought to be [ns]."""
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
         self.pointing = Pointing(client, self._post_while_open)
@@ -229,7 +234,7 @@ class Session:
         """Show the whole map."""
         bounds = map_bounds(self.view)
         if bounds is not None:
-            camera.fit(self.client, bounds, is_new=False)
+            camera.fit(self.client, bounds, camera.seen_pixels(self.client))
 
     # What the service asks for.
     def update_scene(self, robots: Set[str]) -> None:
@@ -287,10 +292,22 @@ class Session:
     def _fit_new(self) -> None:
         """Move the camera to a map that it has not shown yet."""
         view = self.view
-        grid = view.map
-        if grid is None or self._fitted == f"{self._robot}/{grid.name}":
+        bounds = map_bounds(view) if self._is_to_fit(view) else None
+        if bounds is None or view.map is None:
             return
-        bounds = map_bounds(view)
-        if bounds is not None:
-            camera.fit(self.client, bounds, is_new=not self._fitted)
-            self._fitted = f"{self._robot}/{grid.name}"
+        self._pixels = camera.seen_pixels(self.client, is_new=not self._fitted)
+        self._settled_ns = view.now_ns + SETTLE_NS
+        camera.fit(self.client, bounds, self._pixels)
+        self._fitted = f"{self._robot}/{view.map.name}"
+
+    def _is_to_fit(self, view: View) -> bool:
+        """Whether there is another map, or the page turned out to be laid out otherwise."""
+        if view.map is None:
+            return False
+        if self._fitted != f"{self._robot}/{view.map.name}":
+            return True
+        if self._settled_ns is None or view.now_ns < self._settled_ns:
+            return False
+        self._settled_ns = None
+        width, height = camera.seen_pixels(self.client)
+        return abs(width / height - self._pixels[0] / self._pixels[1]) > SAME_ASPECT

@@ -79,6 +79,16 @@ def test_camera_is_moved_once_for_a_map(stage: "Stage") -> None:
     assert browser.camera.position is not None
 
 
+def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
+    browser = stage.browse()  # 1200 pixels wide: it is taken to have no panel yet
+    first = browser.camera.position
+    stage.runtime.run(2.5)
+    assert browser.camera.position[2] < first[2]  # it had its panel already
+    browser.camera.position = None
+    stage.runtime.run(5.0)
+    assert browser.camera.position is None
+
+
 def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:
     stage.browse()
     stage.robot.deaf = True
