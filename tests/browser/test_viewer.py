@@ -79,7 +79,7 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
 
 
 def test_stop_is_in_sight_whatever_tab_is_open(page: Page) -> None:
-    for tab in ("Tour", "View", "Details", "Drive"):
+    for tab in ("Tour", "Map", "More", "Drive"):
         page.get_by_role("tab", name=tab).click()
         expect(page.get_by_role("button", name="STOP")).to_be_in_viewport(ratio=1)
         expect(page.get_by_role("button", name="Resume")).to_be_in_viewport(ratio=1)

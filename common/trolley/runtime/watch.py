@@ -25,6 +25,8 @@ class Watch(Generic[M]):
         """The newest message of all keys."""
         self.arrived_ns: int | None = None
         """Local monotonic time of its arrival."""
+        self.count = 0
+        """How many messages arrived so far."""
         self.by_parts: dict[tuple[str, ...], M] = {}
         """The newest message per varying chunks (the robot first where all are watched)."""
         self.history: deque[M] = deque(maxlen=MAX_HISTORY)
@@ -56,6 +58,7 @@ class Watch(Generic[M]):
             self.is_full = True
             return False
         self._sizes[parts], self._num_bytes = num_bytes, all_bytes
+        self.count += 1
         self.latest = message
         self.arrived_ns = arrived_ns
         self.by_parts[parts] = message

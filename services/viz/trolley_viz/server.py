@@ -39,6 +39,8 @@ ASKING = """<form><input name="token" placeholder="or paste the token here" auto
 style="font:inherit;width:17em;max-width:100%;padding:.4em"> <button style="font:inherit;
 padding:.4em 1em">Open</button></form>"""
 
+MAX_UNSENT_BYTES = 16_384
+
 Serve = Callable[[ServerConnection], Awaitable[None]]
 """Talks with one browser until one of them has enough."""
 
@@ -132,6 +134,7 @@ def _changed_serving(gate: Gate, sockets: Mapping[str, Serve]) -> Generator[None
             visitor = gate.answer(_asker(connection, request)).visitor
             assert visitor is not None  # as it was let in
             visitors.present.set(visitor)
+            keep_backlog_short(connection.transport.get_extra_info("socket"))
             path = request.path.partition("?")[0]
             await sockets.get(path, viser_serves)(connection)
 
@@ -142,6 +145,15 @@ def _changed_serving(gate: Gate, sockets: Mapping[str, Serve]) -> Generator[None
         yield
     finally:
         websockets.asyncio.server.serve = plain
+
+
+def keep_backlog_short(connection: socket.socket) -> None:
+    """Let the system hold back little of what a slow browser has not fetched yet.
+
+    viser leaves out what newer messages replace, but only of what it has not handed over; by
+    default the system takes several megabytes, seconds of scans that nobody wants any more.
+    """
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, MAX_UNSENT_BYTES)
 
 
 def _sentence(answered: Answer) -> Response:

@@ -34,6 +34,8 @@ from trolley_viz.stage import Stage
 from trolley_viz.stopping import Answered, StopPresses
 from trolley_viz.visitors import Visitor
 
+LOOK_PERIOD_S = 0.025
+"""A scan waits for half of it on average."""
 PANEL_PERIOD_NS = 200_000_000
 JOYSTICK_PATH, OVERLAYS_PATH = "/joystick", "/overlays"
 EVERY_MESSAGE_S = 0.05
@@ -104,7 +106,7 @@ class VizService(Service):
             if self._bridge is not None:
                 self._bridge.close()
 
-    @every(0.05, clock="local")
+    @every(LOOK_PERIOD_S, clock="local")
     def look(self) -> None:
         """Draw and say what changed, while anybody looks."""
         self._stops.tick(self.monotonic_ns)
@@ -115,6 +117,8 @@ class VizService(Service):
         self._update_stages()
         for session in self._sessions.values():
             session.update_scene(self._stages.keys())
+        if self._server is not None:
+            self._server.flush()  # viser would wait for more to send together
         if self.monotonic_ns >= self._panels_due_ns:
             self._panels_due_ns = self.monotonic_ns + PANEL_PERIOD_NS
             for session in self._sessions.values():
@@ -137,6 +141,10 @@ class VizService(Service):
     def stops(self) -> StopPresses:
         """The presses of Stop that are not answered."""
         return self._stops
+
+    def is_open(self, client_id: int) -> bool:
+        """Whether a browser is still connected; viser knows before it says that it is gone."""
+        return self._server is not None and client_id in self._server.get_clients()
 
     def stage(self, robot: str) -> Stage:
         """Return a robot's share of the scene; there is one from the first time it is asked for."""

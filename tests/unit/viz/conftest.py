@@ -204,6 +204,7 @@ class Stage:
         """Open a browser and let everything settle; the real handle is viser's."""
         assert self.viz._server is not None
         browser = Browser(client_id, self.viz._server)
+        self.viz.is_open = self.viz._sessions.__contains__  # type: ignore[method-assign]
         self.viz._client_came(browser, visitor)  # type: ignore[arg-type]
         self.runtime.run(0.5)
         return browser

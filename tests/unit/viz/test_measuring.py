@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 @pytest.fixture
 def panels(stage: "Stage") -> Any:
     stage.browse()
-    console = stage.session.console
-    return SimpleNamespace(frames=console._frames, plot=console._plot)
+    more = stage.session.console._more
+    return SimpleNamespace(frames=more._relation, plot=more._plot)
 
 
 def test_distance_bearing_and_age_of_two_frames(stage: "Stage", panels: Any) -> None:

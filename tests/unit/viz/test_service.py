@@ -79,6 +79,16 @@ def test_camera_is_moved_once_for_a_map(stage: "Stage") -> None:
     assert browser.camera.position is not None
 
 
+def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
+    browser = stage.browse()  # 1200 pixels wide: it is taken to have no panel yet
+    first = browser.camera.position
+    stage.runtime.run(2.5)
+    assert browser.camera.position[2] < first[2]  # it had its panel already
+    browser.camera.position = None
+    stage.runtime.run(5.0)
+    assert browser.camera.position is None
+
+
 def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:
     stage.browse()
     stage.robot.deaf = True
@@ -174,26 +184,26 @@ ANN, BEN = Visitor("ann"), Visitor("ben")
 
 def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
     stage.browse(0, ANN)
-    stage.session.switch_layer("frames", is_on=True)
+    stage.session.switch_layer("costmap", is_on=True)
     stage.session.set_dark(is_dark=True)
     stage.runtime.run(0.1)
     stored = tomllib.loads((stage.viz.state.path / "viewer.toml").read_text())
     assert stored["browsers"]["ann"]["dark"] is True
-    assert stored["browsers"]["ann"]["layers"] == {"frames": True}
+    assert stored["browsers"]["ann"]["layers"] == {"costmap": True}
     stage.runtime.kill("viz")
     stage.viz.stop()
     stage.viz = stage.runtime.add(VizService(stage.config))
     stage.browse(0, BEN)
-    assert not stage.session.layers()["frames"]
+    assert not stage.session.layers()["costmap"]
     stage.viz._client_left(0)
     stage.browse(1, ANN)
-    assert stage.session.layers()["frames"]
+    assert stage.session.layers()["costmap"]
     assert stage.session.choices.dark
 
 
 def test_nobody_in_particular_is_not_remembered(stage: "Stage") -> None:
     stage.browse()
-    stage.session.switch_layer("frames", is_on=True)
+    stage.session.switch_layer("costmap", is_on=True)
     stage.runtime.run(0.1)
     assert not (stage.viz.state.path / "viewer.toml").exists()
 

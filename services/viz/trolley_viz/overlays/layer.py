@@ -8,6 +8,7 @@ class OverlayLayer(Layer):
     """Panels of programs; `Board` follows what they show and `InPages` puts them in the page."""
 
     key, title = "overlays", "Panels of programs"
+    group = "Map"
     needs = (topics.OVERLAY,)
 
     def draw(self, view: View) -> None:

@@ -7,13 +7,12 @@ import viser
 from trolley import topics
 from trolley_viz.page import overlays_html, pad_html
 from trolley_viz.panels.drive import DrivePanel
-from trolley_viz.panels.markup import note
-from trolley_viz.panels.measuring import FramesPanel, PlotPanel
+from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tours import TourPanel
-from trolley_viz.panels.view import DetailPanel, ViewPanel
+from trolley_viz.panels.zones import ZonePanel
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.places import current_places
 from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
@@ -32,19 +31,17 @@ class Console:
         self._robots = RobotsPanel(gui, session.follow, session.press_stop_all, post)
         self._drive: DrivePanel | None = None
         self._tours: TourPanel | None = None
+        self._zones: ZonePanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
                 self._drive = DrivePanel(gui, actions, session.pointing, post)
             with tabs.add_tab("Tour", viser.Icon.ROUTE):
                 self._tours = TourPanel(gui, actions, post)
-        with tabs.add_tab("View", viser.Icon.STACK_2):
-            ViewPanel(gui, session)
-        with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
-            self._details = DetailPanel(gui)
-            self._notes = gui.add_html("")
-            self._frames = FramesPanel(gui)
-            self._plot = PlotPanel(gui, post, lambda: hub.readings(session.robot))
+            with tabs.add_tab("Map", viser.Icon.MAP_2):
+                self._zones = ZonePanel(gui, session.zones, session.dismiss, post)
+        with tabs.add_tab("More", viser.Icon.DOTS):
+            self._more = MorePanel(gui, session)
         self._stop_bar = StopBar(
             gui,
             lambda: hub.call_soon(session.press_stop, urgent=True),
@@ -62,7 +59,7 @@ class Console:
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
-        self._stop_bar.show_hint(session.actions.hint)
+        self._stop_bar.show_hint(session.zones.hint or session.actions.hint)
         self._status.update(session.robot_labels(), session.robot, state_words(view))
         self._robots.update(view.fleet, session.robot)
         if self._drive is not None:
@@ -70,14 +67,13 @@ class Console:
             self._drive.update(goal, current_places(view), None if tool is None else tool.name)
         if self._tours is not None:
             self._tours.update([] if tours is None else tours.tours, trip)
-        self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
-        self._notes.content = "".join(map(note, session.hub.stage(session.robot).markers.notes))
-        self._frames.update(view)
-        self._plot.update(view)
+        if self._zones is not None:
+            self._zones.update(session.suspects.offered)
+        self._more.update(view)
 
     def close_plot(self) -> None:
         """Stop following what is plotted, as for another robot."""
-        self._plot.close()
+        self._more.close_plot()
 
 
 def state_words(view: View) -> list[Words]:

@@ -29,6 +29,13 @@ def handler(
     return handle
 
 
+def show(control: Any, **values: Any) -> None:
+    """Set what differs: viser sends every assignment to the page, also of what is there."""
+    for name, value in values.items():
+        if getattr(control, name) != value:
+            setattr(control, name, value)
+
+
 def set_options(dropdown: viser.GuiDropdownHandle[str], options: list[str], empty: str) -> None:
     """Offer other choices and keep the chosen one; `empty` stands where there is none."""
     wanted = tuple(options) or (empty,)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import viser
 
@@ -68,11 +68,17 @@ class View:
         return arrived_ns is not None and self.now_ns - arrived_ns <= within_s * 1e9
 
 
+Group = Literal["Robot", "Senses", "Driving", "Map"]
+
+
 class Layer:
     """Something that browsers can show or hide; it draws itself from a view at its own pace."""
 
     key: ClassVar[str]
     title: ClassVar[str]
+    group: ClassVar[Group]
+    source: ClassVar[Topic[Any] | None] = None
+    """The stream of the robot that it mainly shows: it is as old as that."""
     needs: ClassVar[Sequence[Topic[Any]]] = ()
     """The streams it needs besides those that are always there."""
     period_s: ClassVar[float] = 0.2

@@ -36,6 +36,7 @@ class MarkerLayer(Layer):
     """Spheres, cubes, cylinders, arrows, lines, texts and icons of any program."""
 
     key, title = "markers", "Markers of programs"
+    group = "Map"
     needs = (topics.MARKER,)
     period_s = 0.1
 

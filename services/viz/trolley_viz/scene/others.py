@@ -47,6 +47,7 @@ class OthersLayer(Layer):
     """Where the other robots are that use the same map."""
 
     key, title = "others", "Other robots"
+    group = "Robot"
     period_s = 0.1
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:

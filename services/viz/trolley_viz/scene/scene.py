@@ -8,8 +8,9 @@ import viser
 from trolley import topics
 from trolley.topics import Topic
 from trolley_viz.overlays.layer import OverlayLayer
-from trolley_viz.scene.body import FrameLayer, RobotLayer
-from trolley_viz.scene.ground import CostmapLayer, MapLayer
+from trolley_viz.scene.body import RobotLayer
+from trolley_viz.scene.certainty import CovarianceLayer, TruthLayer
+from trolley_viz.scene.ground import CostmapLayer, GlobalCostmapLayer, MapLayer
 from trolley_viz.scene.layer import Layer, View
 from trolley_viz.scene.markers import MarkerLayer
 from trolley_viz.scene.others import OthersLayer
@@ -23,6 +24,8 @@ LAYERS: tuple[type[Layer], ...] = (
     PlaceLayer,
     RobotLayer,
     OthersLayer,
+    CovarianceLayer,
+    TruthLayer,
     ScanLayer,
     ParticleLayer,
     CandidateLayer,
@@ -32,7 +35,7 @@ LAYERS: tuple[type[Layer], ...] = (
     MarkerLayer,
     OverlayLayer,
     CostmapLayer,
-    FrameLayer,
+    GlobalCostmapLayer,
 )
 
 ALWAYS: tuple[Topic[Any], ...] = (
@@ -43,6 +46,8 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.POSE,
     topics.GOAL,
     topics.POSES,
+    topics.ZONES,
+    topics.SUSPECTS,
     topics.TOURS,
     topics.TOUR,
     topics.HEALTH,
