@@ -188,6 +188,6 @@ def trip_history(since: str | None, limit: int, as_json: bool) -> None:
 
 
 def _row(trip: PastTrip) -> tuple[str, ...]:
-    reached = sum(result.state == "reached" for result in trip.results)
+    reached = f"{trip.reached} of {trip.planned}" if trip.planned else str(trip.reached)
     took = seconds_text(trip.seconds)
-    return trip.started_at or "?", trip.name or "-", trip.state, took, str(reached), trip.message
+    return trip.started_at or "?", trip.name or "-", trip.state, took, reached, trip.message
