@@ -52,7 +52,7 @@ class Done(NamedTuple):
     """What kept it from being done."""
     kept: str | None = None
     """What the file is called now that was found broken."""
-    trips: list[PastTrip] = []
+    trips: tuple[PastTrip, ...] = ()
     num_unreadable: int = 0
     """Trips that are there but cannot be read."""
 
@@ -123,7 +123,7 @@ def _insert(path: Path, trip: PastTrip, days: float) -> Done:
 
 
 def _select(path: Path, since: datetime.datetime | None, limit: int, max_bytes: int) -> Done:
-    trips: list[PastTrip] = []
+    trips: tuple[PastTrip, ...] = ()
     num_unreadable = 0
     with _opened(path) as connection:
         rows = connection.execute(
@@ -139,4 +139,4 @@ def _select(path: Path, since: datetime.datetime | None, limit: int, max_bytes: 
                 trips.append(msgspec.json.decode(document, type=PastTrip))
             except msgspec.DecodeError:
                 num_unreadable += 1
-    return Done(trips=trips, num_unreadable=num_unreadable)
+    return Done(trips=tuple(trips), num_unreadable=num_unreadable)

@@ -121,7 +121,7 @@ class Travelling(Keeping):
         def answer(done: history.Done) -> None:
             self._note_history(done)
             if done.problem is None:
-                later.reply(done.trips)
+                later.reply([*done.trips])
             else:
                 later.refuse(
                     Refused(codes.INTERNAL, f"The history cannot be read: {done.problem}.")

@@ -11,11 +11,12 @@ import viser
 from trolley import requests, teleop, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
-from trolley.messages.asking import Nothing
+from trolley.messages.asking import AskHistory, Nothing
 from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
 from trolley_viz import camera, visitors
 from trolley_viz.joystick.by_hand import ByHand
+from trolley_viz.past_trips import Answered as HistoryAnswered
 from trolley_viz.robots import Robots
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.server import LocalServer, PortTaken, close_server, open_server
@@ -116,7 +117,12 @@ class VizService(Service):
         if stage is None:
             assert self._server is not None  # sessions come from the server
             stage = self._stages[robot] = Stage(
-                self._server, robot, self._open_watch, self.close_watch, self.work
+                self._server,
+                robot,
+                self._open_watch,
+                self.close_watch,
+                self.work,
+                self._ask_history,
             )
         return stage
 
@@ -184,6 +190,9 @@ class VizService(Service):
 
     def _open_watch(self, topic: Topic[Any], seconds: float, robot: str) -> Watch[Any]:
         return self.watch(topic, seconds=seconds, robot=robot)
+
+    def _ask_history(self, limit: int, robot: str, then: HistoryAnswered) -> None:
+        self.request(requests.TOUR_HISTORY, AskHistory(limit=limit), then, robot=robot)
 
     def _driven_by(self, client_id: int) -> str | None:
         """The robot that a browser may drive by hand."""

@@ -10,6 +10,7 @@ from trolley.messages import Robot
 from trolley.runtime.service import Watch
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
+from trolley_viz.past_trips import Answered, PastTrips
 from trolley_viz.placement import Placement
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.scene import Scene
@@ -26,6 +27,7 @@ class Stage:
         open_watch: subscribes to a topic of a robot.
         close_watch: ends that.
         work: runs a slow function aside.
+        ask_history: asks for the newest so many past trips of a robot.
     """
 
     def __init__(
@@ -35,6 +37,7 @@ class Stage:
         open_watch: Callable[[Topic[Any], float, str], Watch[Any]],
         close_watch: Callable[[Watch[Any]], None],
         work: Work,
+        ask_history: Callable[[int, str, Answered], None],
     ) -> None:
         self.placement = Placement()
         self.feeds = Feeds(lambda topic, seconds: open_watch(topic, seconds, robot), close_watch)
@@ -48,6 +51,7 @@ class Stage:
             now_ns=0,
             robot_ns=None,
             work=work,
+            past=PastTrips(lambda limit, then: ask_history(limit, robot, then)),
         )
         """What was drawn last."""
 

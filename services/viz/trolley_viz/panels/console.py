@@ -9,7 +9,7 @@ from trolley_viz.joystick.page import pad_html
 from trolley_viz.panels.drive import DrivePanel
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
-from trolley_viz.panels.tours import TourPanel
+from trolley_viz.panels.tours import TourTab
 from trolley_viz.panels.view import DetailPanel, ViewPanel
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.places import current_places
@@ -27,13 +27,12 @@ class Console:
         hub, actions, post = session.hub, session.actions, session.post
         self._status = StatusPanel(gui, session.follow, post)
         self._drive: DrivePanel | None = None
-        self._tours: TourPanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
                 self._drive = DrivePanel(gui, actions, session.pointing, post)
-            with tabs.add_tab("Tour", viser.Icon.ROUTE):
-                self._tours = TourPanel(gui, actions, post)
+        with tabs.add_tab("Tours", viser.Icon.ROUTE):
+            self._tours = TourTab(gui, session)
         with tabs.add_tab("View", viser.Icon.STACK_2):
             ViewPanel(gui, session)
         with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
@@ -50,7 +49,6 @@ class Console:
         """Say what is."""
         session, feeds = self._session, view.feeds
         base, goal = feeds.latest(topics.BASE), feeds.latest(topics.GOAL)
-        tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
@@ -59,8 +57,7 @@ class Console:
         if self._drive is not None:
             tool = session.pointing.tool
             self._drive.update(goal, current_places(view), None if tool is None else tool.name)
-        if self._tours is not None:
-            self._tours.update([] if tours is None else tours.tours, trip)
+        self._tours.update(view)
         self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
 
 

@@ -11,6 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
+from trolley_viz.past_trips import PastTrips
 from trolley_viz.placement import Placement
 
 # Heights above the floor [m] keep flat things from flickering into each other.
@@ -39,6 +40,8 @@ class View:
     """The robot's time [ns], None while its clock is silent."""
     work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
     """Runs a slow function aside, then calls the second one with its result."""
+    past: PastTrips
+    """The past trips, once somebody looks at them."""
 
     @property
     def is_away(self) -> bool:

@@ -13,6 +13,7 @@ from trolley_viz.scene.layer import Layer, View
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
 from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
 from trolley_viz.scene.sensing import CandidateLayer, ParticleLayer, ScanLayer
+from trolley_viz.scene.tours import TripLayer, TroubleLayer
 
 LAYERS: tuple[type[Layer], ...] = (
     MapLayer,
@@ -25,6 +26,8 @@ LAYERS: tuple[type[Layer], ...] = (
     GoalLayer,
     PathLayer,
     TrajectoryLayer,
+    TripLayer,
+    TroubleLayer,
     CostmapLayer,
     FrameLayer,
 )
