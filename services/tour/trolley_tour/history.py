@@ -123,7 +123,7 @@ def _insert(path: Path, trip: PastTrip, days: float) -> Done:
 
 
 def _select(path: Path, since: datetime.datetime | None, limit: int, max_bytes: int) -> Done:
-    trips: tuple[PastTrip, ...] = ()
+    trips: list[PastTrip] = []
     num_unreadable = 0
     with _opened(path) as connection:
         rows = connection.execute(
