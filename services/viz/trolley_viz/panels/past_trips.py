@@ -72,7 +72,11 @@ class PastTripsPanel:
 
 def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
     """The trips, each of which opens to what came of its stops."""
-    problem = row(Words("Past trips are not known just now", "warn", past.problem)) if past.problem else ""
+    problem = (
+        row(Words("Past trips are not known just now", "warn", past.problem))
+        if past.problem
+        else ""
+    )
     if past.trips is None:
         return problem or note("Asking …")
     if not past.trips:

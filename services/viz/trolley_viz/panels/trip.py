@@ -57,11 +57,11 @@ def progress(trip: TourStatus | None, tour: Tour | None) -> str:
     coming = visits_to_come(trip, tour) if is_under_way else []
     results = trip.results
     if is_under_way and tour is not None:
-        made = visits_in_lap(tour, trip.lap) - len(coming) - (trip.state != "dwelling")
+        made = visits_in_lap(tour, trip.lap) - len(coming) - (not is_there(trip, tour))
         results = results[-made:] if made > 0 else []
     lines = [result_words(one) for one in results[-MAX_ROWS:]]
     if tour is not None and trip.stop is not None and is_under_way:
-        if trip.state != "dwelling":
+        if not is_there(trip, tour) or trip.state == "paused":
             lines.append(_present(trip, tour))
         lines += [Words(f"{_name(tour.stops, i)} to come", "idle") for i in coming[:MAX_ROWS]]
         if len(coming) > MAX_ROWS:
@@ -85,7 +85,8 @@ def _present(trip: TourStatus, tour: Tour) -> Words:
     name = _name(tour.stops, trip.stop or 0)
     match trip.state:
         case "paused":
-            return Words(f"{name} next, paused", "warn")
+            is_next = "" if is_there(trip, tour) else " next"
+            return Words(f"{name}{is_next}, paused", "warn")
         case "waiting":
             return Words(f"{name} next, waiting", "warn")
         case _:
@@ -100,6 +101,15 @@ def visits_in_lap(tour: Tour, lap: int) -> int:
     return 2 * num - 1 - (lap > 0)
 
 
+def is_there(trip: TourStatus, tour: Tour) -> bool:
+    """Whether the present stop has its result already: what is left is to stay, if anything."""
+    if trip.state == "dwelling":
+        return True
+    # No tour of several stops visits one twice in a row.
+    last = trip.results[-1].stop if trip.results and len(tour.stops) > 1 else None
+    return last is not None and last == trip.stop
+
+
 def visits_to_come(trip: TourStatus, tour: Tour | None) -> list[int]:
     """The stops that this round visits after the present one, in order."""
     if tour is None or trip.stop is None or trip.stop >= len(tour.stops):
@@ -108,7 +118,7 @@ def visits_to_come(trip: TourStatus, tour: Tour | None) -> list[int]:
     back = list(range(trip.stop - 1, -1, -1))
     if not tour.there_and_back:
         return onward
-    before = trip.results[-2:-1] if trip.state == "dwelling" else trip.results[-1:]
+    before = trip.results[-2:-1] if is_there(trip, tour) else trip.results[-1:]
     if not onward or (before and before[0].stop > trip.stop):
         return back
     return onward + list(range(len(tour.stops) - 2, -1, -1))

@@ -13,7 +13,7 @@ from trolley.messages import Tour, TourStatus
 from trolley_viz.past_trips import Spot, trouble_spots
 from trolley_viz.pins import pin_picture
 from trolley_viz.scene.ground import flat_quaternion
-from trolley_viz.scene.layer import Z_LABEL, Layer, View
+from trolley_viz.scene.layer import Layer, View
 from trolley_viz.shapes import flat, open_segments
 from trolley_viz.tour_draft import Draft, Find
 from trolley_viz.words import UNDER_WAY
@@ -61,7 +61,7 @@ def place_finder(view: View) -> Find:
 def pins_of(draft: Draft, find: Find, colour: Callable[[int], Colour]) -> tuple[Pin, ...]:
     """The points of a tour as pins; those whose place is unknown are left out.
 
-    Stops in one place share a pin: "1 · 3", in the colour of the last.
+    Stops in one place share a pin: "1,3", in the colour of the last.
 
     Args:
         draft: the tour.
@@ -78,7 +78,7 @@ def pins_of(draft: Draft, find: Find, colour: Callable[[int], Colour]) -> tuple[
         if same is None:
             pins.append(pin)
         else:
-            pins[same] = Pin(pin.x, pin.y, f"{pins[same].text} · {pin.text}", pin.colour)
+            pins[same] = Pin(pin.x, pin.y, f"{pins[same].text},{pin.text}", pin.colour)
     return tuple(pins)
 
 
@@ -250,14 +250,13 @@ class TroubleLayer(Layer):
             return
         for i, spot in enumerate(trouble_spots(view.past.trips or (), grid.name)):
             pose = world_T_map @ spot.pose
-            pin = add_pin(
-                self.scene, self.path(f"spot{i}"), f"{spot.count} ×", FAILED, (pose.x, pose.y)
-            )
+            at = (pose.x, pose.y)
+            pin = add_pin(self.scene, self.path(f"spot{i}"), str(spot.count), FAILED, at)
             label = self.scene.add_label(
                 self.path(f"why{i}"),
                 spot_text(spot),
-                position=(pose.x, pose.y, Z_LABEL),
-                anchor="bottom-center",
+                position=(pose.x, pose.y - 0.5 * PIN_M, Z_PIN),
+                anchor="top-center",
                 font_screen_scale=0.8,
             )
             self._nodes += [pin, label]
