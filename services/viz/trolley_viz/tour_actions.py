@@ -60,7 +60,7 @@ class TourActions:
                     requests.TOURS_DELETE, Named(name=before.name), "The old name is still there"
                 )
             added = tour.name if before is None or renamed else None
-            self._remember(Undo(robot, f"change of {tour.name}", before, added))
+            self._remember(Undo(robot, f"saving {tour.name}", before, added))
             self._tell("Saved", f"The tour {tour.name} is saved.", "good")
             saved()
 
@@ -71,7 +71,7 @@ class TourActions:
         robot = self._robot()
 
         def done(was: Tour) -> None:
-            self._remember(Undo(robot, f"deletion of {was.name}", was, None))
+            self._remember(Undo(robot, f"deleting {was.name}", was, None))
 
         self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not deleted", done)
 

@@ -192,6 +192,11 @@ def time_entry(text: str, days: Collection[Day]) -> ScheduleEntry | None:
     return ScheduleEntry(days=chosen, at=f"{hour:0>2}:{minute}")
 
 
+def stay_text(stay: float) -> str:
+    """Write how long the robot stays [s] for people."""
+    return f"{stay:.3g} s" if stay < 120.0 else f"{stay / 60.0:.3g} min"
+
+
 def days_text(days: Sequence[Day]) -> str:
     """Write days for people: "every day", "Mon-Fri", "Sat, Sun"."""
     chosen = [day in days for day in DAYS]

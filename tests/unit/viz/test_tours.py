@@ -159,7 +159,7 @@ def test_points_in_a_line() -> None:
     passed, stays = Point(pose=Pose2D(1, 2, 3), passes=True), Point(name="hall", dwell=5.0)
     draft = Draft(points=(passed, stays))
     assert point_text(draft, 0) == "passes a point on the map"
-    assert point_text(draft, 1) == "1  hall · stays 5.0 s"
+    assert point_text(draft, 1) == "1  hall · stays 5 s"
 
 
 # On the map.
@@ -221,7 +221,7 @@ def test_a_past_trip_in_a_line() -> None:
 
 
 def test_unknown_times_are_told_as_unknown() -> None:
-    assert when_text(None) == when_text("noon") == "Time unknown"
+    assert when_text(None) == when_text("noon") == ""
     assert "21 Nov" in when_text("2026-11-21T12:00:00Z")
 
 
@@ -434,7 +434,7 @@ def test_a_deleted_tour_is_brought_back(stage: "Stage", tour: PretendTour) -> No
     press(tab._list._cards["evening"][1], "Delete")
     tab = settle(stage)
     assert tour.tours == {}
-    assert tab._list._undo.label == "Undo deletion of evening"
+    assert tab._list._undo.label == "Undo deleting evening"
     press(tab._list._undo)
     settle(stage)
     assert tour.tours == before

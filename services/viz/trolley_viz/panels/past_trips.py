@@ -86,13 +86,14 @@ def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
 
 def _trip(trip: PastTrip) -> str:
     shown = trip.results[-MAX_RESULTS:]
+    title = [trip.name or UNNAMED, when_text(trip.started_at)]
     left_out = trip.reached + trip.missed - len(shown)
     results = "".join(row(result_words(result)) for result in shown)
     if left_out > 0:
         results = note(f"{left_out} earlier stops are not shown.") + results
     return _TRIP.format(
         colour=TONES[tone_of(trip)],
-        title=html.escape(f"{when_text(trip.started_at)} · {trip.name or UNNAMED}"),
+        title=html.escape(" · ".join(filter(None, title))),
         summary=html.escape(summary(trip)),
         results=results or note("It had not come to a stop yet."),
     )
@@ -118,13 +119,13 @@ def summary(trip: PastTrip) -> str:
 
 
 def when_text(started_at: str | None) -> str:
-    """Write a moment (ISO 8601) as local time for people."""
+    """Write a moment (ISO 8601) as local time for people, "" where it is not known."""
     if started_at is None:
-        return "Time unknown"
+        return ""
     try:
         moment = datetime.datetime.fromisoformat(started_at)
     except ValueError:
-        return "Time unknown"
+        return ""
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=datetime.UTC)
     return f"{moment.astimezone():%d %b %H:%M}".lstrip("0")

@@ -16,8 +16,8 @@ from trolley_viz.panels.tour_times import TimesEditor
 from trolley_viz.pointing import Pointed, Tool
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.tours import place_finder
-from trolley_viz.tour_draft import Draft, Editing, Point, bearing
-from trolley_viz.words import Words, duration
+from trolley_viz.tour_draft import Draft, Editing, Point, bearing, stay_text
+from trolley_viz.words import Words
 
 if TYPE_CHECKING:
     from trolley_viz.session import Session
@@ -333,4 +333,4 @@ def point_text(draft: Draft, index: int) -> str:
     name = point.name or "a point on the map"
     if number is None:
         return f"passes {name}"
-    return f"{number}  {name}" + (f" · stays {duration(point.dwell)}" if point.dwell else "")
+    return f"{number}  {name}" + (f" · stays {stay_text(point.dwell)}" if point.dwell else "")

@@ -9,8 +9,7 @@ import viser
 from trolley.messages import Tour
 from trolley_viz.panels.control import GREEN, GREY, Post, handler
 from trolley_viz.panels.markup import note
-from trolley_viz.tour_draft import days_text
-from trolley_viz.words import duration
+from trolley_viz.tour_draft import days_text, stay_text
 
 MAX_CARDS = 40
 SEARCH_FROM = 8
@@ -139,6 +138,6 @@ def summary(tour: Tour) -> str:
         parts.append(f"{tour.repeat} rounds" if tour.repeat else "again and again")
     stay = sum(stop.dwell for stop in tour.stops)
     if stay:
-        parts.append(f"stays {duration(stay)} in all")
+        parts.append(f"stays {stay_text(stay)} in all")
     parts += [f"{entry.at} {days_text(entry.days)}" for entry in tour.schedule[:3]]
     return " · ".join(parts)
