@@ -107,7 +107,8 @@ class Tours(Struct, frozen=True, kw_only=True):
 class StopResult(Struct, frozen=True, kw_only=True):
     """How one stop ended. `stop` is its index in the tour; `code` says why it was not reached.
 
-    `pose` is where the robot took itself to be at that moment (in `map`), null where unknown.
+    `pose` is where the robot took itself to be at that moment and `goal` where the stop is (both in
+    `map`), null where unknown.
     """
 
     stop: Count
@@ -118,6 +119,7 @@ class StopResult(Struct, frozen=True, kw_only=True):
     started_at: str | None = None
     seconds: NonNegative = 0.0
     pose: Pose2D | None = None
+    goal: Pose2D | None = None
 
 
 class TourStatus(Struct, frozen=True, kw_only=True):

@@ -68,6 +68,8 @@ class TripRecord(Struct, kw_only=True):
     """Robot seconds of driving on this visit."""
     map: str | None = None
     """The map on which it began."""
+    visit_pose: Pose2D | None = None
+    """Where the stop of this visit is, as far as its place was found."""
 
     def __post_init__(self) -> None:
         """Refuse a file whose parts do not fit together."""
@@ -137,6 +139,7 @@ class TripRecord(Struct, kw_only=True):
             started_at=self.visit_started_at,
             seconds=self.visit_seconds,
             pose=at.pose if at.map == self.map else None,
+            goal=self.visit_pose,
         )
         keep = max(MIN_RESULTS, 2 * len(self.tour.stops))
         self.results = [*self.results, result][-keep:]
@@ -159,7 +162,7 @@ class TripRecord(Struct, kw_only=True):
         else:
             self.position += 1
         self.goal, self.failures, self.reached_here = None, 0, False
-        self.visit_started_at, self.visit_seconds = None, 0.0
+        self.visit_started_at, self.visit_seconds, self.visit_pose = None, 0.0, None
         return came
 
     def copy(self) -> "TripRecord":

@@ -307,6 +307,7 @@ class Trip:
             self._let_go()
             self._fail(refused.code, refused.message, at)
             return
+        record.visit_pose = pose
         self._asking.sent(record.goal, at)
         self.actions.append(Send(SendGoal(id=record.goal, pose=pose, frame="map", via=record.via)))
 

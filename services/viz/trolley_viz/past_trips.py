@@ -15,6 +15,9 @@ AGAIN_NS = 10_000_000_000
 SAME_SPOT_M = 0.4
 MAX_SPOTS = 60
 
+AT_THE_STOP = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP, codes.KEEPOUT)
+"""Reasons that are about the place of the stop, wherever the robot stands."""
+
 Answered = Callable[[list[PastTrip] | Refused], None]
 
 
@@ -59,7 +62,7 @@ class PastTrips:
 
 @dataclass(frozen=True)
 class Spot:
-    """A place on the map where the robot did not get on to a stop."""
+    """A place on the map where the robot did not get on, or to which it could not go."""
 
     pose: Pose2D
     count: int
@@ -82,9 +85,9 @@ def trouble_spots(trips: Sequence[PastTrip], map_name: str) -> list[Spot]:
         if trip.map != map_name:
             continue
         for result in reversed(trip.results):
-            if result.pose is None or not has_failed(result):
+            pose = result.goal if result.code in AT_THE_STOP else result.pose
+            if pose is None or not has_failed(result):
                 continue
-            pose = result.pose
             for i, spot in enumerate(spots):
                 if spot.pose.distance_to(pose) <= SAME_SPOT_M:
                     spots[i] = Spot(spot.pose, spot.count + 1, spot.newest, spot.when)

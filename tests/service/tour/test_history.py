@@ -112,6 +112,8 @@ def test_history_tells_where_a_stop_failed_and_how_many_were_planned(home: "Home
     (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
     assert (past.map, past.planned, past.reached, past.missed) == ("apartment", 6, 1, 1)
     assert [one.pose for one in past.results] == [Pose2D(1.0, 2.0, 0.5)] * 2
+    places = [home.tour.find_place(name) for name in ("corridor", "kitchen")]
+    assert [one.goal for one in past.results] == places
     home.start("corridor", there_and_back=True, repeat=0)
     home.lockstep.ask(requests.TOUR_STOP)
     endless, _ = home.lockstep.ask(requests.TOUR_HISTORY)

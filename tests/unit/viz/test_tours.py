@@ -203,8 +203,10 @@ def test_failures_in_one_place_are_counted_and_the_newest_is_told() -> None:
         past_trip(failed_at(5.0), map="garden"),
         past_trip(result(0), result(1, "skipped", codes.SKIPPED, pose=Pose2D(1, 0, 0))),
         past_trip(result(1, "failed", codes.LOST)),
+        past_trip(failed_at(1.0, codes.IN_OBSTACLE, goal=Pose2D(8.0, 0.0, 0.0))),
     ]
-    near, far = trouble_spots(trips, "room")
+    near, far, refused = trouble_spots(trips, "room")
+    assert refused.pose.x == 8.0
     assert (near.count, near.newest.code) == (3, codes.NO_PATH)
     assert (far.count, far.when) == (1, "2026-11-21T10:00:00Z")
 

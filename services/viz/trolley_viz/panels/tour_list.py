@@ -19,11 +19,6 @@ _CARD = (
     '<div style="padding:0.5em 0.8em 0;line-height:1.35;overflow-wrap:anywhere"><b>{name}</b>'
     '<br><span style="opacity:0.72;font-size:0.86em">{summary}</span></div>'
 )
-# Fingers need more room than viser gives a group of buttons.
-_TOUCH = (
-    "<style>@media (pointer:coarse){"
-    '.mantine-Button-root[data-size="compact-xs"]{height:2.6rem!important}}</style>'
-)
 
 
 class TourChoices(Protocol):
@@ -90,7 +85,7 @@ class TourList:
             card, group = self._cards[name]
             card.content = _card(self._tours[name])
             card.order, group.order = 2.0 * order, 2.0 * order + 1.0
-        self._rest.content = _TOUCH + self._rest_text(tours, len(found))
+        self._rest.content = self._rest_text(tours, len(found))
         self._undo.visible = undo_text != ""
         self._undo.label = f"Undo {undo_text}"
 

@@ -66,7 +66,7 @@ class TimesEditor:
             button.visible = i < len(self._times)
             if button.visible:
                 entry = self._times[i]
-                button.label = f"{entry.at} {days_text(entry.days)}"
+                button.label = f"Remove {entry.at} {days_text(entry.days)}"
         self._none.content = "" if self._times else note("At no time of day.")
         is_chosen = self._when.value == CHOSEN_DAYS
         for box in self._days.values():
@@ -81,9 +81,7 @@ class TimesEditor:
         )
 
     def _add_row(self, index: int) -> viser.GuiButtonHandle:
-        button = self._gui.add_button(
-            "", icon=viser.Icon.CLOCK_X, color=GREY, hint="Press to take this time out."
-        )
+        button = self._gui.add_button("", icon=viser.Icon.CLOCK_X, color=GREY)
         button.on_click(handler(self._post, lambda _, __: self._remove(index)))
         return button
 

@@ -26,6 +26,12 @@ from trolley_viz.tour_draft import Draft, Editing
 if TYPE_CHECKING:
     from trolley_viz.session import Session
 
+# Fingers need more room than viser gives a group of buttons.
+TOUCH_STYLE = (
+    "<style>@media (pointer:coarse){"
+    '.mantine-Button-root[data-size="compact-xs"]{height:2.6rem!important}}</style>'
+)
+
 
 class TourTab:
     """All about tours in one browser; who only looks sees the trip and past trips."""
@@ -37,6 +43,7 @@ class TourTab:
         self._edited_on = ""
         """The robot whose tour is edited."""
         self._drawing = TourDrawing(session.client.scene, "/edited_tour")
+        gui.add_html(TOUCH_STYLE)
         steer = actions.steer_tour if session.may_drive else None
         self._trip = TripPanel(gui, steer, session.post)
         self._list: TourList | None = None

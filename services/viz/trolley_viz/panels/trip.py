@@ -70,9 +70,9 @@ def progress(trip: TourStatus | None, tour: Tour | None) -> str:
 
 
 def _heading(trip: TourStatus, tour: Tour | None) -> str:
-    parts = [f"“{trip.name}”" if trip.name else "Tour"]
     if trip.state not in UNDER_WAY:
-        return f"Last tour: {parts[0]}"
+        return f"Last tour: “{trip.name}”" if trip.name else "Last tour"
+    parts = [f"“{trip.name}”" if trip.name else "Tour"]
     if tour is not None and tour.repeat != 1:
         of = f" of {tour.repeat}" if tour.repeat else ""
         parts.append(f"round {trip.lap + 1}{of}")
