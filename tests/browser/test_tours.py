@@ -1,20 +1,36 @@
 """Tours as people make and drive them: a real browser, a mouse, and the demo's robot."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, expect, sync_playwright
 from support.waiting import wait_until
 
 from trolley import topics
 
-from .test_viewer import PLACE, TOWARDS, drag
+from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
+from .test_viewer import PLACE, pixel_of
 
 if TYPE_CHECKING:
     from .conftest import Shown
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+
+@pytest.fixture(scope="module")
+def page(shown: "Shown") -> Iterator[Page]:
+    """A small page: the fewer pixels to draw in software, the more time for the rest."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        page = browser.new_page(viewport={"width": 800, "height": 560})
+        page.set_default_timeout(PATIENCE_MS)
+        expect.set_options(timeout=PATIENCE_MS)
+        page.goto(shown.url)
+        page.get_by_text("Localized").wait_for()
+        yield page
+        browser.close()
 
 
 def text_field(page: Page, label: str) -> Locator:
@@ -49,7 +65,7 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     text_field(page, "Name").fill("evening")
     button(page, "Point on the map")
     expect(page.get_by_text("Press where it shall stop")).to_be_visible()
-    drag(page, PLACE, TOWARDS)
+    page.mouse.click(*pixel_of(page, PLACE))
     expect(page.get_by_role("button", name="1 a point on the map")).to_be_visible()
     choose(page, "Add place", "start")
     page.get_by_label("Stay, seconds").fill("1")
