@@ -1,6 +1,7 @@
 """Tours in the viewer: progress, list, pins, past trips; and the tab in a pretend browser."""
 
 import asyncio
+import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -166,9 +167,18 @@ def test_points_in_a_line() -> None:
 def test_stops_in_one_place_share_a_pin() -> None:
     points = (Point(name="hall"), Point(name="kitchen"), Point(name="hall"), Point(name="attic"))
     draft = Draft("round", (*points, Point(pose=Pose2D(5, 5, 0), passes=True)), repeat=2)
-    pins = pins_of(draft, PLACES.get, lambda _: COMING)
+    pins = pins_of(draft, PLACES.get, lambda index, number: COMING)
     assert [(pin.text, pin.x) for pin in pins] == [("1,3", 1.0), ("2", 2.0), ("", 5.0)]
     assert way_of(draft, PLACES.get) == ((1.0, 0.0), (2.0, 1.0), (1.0, 0.0), (5, 5), (1.0, 0.0))
+
+
+def test_a_long_tour_is_not_slow_to_draw() -> None:
+    """It is looked at five times a second; every second pin lies where another one is."""
+    draft = Draft("round", tuple(Point(pose=Pose2D(i // 2, 0.0, 0.0)) for i in range(1000)))
+    began = time.process_time()
+    pins = pins_of(draft, PLACES.get, lambda index, number: COMING)
+    assert time.process_time() - began < 0.02
+    assert (len(pins), pins[-1].text) == (150, "299,300")
 
 
 def test_what_was_reached_is_green_and_what_failed_is_red() -> None:

@@ -42,7 +42,7 @@ class TourTab:
         self._stored = TourActions(actions, lambda: session.robot, session.tell)
         self._edited_on = ""
         """The robot whose tour is edited."""
-        self._drawing = TourDrawing(session.client.scene, "/edited_tour")
+        self._drawing = TourDrawing(session.client.scene, "/edited_tour", raised=0.02)
         gui.add_html(TOUCH_STYLE)
         steer = actions.steer_tour if session.may_drive else None
         self._trip = TripPanel(gui, steer, session.post)

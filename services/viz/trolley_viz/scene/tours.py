@@ -58,7 +58,7 @@ def place_finder(view: View) -> Find:
     return poses.get
 
 
-def pins_of(draft: Draft, find: Find, colour: Callable[[int], Colour]) -> tuple[Pin, ...]:
+def pins_of(draft: Draft, find: Find, colour: Callable[[int, int], Colour]) -> tuple[Pin, ...]:
     """The points of a tour as pins; those whose place is unknown are left out.
 
     Stops in one place share a pin: "1,3", in the colour of the last.
@@ -66,19 +66,25 @@ def pins_of(draft: Draft, find: Find, colour: Callable[[int], Colour]) -> tuple[
     Args:
         draft: the tour.
         find: where places are.
-        colour: the colour of a point.
+        colour: the colour of a point, by its index and how many stops there are up to it.
     """
     pins: list[Pin] = []
+    by_cell: dict[tuple[int, int], int] = {}
+    number = 0
     for index, point in enumerate(draft.points[:MAX_PINS]):
-        where, number = point.where(find), draft.stop_number(index)
+        number += not point.passes
+        where = point.where(find)
         if where is None:
             continue
-        pin = Pin(where.x, where.y, "" if number is None else str(number), colour(index))
-        same = next((i for i, other in enumerate(pins) if pin.text and _is_same(other, pin)), None)
-        if same is None:
-            pins.append(pin)
-        else:
-            pins[same] = Pin(pin.x, pin.y, f"{pins[same].text},{pin.text}", pin.colour)
+        text = "" if point.passes else str(number)
+        cell = round(where.x / SAME_PIN_M), round(where.y / SAME_PIN_M)
+        same = by_cell.get(cell) if text else None
+        if same is not None:
+            pins[same] = Pin(where.x, where.y, f"{pins[same].text},{text}", colour(index, number))
+            continue
+        if text:
+            by_cell[cell] = len(pins)
+        pins.append(Pin(where.x, where.y, text, colour(index, number)))
     return tuple(pins)
 
 
@@ -91,16 +97,19 @@ def way_of(draft: Draft, find: Find) -> tuple[tuple[float, float], ...]:
     return tuple(way)
 
 
-def _is_same(a: Pin, b: Pin) -> bool:
-    return a.text != "" and abs(a.x - b.x) < SAME_PIN_M and abs(a.y - b.y) < SAME_PIN_M
-
-
 class TourDrawing:
-    """Pins and the line between them."""
+    """Pins and the line between them.
 
-    def __init__(self, scene: viser.SceneApi, path: str) -> None:
+    Args:
+        scene: where it is drawn.
+        path: below which.
+        raised: how far above other tours [m], so that they do not flicker into each other.
+    """
+
+    def __init__(self, scene: viser.SceneApi, path: str, raised: float = 0.0) -> None:
         self._scene = scene
         self._path = path
+        self._raised = raised
         self._nodes: list[viser.SceneNodeHandle] = []
         self._drawn: tuple[object, ...] = ()
 
@@ -124,7 +133,10 @@ class TourDrawing:
             points = world_T_map.transform_points(np.array(way))
             self._nodes.append(
                 self._scene.add_line_segments(
-                    f"{self._path}/way", open_segments(points, Z_TOUR), COMING, thickness=0.035
+                    f"{self._path}/way",
+                    open_segments(points, Z_TOUR + self._raised),
+                    COMING,
+                    thickness=0.035,
                 )
             )
         for i, pin in enumerate(pins):
@@ -134,19 +146,21 @@ class TourDrawing:
     def _add(self, i: int, pin: Pin, x: float, y: float) -> None:
         name = f"{self._path}/pin{i}"
         if pin.text:
-            self._nodes.append(add_pin(self._scene, name, pin.text, pin.colour, (x, y)))
+            self._nodes.append(
+                add_pin(self._scene, name, pin.text, pin.colour, (x, y, Z_PIN + self._raised))
+            )
             return
         disc = self._scene.add_mesh_simple(
             name, *flat(circle(PASSED_M)), color=pin.colour, side="double", cast_shadow=False
         )
-        disc.position = (x, y, Z_PIN)
+        disc.position = (x, y, Z_PIN + self._raised)
         self._nodes.append(disc)
 
 
 def add_pin(
-    scene: viser.SceneApi, name: str, text: str, colour: Colour, at: tuple[float, float]
+    scene: viser.SceneApi, name: str, text: str, colour: Colour, at: tuple[float, float, float]
 ) -> viser.ImageHandle:
-    """Add a numbered pin that lies on the floor at x, y [m]."""
+    """Add a numbered pin that lies flat at x, y, z [m]."""
     picture = pin_picture(text, colour)
     height, width = picture.shape[:2]
     return scene.add_image(
@@ -156,7 +170,7 @@ def add_pin(
         PIN_M,
         format="png",
         wxyz=flat_quaternion(0.0),
-        position=(*at, Z_PIN),
+        position=at,
         cast_shadow=False,
         receive_shadow=False,
     )
@@ -191,9 +205,11 @@ class TripLayer(Layer):
             self._drawing.show((), (), None)
             return
         draft, find, colours = Draft.of(tour), place_finder(view), trip_colours(trip)
-        pins = pins_of(
-            draft, find, lambda index: colours.get((draft.stop_number(index) or 0) - 1, COMING)
-        )
+
+        def colour(index: int, number: int) -> Colour:
+            return COMING if draft.points[index].passes else colours.get(number - 1, COMING)
+
+        pins = pins_of(draft, find, colour)
         self._drawing.show(pins, way_of(draft, find), view.placement.world_T(MAP))
 
     def _is_shown(self, trip: TourStatus, now_ns: int) -> bool:
@@ -250,7 +266,7 @@ class TroubleLayer(Layer):
             return
         for i, spot in enumerate(trouble_spots(view.past.trips or (), grid.name)):
             pose = world_T_map @ spot.pose
-            at = (pose.x, pose.y)
+            at = (pose.x, pose.y, Z_PIN)
             pin = add_pin(self.scene, self.path(f"spot{i}"), str(spot.count), FAILED, at)
             label = self.scene.add_label(
                 self.path(f"why{i}"),
@@ -270,6 +286,6 @@ def spot_text(spot: Spot) -> str:
     return f"{name}: {why}"
 
 
-def edited_colours(chosen: int | None) -> Callable[[int], Colour]:
+def edited_colours(chosen: int | None) -> Callable[[int, int], Colour]:
     """The colours of a tour that is edited."""
-    return lambda index: CHOSEN if index == chosen else EDITED
+    return lambda index, _: CHOSEN if index == chosen else EDITED
