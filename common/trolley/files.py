@@ -1,7 +1,8 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and broken ones that are kept."""
 
 import os
 import tempfile
+import time
 from pathlib import Path
 
 READABLE_BY_ALL, SECRET = 0o644, 0o600
@@ -33,3 +34,18 @@ def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) ->
         os.fsync(folder)  # the new name itself must survive a power cut, too
     finally:
         os.close(folder)
+
+
+def keep_aside(path: Path) -> Path:
+    """Rename a broken file to `<name>.broken-<Unix time>`, and say what it is called now.
+
+    Raises:
+        OSError: It cannot be renamed.
+    """
+    first = path.with_name(f"{path.name}.broken-{int(time.time())}")
+    aside, number = first, 1
+    while aside.exists():
+        number += 1
+        aside = first.with_name(f"{first.name}-{number}")
+    path.rename(aside)
+    return aside

@@ -59,11 +59,11 @@ class Actions:
     # Pointing.
     def point_goal(self, pointing: Pointing) -> None:
         """Let the person point out where to go; pressed again, leave it."""
-        self._arm(pointing, Tool(GO_TO, self._preview, self._go_to), GOAL_HINT)
+        self.arm(pointing, Tool(GO_TO, self._preview, self._go_to), GOAL_HINT)
 
     def point_pose(self, pointing: Pointing) -> None:
         """Let the person point out where the robot is; pressed again, leave it."""
-        self._arm(pointing, Tool(SET_POSE, _ignore, self._set_pose), POSE_HINT)
+        self.arm(pointing, Tool(SET_POSE, _ignore, self._set_pose), POSE_HINT)
 
     def put_away(self) -> None:
         """Forget hint and preview of the tool."""
@@ -82,12 +82,12 @@ class Actions:
             "Cancel": requests.GOAL_CANCEL,
         }[action]
         which = WhichGoal(id=None if goal is None else goal.id)
-        self._ask(request, which, f"{action}: not done")
+        self.ask(request, which, f"{action}: not done")
 
     # The pose.
     def find(self) -> None:
         """Let the robot search for itself on the whole map."""
-        self._ask(requests.POSE_FIND, Nothing(), "The robot does not search")
+        self.ask(requests.POSE_FIND, Nothing(), "The robot does not search")
 
     # Places.
     def save_place(self, name: str, *, replace: bool, saved: Callable[[], None]) -> None:
@@ -101,16 +101,16 @@ class Actions:
             saved()
 
         params = Capture(name=name.strip(), replace=replace)
-        self._ask(requests.POSE_CAPTURE, params, "Not saved", done)
+        self.ask(requests.POSE_CAPTURE, params, "Not saved", done)
 
     def delete_place(self, name: str) -> None:
         """Forget a saved pose."""
-        self._ask(requests.POSES_DELETE, Named(name=name), "Not deleted")
+        self.ask(requests.POSES_DELETE, Named(name=name), "Not deleted")
 
     # Tours.
     def start_tour(self, name: str) -> None:
         """Start a stored tour."""
-        self._ask(requests.TOUR_START, StartTour(name=name), "The tour did not start")
+        self.ask(requests.TOUR_START, StartTour(name=name), "The tour did not start")
 
     def steer_tour(self, action: str) -> None:
         """Do "Pause", "Resume", "Skip" or "End" to the trip."""
@@ -120,14 +120,15 @@ class Actions:
             "Skip": requests.TOUR_SKIP,
             "End": requests.TOUR_STOP,
         }[action]
-        self._ask(request, Nothing(), f"{action}: not done")
+        self.ask(request, Nothing(), f"{action}: not done")
 
     def resume(self) -> None:
         """Let the robot drive again; it does not set off by itself."""
-        self._ask(requests.BASE_RESUME, Nothing(), "Not resumed")
+        self.ask(requests.BASE_RESUME, Nothing(), "Not resumed")
 
-    # Inside.
-    def _arm(self, pointing: Pointing, tool: Tool, hint: str) -> None:
+    # For all of them.
+    def arm(self, pointing: Pointing, tool: Tool, hint: str) -> None:
+        """Let the person point at something; where the tool waits already, leave it."""
         was = pointing.tool
         pointing.disarm()
         self.put_away()
@@ -135,6 +136,25 @@ class Actions:
             pointing.arm(tool)
             self.hint = hint
 
+    def ask(
+        self,
+        request: Request[Any, Any],
+        params: Any,
+        failed: str,
+        done: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Send a request to the selected robot and tell people if it is refused."""
+
+        def finish(reply: Any) -> None:
+            if isinstance(reply, Refused):
+                self._service.log.info("Refused", request=request.name, code=reply.code)
+                self._tell(failed, reply.message, "bad")
+            elif done is not None:
+                done(reply)
+
+        self._service.request(request, params, finish, robot=self._robot())
+
+    # Inside.
     def _goal(self, pointed: Pointed, goal_id: str | None) -> SendGoal:
         here = self._view().placement.world_T_base
         free = 0.0 if here is None else math.atan2(pointed.y - here.y, pointed.x - here.x)
@@ -153,7 +173,7 @@ class Actions:
         self._send_goal(self._goal(pointed, self._service.new_id()))
 
     def _send_goal(self, goal: SendGoal) -> None:
-        self._ask(requests.GOAL_SEND, goal, "The robot does not go there")
+        self.ask(requests.GOAL_SEND, goal, "The robot does not go there")
 
     def _set_pose(self, pointed: Pointed) -> None:
         self.put_away()
@@ -168,7 +188,7 @@ class Actions:
             pose=Pose2D(pointed.x, pointed.y, kept if pointed.yaw is None else pointed.yaw),
             covariance=[UNSURE_XY**2, 0, 0, 0, UNSURE_XY**2, 0, 0, 0, std_yaw**2],
         )
-        self._ask(requests.POSE_SET, params, "Pose not set")
+        self.ask(requests.POSE_SET, params, "Pose not set")
 
     def _preview(self, pointed: Pointed) -> None:
         """Ask for the way to where the pointer is, one question at a time."""
@@ -191,24 +211,6 @@ class Actions:
         self._service.request(
             requests.GOAL_PREVIEW, self._goal(pointed, None), show, robot=self._robot()
         )
-
-    def _ask(
-        self,
-        request: Request[Any, Any],
-        params: Any,
-        failed: str,
-        done: Callable[[Any], None] | None = None,
-    ) -> None:
-        """Send a request to the selected robot and tell people if it is refused."""
-
-        def finish(reply: Any) -> None:
-            if isinstance(reply, Refused):
-                self._service.log.info("Refused", request=request.name, code=reply.code)
-                self._tell(failed, reply.message, "bad")
-            elif done is not None:
-                done(reply)
-
-        self._service.request(request, params, finish, robot=self._robot())
 
 
 def _ignore(_: Pointed) -> None:

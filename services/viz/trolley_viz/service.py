@@ -12,7 +12,7 @@ import viser
 from trolley import requests, teleop, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
-from trolley.messages.asking import Nothing
+from trolley.messages.asking import AskHistory, Nothing
 from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
 from trolley_viz import camera, visitors
@@ -25,6 +25,7 @@ from trolley_viz.overlays.cards import Moment
 from trolley_viz.overlays.in_pages import InPages, Shown
 from trolley_viz.overlays.layer import OverlayLayer
 from trolley_viz.overlays.readings import Readings
+from trolley_viz.past_trips import Answered as HistoryAnswered
 from trolley_viz.robots import Robots
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.server import LocalServer, PortTaken, close_server, open_server
@@ -158,6 +159,7 @@ class VizService(Service):
                 self.close_watch,
                 self.work,
                 self.readings(robot),
+                self._ask_history,
             )
         return stage
 
@@ -259,6 +261,9 @@ class VizService(Service):
             return None
         when = Moment(self.monotonic_ns, is_away=stage.view.is_away)
         return Shown(session.robot, stage.board, when)
+
+    def _ask_history(self, limit: int, robot: str, then: HistoryAnswered) -> None:
+        self.request(requests.TOUR_HISTORY, AskHistory(limit=limit), then, robot=robot)
 
     def _driven_by(self, client_id: int) -> str | None:
         """The robot that a browser may drive by hand."""

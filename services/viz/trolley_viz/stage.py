@@ -14,6 +14,7 @@ from trolley_viz.fleet import Member
 from trolley_viz.overlays.board import Board
 from trolley_viz.overlays.layer import OverlayLayer
 from trolley_viz.overlays.readings import Readings
+from trolley_viz.past_trips import Answered, PastTrips
 from trolley_viz.placement import Placement
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.markers import MarkerLayer
@@ -32,6 +33,7 @@ class Stage:
         close_watch: ends that.
         work: runs a slow function aside.
         readings: follows the values that overlays show.
+        ask_history: asks for the newest so many past trips of a robot.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class Stage:
         close_watch: Callable[[Watch[Any]], None],
         work: Work,
         readings: Readings,
+        ask_history: Callable[[int, str, Answered], None],
     ) -> None:
         self.placement = Placement()
         self.feeds = Feeds(lambda topic, seconds: open_watch(topic, seconds, robot), close_watch)
@@ -57,6 +60,7 @@ class Stage:
             now_ns=0,
             robot_ns=None,
             work=work,
+            past=PastTrips(lambda limit, then: ask_history(limit, robot, then)),
         )
         """What was drawn last."""
 

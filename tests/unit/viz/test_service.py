@@ -174,7 +174,7 @@ def test_without_a_service_the_refusal_names_it(stage: "Stage") -> None:
 def test_steering_names_the_goal_that_was_seen(stage: "Stage") -> None:
     stage.browse()
     asked: list[object] = []
-    stage.session.actions._ask = lambda request, params, failed: asked.append(params)  # type: ignore[method-assign]
+    stage.session.actions.ask = lambda request, params, failed: asked.append(params)  # type: ignore[method-assign]
     stage.session.actions.steer_goal("Cancel", GoalStatus(stamp_ns=1, id="a1", state="driving"))
     assert asked[0].id == "a1"  # type: ignore[attr-defined]
 

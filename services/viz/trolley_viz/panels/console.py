@@ -11,7 +11,7 @@ from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
-from trolley_viz.panels.tours import TourPanel
+from trolley_viz.panels.tours import TourTab
 from trolley_viz.panels.zones import ZonePanel
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.places import current_places
@@ -30,14 +30,14 @@ class Console:
         self._status = StatusPanel(gui, session.follow, post)
         self._robots = RobotsPanel(gui, session.follow, session.press_stop_all, post)
         self._drive: DrivePanel | None = None
-        self._tours: TourPanel | None = None
         self._zones: ZonePanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
                 self._drive = DrivePanel(gui, actions, session.pointing, post)
-            with tabs.add_tab("Tour", viser.Icon.ROUTE):
-                self._tours = TourPanel(gui, actions, post)
+        with tabs.add_tab("Tours", viser.Icon.ROUTE):
+            self._tours = TourTab(gui, session)
+        if session.may_drive:
             with tabs.add_tab("Map", viser.Icon.MAP_2):
                 self._zones = ZonePanel(gui, session.zones, session.dismiss, post)
         with tabs.add_tab("More", viser.Icon.DOTS):
@@ -55,7 +55,6 @@ class Console:
         """Say what is."""
         session, feeds = self._session, view.feeds
         base, goal = feeds.latest(topics.BASE), feeds.latest(topics.GOAL)
-        tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
@@ -65,8 +64,7 @@ class Console:
         if self._drive is not None:
             tool = session.pointing.tool
             self._drive.update(goal, current_places(view), None if tool is None else tool.name)
-        if self._tours is not None:
-            self._tours.update([] if tours is None else tours.tours, trip)
+        self._tours.update(view)
         if self._zones is not None:
             self._zones.update(session.suspects.offered)
         self._more.update(view)

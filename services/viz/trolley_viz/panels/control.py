@@ -5,6 +5,8 @@ from typing import Any
 
 import viser
 
+Colour = tuple[int, int, int]
+
 GREEN, TEAL, GREY, STOP_RED = (26, 138, 66), (14, 122, 128), (100, 108, 120), (218, 24, 24)
 """Button colours on which white text can be read, on light and dark."""
 

@@ -34,6 +34,11 @@ def row(words: Words) -> str:
     )
 
 
+def title(text: str) -> str:
+    """A heading."""
+    return f'<div style="padding:0.5em 0.8em 0.2em;font-weight:700">{html.escape(text)}</div>'
+
+
 def note(text: str) -> str:
     """A line of small print."""
     return (

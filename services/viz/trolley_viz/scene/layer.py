@@ -12,6 +12,7 @@ from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
 from trolley_viz.fleet import Member
+from trolley_viz.past_trips import PastTrips
 from trolley_viz.placement import Placement
 
 # Heights above the floor [m] keep flat things from flickering into each other.
@@ -41,6 +42,8 @@ class View:
     """The robot's time [ns], None while its clock is silent."""
     work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
     """Runs a slow function aside, then calls the second one with its result."""
+    past: PastTrips
+    """The past trips, once somebody looks at them."""
     fleet: Sequence[Member] = ()
     """All robots, where there are several."""
 

@@ -17,6 +17,7 @@ from trolley_viz.scene.others import OthersLayer
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
 from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
 from trolley_viz.scene.sensing import CandidateLayer, ParticleLayer, ScanLayer
+from trolley_viz.scene.tours import TripLayer, TroubleLayer
 
 LAYERS: tuple[type[Layer], ...] = (
     MapLayer,
@@ -34,6 +35,8 @@ LAYERS: tuple[type[Layer], ...] = (
     TrajectoryLayer,
     MarkerLayer,
     OverlayLayer,
+    TripLayer,
+    TroubleLayer,
     CostmapLayer,
     GlobalCostmapLayer,
 )
