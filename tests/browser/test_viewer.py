@@ -69,7 +69,7 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
     wait_until(lambda: goal_state() == "driving", 20.0, "the robot sets off")
     page.screenshot(path=pictures / "driving.png", timeout=60_000)
     wait_until(lambda: goal_state() in ("arrived", "failed"), 60.0, "the robot gets there")
-    expect(page.get_by_text("Arrived at")).to_be_visible()
+    expect(page.get_by_text("It is at the place that was pointed out")).to_be_visible()
     page.screenshot(path=pictures / "arrived.png", timeout=60_000)
     truth = shown.robot.latest(topics.SIM_TRUTH)
     assert truth is not None
@@ -79,7 +79,7 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
 
 
 def test_stop_is_in_sight_whatever_tab_is_open(page: Page) -> None:
-    for tab in ("Tour", "View", "Details", "Drive"):
+    for tab in ("Tours", "Map", "More", "Go"):
         page.get_by_role("tab", name=tab).click()
         expect(page.get_by_role("button", name="STOP")).to_be_in_viewport(ratio=1)
         expect(page.get_by_role("button", name="Resume")).to_be_in_viewport(ratio=1)
@@ -92,7 +92,7 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
 
     page.get_by_role("button", name="STOP").click()
     wait_until(lambda: mode() == "stopped", 10.0, "base is stopped")
-    expect(page.get_by_text("Press Resume to let it drive again")).to_be_visible()
+    expect(page.get_by_text("It is stopped. Press Resume to let it drive again.")).to_be_visible()
     page.get_by_role("button", name="Resume").click()
     wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
 

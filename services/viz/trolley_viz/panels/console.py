@@ -6,17 +6,23 @@ import viser
 
 from trolley import topics
 from trolley_viz.joystick.page import pad_html
-from trolley_viz.panels.drive import DrivePanel
+from trolley_viz.panels.go import GoPanel
+from trolley_viz.panels.markup import note, row
+from trolley_viz.panels.places import PlacePanel
+from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tours import TourPanel
 from trolley_viz.panels.view import DetailPanel, ViewPanel
 from trolley_viz.scene.layer import View
-from trolley_viz.scene.places import current_places
+from trolley_viz.situation import Known, situation
 from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
 
 if TYPE_CHECKING:
     from trolley_viz.session import Session
+
+SILENT_S = 4.0
+"""A service whose health is older than this is not running."""
 
 
 class Console:
@@ -26,18 +32,25 @@ class Console:
         self._session = session
         hub, actions, post = session.hub, session.actions, session.post
         self._status = StatusPanel(gui, session.follow, post)
-        self._drive: DrivePanel | None = None
+        self._go: GoPanel | None = None
         self._tours: TourPanel | None = None
+        self._places: PlacePanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
-            with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
-                self._drive = DrivePanel(gui, actions, session.pointing, post)
-            with tabs.add_tab("Tour", viser.Icon.ROUTE):
+            with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
+                self._go = GoPanel(gui, session)
+            with tabs.add_tab("Tours", viser.Icon.ROUTE):
                 self._tours = TourPanel(gui, actions, post)
-        with tabs.add_tab("View", viser.Icon.STACK_2):
-            ViewPanel(gui, session)
-        with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
-            self._details = DetailPanel(gui)
+            with tabs.add_tab("Map", viser.Icon.MAP_2), gui.add_folder("Places"):
+                self._places = PlacePanel(gui, session)
+        with tabs.add_tab("More", viser.Icon.DOTS):
+            with gui.add_folder("What is shown"):
+                ViewPanel(gui, session)
+            with gui.add_folder("Details", expand_by_default=False):
+                self._state = gui.add_html("")
+                self._details = DetailPanel(gui)
+            with gui.add_folder("Keys", expand_by_default=False):
+                gui.add_html(add_shortcuts(gui, session))
         self._stop_bar = StopBar(
             gui,
             lambda: hub.call_soon(session.press_stop, urgent=True),
@@ -49,35 +62,58 @@ class Console:
     def update(self, view: View) -> None:
         """Say what is."""
         session, feeds = self._session, view.feeds
-        base, goal = feeds.latest(topics.BASE), feeds.latest(topics.GOAL)
-        tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
+        base, tours = feeds.latest(topics.BASE), feeds.latest(topics.TOURS)
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
-        self._stop_bar.show_hint(session.actions.hint)
-        self._status.update(session.robot_labels(), session.robot, state_words(view))
-        if self._drive is not None:
-            tool = session.pointing.tool
-            self._drive.update(goal, current_places(view), None if tool is None else tool.name)
+        self._stop_bar.show_hint(session.aiming.hint)
+        known = what_is_known(view)
+        lines = state_words(known)
+        self._status.update(session.robot_labels(), session.robot, situation(known), lines)
+        if self._go is not None:
+            self._go.update(view)
         if self._tours is not None:
-            self._tours.update([] if tours is None else tours.tours, trip)
+            self._tours.update([] if tours is None else tours.tours, known.trip)
+        if self._places is not None:
+            self._places.update(view)
+        self._state.content = note("State") + "".join(map(row, lines))
         self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
 
 
-def state_words(view: View) -> list[Words]:
-    """The lines of the state: position, what holds it, where it is going, the trip."""
-    if view.robot_ns is None:
-        return [AWAY]
+def what_is_known(view: View) -> Known:
+    """Gather what the sentence about the robot is made from."""
     feeds = view.feeds
     estimate, saved = feeds.latest(topics.POSE), feeds.latest(topics.POSES)
     tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
-    age_s = None if estimate is None else (view.robot_ns - estimate.stamp_ns) * 1e-9
+    health, robot_ns = feeds.by_parts(topics.HEALTH), view.robot_ns
+    age_s, silent = None, frozenset[str]()
+    if robot_ns is not None:
+        age_s = None if estimate is None else (robot_ns - estimate.stamp_ns) * 1e-9
+        old_ns = robot_ns - SILENT_S * 1e9
+        silent = frozenset(name for (name,), one in health.items() if one.stamp_ns < old_ns)
     stored = [] if tours is None or trip is None else tours.tours
-    tour = next((one for one in stored if trip is not None and one.name == trip.name), None)
+    return Known(
+        is_away=view.is_away,
+        base=feeds.latest(topics.BASE),
+        has_map=view.map is not None,
+        estimate=estimate,
+        estimate_age_s=age_s,
+        goal=feeds.latest(topics.GOAL),
+        trip=trip,
+        tour=next((one for one in stored if trip is not None and one.name == trip.name), None),
+        places=[] if saved is None else saved.poses,
+        silent=silent,
+    )
+
+
+def state_words(known: Known) -> list[Words]:
+    """The lines of the state: position, what holds it, where it is going, the trip."""
+    if known.is_away:
+        return [AWAY]
     lines = [
-        position_words(estimate, age_s),
-        base_words(feeds.latest(topics.BASE)),
-        goal_words(feeds.latest(topics.GOAL), [] if saved is None else saved.poses),
-        trip_words(trip, tour),
+        position_words(known.estimate, known.estimate_age_s),
+        base_words(known.base),
+        goal_words(known.goal, list(known.places)),
+        trip_words(known.trip, known.tour),
     ]
     return [line for line in lines if line is not None]
