@@ -198,13 +198,18 @@ def test_a_place_is_saved_changed_and_brought_back(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
     page.get_by_role("tab", name="Map").click()
-    field(page, "Name").fill("g <b>spot</b>")  # "g" is a key, and the rest is no name
+    field(page, "Name").fill("<b>spot</b>")
     button(page, "Save where it stands").click()
     expect(page.get_by_text("Not saved")).to_be_visible()
-    field(page, "Name").fill("play corner")
+    field(page, "Name").fill("")
+    field(page, "Name").press_sequentially("play corner")  # keys that would point, stop and cancel
     choose(page, "Icon", "children")
     button(page, "Save where it stands").click()
     wait_until(lambda: place_of(shown, "play corner") is not None, 20.0, "it is saved")
+    expect(page.locator("#trolley-hint")).to_have_count(0)
+    base = shown.robot.latest(topics.BASE)
+    assert base is not None
+    assert base.mode == "ok"
     choose(page, "Place", "play corner")
     field(page, "Name").fill("toy corner")
     button(page, "Save changes").click()

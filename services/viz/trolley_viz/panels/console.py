@@ -12,6 +12,7 @@ from trolley_viz.panels.places import PlacePanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
+from trolley_viz.panels.tiles import STYLE
 from trolley_viz.panels.tours import TourPanel
 from trolley_viz.panels.view import DetailPanel, ViewPanel
 from trolley_viz.scene.layer import View
@@ -31,6 +32,7 @@ class Console:
     def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
         self._session = session
         hub, actions, post = session.hub, session.actions, session.post
+        gui.add_html(STYLE)
         self._status = StatusPanel(gui, session.follow, post)
         self._go: GoPanel | None = None
         self._tours: TourPanel | None = None

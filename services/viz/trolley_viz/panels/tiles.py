@@ -28,7 +28,8 @@ div:has(>div>.trolley-tiles) button svg{width:100%;height:100%}
 div:has(>div>.trolley-tiles) input{min-height:36px!important;font-size:16px!important}
 .trolley-heading{padding:6px 4px 4px;font-weight:600;font-size:14px;opacity:.8}
 </style>"""
-MARK = STYLE + '<div class="trolley-tiles"></div>'
+"""To be put anywhere into the page, once."""
+MARK = '<div class="trolley-tiles"></div>'
 """To be put first into a container whose buttons are to be tiles."""
 SMALL = '<div class="trolley-small"></div>'
 """The buttons after it are less high."""
