@@ -63,8 +63,16 @@ def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     )
 
 
+def wait_for_frames(page: Page) -> None:
+    """Let what was put into the scene be drawn; without a graphics card that takes a while."""
+    page.evaluate(
+        "async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame) }"
+    )
+
+
 def drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> None:
     """Press, drag and release between two points of the floor, as slowly as a person."""
+    wait_for_frames(page)
     page.mouse.move(*pixel_of(page, start))
     page.mouse.down()
     page.mouse.move(*pixel_of(page, end), steps=12)
@@ -134,6 +142,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     button(phone, "Go to …").tap()
     hint = phone.locator("#trolley-hint")
     expect(hint).to_contain_text("Press where to go")
+    wait_for_frames(phone)
     (x, y), (x1, y1) = pixel_of(phone, FAR), pixel_of(phone, FROM_FAR)
     touch("touchStart", (x, y))
     for part in (0.3, 0.6, 1.0):
@@ -152,6 +161,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     # Who vanishes in the middle of a drag has done nothing.
     button(phone, "Go to …").tap()
     expect(hint).to_contain_text("Press where to go")
+    wait_for_frames(phone)
     touch("touchStart", (x, y))
     touch("touchMove", (x1, y1))
     expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
@@ -174,6 +184,7 @@ def test_a_tool_is_left_by_escape_and_by_a_second_press(page: Page) -> None:
 def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures: Path) -> None:
     page.get_by_text("Several places in a row").click()
     button(page, "Choose places …").click()
+    wait_for_frames(page)
     page.mouse.click(*pixel_of(page, BESIDE))
     button(page, "start").click()
     expect(page.locator("ol > li")).to_have_count(2)

@@ -6,7 +6,7 @@ import pytest
 
 from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, SavedPose, SavedPoses, TourStatus
+from trolley.messages import GoalStatus, Health, SavedPose, SavedPoses, TourStatus
 from trolley_viz.actions import what_is_under_way
 from trolley_viz.aiming import GO_TO
 from trolley_viz.panels.shortcuts import shortcuts
@@ -185,6 +185,18 @@ def test_nothing_under_way_is_nothing_to_pause(stage: "Stage") -> None:
         "Go on: not done",
         "Cancel: not done",
     ]
+
+
+def test_a_service_that_falls_silent_is_missed(stage: "Stage", session: Session) -> None:
+    here = session.view.placement.world_T_base
+    assert here is not None
+    stage.robot._say_goal("a", "driving", here)
+    health = Health(stamp_ns=1, state="ok", cpu=0.0, rss=0)
+    stage.robot.publish(topics.HEALTH, health, "planner")
+    stage.runtime.run(1.0)
+    assert "on its way" in session.console._status._lines.content
+    stage.runtime.run(4.0)
+    assert "the planner is not running" in session.console._status._lines.content
 
 
 def put_places(stage: "Stage", names: list[str], icon: str = "") -> None:

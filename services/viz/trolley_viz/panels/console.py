@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from trolley import topics
+from trolley.messages import Health
 from trolley_viz.joystick.page import pad_html
 from trolley_viz.panels.go import GoPanel
 from trolley_viz.panels.markup import note, row
@@ -22,8 +23,8 @@ from trolley_viz.words import AWAY, Words, base_words, goal_words, position_word
 if TYPE_CHECKING:
     from trolley_viz.session import Session
 
-SILENT_S = 4.0
-"""A service whose health is older than this is not running."""
+SILENT_NS = 4_000_000_000
+"""A service that says nothing of its health for so long is not running."""
 
 
 class Console:
@@ -31,6 +32,8 @@ class Console:
 
     def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
         self._session = session
+        self._health: dict[tuple[str, str], tuple[Health, int]] = {}
+        """The newest by robot and service, and when it was first seen (local monotonic [ns])."""
         hub, actions, post = session.hub, session.actions, session.post
         gui.add_html(STYLE)
         self._status = StatusPanel(gui, session.follow, post)
@@ -69,7 +72,7 @@ class Console:
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
         self._stop_bar.show_hint(session.aiming.hint)
-        known = what_is_known(view)
+        known = what_is_known(view, self._silent(view))
         lines = state_words(known)
         self._status.update(session.robot_labels(), session.robot, situation(known), lines)
         if self._go is not None:
@@ -81,18 +84,28 @@ class Console:
         self._state.content = note("State") + "".join(map(row, lines))
         self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
 
+    def _silent(self, view: View) -> frozenset[str]:
+        """The services of the robot that were heard of and are not any more."""
+        robot, now_ns = self._session.robot, view.now_ns
+        for (name,), one in view.feeds.by_parts(topics.HEALTH).items():
+            before = self._health.get((robot, name))
+            if before is None or before[0] is not one:
+                self._health[robot, name] = (one, now_ns)
+        return frozenset(
+            name
+            for (of, name), (_, since_ns) in self._health.items()
+            if of == robot and now_ns - since_ns > SILENT_NS
+        )
 
-def what_is_known(view: View) -> Known:
+
+def what_is_known(view: View, silent: frozenset[str]) -> Known:
     """Gather what the sentence about the robot is made from."""
     feeds = view.feeds
     estimate, saved = feeds.latest(topics.POSE), feeds.latest(topics.POSES)
     tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
-    health, robot_ns = feeds.by_parts(topics.HEALTH), view.robot_ns
-    age_s, silent = None, frozenset[str]()
-    if robot_ns is not None:
-        age_s = None if estimate is None else (robot_ns - estimate.stamp_ns) * 1e-9
-        old_ns = robot_ns - SILENT_S * 1e9
-        silent = frozenset(name for (name,), one in health.items() if one.stamp_ns < old_ns)
+    robot_ns, age_s = view.robot_ns, None
+    if robot_ns is not None and estimate is not None:
+        age_s = (robot_ns - estimate.stamp_ns) * 1e-9
     stored = [] if tours is None or trip is None else tours.tours
     return Known(
         is_away=view.is_away,
