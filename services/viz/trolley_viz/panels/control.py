@@ -8,7 +8,7 @@ import viser
 from trolley_viz.undo import History
 
 GREEN, TEAL, GREY, STOP_RED = (26, 138, 66), (14, 122, 128), (100, 108, 120), (218, 24, 24)
-PURPLE = (92, 62, 158)
+PURPLE, AMBER = (92, 62, 158), (166, 96, 0)
 """Button colours on which white text can be read, on light and dark."""
 
 Post = Callable[[Callable[[], None]], None]

@@ -8,7 +8,7 @@ from trolley import topics
 from trolley.messages import GoalStatus, SavedPose, TourStatus
 from trolley_viz.actions import what_is_under_way
 from trolley_viz.aiming import GO_TO, SET_POSE
-from trolley_viz.panels.control import GREEN, GREY, PURPLE, STOP_RED, TEAL, handler, show_undo
+from trolley_viz.panels.control import AMBER, GREEN, GREY, PURPLE, TEAL, handler, show_undo
 from trolley_viz.panels.errands import ErrandPanel
 from trolley_viz.panels.markup import note
 from trolley_viz.panels.tiles import MARK, SMALL, Tiles, heading
@@ -30,9 +30,9 @@ class GoPanel:
         actions, aiming, post = session.actions, session.aiming, session.post
         self._actions, self._aiming = actions, aiming
         gui.add_html(MARK)
-        self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE, color=GREY)
+        self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE, color=AMBER)
         self._go_on = gui.add_button("Go on", icon=viser.Icon.PLAYER_PLAY, color=GREEN)
-        self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color=STOP_RED)
+        self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color=GREY)
         for button in (self._pause, self._go_on, self._cancel):
             button.on_click(handler(post, lambda _, __, action=button.label: actions.steer(action)))
         self._places_title = gui.add_html(heading("Go to"))
