@@ -155,7 +155,7 @@ def test_a_refusal_is_told_in_words(stage: "Stage") -> None:
 
 def test_without_a_service_the_refusal_names_it(stage: "Stage") -> None:
     browser = stage.browse()
-    stage.session.actions.start_tour("article")
+    stage.session.actions.steer_tour("Pause")
     stage.runtime.run(0.5)
     assert "tour is not running" in browser.notices[0][1]
 
