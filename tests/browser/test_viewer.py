@@ -169,7 +169,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     assert goal_state(shown) == "canceled"
 
 
-def test_a_tool_is_left_by_escape_and_by_a_second_press(page: Page) -> None:
+def test_tools_are_taken_and_left_by_keys_and_by_buttons(page: Page) -> None:
     hint = page.locator("#trolley-hint")
     button(page, "Set pose …").click()
     expect(hint).to_contain_text("Press where the robot is")
@@ -179,6 +179,10 @@ def test_a_tool_is_left_by_escape_and_by_a_second_press(page: Page) -> None:
     expect(hint).to_contain_text("Press where to go")
     button(page, "Press again to leave").click()
     expect(hint).to_have_count(0)
+    page.keyboard.press("j")
+    expect(page.locator(".hand-card")).to_be_visible()
+    page.keyboard.press("j")
+    expect(page.locator(".hand-card")).to_be_hidden()
 
 
 def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures: Path) -> None:
@@ -272,6 +276,10 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
     page.get_by_role("button", name="STOP").click()
     wait_until(lambda: mode() == "stopped", 10.0, "base is stopped")
     expect(page.get_by_text("It is stopped. Press Resume to let it drive again.")).to_be_visible()
+    page.get_by_role("button", name="Resume").click()
+    wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
+    page.keyboard.press("Space")
+    wait_until(lambda: mode() == "stopped", 10.0, "a key stops it, too")
     page.get_by_role("button", name="Resume").click()
     wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
 

@@ -14,7 +14,7 @@ from trolley_viz.panels.markup import note, table
 if TYPE_CHECKING:
     from trolley_viz.session import Session
 
-Key = Literal["space", "escape", "G", "P", "F", "H", "O", "X", "U", "V"]
+Key = Literal["escape", "G", "P", "F", "H", "O", "X", "U", "V"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def shortcuts(session: "Session") -> list[Shortcut]:
     return [
         Shortcut("Go to …", "G", viser.Icon.MAP_PIN, aiming.point_goal),
         Shortcut("Set pose …", "P", viser.Icon.CURRENT_LOCATION, aiming.point_pose),
-        Shortcut("Leave the arrow", "escape", viser.Icon.X, aiming.put_away),
+        Shortcut("Leave the arrow", "escape", viser.Icon.X, session.put_tools_away),
         Shortcut("Find yourself", "F", viser.Icon.SEARCH, actions.find),
         Shortcut("Pause", "H", viser.Icon.PLAYER_PAUSE, lambda: actions.steer("Pause")),
         Shortcut("Go on", "O", viser.Icon.PLAYER_PLAY, lambda: actions.steer("Go on")),
