@@ -75,7 +75,7 @@ def drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> No
     wait_for_frames(page)
     page.mouse.move(*pixel_of(page, start))
     page.mouse.down()
-    page.mouse.move(*pixel_of(page, end), steps=12)
+    page.mouse.move(*pixel_of(page, end), steps=6)
     page.mouse.up()
 
 
