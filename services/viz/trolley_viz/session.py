@@ -10,15 +10,18 @@ from trolley.messages import SuspectLine
 from trolley.runtime.service import Service
 from trolley_viz import camera
 from trolley_viz.actions import Actions
+from trolley_viz.aiming import Aiming
 from trolley_viz.drawing.board import Board
 from trolley_viz.drawing.editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.suspects import SuspectLines
 from trolley_viz.drawing.wishes import ZoneWishes
 from trolley_viz.overlays.readings import Readings
 from trolley_viz.panels.console import Console
+from trolley_viz.place_actions import PlaceActions
 from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
 from trolley_viz.scene.axes import FrameAxes
+from trolley_viz.scene.errands import Pins
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.scene.icons import Icons
 from trolley_viz.scene.layer import View
@@ -125,17 +128,22 @@ class Session:
         """What this browser's scene has in place of the roots of robots and of their layers."""
         self.pointing = Pointing(client, self._post_while_open)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
+        self.aiming = Aiming(
+            service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
+        )
+        self.places = PlaceActions(self.actions, self.aiming, lambda: self.view)
         self.zones = ZoneEditor(
             Board(client, self._post_while_open),
             ZoneWishes(service, lambda: self._robot, lambda: stored_zones(self.view), self.tell),
             lambda: self.view,
             self.tell,
-            self._put_pointing_away,
+            self.aiming.put_away,
         )
         self.suspects = SuspectLines(client.scene)
         self._axes = FrameAxes(client.scene)
         configure_look(client.gui, dark=choices.dark)
         self._preview = PreviewLine(client.scene)
+        self._pins = Pins(client.scene)
         self._icons = Icons(client.scene)
         self.console = Console(client.gui, self)
 
@@ -209,6 +217,7 @@ class Session:
         if robot != self._robot:
             self.put_tools_away()
             self.zones.wishes.forget()
+            self.actions.forget()
             self._hub.let_go(self.client.client_id)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
@@ -252,7 +261,9 @@ class Session:
             self._shadow(robot, "", is_on=robot == self._robot)
         for key, is_on in self.layers().items():
             self._shadow(self._robot, f"/{key}", is_on=is_on)
-        self._preview.draw(self.actions.preview, self.view.placement)
+        self.aiming.look_ahead()
+        self._preview.draw(self.aiming.preview, self.view.placement)
+        self._pins.draw(self.actions.errands.items, self.view.placement)
         markers = self._hub.stage(self._robot).markers
         icons = markers.icons if self.layers()[markers.key] else []
         self._icons.show(icons, self.client.camera.wxyz)
@@ -266,14 +277,11 @@ class Session:
 
     def put_tools_away(self) -> None:
         """End what somebody began to point at or to draw."""
-        self._put_pointing_away()
+        self.aiming.put_away()
         self.zones.leave()
         self.console.close_plot()
 
     # Inside.
-    def _put_pointing_away(self) -> None:
-        self.pointing.disarm()
-        self.actions.put_away()
 
     def _post_while_open(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread what a pointer did, unless its browser is gone.

@@ -90,7 +90,7 @@ def page(stage: "Stage") -> Iterator[Page]:
 
 def test_no_goal_is_sent(page: Page, stage: "Stage") -> None:
     session = stage.session
-    session.actions.point_goal(session.pointing)
+    session.aiming.point_goal()
     page.begin_drag("/pointing")
     page.wait(lambda: session.pointing._arrow is not None)
     page.leave()
@@ -99,7 +99,7 @@ def test_no_goal_is_sent(page: Page, stage: "Stage") -> None:
 
 def test_a_goal_is_sent_when_it_is_let_go(page: Page, stage: "Stage") -> None:
     session = stage.session
-    session.actions.point_goal(session.pointing)
+    session.aiming.point_goal()
     page.begin_drag("/pointing")
     say(page.socket, drag("end", "/pointing", session.client.scene._owner_id))
     page.wait(lambda: len(stage.robot.goals) == 1)

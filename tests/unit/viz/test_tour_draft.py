@@ -77,7 +77,7 @@ def test_no_edit_loses_or_doubles_a_point(tour: Tour, edits: list) -> None:
             editing.add(value)
             known.append(value)
             assert editing.point is value
-        elif editing.chosen is None:
+        elif editing.chosen is None or editing.point is None:
             continue
         elif what == "remove":
             known.remove(editing.point)

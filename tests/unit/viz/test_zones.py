@@ -277,10 +277,10 @@ def test_a_zone_that_somebody_deletes_is_let_go(hand: Hand, keeper: ZoneKeeper) 
 
 def test_pointing_ends_drawing_and_drawing_ends_pointing(hand: Hand, stage: "Stage") -> None:
     session = stage.session
-    session.actions.point_goal(session.pointing)
+    session.aiming.point_goal()
     session.zones.start("mirror")
     assert session.pointing.tool is None
-    session.actions.point_goal(session.pointing)
+    session.aiming.point_goal()
     hand.wait()
     assert session.zones.mode == "idle"
     assert session.pointing.tool is not None

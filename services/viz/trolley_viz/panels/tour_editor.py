@@ -267,7 +267,7 @@ class TourEditor:
             return
 
         def done(pointed: Pointed) -> None:
-            session.actions.put_away()
+            session.aiming.put_away()
             editing = self.editing
             if editing is None or editing is not before:
                 return
@@ -276,7 +276,7 @@ class TourEditor:
             take(editing, Point(pose=bearing(pointed.x, pointed.y, pointed.yaw, last)))
 
         tool = Tool(TOUR_POINT, lambda _: None, done)
-        session.actions.arm(session.pointing, tool, POINT_HINT)
+        session.aiming.arm(tool, POINT_HINT)
 
     def _put_away(self) -> None:
         tool = self._session.pointing.tool
