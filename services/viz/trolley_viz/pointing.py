@@ -1,7 +1,7 @@
 """Pointing at the floor: press, drag and release give a place and a direction, as in rviz.
 
-While a tool is armed an unseen plane lies under the scene of the one client that armed it, and
-takes the drags that else would turn the camera. viser gives the end of a drag on a plane that faces
+While a tool is armed an unseen plane lies under the scene of the browser that armed it, and takes
+the drags that else would turn the camera. viser gives the end of a drag on a plane that faces
 the camera; the line of sight through it is followed down to the floor.
 """
 
@@ -46,23 +46,22 @@ class Tool:
 
 
 class Pointing:
-    """One tool at a time, armed by one client, for one gesture."""
+    """The tool of one browser, armed for one gesture."""
 
-    def __init__(self, server: viser.ViserServer, post: Post) -> None:
-        self._server = server
+    def __init__(self, client: viser.ClientHandle, post: Post) -> None:
+        self._client = client
         self._post = post
         self._plane: viser.MeshHandle | None = None
         self._arrow: viser.ArrowsHandle | None = None
         self.tool: Tool | None = None
-        self.client_id: int | None = None
 
-    def arm(self, client: viser.ClientHandle, tool: Tool) -> None:
-        """Wait for a gesture of this client; any tool that was armed is put away."""
+    def arm(self, tool: Tool) -> None:
+        """Wait for a gesture; any tool that was armed is put away."""
         self.disarm()
-        self.tool, self.client_id = tool, client.client_id
+        self.tool = tool
         half = PLANE_HALF_SIZE_M
         corners = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
-        plane = self._plane = client.scene.add_mesh_simple(
+        plane = self._plane = self._client.scene.add_mesh_simple(
             "/pointing",
             corners,
             np.array([[0, 1, 2], [0, 2, 3]]),
@@ -92,12 +91,7 @@ class Pointing:
             self._plane.remove()
             self._plane = None
         self.show_arrow(None)
-        self.tool = self.client_id = None
-
-    def client_left(self, client_id: int) -> None:
-        """Put the tool away when the client that armed it is gone."""
-        if client_id == self.client_id:
-            self.disarm()
+        self.tool = None
 
     def show_arrow(self, pointed: Pointed | None) -> None:
         """Draw the arrow as it is dragged."""
@@ -112,7 +106,7 @@ class Pointing:
         )
         points = np.array([[(pointed.x, pointed.y, Z_ARROW), (*tip, Z_ARROW)]])
         if self._arrow is None:
-            self._arrow = self._server.scene.add_arrows(
+            self._arrow = self._client.scene.add_arrows(
                 "/pointed",
                 points,
                 ARROW_COLOUR,
@@ -126,14 +120,13 @@ class Pointing:
     def _dragged(self, tool: Tool, pointed: Pointed | None, phase: str) -> None:
         if tool is not self.tool:
             return
-        if phase != "end":
+        if pointed is None or phase != "end":
             self.show_arrow(pointed)
             if pointed is not None:
                 tool.moved(pointed)
-            return
+            return  # where it ends beside the floor, the tool waits for another try
         self.disarm()
-        if pointed is not None:
-            tool.done(pointed)
+        tool.done(pointed)
 
 
 def pointed_by_drag(

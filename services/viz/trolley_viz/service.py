@@ -1,45 +1,46 @@
 """The viewer as a service: browsers on one side, the robots' streams and requests on the other.
 
 viser serves the browsers on threads of its own; whatever happens there is handed over by
-`call_soon`. A robot's streams are subscribed to only while a browser is open.
+`call_soon`. A robot's streams are subscribed to only while a browser follows it.
 """
 
+from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import viser
 
-from trolley import teleop, topics
+from trolley import requests, teleop, topics
+from trolley.codes import Refused
 from trolley.config import RobotConfig
+from trolley.messages.asking import AskHistory, Nothing
 from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
-from trolley_viz import camera
-from trolley_viz.actions import Actions
-from trolley_viz.feeds import Feeds
+from trolley_viz import camera, visitors
+from trolley_viz.fleet import Fleet
+from trolley_viz.foxglove import open_bridge
+from trolley_viz.gate import FILE as ACCESS_FILE
+from trolley_viz.gate import Access, Gate, is_loopback_host
 from trolley_viz.joystick.by_hand import ByHand
-from trolley_viz.joystick.page import pad_html
-from trolley_viz.panels.console import Console
-from trolley_viz.placement import Placement
-from trolley_viz.pointing import Pointing
+from trolley_viz.overlays.cards import Moment
+from trolley_viz.overlays.in_pages import InPages, Shown
+from trolley_viz.overlays.layer import OverlayLayer
+from trolley_viz.overlays.readings import Readings
+from trolley_viz.past_trips import Answered as HistoryAnswered
 from trolley_viz.robots import Robots
 from trolley_viz.scene.ground import map_bounds
-from trolley_viz.scene.layer import View
-from trolley_viz.scene.scene import Scene
-from trolley_viz.server import LocalServer, PortTaken, close_server, configure_look, open_server
-from trolley_viz.settings import FILE, ViewerSettings
-from trolley_viz.stopping import StopPresses
-from trolley_viz.words import Tone
+from trolley_viz.server import LocalServer, PortTaken, close_server, open_server
+from trolley_viz.session import Session
+from trolley_viz.settings import FILE, Choices, ViewerSettings
+from trolley_viz.stage import Stage
+from trolley_viz.stopping import Answered, StopPresses
+from trolley_viz.visitors import Visitor
 
+LOOK_PERIOD_S = 0.025
+"""A scan waits for half of it on average."""
 PANEL_PERIOD_NS = 200_000_000
-JOYSTICK_PATH = "/joystick"
-NOTICE_S = 8.0
-NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
-    "good": (30, 158, 80),
-    "busy": (47, 111, 224),
-    "warn": (217, 138, 0),
-    "bad": (214, 51, 51),
-    "idle": (128, 136, 148),
-}
+JOYSTICK_PATH, OVERLAYS_PATH = "/joystick", "/overlays"
+EVERY_MESSAGE_S = 0.05
+"""A watch that keeps the last of a stream, however little, is told of every message."""
 
 
 class VizService(Service):
@@ -53,38 +54,42 @@ class VizService(Service):
     def __init__(self, config: RobotConfig) -> None:
         self._config = config.viz
         self._robots = Robots(config.robot.name)
-        self._placement = Placement()
-        self._clients: dict[int, viser.ClientHandle] = {}
-        self._fitted: dict[int, str] = {}
-        """The map that each client's camera was last moved for."""
+        self._stops = StopPresses(self._ask_stop)
+        self._fleet = Fleet(
+            self._robots,
+            lambda topic: self.watch(topic, robot="*"),
+            self.close_watch,
+            self.robot_ns,
+        )
+        self._sessions: dict[int, Session] = {}
+        """The browsers that are open, by viser's number for each."""
+        self._stages: dict[str, Stage] = {}
+        """The robots that somebody follows."""
         self._panels_due_ns = 0
-        self._epoch = 0
 
     # Life.
     def start(self) -> None:
         """Open the web page."""
-        self._by_hand = ByHand(self, self._robots, self.robot_ns)
-        sockets = {JOYSTICK_PATH: self._by_hand.sockets.serve}
+        self._by_hand = ByHand(self, self._robots, self.robot_ns, self._driven_by)
+        self._overlays = InPages(self, self._shown)
+        sockets = {
+            JOYSTICK_PATH: self._by_hand.sockets.serve,
+            OVERLAYS_PATH: self._overlays.sockets.serve,
+        }
         try:
-            server = self._server = open_server(self._config, sockets)
+            server = self._server = open_server(self._config, self._gate(), sockets)
         except PortTaken as taken:
             # Nothing to trace: the sentence says it all, so it is no exception in the log.
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
             raise SystemExit(1) from taken
         self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
-        configure_look(server, dark=self._settings.dark)
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
-        self._feeds = Feeds(self._open_watch, self.close_watch)
-        self._pointing = Pointing(server, self.call_soon)
-        self._actions = Actions(self, lambda: self._robots.selected, self._view, self._tell)
-        self._stops = StopPresses(self._actions.ask_stop)
-        self._scene = Scene(server, self._settings.layers)
-        self._console = Console(server.gui, self, self._scene, dark=self._settings.dark)
-        server.gui.add_html(pad_html())
+        self._bridge = open_bridge(self, self._config)
 
         # async, and only handing over: these run on the thread of the web server.
         async def came(client: viser.ClientHandle) -> None:
-            self.call_soon(lambda: self._client_came(client))
+            visitor = visitors.present.get()
+            self.call_soon(lambda: self._client_came(client, visitor))
 
         async def left(client: viser.ClientHandle) -> None:
             self.call_soon(lambda: self._client_left(client.client_id))
@@ -92,172 +97,89 @@ class VizService(Service):
         server.on_client_connect(came)
         server.on_client_disconnect(left)
         self.log.info("The viewer is ready", url=f"http://{self._config.host}:{self._config.port}")
+        if not is_loopback_host(self._config.host):
+            self.log.info("It asks for a token: `trolley viewer-link` prints links that hold one")
 
     def stop(self) -> None:
         """Close the web page."""
         if self._server is not None:
             close_server(self._server)
+            if self._bridge is not None:
+                self._bridge.close()
 
-    @every(0.05, clock="local")
+    @every(LOOK_PERIOD_S, clock="local")
     def look(self) -> None:
         """Draw and say what changed, while anybody looks."""
         self._stops.tick(self.monotonic_ns)
-        if not self._clients:
+        if not self._sessions:
             return
         self._robots.update(self._robot_watch.by_parts)
-        self._follow_epoch()
-        self._feeds.want(self._scene.wanted())
-        self._placement.update(
-            self._feeds.by_parts(topics.TF),
-            self._feeds.history(topics.ODOM),
-            has_map=self._feeds.latest(topics.MAP) is not None,
-        )
-        view = self._view()
-        self._fit_new(view)
-        self._scene.update(view)
+        self._fleet.update(is_watched=True)
+        self._update_stages()
+        for session in self._sessions.values():
+            session.update_scene(self._stages.keys())
+        if self._server is not None:
+            self._server.flush()  # viser would wait for more to send together
         if self.monotonic_ns >= self._panels_due_ns:
             self._panels_due_ns = self.monotonic_ns + PANEL_PERIOD_NS
-            self._console.update(view)
-            self._by_hand.tell(view.feeds.latest(topics.BASE), view.feeds.latest(topics.GOAL))
+            for session in self._sessions.values():
+                session.console.update(session.view)
+            self._overlays.tell()
+            self._by_hand.tell({name: stage.view for name, stage in self._stages.items()})
 
     @every(teleop.PERIOD_S, clock="local")
     def drive_by_hand(self) -> None:
         """Send what the joystick wants."""
         self._by_hand.drive()
 
-    # What the panels read.
+    # What the browsers share.
     @property
     def robots(self) -> Robots:
         """The robots of the network."""
         return self._robots
 
     @property
-    def actions(self) -> Actions:
-        """What the buttons do."""
-        return self._actions
-
-    @property
-    def pointing(self) -> Pointing:
-        """The tool that waits for a gesture."""
-        return self._pointing
-
-    @property
     def stops(self) -> StopPresses:
         """The presses of Stop that are not answered."""
         return self._stops
 
-    def is_away(self, robot: str) -> bool:
-        """Whether a robot's clock is silent."""
-        return self.robot_ns(robot) is None
+    def is_open(self, client_id: int) -> bool:
+        """Whether a browser is still connected; viser knows before it says that it is gone."""
+        return self._server is not None and client_id in self._server.get_clients()
+
+    def stage(self, robot: str) -> Stage:
+        """Return a robot's share of the scene; there is one from the first time it is asked for."""
+        stage = self._stages.get(robot)
+        if stage is None:
+            assert self._server is not None  # sessions come from the server
+            stage = self._stages[robot] = Stage(
+                self._server,
+                robot,
+                self._open_watch,
+                self.close_watch,
+                self.work,
+                self.readings(robot),
+                self._ask_history,
+            )
+        return stage
+
+    def readings(self, robot: str) -> Readings:
+        """Follow values of a robot's topics; the caller drops them in the end."""
+
+        def listen(topic: Topic[Any], parts: tuple[str, ...], then: Callable[..., None]) -> Any:
+            return self.watch(topic, *parts, seconds=EVERY_MESSAGE_S, robot=robot, then=then)
+
+        return Readings(listen, self.close_watch, lambda: self.arrived_ns)
 
     def robot_ns(self, robot: str) -> int | None:
         """The time of a robot [ns], None while its clock is silent."""
         return self.time_of(robot).now(self.monotonic_ns)
 
-    # What the panels ask for.
-    def press_stop(self) -> None:
-        """Stop the robot that is shown."""
-        self._stops.press(self._robots.selected, self.monotonic_ns)
-
-    def press_resume(self) -> None:
-        """Let it drive again."""
-        self._stops.release(self._robots.selected)
-        self._actions.resume()
-
-    def select_robot(self, name: str) -> None:
-        """Show another robot."""
-        if name != self._robots.selected:
-            self._pointing.disarm()
-            self._actions.put_away()
-            self._by_hand.drop()
-            self._robots.selected = name
-            self._forget()
-
-    def switch_layer(self, key: str, *, is_on: bool) -> None:
-        """Show or hide a layer, and remember it."""
-        for layer in self._scene.layers:
-            if layer.key == key:
-                layer.switch(is_on)
-        self._remember(msgspec.structs.replace(self._settings, layers=self._scene.choices()))
-
-    def set_dark(self, *, is_dark: bool) -> None:
-        """Change the look, and remember it."""
-        if self._server is not None:
-            configure_look(self._server, dark=is_dark)
-        self._remember(msgspec.structs.replace(self._settings, dark=is_dark))
-
-    def fit_view(self, client: viser.ClientHandle) -> None:
-        """Show a client the whole map."""
-        bounds = map_bounds(self._view())
-        if bounds is not None:
-            camera.fit(client, bounds, is_new=False)
-
-    # Inside.
-    def _client_came(self, client: viser.ClientHandle) -> None:
-        if not self._clients:
-            self._forget()
-        self._clients[client.client_id] = client
-        self._panels_due_ns = 0
-
-    def _client_left(self, client_id: int) -> None:
-        self._clients.pop(client_id, None)
-        self._fitted.pop(client_id, None)
-        if self._pointing.client_id == client_id:
-            self._pointing.disarm()
-            self._actions.put_away()
-        if not self._clients:
-            self._feeds.drop_all()
-
-    def _open_watch(self, topic: Topic[Any], seconds: float) -> Watch[Any]:
-        return self.watch(topic, seconds=seconds, robot=self._robots.selected)
-
-    def _view(self) -> View:
-        return View(
-            feeds=self._feeds,
-            placement=self._placement,
-            robot=self._robots.robot,
-            now_ns=self.monotonic_ns,
-            is_away=self.is_away(self._robots.selected),
-            work=self.work,
-            preview=self._actions.preview,
-        )
-
-    def _follow_epoch(self) -> None:
-        """Drop what an earlier run of the robot's base measured."""
-        epoch = self.time_of(self._robots.selected).epoch
-        if epoch != self._epoch:
-            self._epoch = epoch
-            self._forget()
-
-    def _forget(self) -> None:
-        """Subscribe and draw anew."""
-        self._feeds.drop_all()
-        self._scene.forget()
-
-    def _fit_new(self, view: View) -> None:
-        """Move the cameras of those who have not seen this map yet."""
-        grid = view.feeds.latest(topics.MAP)
-        if grid is None or self._server is None:
+    def remember(self, browser: str, choices: Choices) -> None:
+        """Save a browser's choices; those of nobody in particular are forgotten."""
+        if not browser:
             return
-        waiting = [one for one in self._clients if self._fitted.get(one) != grid.name]
-        bounds = map_bounds(view) if waiting else None
-        if bounds is None:
-            return
-        camera.set_initial(self._server, bounds)
-        for client_id in waiting:
-            camera.fit(self._clients[client_id], bounds, is_new=client_id not in self._fitted)
-            self._fitted[client_id] = grid.name
-
-    def _tell(self, title: str, text: str, tone: Tone) -> None:
-        for client in self._clients.values():
-            client.add_notification(
-                title, text, auto_close_seconds=NOTICE_S, color=NOTICE_COLOURS[tone]
-            )
-
-    def _remember(self, settings: ViewerSettings) -> None:
-        if settings == self._settings:
-            return
-        self._settings = settings
+        settings = self._settings = self._settings.with_choices(browser, choices)
 
         def write() -> str:
             try:
@@ -267,6 +189,95 @@ class VizService(Service):
             return ""
 
         self.work(write, self._remembered)
+
+    def let_go(self, client_id: int) -> None:
+        """Take the joystick out of a browser's hand."""
+        self._by_hand.let_go(client_id)
+
+    # Inside.
+    def _gate(self) -> Gate:
+        """Who is let in: with the tokens that are kept, or new ones."""
+        access = self.state.read(ACCESS_FILE, Access)
+        if access is None:
+            access = Access.new()
+            try:
+                self.state.write(ACCESS_FILE, access, is_secret=True)
+            except OSError as error:
+                self.log.warning("The viewer's tokens were not saved", why=error.strerror)
+        config = self._config
+        return Gate(config.port, config.origins, always_ask=config.always_ask, access=access)
+
+    def _client_came(self, client: viser.ClientHandle, visitor: Visitor) -> None:
+        choices = self._settings.browsers.get(visitor.browser, Choices())
+        self._sessions[client.client_id] = Session(self, self, client, visitor, choices)
+        self._panels_due_ns = 0
+
+    def _client_left(self, client_id: int) -> None:
+        session = self._sessions.pop(client_id, None)
+        if session is not None:
+            session.put_tools_away()
+        if not self._sessions:
+            self._fleet.update(is_watched=False)
+            self._update_stages()
+
+    def _update_stages(self) -> None:
+        """Draw the robots that somebody follows, and leave those that nobody does."""
+        shown: dict[str, set[str]] = {}
+        for session in self._sessions.values():
+            on = {key for key, is_on in session.layers().items() if is_on}
+            shown.setdefault(session.robot, set()).update(on)
+        for name in self._stages.keys() - shown.keys():
+            self._stages.pop(name).close()
+        for name, layers in shown.items():
+            self.stage(name).update(
+                self._robots.get(name),
+                layers,
+                now_ns=self.monotonic_ns,
+                robot_ns=self.robot_ns(name),
+                epoch=self.time_of(name).epoch,
+                fleet=self._fleet.members,
+            )
+        self._set_initial_camera()
+
+    def _set_initial_camera(self) -> None:
+        """Let the next browser begin above the map of the viewer's own robot."""
+        own = self._stages.get(self._robots.own)
+        if own is not None and self._server is not None and own.has_new_map():
+            bounds = map_bounds(own.view)
+            if bounds is not None:
+                camera.set_initial(self._server, bounds)
+
+    def _open_watch(self, topic: Topic[Any], seconds: float, robot: str) -> Watch[Any]:
+        return self.watch(topic, seconds=seconds, robot=robot)
+
+    def _watch_all(self, topic: Topic[Any]) -> Watch[Any]:
+        return self.watch(topic, robot="*")
+
+    def _shown(self, client_id: int) -> Shown | None:
+        """The overlays that a browser shows."""
+        session = self._sessions.get(client_id)
+        stage = None if session is None else self._stages.get(session.robot)
+        if session is None or stage is None or not session.layers()[OverlayLayer.key]:
+            return None
+        when = Moment(self.monotonic_ns, is_away=stage.view.is_away)
+        return Shown(session.robot, stage.board, when)
+
+    def _ask_history(self, limit: int, robot: str, then: HistoryAnswered) -> None:
+        self.request(requests.TOUR_HISTORY, AskHistory(limit=limit), then, robot=robot)
+
+    def _driven_by(self, client_id: int) -> str | None:
+        """The robot that a browser may drive by hand."""
+        session = self._sessions.get(client_id)
+        return session.robot if session is not None and session.may_drive else None
+
+    def _ask_stop(self, robot: str, answered: Answered) -> None:
+        self.request(
+            requests.BASE_STOP,
+            Nothing(),
+            lambda reply: answered(not isinstance(reply, Refused)),
+            timeout_s=1.0,
+            robot=robot,
+        )
 
     def _remembered(self, problem: str) -> None:
         if problem:

@@ -1,14 +1,42 @@
-"""What a viewer remembers: which layers are shown, and the look."""
+"""What the viewer remembers for each browser: the robot, the layers that are shown, the look."""
 
 from msgspec import Struct
 
+from trolley.messages.types import Point
+
 FILE = "viewer.toml"
+MAX_BROWSERS = 100
+MAX_DISMISSED = 50
 
 
-class ViewerSettings(Struct, frozen=True, kw_only=True):
-    """The content of `viewer.toml`; keys that are not known any more are ignored."""
+class Dismissed(Struct, frozen=True, kw_only=True):
+    """A suspected mirror that somebody said is none."""
 
+    map: str
+    points: list[Point]
+
+
+class Choices(Struct, frozen=True, kw_only=True):
+    """The choices of one browser; keys that are not known any more are ignored."""
+
+    robot: str = ""
+    """The robot that it follows; "": the viewer's own."""
     layers: dict[str, bool] = {}
     """Layer key to shown or not; a layer that is missing is as it is by default."""
     dark: bool = False
     """Dark background."""
+    dismissed: list[Dismissed] = []
+    """Mirrors that are not suspected here any more."""
+
+
+class ViewerSettings(Struct, frozen=True, kw_only=True):
+    """The content of `viewer.toml`."""
+
+    browsers: dict[str, Choices] = {}
+    """By what the viewer calls each browser, those that chose last at the end."""
+
+    def with_choices(self, browser: str, choices: Choices) -> "ViewerSettings":
+        """Remember a browser's choices, and forget the browsers that chose longest ago."""
+        others = {name: old for name, old in self.browsers.items() if name != browser}
+        recent = dict([*others.items()][-(MAX_BROWSERS - 1) :])
+        return ViewerSettings(browsers={**recent, browser: choices})

@@ -8,7 +8,9 @@ PATIENCE_NS = 400_000_000
 REPEAT_NS = 250_000_000
 NOT_STOPPED = "NOT STOPPED: no connection"
 
-AskStop = Callable[[str, Callable[[bool], None]], None]
+Answered = Callable[[bool], None]
+"""Gets whether the robot answered."""
+AskStop = Callable[[str, Answered], None]
 """Asks a robot to stop, and calls back with whether it answered."""
 
 

@@ -5,7 +5,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -26,14 +26,18 @@ from trolley.messages import (
     SavedPose,
     SavedPoses,
     Scan,
+    TourStatus,
     Transform,
     floats_to_bytes,
 )
-from trolley.messages.asking import Nothing, SendGoal
+from trolley.messages.asking import Nothing, SendGoal, SetPose, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
+from trolley_viz.gate import Access, Gate
 from trolley_viz.server import open_server
 from trolley_viz.service import VizService
+from trolley_viz.session import Session
+from trolley_viz.visitors import NOBODY, Visitor
 
 
 def free_port() -> int:
@@ -53,6 +57,10 @@ class PretendRobot(Service):
         self.deaf = False
         self.stops = 0
         self.goals: list[SendGoal] = []
+        self.poses_set: list[SetPose] = []
+        self.tours: list[StartTour] = []
+        self.driven_m = 0.0
+        """How far it has driven along its x."""
 
     def start(self) -> None:
         name, square = self.robot, [(0.2, -0.2), (0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2)]
@@ -96,7 +104,7 @@ class PretendRobot(Service):
         link = transform("map", "odom", Pose2D(1.0, 0.0, 0.0), stamp)
         self.publish(topics.TF, link, "odom")
         still = Twist2D(0.0, 0.0, 0.0)
-        pose = Pose2D(0.5, 0.0, 0.0)
+        pose = Pose2D(0.5 + self.driven_m, 0.0, 0.0)
         self.publish(topics.ODOM, Odometry(stamp_ns=stamp, pose=pose, twist=still))
         self.publish(
             topics.POSE,
@@ -132,7 +140,34 @@ class PretendRobot(Service):
         self.goals.append(params)
         if params.pose is not None and params.pose.x > 3.0:
             raise Refused("outside_map")
-        return GoalStatus(stamp_ns=self.stamp_ns, id=params.id, state="driving", pose=params.pose)
+        return self._say_goal(params.id, "driving", params.pose)
+
+    @answers(requests.GOAL_CANCEL)
+    def cancel(self, params: WhichGoal) -> GoalStatus:
+        return self._say_goal(params.id, "canceled", None)
+
+    @answers(requests.POSE_SET)
+    def set_pose(self, params: SetPose) -> PoseEstimate:
+        self.poses_set.append(params)
+        return PoseEstimate(
+            stamp_ns=self.stamp_ns,
+            map="room",
+            pose=params.pose,
+            covariance=None,
+            state="localized",
+            match=0.9,
+            spread=0.1,
+        )
+
+    @answers(requests.TOUR_START)
+    def start_tour(self, params: StartTour) -> TourStatus:
+        self.tours.append(params)
+        return TourStatus(stamp_ns=self.stamp_ns, name=None, trip="t1", state="driving")
+
+    def _say_goal(self, goal_id: str | None, state: Any, pose: Pose2D | None) -> GoalStatus:
+        status = GoalStatus(stamp_ns=self.stamp_ns, id=goal_id, state=state, pose=pose)
+        self.publish(topics.GOAL, status)
+        return status
 
 
 def transform(parent: str, child: str, pose: Pose2D, stamp_ns: int = 0) -> Transform:
@@ -152,13 +187,28 @@ def scan(stamp_ns: int, ranges: memoryview) -> Scan:
     )
 
 
+class OwnScene:
+    """Puts what one browser sees alone beside what all see, under other paths."""
+
+    def __init__(self, scene: viser.SceneApi, above: str) -> None:
+        self._scene = scene
+        self._above = above
+
+    def __getattr__(self, name: str) -> Any:
+        add = getattr(self._scene, name)
+        return lambda path, *args, **options: add(f"{self._above}{path}", *args, **options)
+
+
 class Browser:
     """Stands for viser's handle of one browser."""
 
-    def __init__(self, client_id: int, scene: viser.SceneApi) -> None:
+    def __init__(self, client_id: int, server: viser.ViserServer) -> None:
         self.client_id = client_id
-        self.scene = scene
+        # An API of its own, as viser gives each browser; what goes there is kept and not sent.
+        self.scene = cast(Any, OwnScene(server.scene, f"/own{client_id}"))
+        self.gui = server.gui
         self.camera = SimpleNamespace(image_width=1200, image_height=800, position=None)
+        self.camera.wxyz = np.array([0.0, 1.0, 0.0, 0.0])  # looks straight down
         self.notices: list[tuple[str, str]] = []
 
     def atomic(self) -> contextlib.AbstractContextManager[None]:
@@ -182,16 +232,27 @@ class Stage:
         self.robot = self.runtime.add(PretendRobot())
         self.viz = self.runtime.add(VizService(self.config))
 
-    def browse(self, client_id: int = 0) -> Any:
+    def browse(self, client_id: int = 0, visitor: Visitor = NOBODY) -> Any:
         """Open a browser and let everything settle; the real handle is viser's."""
         assert self.viz._server is not None
-        browser = Browser(client_id, self.viz._server.scene)
-        self.viz._client_came(browser)  # type: ignore[arg-type]
+        browser = Browser(client_id, self.viz._server)
+        self.viz.is_open = self.viz._sessions.__contains__  # type: ignore[method-assign]
+        self.viz._client_came(browser, visitor)  # type: ignore[arg-type]
         self.runtime.run(0.5)
         return browser
 
-    def layer(self, key: str) -> Any:
-        return next(one for one in self.viz._scene.layers if one.key == key)
+    @property
+    def session(self) -> Session:
+        """Of the browser that came first."""
+        return next(iter(self.viz._sessions.values()))
+
+    def layer(self, key: str, robot: str = "trolley") -> Any:
+        return self.viz._stages[robot].scene.layer(key)
+
+    def feeds(self, robot: str = "trolley") -> set[str]:
+        """The streams that are subscribed to."""
+        stage = self.viz._stages.get(robot)
+        return set() if stage is None else set(stage.feeds.names())
 
 
 @pytest.fixture
@@ -201,8 +262,12 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     stage.runtime.close()
 
 
+def open_gate() -> Gate:
+    return Gate(0, (), always_ask=False, access=Access.new())
+
+
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
-    server = open_server(VizConfig(port=free_port()))
+    server = open_server(VizConfig(port=free_port()), open_gate())
     yield server
     server.stop()

@@ -12,8 +12,9 @@ from websockets.asyncio.client import connect
 from trolley import topics
 from trolley.geometry import Twist2D
 from trolley.messages import Robot
+from trolley_viz.gate import Access
 from trolley_viz.joystick.grips import LATE_MS, SILENCE_NS, Grip, Joystick, twist_of
-from trolley_viz.joystick.page import pad_html
+from trolley_viz.page import pad_html
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -119,7 +120,7 @@ def test_clocks_that_run_apart_make_nothing_late() -> None:
 
 
 def test_every_part_of_the_pad_is_in_the_page() -> None:
-    page = pad_html()
+    page = pad_html(7)
     for part in ("startPad", "hand-pad", "pointercancel", "touch-action"):
         assert part in page
 
@@ -127,7 +128,7 @@ def test_every_part_of_the_pad_is_in_the_page() -> None:
 # The whole viewer.
 def press(stage: "Stage", who: int, held: bool = True, y: float = 1.0) -> None:
     now_ms = stage.viz.monotonic_ns / MS
-    stage.viz._by_hand._said(who, grip(now_ms, y=y, held=held))
+    stage.viz._by_hand._said(who, 0, grip(now_ms, y=y, held=held))
 
 
 def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage: "Stage") -> None:
@@ -149,13 +150,35 @@ def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage:
     assert 4 <= len(after) <= 8
 
 
-def ask(port: int, message: Any, path: str = "joystick", **options: Any) -> int | None:
+def test_who_follows_another_robot_lets_go(stage: "Stage") -> None:
+    stage.browse()
+    hands = stage.viz._by_hand
+    hands.sockets._clients[ONE] = 0
+    sent = stage.runtime.record(topics.COMMAND, "teleop")
+    press(stage, ONE)
+    stage.runtime.run(0.1)
+    assert sent[-1].twist == Twist2D(0.25, 0.0, 0.0)
+    stage.session.follow("kart")
+    press(stage, ONE)
+    stage.runtime.run(0.2)
+    assert sent[-1].twist == Twist2D.zero()
+    stage.session.follow("trolley")
+    press(stage, ONE)
+    stage.runtime.run(0.2)
+    assert sent[-1].twist == Twist2D.zero()
+    press(stage, ONE, held=False)
+    press(stage, ONE)
+    stage.runtime.run(0.1)
+    assert sent[-1].twist == Twist2D(0.25, 0.0, 0.0)
+
+
+def ask(port: int, message: Any, path: str = "joystick?client=0", **options: Any) -> int | None:
     """Say something over the pad's own connection; the code with which it is closed, if it is."""
 
     async def talk() -> int | None:
         async with connect(f"ws://127.0.0.1:{port}/{path}", **options) as socket:
-            await socket.send(message)
             try:
+                await socket.send(message)
                 await asyncio.wait_for(socket.recv(), 1.0)
             except websockets.ConnectionClosed:
                 return socket.close_code
@@ -174,9 +197,44 @@ def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") ->
         assert ask(port, json.dumps(bad)) == 1008, bad
     assert ask(port, "[" * 900) == 1008
     assert ask(port, b"\xff\xfe") == 1008
+    for path in (
+        "joystick",
+        "joystick?client=-1",
+        "joystick?client=x",
+        f"joystick?client={'9' * 99}",
+    ):
+        assert ask(port, json.dumps(said), path) == 1008
     wait_until(lambda: not stage.viz._by_hand.sockets.who(), 5.0, "all are gone")
+
+
+def test_the_overlays_own_connection_takes_clicks_also_of_those_who_only_look(
+    stage: "Stage",
+) -> None:
+    stage.browse()
+    port = stage.config.viz.port
+    access = stage.viz.state.read("viewer_access.toml", Access)
+    assert access is not None
+    cookie = {"Cookie": f"trolley-{port}=0123456789abcdef.{access.viewer}"}
+    path = "overlays?client=0"
+    assert ask(port, '{"id": "mode", "index": 1}', path, additional_headers=cookie) is None
+    for bad in ("[]", '{"index": 1}', '{"id": "x", "index": "1"}', "[" * 900, "x" * 2000):
+        assert ask(port, bad, path) == 1008, bad
+    with pytest.raises(websockets.InvalidStatus):
+        ask(port, "{}", path, origin="http://elsewhere.example")
 
 
 def test_pages_of_other_sites_do_not_drive(stage: "Stage") -> None:
     with pytest.raises(websockets.InvalidStatus):
         ask(stage.config.viz.port, "{}", origin="http://elsewhere.example")
+
+
+def test_who_may_only_look_cannot_drive_in_anothers_name(stage: "Stage") -> None:
+    stage.browse()
+    port = stage.config.viz.port
+    said = json.dumps({"x": 0.0, "y": 1.0, "held": True, "speed": 0.2, "sent_ms": 5.0})
+    access = stage.viz.state.read("viewer_access.toml", Access)
+    assert access is not None
+    cookie = f"trolley-{port}=0123456789abcdef.{access.viewer}"
+    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) == 1008
+    cookie = f"trolley-{port}=0123456789abcdef.{access.operator}"
+    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) is None

@@ -2,21 +2,15 @@
 
 import asyncio
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 import viser
 
-from trolley.geometry import Pose2D
-from trolley.messages import SavedPose, Stop, StopResult, Tour, TourStatus
 from trolley_viz.camera import FIELD_OF_VIEW, stand
 from trolley_viz.panels.control import handler, set_options
-from trolley_viz.panels.drive import DrivePanel
 from trolley_viz.panels.markup import note, row, table
 from trolley_viz.panels.stop_bar import StopBar
-from trolley_viz.panels.tours import progress
-from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
 from trolley_viz.scene.sensing import weight_colours
 from trolley_viz.stopping import StopLine, StopPresses
@@ -76,20 +70,9 @@ def test_stop_is_one_press_whatever_how_often_it_is_pressed() -> None:
     assert presses.line("a", 10**9) is None
 
 
-def test_a_trip_shows_what_was_and_what_comes() -> None:
-    stops = [Stop(name=name) for name in ("hall", "kitchen", "door")]
-    done = StopResult(stop=0, name="hall", state="reached", seconds=4.0)
-    trip = TourStatus(stamp_ns=1, name="round", trip="t", state="driving", stop=1, results=[done])
-    page = progress([Tour(name="round", stops=stops)], trip)
-    texts = ["“round”: stop 2 of 3 (kitchen)", "hall reached", "door to come"]
-    places = [page.index(text) for text in texts]
-    assert places == sorted(places)
-    assert "to come" not in progress([], trip)
-
-
 def test_the_own_robot_is_listed_before_it_is_heard_of() -> None:
     robots = Robots("trolley")
-    assert robots.labels(lambda _: True) == {"trolley – away": "trolley"}
+    assert robots.labels("trolley", lambda _: True) == {"trolley – away": "trolley"}
 
 
 def test_heavier_particles_are_darker() -> None:
@@ -114,24 +97,3 @@ def test_the_whole_map_is_in_the_picture(
         depth = ray @ forward
         assert abs(ray @ up) / depth <= tangent
         assert abs(ray @ right) / depth <= tangent * aspect
-
-
-def test_a_place_is_deleted_at_the_second_press_only(server: viser.ViserServer) -> None:
-    deleted: list[str] = []
-    actions: Any = SimpleNamespace(delete_place=deleted.append)
-    panel = DrivePanel(
-        server.gui, actions, Pointing(server, lambda call: call()), lambda call: call()
-    )
-    places = [
-        SavedPose(name=name, map="m", pose=Pose2D.identity()) for name in ("attic", "kitchen")
-    ]
-    panel.update(None, places, None)
-    panel._delete_chosen(actions)
-    panel._place.value = "kitchen"  # chosen in between: the first press no longer counts
-    panel.update(None, places, None)
-    panel._delete_chosen(actions)
-    panel.update(None, places, None)
-    assert panel._delete.label == "Delete kitchen? Press again"
-    assert deleted == []
-    panel._delete_chosen(actions)
-    assert deleted == ["kitchen"]

@@ -36,8 +36,8 @@ class Gesture:
 
 
 def arm(server: viser.ViserServer, gesture: Gesture) -> tuple[Pointing, Any]:
-    pointing = Pointing(server, lambda call: call())
-    pointing.arm(SimpleNamespace(client_id=3, scene=server.scene), gesture.tool)  # type: ignore[arg-type]
+    pointing = Pointing(server, lambda call: call())  # type: ignore[arg-type]
+    pointing.arm(gesture.tool)
     return pointing, pointing._plane
 
 
@@ -81,9 +81,15 @@ def test_a_click_is_a_place_without_direction(server: viser.ViserServer) -> None
     assert gesture.done == [Pointed(2.0, 0.0)]
 
 
-def test_the_tool_goes_with_its_client(server: viser.ViserServer) -> None:
-    pointing, _ = arm(server, Gesture())
-    pointing.client_left(4)
-    assert pointing.tool is not None
-    pointing.client_left(3)
-    assert pointing.tool is None
+def test_a_drag_that_ends_in_the_sky_is_no_wish(server: viser.ViserServer) -> None:
+    gesture = Gesture()
+    pointing, plane = arm(server, gesture)
+    drag = plane._impl.drag_cb[0].callback
+    asyncio.run(drag(event("update", (1.0, 1.0), (2.0, 1.0), 0.1)))
+    up = event("end", (1.0, 1.0), (2.0, 2.0), 0.1)
+    up.end_position = (0.0, 20.0, 30.0)
+    asyncio.run(drag(up))
+    assert gesture.done == []
+    assert pointing.tool is gesture.tool
+    asyncio.run(drag(event("end", (1.0, 1.0), (2.0, 1.0), 0.1)))
+    assert len(gesture.done) == 1

@@ -1,6 +1,7 @@
 """The viewer as a service: what it subscribes to, draws, asks and remembers."""
 
 import socket
+import stat
 import tomllib
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ from trolley.messages import GoalStatus
 from trolley.runtime.lockstep import Lockstep
 from trolley_viz.pointing import Pointed
 from trolley_viz.service import VizService
+from trolley_viz.settings import MAX_BROWSERS, Choices, ViewerSettings
+from trolley_viz.visitors import Visitor
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -22,22 +25,24 @@ if TYPE_CHECKING:
 
 def test_without_a_browser_only_robots_and_clocks_are_followed(stage: "Stage") -> None:
     stage.runtime.run(2.0)
-    assert stage.viz._feeds.names() == []
+    assert stage.feeds() == set()
     stage.browse()
-    assert {"scan", "pose", "map", "odom"} <= set(stage.viz._feeds.names())
+    assert {"scan", "pose", "map", "odom"} <= stage.feeds()
+    feeds = stage.viz._stages["trolley"].feeds
     stage.viz._client_left(0)
     stage.runtime.run(0.5)
-    assert stage.viz._feeds.names() == []
+    assert feeds.names() == []
+    assert stage.viz._stages == {}
 
 
 def test_a_layer_that_is_off_is_not_subscribed_to(stage: "Stage") -> None:
     stage.browse()
-    assert "costmap" not in stage.viz._feeds.names()
-    stage.viz.switch_layer("costmap", is_on=True)
-    stage.viz.switch_layer("particles", is_on=False)
+    assert "costmap" not in stage.feeds()
+    stage.session.switch_layer("costmap", is_on=True)
+    stage.session.switch_layer("particles", is_on=False)
     stage.runtime.run(0.2)
-    assert "costmap" in stage.viz._feeds.names()
-    assert "particles" not in stage.viz._feeds.names()
+    assert "costmap" in stage.feeds()
+    assert "particles" not in stage.feeds()
 
 
 def test_robot_and_scan_are_drawn_where_they_are(stage: "Stage") -> None:
@@ -70,14 +75,24 @@ def test_camera_is_moved_once_for_a_map(stage: "Stage") -> None:
     browser.camera.position = None
     stage.runtime.run(1.0)
     assert browser.camera.position is None
-    stage.viz.fit_view(browser)
+    stage.session.fit_view()
     assert browser.camera.position is not None
+
+
+def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
+    browser = stage.browse()  # 1200 pixels wide: it is taken to have no panel yet
+    first = browser.camera.position
+    stage.runtime.run(2.5)
+    assert browser.camera.position[2] < first[2]  # it had its panel already
+    browser.camera.position = None
+    stage.runtime.run(5.0)
+    assert browser.camera.position is None
 
 
 def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:
     stage.browse()
     stage.robot.deaf = True
-    stage.viz.press_stop()
+    stage.session.press_stop()
     stage.runtime.run(2.0)
     assert stage.robot.stops >= 4
     line = stage.viz.stops.line("trolley", stage.viz.monotonic_ns)
@@ -95,7 +110,7 @@ def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:
 def test_stop_goes_on_when_the_browser_is_closed(stage: "Stage") -> None:
     stage.browse()
     stage.runtime.kill("base")
-    stage.viz.press_stop()
+    stage.session.press_stop()
     stage.viz._client_left(0)
     stage.runtime.run(3.0)
     robot = stage.runtime.add(type(stage.robot)())
@@ -105,35 +120,34 @@ def test_stop_goes_on_when_the_browser_is_closed(stage: "Stage") -> None:
 
 def test_a_silent_robot_is_away_and_its_scan_vanishes(stage: "Stage") -> None:
     stage.browse()
-    assert not stage.viz.is_away("trolley")
+    assert stage.viz.robot_ns("trolley") is not None
     stage.runtime.kill("base")
     stage.runtime.run(1.5)
-    assert stage.viz.is_away("trolley")
+    assert stage.viz.robot_ns("trolley") is None
     assert not stage.layer("scan")._points.visible
 
 
 def test_a_second_robot_can_be_chosen(stage: "Stage") -> None:
     message = stage.viz._robot_watch
     stage.browse()
-    first = stage.viz.robots.robot
+    first = stage.viz.robots.get("trolley")
     assert first is not None
     kart = msgspec.structs.replace(first, name="kart", title="Kart")
     stage.runtime.put(topics.ROBOT.key("kart"), msgspec.json.encode(kart), "application/json")
     stage.runtime.run(0.5)
     assert message.by_parts.keys() == {("trolley",), ("kart",)}
-    labels = stage.viz.robots.labels(stage.viz.is_away)
+    labels = stage.session.robot_labels()
     assert labels == {"Kart – away": "kart", "Trolley": "trolley"}
-    stage.viz.select_robot("kart")
+    stage.session.follow("kart")
     stage.runtime.run(0.5)
-    assert stage.viz.robots.robot is not None
-    assert stage.viz.robots.robot.name == "kart"
-    assert not stage.layer("robot")._frame.visible
+    assert set(stage.viz._stages) == {"kart"}
+    assert not stage.layer("robot", "kart")._frame.visible
 
 
 def test_pointing_sends_the_goal_in_the_frame_that_is_drawn(stage: "Stage") -> None:
     stage.browse()
-    stage.viz.actions._go_to(Pointed(2.0, 1.0, 0.5))
-    stage.viz.actions._go_to(Pointed(2.0, 1.0))
+    stage.session.aiming._go_to(Pointed(2.0, 1.0, 0.5))
+    stage.session.aiming._go_to(Pointed(2.0, 1.0))
     stage.runtime.run(0.5)
     dragged, clicked = stage.robot.goals
     assert dragged.pose is not None
@@ -145,38 +159,102 @@ def test_pointing_sends_the_goal_in_the_frame_that_is_drawn(stage: "Stage") -> N
 
 def test_a_refusal_is_told_in_words(stage: "Stage") -> None:
     browser = stage.browse()
-    stage.viz.actions._go_to(Pointed(9.0, 1.0))
+    stage.session.aiming._go_to(Pointed(9.0, 1.0))
     stage.runtime.run(0.5)
     assert browser.notices == [("The robot does not go there", "That place lies outside the map.")]
 
 
 def test_without_a_service_the_refusal_names_it(stage: "Stage") -> None:
     browser = stage.browse()
-    stage.viz.actions.start_tour("article")
+    stage.session.actions.steer_tour("Pause")
     stage.runtime.run(0.5)
     assert "tour is not running" in browser.notices[0][1]
 
 
 def test_steering_names_the_goal_that_was_seen(stage: "Stage") -> None:
+    stage.browse()
     asked: list[object] = []
-    stage.viz.actions._ask = lambda request, params, failed: asked.append(params)  # type: ignore[method-assign]
-    stage.viz.actions.steer_goal("Cancel", GoalStatus(stamp_ns=1, id="a1", state="driving"))
+    stage.session.actions.ask = lambda request, params, failed: asked.append(params)  # type: ignore[method-assign]
+    stage.session.actions.steer_goal("Cancel", GoalStatus(stamp_ns=1, id="a1", state="driving"))
     assert asked[0].id == "a1"  # type: ignore[attr-defined]
 
 
-def test_layers_are_remembered(stage: "Stage") -> None:
-    stage.browse()
-    stage.viz.switch_layer("frames", is_on=True)
-    stage.viz.set_dark(is_dark=True)
+ANN, BEN = Visitor("ann"), Visitor("ben")
+
+
+def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
+    stage.browse(0, ANN)
+    stage.session.switch_layer("costmap", is_on=True)
+    stage.session.set_dark(is_dark=True)
     stage.runtime.run(0.1)
     stored = tomllib.loads((stage.viz.state.path / "viewer.toml").read_text())
-    assert stored["dark"] is True
-    assert stored["layers"]["frames"] is True
+    assert stored["browsers"]["ann"]["dark"] is True
+    assert stored["browsers"]["ann"]["layers"] == {"costmap": True}
     stage.runtime.kill("viz")
     stage.viz.stop()
-    again = stage.runtime.add(VizService(stage.config))
-    assert again._scene.choices()["frames"]
-    assert again._settings.dark
+    stage.viz = stage.runtime.add(VizService(stage.config))
+    stage.browse(0, BEN)
+    assert not stage.session.layers()["costmap"]
+    stage.viz._client_left(0)
+    stage.browse(1, ANN)
+    assert stage.session.layers()["costmap"]
+    assert stage.session.choices.dark
+
+
+def test_nobody_in_particular_is_not_remembered(stage: "Stage") -> None:
+    stage.browse()
+    stage.session.switch_layer("costmap", is_on=True)
+    stage.runtime.run(0.1)
+    assert not (stage.viz.state.path / "viewer.toml").exists()
+
+
+def test_only_so_many_browsers_are_remembered() -> None:
+    settings = ViewerSettings()
+    for i in range(MAX_BROWSERS + 5):
+        settings = settings.with_choices(f"b{i}", Choices(dark=True))
+    settings = settings.with_choices("b50", Choices())
+    assert len(settings.browsers) == MAX_BROWSERS
+    assert next(iter(settings.browsers)) == "b5"
+    assert [*settings.browsers][-1] == "b50"
+
+
+def test_each_browser_shows_and_follows_what_it_wants(stage: "Stage") -> None:
+    stage.browse(0, ANN)
+    stage.browse(1, BEN)
+    ann, ben = stage.viz._sessions[0], stage.viz._sessions[1]
+    ann.switch_layer("scan", is_on=False)
+    ben.follow("kart")
+    stage.runtime.run(0.2)
+    assert ann._shadows["trolley"][""].visible
+    assert not ann._shadows["kart"][""].visible
+    assert not ann._shadows["trolley"]["/scan"].visible
+    assert ben._shadows["kart"]["/scan"].visible
+    assert "scan" in stage.feeds("kart")
+    assert "scan" not in stage.feeds("trolley")
+    ben.follow("trolley")
+    stage.runtime.run(0.2)
+    assert set(stage.viz._stages) == {"trolley"}
+    assert ben._shadows["trolley"]["/scan"].visible
+    assert "scan" in stage.feeds("trolley")
+
+
+def test_a_viewer_has_stop_and_nothing_that_moves(stage: "Stage") -> None:
+    stage.browse(0, Visitor("guest", "viewer"))
+    console = stage.session.console
+    assert console._go is None
+    assert console._places is None
+    assert not console._stop_bar._resume.visible
+    assert stage.viz._driven_by(0) is None
+    stage.session.press_stop()
+    stage.runtime.run(0.5)
+    assert stage.robot.mode == "stopped"
+
+
+def test_a_refusal_is_told_to_the_one_who_asked(stage: "Stage") -> None:
+    one, other = stage.browse(0), stage.browse(1)
+    stage.viz._sessions[1].aiming._go_to(Pointed(9.0, 1.0))
+    stage.runtime.run(0.5)
+    assert (len(one.notices), len(other.notices)) == (0, 1)
 
 
 def test_broken_settings_are_kept_aside_and_the_viewer_starts(stage: "Stage") -> None:
@@ -184,9 +262,10 @@ def test_broken_settings_are_kept_aside_and_the_viewer_starts(stage: "Stage") ->
     stage.runtime.kill("viz")
     stage.viz.stop()
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("layers = 3")
-    viz = stage.runtime.add(VizService(stage.config))
-    assert viz._scene.choices()["map"]
+    path.write_text("browsers = 3")
+    stage.viz = stage.runtime.add(VizService(stage.config))
+    stage.browse(0, ANN)
+    assert stage.session.layers()["map"]
     assert list(path.parent.glob("viewer.toml.broken-*"))
 
 
@@ -215,3 +294,13 @@ def test_nobody_gets_a_public_tunnel(stage: "Stage") -> None:
     assert stage.viz._server is not None
     assert stage.viz._server.request_share_url() is None
     assert stage.viz._server.get_host() == "127.0.0.1"
+
+
+def test_tokens_are_kept_and_only_their_owner_reads_them(stage: "Stage") -> None:
+    path = stage.viz.state.path / "viewer_access.toml"
+    tokens = path.read_text()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    stage.runtime.kill("viz")
+    stage.viz.stop()
+    stage.runtime.add(VizService(stage.config))
+    assert path.read_text() == tokens

@@ -44,7 +44,7 @@ class _Delay:
 
 
 class Joystick:
-    """The one joystick of all browsers: whoever presses first holds it."""
+    """The one joystick of a robot: whoever presses first holds it."""
 
     def __init__(self) -> None:
         self.holder: int | None = None
@@ -76,11 +76,16 @@ class Joystick:
         self._barred.discard(who)
         self._delays.pop(who, None)
 
+    def bar(self, who: int) -> None:
+        """Let a browser press anew before it holds."""
+        if self.holder == who:
+            self.holder = None
+        self._barred.add(who)
+
     def drop(self) -> None:
         """Take it out of whoever's hand; it has to be pressed anew."""
         if self.holder is not None:
-            self._barred.add(self.holder)
-            self.holder = None
+            self.bar(self.holder)
 
     def wanted(self, robot: Robot, now_ns: int) -> Twist2D | None:
         """Return the velocity wanted of a robot, None where nobody holds."""

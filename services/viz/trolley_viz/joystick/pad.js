@@ -1,6 +1,6 @@
 // The pad in the page. What is held here drives the robot only as long as this says so, ten times a
 // second; everything that might be a release is one.
-function startPad(root) {
+function startPad(root, client) {
   if (root.dataset.started) return; // an image may be loaded twice
   root.dataset.started = "yes";
   const BEAT_MS = 100, RETRY_MS = 1000, SILENCE_MS = 1500, MAX_WAITING_BYTES = 1000;
@@ -94,7 +94,8 @@ function startPad(root) {
     if (!root.isConnected) return end();
     const url = new URL("joystick", location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
-    url.search = url.hash = "";
+    url.search = `?client=${client}`;
+    url.hash = "";
     const mine = (socket = new WebSocket(url));
     mine.onmessage = (event) => {
       if (!root.isConnected) return end();
@@ -126,6 +127,13 @@ function startPad(root) {
     if (wanted) connect();
   }
 
+  function typed(event) {
+    const into = event.target;
+    const isField = into.isContentEditable || ["INPUT", "TEXTAREA", "SELECT"].includes(into.tagName);
+    const isBare = !(event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.shiftKey);
+    if (event.code === "KeyJ" && isBare && !isField) setOpen(card.hidden);
+  }
+
   function end() {
     disconnect();
     ending.abort();
@@ -135,6 +143,7 @@ function startPad(root) {
     target.addEventListener(name, action, { signal: ending.signal });
   on(toggle, "click", () => setOpen(card.hidden));
   on(find(".hand-close"), "click", () => setOpen(false));
+  on(document, "keydown", typed);
   on(slider, "input", showState);
   on(pad, "pointerdown", press);
   on(pad, "pointermove", (event) => event.pointerId === pointer && move(event));

@@ -1,131 +1,146 @@
-"""All controls together: Stop over the scene, the state on top, the tabs below."""
+"""All controls of one browser: Stop over the scene, the state on top, the tabs below."""
 
-from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import viser
 
 from trolley import topics
-from trolley_viz.actions import Actions
-from trolley_viz.panels.drive import DrivePanel
+from trolley.messages import Health
+from trolley_viz.page import overlays_html, pad_html
+from trolley_viz.panels.control import show
+from trolley_viz.panels.go import GoPanel
+from trolley_viz.panels.markup import row
+from trolley_viz.panels.more import MorePanel
+from trolley_viz.panels.places import PlacePanel
+from trolley_viz.panels.robots import RobotsPanel
+from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
-from trolley_viz.panels.tours import TourPanel
-from trolley_viz.panels.view import DetailPanel, ViewChoices, ViewPanel
-from trolley_viz.pointing import Pointing
-from trolley_viz.robots import Robots
+from trolley_viz.panels.tiles import STYLE
+from trolley_viz.panels.tours import TourTab
+from trolley_viz.panels.zones import ZonePanel
 from trolley_viz.scene.layer import View
-from trolley_viz.scene.places import current_places
-from trolley_viz.scene.scene import Scene
-from trolley_viz.stopping import StopPresses
+from trolley_viz.situation import Known, situation
 from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
 
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
 
-class Viewer(ViewChoices, Protocol):
-    """What the controls need of the service."""
-
-    @property
-    def robots(self) -> Robots:
-        """The robots of the network."""
-        ...
-
-    @property
-    def actions(self) -> Actions:
-        """What the buttons do."""
-        ...
-
-    @property
-    def pointing(self) -> Pointing:
-        """The tool that waits."""
-        ...
-
-    @property
-    def stops(self) -> StopPresses:
-        """The presses that wait."""
-        ...
-
-    def is_away(self, robot: str) -> bool:
-        """Whether its clock is silent."""
-        ...
-
-    def robot_ns(self, robot: str) -> int | None:
-        """Its time [ns]."""
-        ...
-
-    def press_stop(self) -> None:
-        """Stop the robot."""
-        ...
-
-    def press_resume(self) -> None:
-        """Let it drive again."""
-        ...
-
-    def select_robot(self, name: str) -> None:
-        """Show another robot."""
-        ...
-
-    def call_soon(self, fn: Callable[[], None], *, urgent: bool = False) -> None:
-        """Call on the service's thread."""
-        ...
+SILENT_NS = 4_000_000_000
+"""A service that says nothing of its health for so long is not running."""
 
 
 class Console:
-    """The controls of the page; one set, shared by all browsers."""
+    """The controls of one browser; a viewer's has those only that cannot move anything."""
 
-    def __init__(self, gui: viser.GuiApi, viewer: Viewer, scene: Scene, *, dark: bool) -> None:
-        self._viewer = viewer
-        post = viewer.call_soon
-        self._status = StatusPanel(gui, viewer.select_robot, post)
+    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+        self._session = session
+        self._health: dict[tuple[str, str], tuple[Health, int]] = {}
+        """The newest by robot and service, and when it was first seen (local monotonic [ns])."""
+        hub, post = session.hub, session.post
+        gui.add_html(STYLE)
+        self._status = StatusPanel(gui, session.follow, post)
+        self._robots = RobotsPanel(gui, session.follow, session.press_stop_all, post)
+        self._go: GoPanel | None = None
+        self._places: PlacePanel | None = None
+        self._zones: ZonePanel | None = None
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
-            self._drive = DrivePanel(gui, viewer.actions, viewer.pointing, post)
-        with tabs.add_tab("Tour", viser.Icon.ROUTE):
-            self._tours = TourPanel(gui, viewer.actions, post)
-        with tabs.add_tab("View", viser.Icon.STACK_2):
-            ViewPanel(gui, viewer, post, scene.layers, dark=dark)
-        with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
-            self._details = DetailPanel(gui)
+        if session.may_drive:
+            with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
+                self._go = GoPanel(gui, session)
+        with tabs.add_tab("Tours", viser.Icon.ROUTE):
+            self._tours = TourTab(gui, session)
+        if session.may_drive:
+            with tabs.add_tab("Map", viser.Icon.MAP_2):
+                with gui.add_folder("Places"):
+                    self._places = PlacePanel(gui, session)
+                self._zones = ZonePanel(gui, session.zones, session.dismiss, post)
+        with tabs.add_tab("More", viser.Icon.DOTS):
+            self._more = MorePanel(gui, session)
+            with gui.add_folder("State", expand_by_default=False):
+                self._state = gui.add_html("")
+            with gui.add_folder("Keys", expand_by_default=False):
+                gui.add_html(add_shortcuts(gui, session))
         self._stop_bar = StopBar(
             gui,
-            lambda: viewer.call_soon(viewer.press_stop, urgent=True),
-            lambda: viewer.call_soon(viewer.press_resume),
+            lambda: hub.call_soon(session.press_stop, urgent=True),
+            (lambda: post(session.press_resume)) if session.may_drive else None,
         )
+        if session.may_drive:
+            gui.add_html(pad_html(session.client.client_id))
+        gui.add_html(overlays_html(session.client.client_id))
 
     def update(self, view: View) -> None:
         """Say what is."""
-        viewer, feeds = self._viewer, view.feeds
-        selected = viewer.robots.selected
-        base, goal = feeds.latest(topics.BASE), feeds.latest(topics.GOAL)
-        tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
+        session, feeds = self._session, view.feeds
+        base = feeds.latest(topics.BASE)
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
-        self._stop_bar.show(viewer.stops.line(selected, view.now_ns), is_stopped=is_stopped)
-        self._stop_bar.show_hint(viewer.actions.hint)
-        labels = viewer.robots.labels(viewer.is_away)
-        self._status.update(labels, selected, self._state(view))
-        tool = viewer.pointing.tool
-        armed = None if tool is None else tool.name
-        self._drive.update(goal, current_places(view), armed)
-        self._tours.update([] if tours is None else tours.tours, trip)
-        health = feeds.by_parts(topics.HEALTH)
-        self._details.update(view.placement, viewer.robot_ns(selected), health)
+        stop_line = session.hub.stops.line(session.robot, view.now_ns)
+        self._stop_bar.show(stop_line, is_stopped=is_stopped)
+        self._stop_bar.show_hint(session.zones.hint or session.aiming.hint)
+        known = what_is_known(view, self._silent(view))
+        lines = state_words(known)
+        self._status.update(session.robot_labels(), session.robot, situation(known), lines)
+        self._robots.update(view.fleet, session.robot)
+        if self._go is not None:
+            self._go.update(view)
+        self._tours.update(view)
+        if self._places is not None:
+            self._places.update(view)
+        if self._zones is not None:
+            self._zones.update(session.suspects.offered)
+        show(self._state, content="".join(map(row, lines)))
+        self._more.update(view)
 
-    def _state(self, view: View) -> list[Words]:
-        """The lines of the state: position, what holds it, where it is going, the trip."""
-        if view.is_away:
-            return [AWAY]
-        feeds = view.feeds
-        estimate, saved = feeds.latest(topics.POSE), feeds.latest(topics.POSES)
-        tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
-        robot_ns = self._viewer.robot_ns(self._viewer.robots.selected)
-        age_s = None
-        if estimate is not None and robot_ns is not None:
-            age_s = (robot_ns - estimate.stamp_ns) * 1e-9
-        stored = [] if tours is None or trip is None else tours.tours
-        tour = next((one for one in stored if trip is not None and one.name == trip.name), None)
-        lines = [
-            position_words(estimate, age_s),
-            base_words(feeds.latest(topics.BASE)),
-            goal_words(feeds.latest(topics.GOAL), [] if saved is None else saved.poses),
-            trip_words(trip, tour),
-        ]
-        return [line for line in lines if line is not None]
+    def close_plot(self) -> None:
+        """Stop following what is plotted, as for another robot."""
+        self._more.close_plot()
+
+    def _silent(self, view: View) -> frozenset[str]:
+        """The services of the robot that were heard of and are not any more."""
+        robot, now_ns = self._session.robot, view.now_ns
+        for (name,), one in view.feeds.by_parts(topics.HEALTH).items():
+            before = self._health.get((robot, name))
+            if before is None or before[0] is not one:
+                self._health[robot, name] = (one, now_ns)
+        return frozenset(
+            name
+            for (of, name), (_, since_ns) in self._health.items()
+            if of == robot and now_ns - since_ns > SILENT_NS
+        )
+
+
+def what_is_known(view: View, silent: frozenset[str]) -> Known:
+    """Gather what the sentence about the robot is made from."""
+    feeds = view.feeds
+    estimate, saved = feeds.latest(topics.POSE), feeds.latest(topics.POSES)
+    tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
+    robot_ns, age_s = view.robot_ns, None
+    if robot_ns is not None and estimate is not None:
+        age_s = (robot_ns - estimate.stamp_ns) * 1e-9
+    stored = [] if tours is None or trip is None else tours.tours
+    return Known(
+        is_away=view.is_away,
+        base=feeds.latest(topics.BASE),
+        has_map=view.map is not None,
+        estimate=estimate,
+        estimate_age_s=age_s,
+        goal=feeds.latest(topics.GOAL),
+        trip=trip,
+        tour=next((one for one in stored if trip is not None and one.name == trip.name), None),
+        places=[] if saved is None else saved.poses,
+        silent=silent,
+    )
+
+
+def state_words(known: Known) -> list[Words]:
+    """The lines of the state: position, what holds it, where it is going, the trip."""
+    if known.is_away:
+        return [AWAY]
+    lines = [
+        position_words(known.estimate, known.estimate_age_s),
+        base_words(known.base),
+        goal_words(known.goal, list(known.places)),
+        trip_words(known.trip, known.tour),
+    ]
+    return [line for line in lines if line is not None]

@@ -2,14 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import viser
 
+from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import Path, Robot
+from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
+from trolley_viz.fleet import Member
+from trolley_viz.past_trips import PastTrips
 from trolley_viz.placement import Placement
 
 # Heights above the floor [m] keep flat things from flickering into each other.
@@ -29,17 +32,38 @@ Z_LABEL = 0.2
 class View:
     """What layers draw from."""
 
+    robot_name: str
     feeds: Feeds
     placement: Placement
     robot: Robot | None
     now_ns: int
     """Local monotonic time [ns]."""
-    is_away: bool
-    """The robot's clock is silent."""
+    robot_ns: int | None
+    """The robot's time [ns], None while its clock is silent."""
     work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
     """Runs a slow function aside, then calls the second one with its result."""
-    preview: Path | None = None
-    """The way to where somebody points just now."""
+    past: PastTrips
+    """The past trips, once somebody looks at them."""
+    fleet: Sequence[Member] = ()
+    """All robots, where there are several."""
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the robot's clock is silent."""
+        return self.robot_ns is None
+
+    @property
+    def map(self) -> OccupancyGrid | None:
+        """The robot's map."""
+        return self.feeds.latest(topics.MAP)
+
+    def place_frames(self) -> None:
+        """Bring the frames to where the newest messages say that they are."""
+        self.placement.update(
+            self.feeds.by_parts(topics.TF),
+            self.feeds.history(topics.ODOM),
+            has_map=self.map is not None,
+        )
 
     def is_fresh(self, topic: Topic[Any], within_s: float = 1.5) -> bool:
         """Whether a message of the topic arrived within the last real seconds."""
@@ -47,39 +71,39 @@ class View:
         return arrived_ns is not None and self.now_ns - arrived_ns <= within_s * 1e9
 
 
+Group = Literal["Robot", "Senses", "Driving", "Map"]
+
+
 class Layer:
-    """Something that can be switched on and off; it draws itself from a view at its own pace."""
+    """Something that browsers can show or hide; it draws itself from a view at its own pace."""
 
     key: ClassVar[str]
     title: ClassVar[str]
+    group: ClassVar[Group]
+    source: ClassVar[Topic[Any] | None] = None
+    """The stream of the robot that it mainly shows: it is as old as that."""
     needs: ClassVar[Sequence[Topic[Any]]] = ()
     """The streams it needs besides those that are always there."""
     period_s: ClassVar[float] = 0.2
     on_by_default: ClassVar[bool] = True
-    is_listed: ClassVar[bool] = True
-    """Whether people may switch it."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
         self.server = server
         self.scene = server.scene
-        self.is_on = self.on_by_default
-        self._root = self.scene.add_frame(f"/{self.key}", show_axes=False, visible=self.is_on)
+        self.root = f"{above}/{self.key}"
+        """The scene path of all that it draws; each browser shows or hides it for itself."""
+        self.scene.add_frame(self.root, show_axes=False)
         self._due_ns = 0
         self._drawn: tuple[Any, ...] = ()
 
-    def switch(self, is_on: bool) -> None:
-        """Show or hide it."""
-        self.is_on = is_on
-        self._root.visible = is_on
-
     def update(self, view: View) -> None:
-        """Draw what changed, if it is shown and due."""
-        if self.is_on and view.now_ns >= self._due_ns:
+        """Draw what changed, if it is due."""
+        if view.now_ns >= self._due_ns:
             self._due_ns = view.now_ns + int(self.period_s * 1e9)
             self.draw(view)
 
     def forget(self) -> None:
-        """Draw everything anew the next time, as for another robot."""
+        """Draw everything anew the next time, as after a restart of the robot."""
         self._drawn = ()
         self._due_ns = 0
 
@@ -96,7 +120,7 @@ class Layer:
 
     def path(self, name: str) -> str:
         """The scene path of a node of this layer."""
-        return f"/{self.key}/{name}"
+        return f"{self.root}/{name}"
 
 
 def _same(a: Any, b: Any) -> bool:

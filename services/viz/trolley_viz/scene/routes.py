@@ -6,6 +6,7 @@ import viser
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Path, floats_from_bytes
+from trolley_viz.placement import Placement
 from trolley_viz.scene.layer import (
     Z_FOOTPRINT,
     Z_LABEL,
@@ -30,8 +31,8 @@ BLOCKED_COLOUR: Colour = (215, 45, 45)
 class Line:
     """A polyline on the floor; the node is kept and updated."""
 
-    def __init__(self, layer: Layer, name: str, colour: Colour, width: float) -> None:
-        self._layer, self._name, self._colour, self._width = layer, name, colour, width
+    def __init__(self, scene: viser.SceneApi, path: str, colour: Colour, width: float) -> None:
+        self._scene, self._path, self._colour, self._width = scene, path, colour, width
         self._node: viser.LineSegmentsHandle | None = None
 
     def show(self, segments: np.ndarray) -> None:
@@ -41,8 +42,8 @@ class Line:
                 self._node.visible = False
             return
         if self._node is None:
-            self._node = self._layer.scene.add_line_segments(
-                self._layer.path(self._name), segments, self._colour, thickness=self._width
+            self._node = self._scene.add_line_segments(
+                self._path, segments, self._colour, thickness=self._width
             )
         self._node.points = segments
         self._node.visible = True
@@ -52,21 +53,22 @@ class PathLayer(Layer):
     """The planned way."""
 
     key, title = "path", "Path"
+    group = "Driving"
+    source = topics.PATH
     needs = (topics.PATH,)
     width = 0.055
     colour = PATH_COLOUR
     height = Z_PATH
-    topic = topics.PATH
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
-        self._line = Line(self, "line", self.colour, self.width)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
+        self._line = Line(self.scene, self.path("line"), self.colour, self.width)
 
     def draw(self, view: View) -> None:
         """Draw the newest path while there is somewhere to go."""
         goal = view.feeds.latest(topics.GOAL)
         is_going = goal is not None and goal.state in DRIVING and not view.is_away
-        path = view.feeds.latest(self.topic) if is_going else None
+        path = view.feeds.latest(self.needs[0]) if is_going else None
         world_T_path = None if path is None else view.placement.world_T(path.frame)
         if self.changed(path, world_T_path):
             self._line.show(path_segments(path, world_T_path, self.height))
@@ -76,40 +78,24 @@ class TrajectoryLayer(PathLayer):
     """What the controller drives within the next seconds."""
 
     key, title = "trajectory", "Trajectory"
+    group = "Driving"
+    source = topics.TRAJECTORY
     needs = (topics.TRAJECTORY,)
     period_s = 0.1
     width = 0.028
     colour = TRAJECTORY_COLOUR
     height = Z_TRAJECTORY
-    topic = topics.TRAJECTORY
-
-
-class PreviewLayer(Layer):
-    """The way to where somebody points just now."""
-
-    key, title = "preview", "Preview"
-    is_listed = False
-    period_s = 0.1
-
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
-        self._line = Line(self, "line", PREVIEW_COLOUR, 0.035)
-
-    def draw(self, view: View) -> None:
-        """Draw it while it is asked for."""
-        path = view.preview
-        world_T_path = None if path is None else view.placement.world_T(path.frame)
-        if self.changed(path, world_T_path):
-            self._line.show(path_segments(path, world_T_path, Z_TRAJECTORY))
 
 
 class GoalLayer(Layer):
     """The goal: an arrow, the footprint there, its name, and what is in the way."""
 
     key, title = "goal", "Goal"
+    group = "Driving"
+    source = topics.GOAL
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        super().__init__(server)
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
         self._frame = self.scene.add_frame(self.path("pose"), show_axes=False, visible=False)
         self._arrow = self.scene.add_mesh_simple(
             self.path("pose/arrow"),
@@ -143,7 +129,8 @@ class GoalLayer(Layer):
         if not shown or goal is None or goal.pose is None or world_T_frame is None:
             return
         poses = view.feeds.latest(topics.POSES)
-        self._label.text = goal_name(goal, [] if poses is None else poses.poses)
+        name = goal_name(goal, [] if poses is None else poses.poses)
+        self._label.text = name if name.startswith("(") else ""  # a place shows its own name
         self._arrow.color = FAILED_COLOUR if goal.state == "failed" else GOAL_COLOUR
         place(self._frame, world_T_frame @ goal.pose, 0.0)
         if view.robot is not None:
@@ -180,6 +167,21 @@ class GoalLayer(Layer):
             )
         self._blocked.points = raised
         self._blocked.visible = True
+
+
+class PreviewLine:
+    """The way to where the person at one browser points just now."""
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self._line = Line(scene, "/preview", PREVIEW_COLOUR, 0.035)
+        self._drawn: Path | None = None
+
+    def draw(self, path: Path | None, placement: Placement) -> None:
+        """Draw it while it is asked for."""
+        if path is not self._drawn:
+            self._drawn = path
+            world_T_path = None if path is None else placement.world_T(path.frame)
+            self._line.show(path_segments(path, world_T_path, Z_TRAJECTORY))
 
 
 def path_segments(path: Path | None, world_T_path: Pose2D | None, z: float) -> np.ndarray:

@@ -1,33 +1,44 @@
 """All layers, in the order in which they are listed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Any
 
 import viser
 
 from trolley import topics
 from trolley.topics import Topic
-from trolley_viz.scene.body import FrameLayer, RobotLayer
-from trolley_viz.scene.ground import CostmapLayer, MapLayer
+from trolley_viz.overlays.layer import OverlayLayer
+from trolley_viz.scene.body import RobotLayer
+from trolley_viz.scene.certainty import CovarianceLayer, TruthLayer
+from trolley_viz.scene.ground import CostmapLayer, GlobalCostmapLayer, MapLayer
 from trolley_viz.scene.layer import Layer, View
+from trolley_viz.scene.markers import MarkerLayer
+from trolley_viz.scene.others import OthersLayer
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
-from trolley_viz.scene.routes import GoalLayer, PathLayer, PreviewLayer, TrajectoryLayer
+from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
 from trolley_viz.scene.sensing import CandidateLayer, ParticleLayer, ScanLayer
+from trolley_viz.scene.tours import TripLayer, TroubleLayer
 
 LAYERS: tuple[type[Layer], ...] = (
     MapLayer,
     ZoneLayer,
     PlaceLayer,
     RobotLayer,
+    OthersLayer,
+    CovarianceLayer,
+    TruthLayer,
     ScanLayer,
     ParticleLayer,
     CandidateLayer,
     GoalLayer,
     PathLayer,
     TrajectoryLayer,
-    PreviewLayer,
+    MarkerLayer,
+    OverlayLayer,
+    TripLayer,
+    TroubleLayer,
     CostmapLayer,
-    FrameLayer,
+    GlobalCostmapLayer,
 )
 
 ALWAYS: tuple[Topic[Any], ...] = (
@@ -38,6 +49,8 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.POSE,
     topics.GOAL,
     topics.POSES,
+    topics.ZONES,
+    topics.SUSPECTS,
     topics.TOURS,
     topics.TOUR,
     topics.HEALTH,
@@ -45,29 +58,42 @@ ALWAYS: tuple[Topic[Any], ...] = (
 """What the panels and several layers need whatever is switched off."""
 
 
+ROOT = "/robots"
+
+
 class Scene:
-    """The layers of one server."""
+    """The layers of one robot."""
 
-    def __init__(self, server: viser.ViserServer, shown: Mapping[str, bool]) -> None:
-        self.layers = [kind(server) for kind in LAYERS]
-        for layer in self.layers:
-            if layer.key in shown:
-                layer.switch(shown[layer.key])
+    def __init__(self, server: viser.ViserServer, robot: str) -> None:
+        self.root = f"{ROOT}/{robot}"
+        self._frame = server.scene.add_frame(self.root, show_axes=False)
+        self._layers = [kind(server, self.root) for kind in LAYERS]
 
-    def wanted(self) -> list[Topic[Any]]:
+    def wanted(self, shown: Set[str]) -> list[Topic[Any]]:
         """The streams that what is shown needs."""
-        return [*ALWAYS, *(topic for one in self.layers if one.is_on for topic in one.needs)]
+        needed = (topic for one in self._layers if one.key in shown for topic in one.needs)
+        return [*ALWAYS, *needed]
 
-    def update(self, view: View) -> None:
-        """Draw what changed."""
-        for layer in self.layers:
-            layer.update(view)
+    def update(self, view: View, shown: Set[str]) -> None:
+        """Draw what changed of the layers that somebody sees."""
+        for layer in self._layers:
+            if layer.key in shown:
+                layer.update(view)
 
     def forget(self) -> None:
         """Draw everything anew."""
-        for layer in self.layers:
+        for layer in self._layers:
             layer.forget()
 
-    def choices(self) -> dict[str, bool]:
-        """Which layers are shown, by key."""
-        return {layer.key: layer.is_on for layer in self.layers if layer.is_listed}
+    def remove(self) -> None:
+        """Take everything out of the scene."""
+        self._frame.remove()
+
+    def layer(self, key: str) -> Layer:
+        """Return a layer."""
+        return next(one for one in self._layers if one.key == key)
+
+
+def shown_layers(choices: Mapping[str, bool]) -> dict[str, bool]:
+    """Which layers are shown, by key: as chosen, else as it is by default."""
+    return {kind.key: choices.get(kind.key, kind.on_by_default) for kind in LAYERS}

@@ -1,0 +1,23 @@
+"""Who looks: which browser it is, and what its person may do."""
+
+import contextvars
+from dataclasses import dataclass
+from typing import Literal
+
+Role = Literal["operator", "viewer"]
+"""An operator may do everything; a viewer may look, and press Stop."""
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """One browser, as the web server knows it."""
+
+    browser: str = ""
+    """What the browser is remembered by; "" is nobody in particular."""
+    role: Role = "operator"
+
+
+NOBODY = Visitor()
+
+present: contextvars.ContextVar[Visitor] = contextvars.ContextVar("present", default=NOBODY)
+"""Whose connection the present task serves; viser's callbacks run in such a task."""
