@@ -48,6 +48,7 @@ def open_map(browser: Browser, url: str, *, touch: bool) -> Page:
     page.get_by_text("Localized").first.wait_for()
     page.get_by_role("tab", name="Map").click()
     expect(page.get_by_role("button", name="Mirror")).to_be_visible()
+    close_notices(page)
     page.wait_for_timeout(2500)  # by then the view is mended if the page was laid out late
     return page
 
@@ -81,6 +82,12 @@ def wait_for_frames(page: Page) -> None:
     page.evaluate(script, 3)
 
 
+def close_notices(page: Page) -> None:
+    """What is told lies over the map for some seconds, and takes the clicks there."""
+    page.evaluate("document.querySelectorAll('[role=alert] button').forEach((b) => b.click())")
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
 def name_field(page: Page) -> Locator:
     """viser's text fields are not tied to their labels."""
     return page.locator(".mantine-TextInput-input").locator("visible=true")
@@ -111,6 +118,7 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
     before = zones(shown)["no-go area 1"]
+    close_notices(page)
     page.get_by_role("button", name="Choose on the map").click()
     expect(page.get_by_text("Tap a zone on the map")).to_be_visible()
     wait_for_frames(page)
