@@ -17,9 +17,9 @@ from trolley.messages import SavedPose
 from trolley_viz.camera import (
     BELOW,
     FIELD_OF_VIEW,
-    NARROW_PIXELS,
     PANEL_PIXELS,
     bounds_of,
+    is_narrow,
     stand,
 )
 
@@ -44,7 +44,7 @@ def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     size = page.viewport_size
     assert size is not None
     bounds, width = bounds_of(grid.origin.transform_points(corners)), size["width"]
-    if width <= NARROW_PIXELS:  # the controls are a sheet over the lower part
+    if is_narrow(width, size["height"]):  # the controls are a sheet over the lower part
         x0, y0, x1, y1 = bounds
         bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
     else:

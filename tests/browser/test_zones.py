@@ -43,11 +43,13 @@ def open_map(browser: Browser, url: str, *, touch: bool) -> Page:
     """A page with the tab of the map open; small, as it is drawn in software."""
     context = browser.new_context(viewport={"width": 1120, "height": 640}, has_touch=touch)
     page = context.new_page()
+    page.bring_to_front()  # one in the background draws no frames
     page.set_default_timeout(PATIENCE_MS)
     page.goto(url)
     page.get_by_text("Localized").first.wait_for()
     page.get_by_role("tab", name="Map").click()
     expect(page.get_by_role("button", name="Mirror")).to_be_visible()
+    close_notices(page)
     page.wait_for_timeout(2500)  # by then the view is mended if the page was laid out late
     return page
 
@@ -81,6 +83,12 @@ def wait_for_frames(page: Page) -> None:
     page.evaluate(script, 3)
 
 
+def close_notices(page: Page) -> None:
+    """What is told lies over the map for some seconds, and takes the clicks there."""
+    page.evaluate("document.querySelectorAll('[role=alert] button').forEach((b) => b.click())")
+    expect(page.get_by_role("alert")).to_have_count(0)
+
+
 def name_field(page: Page) -> Locator:
     """viser's text fields are not tied to their labels."""
     return page.locator(".mantine-TextInput-input").locator("visible=true")
@@ -111,6 +119,7 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
     before = zones(shown)["no-go area 1"]
+    close_notices(page)
     page.get_by_role("button", name="Choose on the map").click()
     expect(page.get_by_text("Tap a zone on the map")).to_be_visible()
     wait_for_frames(page)
@@ -144,6 +153,16 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     assert crosses(way(shown))
 
 
+def test_escape_leaves_the_drawing(page: Page, shown: "Shown") -> None:
+    page.get_by_role("button", name="Slow").click()
+    expect(page.get_by_text("Tap the corners one by one")).to_be_visible()
+    wait_for_frames(page)
+    page.mouse.click(*pixel_of(page, ACROSS[0]))
+    page.keyboard.press("Escape")
+    expect(page.get_by_text("Tap the corners one by one")).to_have_count(0)
+    assert "slow area 1" not in zones(shown)
+
+
 def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> None:
     page = open_map(browser, shown.url, touch=True)
     page.get_by_role("button", name="Mirror").tap()
@@ -158,13 +177,3 @@ def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> 
     assert start[0] == pytest.approx(end[0], abs=1e-9)  # both on the face of the wall
     assert start[0] == pytest.approx(3.2, abs=0.03)
     page.context.close()
-
-
-def test_escape_leaves_the_drawing(page: Page, shown: "Shown") -> None:
-    page.get_by_role("button", name="Slow").click()
-    expect(page.get_by_text("Tap the corners one by one")).to_be_visible()
-    wait_for_frames(page)
-    page.mouse.click(*pixel_of(page, ACROSS[0]))
-    page.keyboard.press("Escape")
-    expect(page.get_by_text("Tap the corners one by one")).to_have_count(0)
-    assert "slow area 1" not in zones(shown)
