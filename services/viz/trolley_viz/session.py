@@ -27,6 +27,7 @@ from trolley_viz.visitors import Visitor
 from trolley_viz.words import Tone
 
 NOTICE_S = 8.0
+FIT_NS = 10_000_000_000
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
     "busy": (47, 111, 224),
@@ -101,6 +102,8 @@ class Session:
         self._robot = choices.robot or hub.robots.own
         self._fitted = ""
         """The map that the camera was last moved for."""
+        self._fit_until_ns = 0
+        """Until then (local monotonic [ns]) the page may take the camera back by itself."""
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
         self.pointing = Pointing(client, hub.call_soon)
@@ -230,9 +233,13 @@ class Session:
         """Move the camera to a map that it has not shown yet."""
         view = self.view
         grid = view.map
-        if grid is None or self._fitted == f"{self._robot}/{grid.name}":
+        is_new = grid is not None and self._fitted != f"{self._robot}/{grid.name}"
+        if grid is None or not (is_new or view.now_ns < self._fit_until_ns):
             return
         bounds = map_bounds(view)
-        if bounds is not None:
-            camera.fit(self.client, bounds, is_new=not self._fitted)
-            self._fitted = f"{self._robot}/{grid.name}"
+        if bounds is None or not (is_new or camera.was_reset(self.client, bounds)):
+            return
+        if is_new:
+            self._fit_until_ns = view.now_ns + FIT_NS
+        camera.fit(self.client, bounds, is_new=not self._fitted)
+        self._fitted = f"{self._robot}/{grid.name}"
