@@ -7,6 +7,7 @@ updates of the particles came.
 import asyncio
 import contextlib
 import time
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -189,7 +190,7 @@ class Chromium:
 
 
 @contextlib.asynccontextmanager
-async def open_chromium(url: str) -> Any:
+async def open_chromium(url: str) -> AsyncIterator[Chromium]:
     """Open the viewer in Chromium and wait until the robot is seen."""
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)

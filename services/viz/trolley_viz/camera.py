@@ -48,9 +48,14 @@ def stand(bounds: Bounds, aspect: float) -> tuple[NDArray[np.float64], NDArray[n
     return middle + distance * away, middle
 
 
+INITIAL_ASPECT = 1.3
+UNKNOWN_MAP: Bounds = (-4.0, -3.0, 4.0, 3.0)
+"""What is looked at before there is a map."""
+
+
 def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
     """Let new browsers begin with this view, and "Reset View" come back to it."""
-    position, look_at = stand(bounds, 1.3)
+    position, look_at = stand(bounds, INITIAL_ASPECT)
     server.initial_camera.fov = FIELD_OF_VIEW
     server.initial_camera.position = position
     server.initial_camera.look_at = look_at
@@ -83,3 +88,12 @@ def fit(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[int, int]) -> 
         client.camera.fov = FIELD_OF_VIEW
         client.camera.position = position
         client.camera.look_at = look_at
+
+
+def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:
+    """Whether the camera stands where every page begins.
+
+    A page that is slow to start goes there after it has been told where to look.
+    """
+    starts = (stand(one, INITIAL_ASPECT)[0] for one in (bounds, UNKNOWN_MAP))
+    return any(np.allclose(client.camera.position, start, atol=1e-3) for start in starts)

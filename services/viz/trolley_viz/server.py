@@ -84,7 +84,7 @@ def open_server(config: VizConfig, gate: Gate, sockets: Mapping[str, Serve] = {}
     server.gui.set_panel_label("Trolley")
     server.gui.main_panel.dock_right()
     # Set from the beginning: the first change moves the cameras that are there, later ones do not.
-    camera.set_initial(server, (-4.0, -3.0, 4.0, 3.0))
+    camera.set_initial(server, camera.UNKNOWN_MAP)
     server.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering
     server.initial_camera.far = 1000.0
     return server

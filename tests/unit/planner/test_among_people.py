@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Literal
 
 import pytest
 from support.flatland import Flatland, empty_room, two_rooms, with_block
@@ -18,7 +19,9 @@ Place = Callable[[float], tuple[float, float]]
 class Meeting:
     """A robot that drives along y = 3 from x = 1 to x = 6.5, and one person."""
 
-    def __init__(self, ride, controller: str, room: GridMap | None = None) -> None:
+    def __init__(
+        self, ride, controller: Literal["mppi", "pursuit"], room: GridMap | None = None
+    ) -> None:
         self._room = room or empty_room()
         self.world = Flatland(self._room, Pose2D(1.0, 3.0, 0.0))
         self.drive = ride(self.world, PlannerConfig(controller=controller))

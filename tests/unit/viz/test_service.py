@@ -14,6 +14,7 @@ from trolley import topics
 from trolley.config import VizConfig
 from trolley.messages import GoalStatus
 from trolley.runtime.lockstep import Lockstep
+from trolley_viz.camera import INITIAL_ASPECT, UNKNOWN_MAP, stand
 from trolley_viz.pointing import Pointed
 from trolley_viz.service import VizService
 from trolley_viz.settings import MAX_BROWSERS, Choices, ViewerSettings
@@ -71,12 +72,24 @@ def test_only_places_of_this_map_are_shown(stage: "Stage") -> None:
 
 def test_camera_is_moved_once_for_a_map(stage: "Stage") -> None:
     browser = stage.browse()
-    assert browser.camera.position is not None
-    browser.camera.position = None
+    fitted = browser.camera.position
+    browser.camera.position = fitted + 1.0
     stage.runtime.run(1.0)
-    assert browser.camera.position is None
+    assert browser.camera.position == pytest.approx(fitted + 1.0)
     stage.session.fit_view()
-    assert browser.camera.position is not None
+    assert browser.camera.position != pytest.approx(fitted + 1.0)
+
+
+def test_a_page_that_starts_slowly_sees_the_map_all_the_same(stage: "Stage") -> None:
+    browser = stage.browse()
+    start = stand(UNKNOWN_MAP, INITIAL_ASPECT)[0]
+    browser.camera.position = start
+    stage.runtime.run(0.2)
+    assert browser.camera.position != pytest.approx(start)
+    stage.runtime.run(10.0)
+    browser.camera.position = start
+    stage.runtime.run(0.2)  # "Reset View": somebody's wish
+    assert browser.camera.position == pytest.approx(start)
 
 
 def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
@@ -84,9 +97,9 @@ def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
     first = browser.camera.position
     stage.runtime.run(2.5)
     assert browser.camera.position[2] < first[2]  # it had its panel already
-    browser.camera.position = None
+    browser.camera.position = (9.0, 9.0, 9.0)
     stage.runtime.run(5.0)
-    assert browser.camera.position is None
+    assert browser.camera.position == (9.0, 9.0, 9.0)
 
 
 def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:

@@ -21,7 +21,8 @@ div:has(>div>.trolley-tiles)>div>button{height:100%!important;min-height:58px;bo
  padding:6px 10px}
 div:has(>div>.trolley-tiles)>div:has(>.trolley-small)~div>button{min-height:44px}
 div:has(>div>.trolley-tiles) button .mantine-Button-label{white-space:normal;line-height:1.15;
- overflow-wrap:anywhere;font-size:15px;max-height:3.45em}
+ overflow-wrap:anywhere;font-size:15px;height:auto;display:-webkit-box;-webkit-line-clamp:3;
+ -webkit-box-orient:vertical;overflow:hidden}
 div:has(>div>.trolley-tiles) button .mantine-Button-section>div{width:1.5em;height:1.5em;
  margin-right:.4em}
 div:has(>div>.trolley-tiles) button svg{width:100%;height:100%}

@@ -11,7 +11,8 @@ from trolley_viz.scene.layer import Z_LABEL, Z_PLACE
 from trolley_viz.shapes import arrow_outline, flat, place
 
 PIN_COLOUR = (225, 95, 0)
-Z_PIN = Z_LABEL + 0.1
+ASIDE_M = 0.22
+"""How far the number stands to the left, where the icon of a place does not cover it."""
 
 
 class Pins:
@@ -47,8 +48,9 @@ class Pins:
             number = self._scene.add_label(
                 f"/errands/number{i}",
                 str(i),
-                position=(pose.x, pose.y, Z_PIN),
-                anchor="center-center",
+                position=(pose.x - ASIDE_M, pose.y, Z_LABEL),
+                anchor="center-right",
                 depth_test=False,
+                font_screen_scale=1.7,
             )
             self._nodes += [arrow, number]
