@@ -51,7 +51,9 @@ class Meeting:
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_goes_on_behind_who_walks_out_of_the_way(ride, controller: str) -> None:
+def test_goes_on_behind_who_walks_out_of_the_way(
+    ride, controller: Literal["mppi", "pursuit"]
+) -> None:
     meeting = Meeting(ride, controller)
     start = meeting.world.pose.x
     meeting.walk(3.0, lambda t: (start + 1.2, 2.9 + 0.8 * t))
@@ -61,7 +63,9 @@ def test_goes_on_behind_who_walks_out_of_the_way(ride, controller: str) -> None:
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_does_not_stop_for_who_crosses_far_ahead(ride, controller: str) -> None:
+def test_does_not_stop_for_who_crosses_far_ahead(
+    ride, controller: Literal["mppi", "pursuit"]
+) -> None:
     meeting = Meeting(ride, controller)
     start = meeting.world.pose.x
     meeting.walk(3.0, lambda t: (start + 2.2, 1.6 + 1.0 * t))
@@ -81,7 +85,7 @@ def test_gives_way_to_who_comes_towards_it(ride) -> None:
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_goes_round_who_stops_in_the_way(ride, controller: str) -> None:
+def test_goes_round_who_stops_in_the_way(ride, controller: Literal["mppi", "pursuit"]) -> None:
     meeting = Meeting(ride, controller)
     meeting.walk(25.0, lambda t: (4.0, max(3.0, 4.5 - 0.8 * t)))
     assert meeting.arrives(1.0)
