@@ -40,6 +40,8 @@ from trolley.messages import (
     BaseState,
     CapturedPose,
     GoalStatus,
+    Marker,
+    Overlay,
     PoseEstimate,
     TourStatus,
     VelocityCommand,
@@ -288,6 +290,23 @@ class Robot:
         self._stamp_ns = max(stamp_ns, self._stamp_ns + 1)  # base drops what is not newer
         command = VelocityCommand(stamp_ns=self._stamp_ns, twist=twist, valid_for=valid_for)
         self._connection.publish(self.name, topics.COMMAND, command, teleop.SOURCE)
+
+    # Drawing into the viewer.
+    def put_marker(self, namespace: str, name: str, marker: Marker) -> None:
+        """Draw a marker, in place of the one of the same namespace and name."""
+        self._connection.publish(self.name, topics.MARKER, marker, namespace, name)
+
+    def delete_marker(self, namespace: str = "*", name: str = "*") -> None:
+        """Take away a marker, or all of a namespace, or all."""
+        self._connection.delete(self.name, topics.MARKER, namespace, name)
+
+    def put_overlay(self, name: str, overlay: Overlay) -> None:
+        """Show a panel over the scene, in place of the one of the same name."""
+        self._connection.publish(self.name, topics.OVERLAY, overlay, name)
+
+    def delete_overlay(self, name: str = "*") -> None:
+        """Take away a panel, or all."""
+        self._connection.delete(self.name, topics.OVERLAY, name)
 
     # Stopping.
     def stop(self) -> BaseState:

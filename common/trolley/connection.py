@@ -261,6 +261,10 @@ class Connection:
         payload = codec.encode(message, "msgpack")
         self.bus.put(topic.key(robot, *parts), payload, codec.MIME["msgpack"], topic.qos)
 
+    def delete(self, robot: str, topic: Topic[Any], *parts: str) -> None:
+        """Ask the owner of what is stored to delete it."""
+        self.bus.delete(topic.key(robot, *parts))
+
     def listen(self, key_expr: str, callback: Callable[[Sample], None]) -> Closer:
         """Call back, on a thread of the bus, with everything that is published under a key."""
         return self.bus.subscribe(key_expr, callback)

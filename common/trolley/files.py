@@ -1,14 +1,20 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and broken ones that are kept."""
 
 import os
 import tempfile
+import time
 from pathlib import Path
 
-READABLE_BY_ALL = 0o644
+READABLE_BY_ALL, SECRET = 0o644, 0o600
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) -> None:
     """Replace a file so that after a crash the old or the new content stands there, never a part.
+
+    Args:
+        path: the file.
+        content: what it shall hold.
+        mode: who may read and write it.
 
     Raises:
         OSError: It cannot be written; the old content stands.
@@ -16,7 +22,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            os.fchmod(handle, READABLE_BY_ALL)
+            os.fchmod(handle, mode)
             file.write(content)
             file.flush()
             os.fsync(handle)
@@ -28,3 +34,18 @@ def write_atomically(path: Path, content: bytes) -> None:
         os.fsync(folder)  # the new name itself must survive a power cut, too
     finally:
         os.close(folder)
+
+
+def keep_aside(path: Path) -> Path:
+    """Rename a broken file to `<name>.broken-<Unix time>`, and say what it is called now.
+
+    Raises:
+        OSError: It cannot be renamed.
+    """
+    first = path.with_name(f"{path.name}.broken-{int(time.time())}")
+    aside, number = first, 1
+    while aside.exists():
+        number += 1
+        aside = first.with_name(f"{first.name}-{number}")
+    path.rename(aside)
+    return aside

@@ -46,6 +46,10 @@ class Topic(Generic[M]):
     binary_get: bool = False  # `get` answers msgpack unless asked for JSON
     of_epoch: bool = False  # dropped when stamped before the present run of base
     max_bytes: int = 1 << 20
+    max_keys: int = 2000
+    """Of how many keys a receiver keeps the newest: what a stranger may make it remember."""
+    max_kept_bytes: int = 256 << 20
+    """How large these may be together, as they came over the wire."""
 
     @property
     def chunks(self) -> tuple[str, ...]:
@@ -140,10 +144,23 @@ TOURS = Topic("tours", m.Tours, "tour", "on change", Qos.STATE)
 STORED_TOUR = Topic("tours/{name}", m.Tour, "tour", "stored", Qos.STATE, Kind.STORED)
 TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz", Qos.STATE)
 MARKER = Topic(
-    "markers/{ns}/{id}", m.Marker, "anyone; kept by tour", "on change", Qos.STATE, Kind.STORED
+    "markers/{ns}/{id}",
+    m.Marker,
+    "anyone; kept by tour",
+    "on change",
+    Qos.STATE,
+    Kind.STORED,
+    max_keys=5000,
+    max_kept_bytes=8 << 20,
 )
 OVERLAY = Topic(
-    "overlays/{id}", m.Overlay, "anyone; kept by tour", "on change", Qos.STATE, Kind.STORED
+    "overlays/{id}",
+    m.Overlay,
+    "anyone; kept by tour",
+    "on change",
+    Qos.STATE,
+    Kind.STORED,
+    max_kept_bytes=8 << 20,
 )
 CHOICE = Topic("choices/{id}", m.Choice, "viz", "on change", Qos.STATE)
 SIM_TRUTH = Topic("sim/truth", m.Truth, "base, simulated", "20 Hz", Qos.SENSOR)

@@ -50,6 +50,7 @@ def test_a_busy_port_is_refused_with_who_has_it_and_what_to_do(trolley: Callable
         (["--start", "1,2"], "X,Y,YAW"),
         (["--world", "moon.toml"], "moon.toml"),
         (["--speed", "0"], "--speed"),
+        (["--foxglove"], "viewer"),
     ],
 )
 def test_what_cannot_be_run_is_refused_before_anything_starts(

@@ -6,10 +6,13 @@ import time
 from collections.abc import Callable
 
 import pytest
+from support.waiting import wait_until
 
 from trolley import Refused, Robot, RobotUnreachable, SeveralRobots, requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, asking
+from trolley.messages import GoalStatus, Marker, Overlay, asking
+from trolley.runtime import codec
+from trolley.runtime.bus import Sample
 
 
 def script(*steps: tuple[str, str]) -> tuple[GoalStatus, ...]:
@@ -147,3 +150,27 @@ def test_subscribe_gives_messages_and_a_time_out(add_robot: Callable, endpoint: 
         with robot.subscribe(topics.SCAN) as scans:
             assert scans.next(0.2) is None
         assert robot.get(topics.TF).keys() == {("laser",), ("odom",)}
+
+
+def test_markers_and_overlays_are_put_and_deleted(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    heard: list[Sample] = []
+    with Robot(connect=endpoint) as robot:
+        robot.connection.listen("*/one/markers/**", heard.append)
+        robot.connection.listen("*/one/overlays/*", heard.append)
+        marker = Marker(kind="icon", icon="home", frame="base_link")
+        robot.put_marker("signs", "Küche 1", marker)
+        robot.delete_marker("signs", "Küche 1")
+        robot.delete_marker("signs")
+        robot.delete_marker()
+        overlay = Overlay(kind="text", text="hello")
+        robot.put_overlay("greeting", overlay)
+        robot.delete_overlay("greeting")
+        robot.delete_overlay()
+        wait_until(lambda: len(heard) == 7, 10.0, "all have arrived")
+    below = [sample.key.split("/", 2)[2] for sample in heard]
+    markers = ["markers/signs/Küche 1"] * 2 + ["markers/signs/*", "markers/*/*"]
+    assert below == [*markers, "overlays/greeting", "overlays/greeting", "overlays/*"]
+    assert [sample.is_delete for sample in heard] == [False, True, True, True, False, True, True]
+    assert codec.decode(Marker, heard[0].payload, heard[0].encoding) == marker
+    assert codec.decode(Overlay, heard[4].payload, heard[4].encoding) == overlay

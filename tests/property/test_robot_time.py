@@ -1,9 +1,14 @@
 """Robot time never goes back in an epoch, and follows the clock as closely as messages arrive."""
 
+from typing import Any
+
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.strategies import instances_of
 
 from trolley.messages import Clock
+from trolley.runtime import codec
 from trolley.runtime.robot_time import FollowedTime
 
 SECOND = 1_000_000_000
@@ -83,3 +88,17 @@ def test_a_new_epoch_starts_afresh(jump: int) -> None:
     assert followed.epoch == (UNIX + jump if began else UNIX)
     assert followed.hear(restarted, 4 * SECOND) == (jump < 0)
     assert followed.now(4 * SECOND) == UNIX + jump + (2 * SECOND if jump > 0 else 0)
+
+
+@given(clock=instances_of(Clock), later=st.integers(0, SECOND))
+def test_whatever_clock_is_valid_it_has_a_time(clock: Any, later: int) -> None:
+    followed = FollowedTime()
+    followed.hear(clock, 5)
+    assert followed.now(5 + later) is not None
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 1e5, 1e308, float("nan"), float("inf")])
+def test_a_rate_that_is_none_is_refused(rate: float) -> None:
+    payload = codec.encode(Clock(stamp_ns=1, rate=rate, epoch=0), "msgpack")
+    with pytest.raises(codec.BadPayload):
+        codec.decode(Clock, payload)

@@ -48,6 +48,7 @@ def test_nobody_imports_a_service_but_itself(sources: list["Source"], service: s
         ("numba", Path("common/trolley/jit.py")),
         ("serial", Path("services/base/trolley_base")),
         ("viser", Path("services/viz/trolley_viz")),
+        ("mcap", Path("common/trolley/recording")),
     ],
 )
 def test_library_is_imported_in_one_place_only(
@@ -67,6 +68,24 @@ def test_what_needs_no_kernels_does_not_load_the_compiler(module: str) -> None:
     assert loaded.returncode == 0, loaded.stderr
     # viser brings PIL along for its images.
     assert set(loaded.stdout.split()) <= ({"PIL"} if "viz" in module else set())
+
+
+@pytest.mark.parametrize(
+    ("module", "libraries"),
+    [
+        ("trolley.cli.record, trolley.cli.replay", {"foxglove", "mcap"}),
+        ("trolley_base.service, trolley_base.recorded_run", {"foxglove", "mcap"}),
+        ("trolley_viz.service", {"foxglove", "mcap"}),
+        ("trolley.recording.drive", {"foxglove"}),
+    ],
+)
+def test_what_records_nothing_does_not_load_the_recorder(module: str, libraries: set[str]) -> None:
+    program = f"import sys, {module}; print(*sorted({libraries} & {{*sys.modules}}))"
+    loaded = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert loaded.returncode == 0, loaded.stderr
+    assert loaded.stdout.split() == []
 
 
 def project_of(root: Path, member: str) -> dict[str, Any]:

@@ -35,6 +35,8 @@ COMMANDS = {
     "map": ("trolley.cli.maps", "The map."),
     "zones": ("trolley.cli.maps", "Mirrors, glass, keep-out and speed zones."),
     "teleop": ("trolley.cli.teleop", "Drive by hand, with the keys of this terminal."),
+    "record": ("trolley.cli.record", "Record what a robot publishes into a file."),
+    "replay": ("trolley.cli.replay", "Play a recording under another robot's name."),
     "import": ("trolley.cli.importing", "Take over what another system's files say."),
     "completion": (
         "trolley.cli.completion",

@@ -12,6 +12,7 @@ import click
 
 from trolley import ports
 from trolley.cli import exits
+from trolley.cli.demo_recording import with_recorded
 from trolley.cli.demo_robot import (
     NAME,
     TOUR_NAME,
@@ -46,6 +47,7 @@ from trolley.connection import Connection
 
 DEFAULT_PORT = 7447
 DEFAULT_VIZ_PORT = 8080
+FOXGLOVE_PORT = 8765
 
 
 def _devices_option(
@@ -86,10 +88,24 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     type=click.IntRange(1, 65535),
     help=f"The viewer's port [default: the first free from {DEFAULT_VIZ_PORT} on].",
 )
+@click.option(
+    "--foxglove",
+    "foxglove_port",
+    type=click.IntRange(1, 65535),
+    is_flag=False,
+    flag_value=FOXGLOVE_PORT,
+    metavar="[PORT]",
+    help=f"Let Foxglove connect, too [port: {FOXGLOVE_PORT}].",
+)
 @click.option("--state", type=click.Path(path_type=Path), help="Keep the state in this folder.")
 @click.option("--world", help="A world file, or the name of one that ships with Trolley.")
-@click.option("--recording", type=FILE, help="Play a recorded drive (npz) instead.")
-@click.option("--map", "map_file", type=FILE, help="The map of the recorded drive.")
+@click.option("--recording", type=FILE, help="Play a recorded drive (mcap, npz) instead.")
+@click.option(
+    "--map",
+    "map_file",
+    type=FILE,
+    help="The map of the recorded drive, if not the one that it holds (mcap).",
+)
 @click.option("--start", callback=pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
 @click.option(
     "--emulate",
@@ -113,6 +129,10 @@ def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> N
         click.secho("The viewer is not installed; going on without it.", err=True, fg="yellow")
         headless = True
     choices = Choices(viz_port=None if headless else _viz_port(viz_port), **options)
+    if choices.foxglove_port is not None:
+        if headless:
+            raise ConfigError("--foxglove is served by the viewer, so it needs one")
+        check_port(choices.foxglove_port, "choose another one with --foxglove PORT")
     if choices.devices is not None and (choices.speed != 1.0 or choices.recording is not None):
         raise ConfigError("--emulate plays real devices, at --speed 1 and without --recording")
     if tour and not choices.has_places:
@@ -143,7 +163,7 @@ def _scene(
         folder = Path(name)
         named = state or (Path(os.environ["TROLLEY_STATE"]) if _names_state() else None)
         kept = (named or folder / "state").resolve()
-        config = write_settings(choices, folder)
+        config = write_settings(with_recorded(choices, folder), folder)
         load_config(config)
         environment = {
             "TROLLEY_CONFIG": str(config),

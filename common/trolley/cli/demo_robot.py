@@ -48,12 +48,16 @@ class Choices:
     port: int = 7447
     viz_port: int | None = None
     """None: no viewer."""
+    foxglove_port: int | None = None
+    """Where the viewer lets Foxglove connect, if it does."""
     seed: int = 0
     speed: float = 1.0
     world: str | None = None
     recording: Path | None = None
     map_file: Path | None = None
     start: Pose2D | None = None
+    outline: list[list[float]] | None = None
+    """Another footprint than the built-in robot's [m]."""
     devices: tuple[str, str] | None = None
     """A board and a lidar to emulate, behind the real drivers; None: base's own simulation."""
 
@@ -80,7 +84,8 @@ def settings(choices: Choices) -> dict[str, Any]:
         base, map_file, start = _simulated(choices)
     if choices.devices is not None:
         base = _real(*choices.devices)
-    robot = {"name": choices.name, "title": TITLE, "footprint": FOOTPRINT}
+    outline = FOOTPRINT if choices.outline is None else {"polygon_m": choices.outline}
+    robot = {"name": choices.name, "title": TITLE, "footprint": outline}
     plain: dict[str, Any] = {
         "robot": robot,
         "map": {"file": str(map_file)},
@@ -93,6 +98,8 @@ def settings(choices: Choices) -> dict[str, Any]:
         plain["start"] = {"pose": _plain(start), "always": always}
     if choices.viz_port is not None:
         plain["viz"] = {"port": choices.viz_port}
+        if choices.foxglove_port is not None:
+            plain["viz"]["foxglove_port"] = choices.foxglove_port
     return plain
 
 
@@ -155,26 +162,21 @@ def _recorded(choices: Choices, recording: Path) -> tuple[dict[str, Any], Path, 
     for path in (file, map_file):
         if not path.is_file():
             raise ConfigError(f"{path}: there is no such file")
-    start = choices.start or first_reference(file)
+    start = choices.start
+    if start is None and file.suffix == ".npz":
+        start = first_reference(file)
     play = {"file": str(file), "rate": choices.speed}
     return {"driver": "recording", "recording": play}, map_file, start
 
 
 def first_reference(recording: Path) -> Pose2D | None:
-    """The first reference pose of a recorded drive, None if it has none."""
+    """The first reference pose of a drive in an npz file, None if it has none."""
     try:
         with np.load(recording, allow_pickle=False) as archive:
             rows = archive["reference"] if "reference" in archive.files else None
             return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
     except (OSError, ValueError) as error:
         raise ConfigError(f"{recording}: is no recorded drive: {error}") from error
-
-
-def duration_s(recording: Path) -> tuple[float, int]:
-    """How long a recorded drive is [s] and how many scans it has."""
-    with np.load(recording, allow_pickle=False) as archive:
-        stamps = archive["stamps"]
-    return float(stamps[-1] - stamps[0]), len(stamps)
 
 
 def _plain(pose: Pose2D) -> dict[str, float]:

@@ -10,7 +10,8 @@ import click
 
 from trolley import codes, requests, topics
 from trolley.cli import exits
-from trolley.cli.demo_robot import PLACES, START, TOUR, duration_s
+from trolley.cli.demo_recording import duration_s
+from trolley.cli.demo_robot import PLACES, START, TOUR
 from trolley.cli.show import Progress, pose_text, seconds_text
 from trolley.cli.tour import all_reached, follow_trip
 from trolley.client import Robot

@@ -119,7 +119,7 @@ def _warn(text: str) -> None:
 
 
 def announce_viewer(config: RobotConfig) -> None:
-    """Print the viewer's URL once it answers there."""
+    """Print the viewer's URL once it answers there, and Foxglove's."""
     deadline_s = time.monotonic() + URL_PATIENCE_S
     host = "127.0.0.1" if config.viz.host in ("0.0.0.0", "") else config.viz.host
     while not ports.is_listening(config.viz.port):
@@ -128,6 +128,8 @@ def announce_viewer(config: RobotConfig) -> None:
             return
         time.sleep(CHECK_PERIOD_S)
     click.echo(f"Viewer: http://{host}:{config.viz.port}")
+    if config.viz.foxglove_port is not None:
+        click.echo(f"Foxglove: ws://{config.viz.foxglove_host}:{config.viz.foxglove_port}")
 
 
 def wait_for_interrupt() -> NoReturn:

@@ -170,10 +170,11 @@ def _stop_row(index: int, stop: Stop) -> tuple[str, ...]:
 @tour_command.command(name="history")
 @click.option("--since", help="Only trips from this moment on (ISO 8601).")
 @click.option("--limit", type=click.IntRange(1, 1000), default=20, show_default=True)
+@click.option("--stops", is_flag=True, help="Show how each stop ended, too.")
 @where_options
 @json_option
 @reports_errors
-def trip_history(since: str | None, limit: int, as_json: bool) -> None:
+def trip_history(since: str | None, limit: int, stops: bool, as_json: bool) -> None:
     """List past trips, the newest first."""
     with one_robot() as robot:
         trips = robot.ask(requests.TOUR_HISTORY, asking.AskHistory(since=since, limit=limit))
@@ -181,6 +182,11 @@ def trip_history(since: str | None, limit: int, as_json: bool) -> None:
         print_json(trips)
     elif not trips:
         click.echo("There was no trip yet.")
+    elif stops:
+        for trip in trips:
+            click.echo("  ".join(_row(trip)))
+            for result in trip.results:
+                click.echo(f"    {result_text(result)}")
     else:
         print_table(
             ("STARTED", "TOUR", "STATE", "TOOK", "STOPS REACHED", "REASON"), list(map(_row, trips))
@@ -188,6 +194,6 @@ def trip_history(since: str | None, limit: int, as_json: bool) -> None:
 
 
 def _row(trip: PastTrip) -> tuple[str, ...]:
-    reached = sum(result.state == "reached" for result in trip.results)
+    reached = f"{trip.reached} of {trip.planned}" if trip.planned else str(trip.reached)
     took = seconds_text(trip.seconds)
-    return trip.started_at or "?", trip.name or "-", trip.state, took, str(reached), trip.message
+    return trip.started_at or "?", trip.name or "-", trip.state, took, reached, trip.message

@@ -28,7 +28,8 @@ class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """`[base.recording]`: a recorded drive to play instead of hardware."""
 
     file: str
-    """An npz file with stamps, odom, ranges_mm, angle_min, angle_increment and range_max."""
+    """What `trolley record` wrote, or an npz file with stamps, odom, ranges_mm, angle_min,
+    angle_increment and range_max."""
     rate: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
     """Recorded seconds per real second."""
 

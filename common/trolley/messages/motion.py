@@ -9,6 +9,8 @@ from trolley.messages.types import NonNegative, Point, Point3, Positive, Share, 
 
 PROTOCOL = 1
 MAX_MESH_BYTES = 1 << 20
+MAX_RATE = 1e4
+"""No clock runs faster: its time would soon be no number any more."""
 
 RobotName = Annotated[str, Meta(pattern=r"\A[a-z0-9_-]{1,32}\Z")]
 """A robot's name, as it stands in every key."""
@@ -51,7 +53,7 @@ class Clock(Struct, frozen=True, kw_only=True):
     """
 
     stamp_ns: StampNs
-    rate: Positive
+    rate: Annotated[float, Meta(gt=0.0, le=MAX_RATE)]
     epoch: StampNs
 
 

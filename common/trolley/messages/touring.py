@@ -105,7 +105,11 @@ class Tours(Struct, frozen=True, kw_only=True):
 
 
 class StopResult(Struct, frozen=True, kw_only=True):
-    """How one stop ended. `stop` is its index in the tour; `code` says why it was not reached."""
+    """How one stop ended. `stop` is its index in the tour; `code` says why it was not reached.
+
+    `pose` is where the robot took itself to be at that moment and `goal` where the stop is (both in
+    `map`), null where unknown.
+    """
 
     stop: Count
     name: str | None = None
@@ -114,12 +118,16 @@ class StopResult(Struct, frozen=True, kw_only=True):
     message: str = ""
     started_at: str | None = None
     seconds: NonNegative = 0.0
+    pose: Pose2D | None = None
+    goal: Pose2D | None = None
 
 
 class TourStatus(Struct, frozen=True, kw_only=True):
     """The trip under way or the last one.
 
     `trip` is its id, `stop` the index of the stop it is at or drives to, `lap` counts from 0.
+    `seconds` is its robot time since the start, `tour` what it was when the trip began (null where
+    it has over 300 points, which is too much to repeat).
     """
 
     stamp_ns: StampNs
@@ -131,10 +139,17 @@ class TourStatus(Struct, frozen=True, kw_only=True):
     stop: Count | None = None
     lap: Count = 0
     results: list[StopResult] = []
+    seconds: NonNegative = 0.0
+    tour: Tour | None = None
 
 
 class PastTrip(Struct, frozen=True, kw_only=True):
-    """A trip of the history."""
+    """A trip of the history.
+
+    `map` is the map that it was driven on, `planned` how many visits of stops it was to make (0:
+    no end was set), `reached` and `missed` how many it made; of a long one `results` holds the
+    newest only.
+    """
 
     trip: str
     name: str | None
@@ -145,6 +160,10 @@ class PastTrip(Struct, frozen=True, kw_only=True):
     ended_at: str | None = None
     seconds: NonNegative = 0.0
     results: list[StopResult] = []
+    map: str | None = None
+    planned: Count = 0
+    reached: Count = 0
+    missed: Count = 0
 
 
 class Offer(Struct, frozen=True, kw_only=True):

@@ -183,8 +183,8 @@ class Receiver:
         where = watching.where(*matched)
         if is_read and _is_newer(watch, where, message, time_ns):
             return
-        if not watching.is_wish and not watch.take(message, where, time_ns):
-            self._drop(topic, "too_many", sample.key, "too many keys are known already")
+        if not watching.is_wish and not watch.take(message, where, time_ns, size):
+            self._drop(topic, "too_many", sample.key, "too much is known already")
             return
         if watching.then is not None:
             self._call(topic, watching.then, message, *where)

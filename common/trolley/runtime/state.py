@@ -1,7 +1,6 @@
 """State that outlives a process: readable TOML files, kept aside when broken."""
 
 import os
-import time
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -9,7 +8,7 @@ from typing import Any, TypeVar, cast
 import msgspec
 import tomli_w
 
-from trolley.files import write_atomically
+from trolley.files import READABLE_BY_ALL, SECRET, keep_aside, write_atomically
 from trolley.runtime.log import Log
 
 T = TypeVar("T")
@@ -47,8 +46,10 @@ class StateFolder:
             self._keep_aside(path, str(error))
             return None
 
-    def write(self, name: str, value: msgspec.Struct) -> None:
+    def write(self, name: str, value: msgspec.Struct, *, is_secret: bool = False) -> None:
         """Write `value` whole or not at all; fields that are None are left out.
+
+        What `is_secret` only the service's own user can read.
 
         It waits for the disk, so call it through `Service.work`.
 
@@ -58,12 +59,12 @@ class StateFolder:
         plain = _without_none(msgspec.to_builtins(value))
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, tomli_w.dumps(plain).encode())
+        mode = SECRET if is_secret else READABLE_BY_ALL
+        write_atomically(path, tomli_w.dumps(plain).encode(), mode)
 
     def _keep_aside(self, path: Path, why: str) -> None:
-        aside = _unused(path.with_name(f"{path.name}.broken-{int(time.time())}"))
         try:
-            path.rename(aside)
+            aside = keep_aside(path)
         except OSError as error:
             self._log.error(
                 "A state file can neither be read nor kept aside",
@@ -75,15 +76,6 @@ class StateFolder:
             self._log.error(
                 "A state file cannot be read and was kept aside", file=path, kept=aside, why=why
             )
-
-
-def _unused(path: Path) -> Path:
-    """This path, or the first with a number behind it that does not exist."""
-    found, number = path, 1
-    while found.exists():
-        number += 1
-        found = path.with_name(f"{path.name}-{number}")
-    return found
 
 
 def _without_none(item: Any) -> Any:

@@ -13,8 +13,6 @@ M = TypeVar("M", bound=msgspec.Struct)
 R = TypeVar("R")
 
 
-MAX_KEYS = 2000
-"""Of how many keys a watch keeps the newest message: what a stranger may make it remember."""
 MAX_HISTORY = 5000
 
 
@@ -27,12 +25,18 @@ class Watch(Generic[M]):
         """The newest message of all keys."""
         self.arrived_ns: int | None = None
         """Local monotonic time of its arrival."""
+        self.count = 0
+        """How many messages arrived so far."""
         self.by_parts: dict[tuple[str, ...], M] = {}
         """The newest message per varying chunks (the robot first where all are watched)."""
         self.history: deque[M] = deque(maxlen=MAX_HISTORY)
         """The messages of the last `seconds`, oldest first; empty unless asked for."""
+        self.is_full = False
+        """Whether messages were refused since something was last forgotten: there is too much."""
         self._seconds = seconds
         self._arrivals: dict[tuple[str, ...], int] = {}
+        self._sizes: dict[tuple[str, ...], int] = {}
+        self._num_bytes = 0
         self._marks: deque[tuple[int, tuple[str, ...]]] = deque(maxlen=MAX_HISTORY)
 
     @property
@@ -44,10 +48,17 @@ class Watch(Generic[M]):
         """Local monotonic time [ns] at which the newest message of a key arrived."""
         return self._arrivals.get(parts)
 
-    def take(self, message: M, parts: tuple[str, ...], arrived_ns: int) -> bool:
-        """Store a message (called by the runtime); False: too many keys are known already."""
-        if parts not in self.by_parts and len(self.by_parts) >= MAX_KEYS:
+    def take(self, message: M, parts: tuple[str, ...], arrived_ns: int, num_bytes: int) -> bool:
+        """Store a message (called by the runtime); False: too much is known already."""
+        all_bytes = self._num_bytes - self._sizes.get(parts, 0) + num_bytes
+        is_new = parts not in self.by_parts
+        if (is_new and len(self.by_parts) >= self.topic.max_keys) or (
+            all_bytes > self.topic.max_kept_bytes
+        ):
+            self.is_full = True
             return False
+        self._sizes[parts], self._num_bytes = num_bytes, all_bytes
+        self.count += 1
         self.latest = message
         self.arrived_ns = arrived_ns
         self.by_parts[parts] = message
@@ -64,6 +75,8 @@ class Watch(Generic[M]):
         """Drop what `is_gone(varying_chunks, message)` says of (called by the runtime)."""
         for parts in [parts for parts, message in self.by_parts.items() if is_gone(parts, message)]:
             del self.by_parts[parts], self._arrivals[parts]
+            self._num_bytes -= self._sizes.pop(parts)
+            self.is_full = False
         kept = [
             (message, mark)
             for message, mark in zip(self.history, self._marks, strict=True)

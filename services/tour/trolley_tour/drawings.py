@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 import msgspec
 from msgspec import structs
 
-from trolley import codes
+from trolley import codes, topics
 from trolley.codes import Refused
 from trolley.messages import Marker, Overlay
 from trolley.runtime.bus import matches
@@ -15,9 +15,9 @@ from trolley_tour.store import plain_name
 M = TypeVar("M", bound=msgspec.Struct)
 Chunks = tuple[str, ...]
 
-MAX_MARKERS = 5000
+MAX_MARKERS = topics.MARKER.max_keys
 MAX_OVERLAYS = 500
-MAX_BYTES = 8 << 20
+MAX_BYTES = topics.MARKER.max_kept_bytes
 """Of the markers, and of the overlays."""
 
 

@@ -3,17 +3,20 @@
 import contextlib
 import datetime
 import sqlite3
-import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from trolley.files import keep_aside
 from trolley.messages import PastTrip
 from trolley_tour.store import parse_utc
 
 FILE = "history.sqlite"
 MAX_TRIPS = 10_000
+MAX_BYTES = 64 << 20
+"""Of trips as JSON; what is older than fits is dropped."""
 BUSY_S = 1.0
 DAY_S = 86_400.0
 _CREATE = """
@@ -27,6 +30,65 @@ CREATE TABLE IF NOT EXISTS trips (
     document BLOB NOT NULL  -- the PastTrip as JSON
 )
 """
+_DROP_WHAT_DOES_NOT_FIT = """
+DELETE FROM trips WHERE number IN (
+    SELECT number FROM (
+        SELECT
+            number,
+            row_number() OVER newest AS rank,
+            sum(length(document)) OVER newest AS bytes
+        FROM trips WINDOW newest AS (ORDER BY number DESC)
+    ) WHERE rank > ? OR bytes > ? AND rank > 1
+)
+"""
+
+T = TypeVar("T")
+
+
+class Done(NamedTuple):
+    """What became of saving or reading."""
+
+    problem: str | None = None
+    """What kept it from being done."""
+    kept: str | None = None
+    """What the file is called now that was found broken."""
+    trips: tuple[PastTrip, ...] = ()
+    num_unreadable: int = 0
+    """Trips that are there but cannot be read."""
+
+
+def keep_trip(folder: Path, trip: PastTrip, days: float) -> Done:
+    """Add a trip and drop those older than `days` before it.
+
+    A trip that is there already stays as it is.
+    """
+    return _done(folder / FILE, lambda path: _insert(path, trip, days))
+
+
+def read_trips(folder: Path, since: datetime.datetime | None, limit: int, max_bytes: int) -> Done:
+    """Find the newest `limit` trips that began at or after `since`, newest first.
+
+    Where they would not fit into `max_bytes` of JSON, the older ones are left out. Trips that began
+    without a known time count only where no `since` is asked for.
+    """
+    path = folder / FILE
+    if not path.exists():
+        return Done()
+    return _done(path, lambda path: _select(path, since, limit, max_bytes))
+
+
+def _done(path: Path, act: Callable[[Path], Done]) -> Done:
+    """Do something to the file; one that is no database is kept aside, and a new one begun."""
+    try:
+        try:
+            return act(path)
+        except sqlite3.OperationalError:
+            raise  # the disk: trying again elsewhere would not help
+        except sqlite3.DatabaseError:
+            kept = keep_aside(path)
+            return act(path)._replace(kept=kept.name)
+    except (sqlite3.Error, OSError) as error:
+        return Done(problem=str(error))
 
 
 @contextlib.contextmanager
@@ -42,40 +104,13 @@ def _unix(text: str | None) -> float | None:
     return None if moment is None else moment.timestamp()
 
 
-def keep_trip(folder: Path, trip: PastTrip, days: float) -> str | None:
-    """Add a trip and drop those older than `days` before it; returns what kept it from being saved.
-
-    A trip that is there already stays as it is. A file that is no database is kept aside, and a new
-    one begun.
-    """
-    path = folder / FILE
-    try:
-        try:
-            _insert(path, trip, days)
-        except sqlite3.OperationalError:
-            raise  # the disk: trying again elsewhere would not help
-        except sqlite3.DatabaseError:
-            path.rename(path.with_name(f"{FILE}.broken-{int(time.time())}"))
-            _insert(path, trip, days)
-    except (sqlite3.Error, OSError) as error:
-        return str(error)
-    return None
-
-
-def _insert(path: Path, trip: PastTrip, days: float) -> None:
+def _insert(path: Path, trip: PastTrip, days: float) -> Done:
     started, document = _unix(trip.started_at), msgspec.json.encode(trip)
-    row = (
-        trip.trip,
-        trip.name,
-        trip.state,
-        trip.started_at,
-        started,
-        document,
-    )
+    row = (trip.trip, trip.name, trip.state, trip.started_at, started, document)
     with _opened(path) as connection:
         there = connection.execute("SELECT document FROM trips WHERE trip = ?", (trip.trip,))
         if any(known == document for (known,) in there):
-            return
+            return Done()
         connection.execute(
             "INSERT INTO trips (trip, name, state, started_at, started, document)"
             " VALUES (?, ?, ?, ?, ?, ?)",
@@ -83,35 +118,25 @@ def _insert(path: Path, trip: PastTrip, days: float) -> None:
         )
         if started is not None:
             connection.execute("DELETE FROM trips WHERE started < ?", (started - days * DAY_S,))
-        connection.execute(
-            "DELETE FROM trips WHERE number <= (SELECT max(number) FROM trips) - ?", (MAX_TRIPS,)
-        )
+        connection.execute(_DROP_WHAT_DOES_NOT_FIT, (MAX_TRIPS, MAX_BYTES))
+    return Done()
 
 
-def read_trips(
-    folder: Path, since: datetime.datetime | None, limit: int, max_bytes: int
-) -> list[PastTrip] | str:
-    """The newest `limit` trips that began at or after `since`, newest first; or why not.
-
-    Where they would not fit into `max_bytes` of JSON, the older ones are left out. Trips that began
-    without a known time count only where no `since` is asked for.
-    """
-    path = folder / FILE
-    if not path.exists():
-        return []
+def _select(path: Path, since: datetime.datetime | None, limit: int, max_bytes: int) -> Done:
     trips: list[PastTrip] = []
-    try:
-        with _opened(path) as connection:
-            rows = connection.execute(
-                "SELECT document FROM trips WHERE ? IS NULL OR started >= ?"
-                " ORDER BY number DESC LIMIT ?",
-                (*2 * (None if since is None else since.timestamp(),), limit),
-            )
-            for (document,) in rows:
-                max_bytes -= len(document) + 1
-                if max_bytes < 0:
-                    break
+    num_unreadable = 0
+    with _opened(path) as connection:
+        rows = connection.execute(
+            "SELECT document FROM trips WHERE ? IS NULL OR started >= ?"
+            " ORDER BY number DESC LIMIT ?",
+            (*2 * (None if since is None else since.timestamp(),), limit),
+        )
+        for (document,) in rows:
+            max_bytes -= len(document) + 1
+            if max_bytes < 0:
+                break
+            try:
                 trips.append(msgspec.json.decode(document, type=PastTrip))
-    except (sqlite3.Error, OSError, msgspec.DecodeError) as error:
-        return str(error)
-    return trips
+            except msgspec.DecodeError:
+                num_unreadable += 1
+    return Done(trips=tuple(trips), num_unreadable=num_unreadable)

@@ -5,6 +5,7 @@ from typing import Literal
 
 from msgspec import Struct, structs
 
+from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus
 from trolley.messages.touring import TripState
 from trolley_tour import wording
@@ -12,16 +13,21 @@ from trolley_tour.route import lap_stops
 
 StopState = Literal["reached", "skipped", "failed"]
 MIN_RESULTS = 200
+MAX_TOLD_POINTS = 300
+"""A tour of more is not repeated in every status."""
 UNDER_WAY = ("driving", "dwelling", "waiting")
 
 
 @dataclasses.dataclass(frozen=True)
 class Moment:
-    """When something happened: robot time [ns] and UTC where known, the local clock [ns]."""
+    """When and where: robot time [ns] and UTC where known, the local clock [ns], the place."""
 
     robot_ns: int | None
     monotonic_ns: int
     utc: str | None = None
+    map: str | None = None
+    pose: Pose2D | None = None
+    """Where the robot takes itself to be on that map."""
 
 
 class TripRecord(Struct, kw_only=True):
@@ -60,6 +66,10 @@ class TripRecord(Struct, kw_only=True):
     visit_started_at: str | None = None
     visit_seconds: float = 0.0
     """Robot seconds of driving on this visit."""
+    map: str | None = None
+    """The map on which it began."""
+    visit_pose: Pose2D | None = None
+    """Where the stop of this visit is, as far as its place was found."""
 
     def __post_init__(self) -> None:
         """Refuse a file whose parts do not fit together."""
@@ -103,6 +113,14 @@ class TripRecord(Struct, kw_only=True):
         """The stop in words."""
         return wording.stop_title(self.stop_index, self.stop)
 
+    @property
+    def via(self) -> list[Pose2D]:
+        """The points on the way to this stop; those of the way there, backwards, on a way back."""
+        visits, position = self.visits, self.position
+        if position and visits[position - 1] > visits[position]:
+            return self.tour.stops[visits[position - 1]].via[::-1]
+        return list(self.stop.via)
+
     def next_goal(self) -> str:
         """A fresh id for a goal to the present stop."""
         index = self.stop_index
@@ -110,7 +128,7 @@ class TripRecord(Struct, kw_only=True):
         self.goal = f"tour-{self.trip}-{index}-{self.tries[index]}"
         return self.goal
 
-    def note(self, state: StopState, code: str, message: str) -> None:
+    def note(self, state: StopState, code: str, message: str, at: Moment) -> None:
         """Add how the stop ended; a trip that goes round for ever keeps the newest results."""
         result = StopResult(
             stop=self.stop_index,
@@ -120,6 +138,8 @@ class TripRecord(Struct, kw_only=True):
             message=message,
             started_at=self.visit_started_at,
             seconds=self.visit_seconds,
+            pose=at.pose if at.map == self.map else None,
+            goal=self.visit_pose,
         )
         keep = max(MIN_RESULTS, 2 * len(self.tour.stops))
         self.results = [*self.results, result][-keep:]
@@ -142,7 +162,7 @@ class TripRecord(Struct, kw_only=True):
         else:
             self.position += 1
         self.goal, self.failures, self.reached_here = None, 0, False
-        self.visit_started_at, self.visit_seconds = None, 0.0
+        self.visit_started_at, self.visit_seconds, self.visit_pose = None, 0.0, None
         return came
 
     def copy(self) -> "TripRecord":
@@ -161,6 +181,8 @@ class TripRecord(Struct, kw_only=True):
             stop=None if self.state == "done" else self.stop_index,
             lap=self.lap,
             results=self.results,
+            seconds=self.seconds,
+            tour=self.tour if self._num_points <= MAX_TOLD_POINTS else None,
         )
 
     def past(self) -> PastTrip:
@@ -175,4 +197,19 @@ class TripRecord(Struct, kw_only=True):
             ended_at=self.ended_at,
             seconds=self.seconds,
             results=list(self.results),
+            map=self.map,
+            planned=self._num_planned,
+            reached=self.reached,
+            missed=self.missed,
         )
+
+    @property
+    def _num_points(self) -> int:
+        return sum(1 + len(stop.via) for stop in self.tour.stops)
+
+    @property
+    def _num_planned(self) -> int:
+        """Visits of all laps, 0 where they never end."""
+        tour = self.tour
+        first, later = (len(lap_stops(len(tour.stops), tour.there_and_back, lap)) for lap in (0, 1))
+        return first + (tour.repeat - 1) * later if tour.repeat else 0

@@ -118,11 +118,14 @@ class Travelling(Keeping):
                 raise Refused(codes.BAD_REQUEST, f"{params.since!r} is no time in ISO 8601.")
         later: Later[list[PastTrip]] = self.later()
 
-        def answer(found: list[PastTrip] | str) -> None:
-            if isinstance(found, str):
-                later.refuse(Refused(codes.INTERNAL, f"The history cannot be read: {found}."))
+        def answer(done: history.Done) -> None:
+            self._note_history(done)
+            if done.problem is None:
+                later.reply([*done.trips])
             else:
-                later.reply(found)
+                later.refuse(
+                    Refused(codes.INTERNAL, f"The history cannot be read: {done.problem}.")
+                )
 
         folder = self.state.path
         self.work(lambda: history.read_trips(folder, since, params.limit, HISTORY_BYTES), answer)
@@ -167,7 +170,8 @@ class Travelling(Keeping):
 
     @property
     def _moment(self) -> Moment:
-        return Moment(self.now_ns, self.monotonic_ns, self.utc_now())
+        pose = None if self.pose.latest is None else self.pose.latest.pose
+        return Moment(self.now_ns, self.monotonic_ns, self.utc_now(), self.map_name, pose)
 
     @property
     def _goal_before(self) -> str | None:
@@ -305,10 +309,22 @@ class Travelling(Keeping):
         folder, days = self.state.path, float(self.config.tour.history_days)
         self.log.info(past.message, tour=past.name, state=past.state)
 
-        def filed(problem: str | None) -> None:
-            if problem is not None:
+        def filed(done: history.Done) -> None:
+            self._note_history(done)
+            problem = None
+            if done.problem is not None:
                 self.count("history/not_saved")
-                problem = f"The history of trips could not be saved: {problem}."
+                problem = f"The history of trips could not be saved: {done.problem}."
             self.set_problem(history.FILE, problem)
 
         self.work(lambda: history.keep_trip(folder, past, days), filed)
+
+    def _note_history(self, done: history.Done) -> None:
+        """Report what was found broken in the history."""
+        if done.kept is not None:
+            self.log.error("The history was broken and was kept aside", kept=done.kept)
+            self.set_problem(
+                f"{history.FILE} before", f"{history.FILE} was broken and has been kept aside."
+            )
+        if done.num_unreadable:
+            self.count("history/unreadable", done.num_unreadable)

@@ -67,7 +67,7 @@ class Trip:
             source: Who drove the robot until now.
         """
         self._source = source
-        self.record.started_at = at.utc
+        self.record.started_at, self.record.map = at.utc, at.map
         self.record.goal_before = goal_before
         self._drive(at)
 
@@ -93,7 +93,7 @@ class Trip:
         self._let_go()
         if not record.reached_here:
             message = wording.opened(record.title, "skipped by a person")
-            record.note("skipped", codes.SKIPPED, message)
+            record.note("skipped", codes.SKIPPED, message, at)
         self._advance(at)
         if was_paused and not record.is_over:
             self._set("paused", codes.PAUSED, f"Paused before {record.title}.")
@@ -152,7 +152,7 @@ class Trip:
         elif self.record.state in ("driving", "waiting"):
             match status.state:
                 case "arrived":
-                    self._reach()
+                    self._reach(at)
                 case "failed":
                     self._fail(status.reason, status.message or wording.of(status.reason), at)
                 case "paused":
@@ -307,15 +307,14 @@ class Trip:
             self._let_go()
             self._fail(refused.code, refused.message, at)
             return
+        record.visit_pose = pose
         self._asking.sent(record.goal, at)
-        self.actions.append(
-            Send(SendGoal(id=record.goal, pose=pose, frame="map", via=list(stop.via)))
-        )
+        self.actions.append(Send(SendGoal(id=record.goal, pose=pose, frame="map", via=record.via)))
 
-    def _reach(self) -> None:
+    def _reach(self, at: Moment) -> None:
         record = self.record
         if not record.reached_here:
-            record.note("reached", "", wording.opened(record.title, "reached"))
+            record.note("reached", "", wording.opened(record.title, "reached"), at)
         self._dwell()
 
     def _dwell(self) -> None:
@@ -345,7 +344,7 @@ class Trip:
         then = "skipped" if skips else "the trip was given up"
         message = wording.opened(record.title, why, then)
         if not record.reached_here:
-            record.note("skipped" if skips else "failed", code, message)
+            record.note("skipped" if skips else "failed", code, message, at)
         if skips:
             self._advance(at)
         else:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 FIELD_OF_VIEW = math.radians(42.0)
 ELEVATION = math.radians(66.0)
 PANEL_PIXELS = 330
-NARROW_PIXELS = 576
-"""Below this width viser puts its panel over the lower part of the scene."""
+NARROW = 0.75
+"""Width over height of a picture below which viser's panel is taken to lie over its lower part. The
+width alone says nothing: it is in pixels of the device, of which a phone has as many as a desk."""
 BELOW = 0.8
 """How much more than the map is to be seen then, by its height."""
 MARGIN = 1.1
@@ -60,23 +61,33 @@ def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
     server.initial_camera.look_at = look_at
 
 
-def fit(client: viser.ClientHandle, bounds: Bounds, *, is_new: bool) -> None:
-    """Move one client's camera so that it sees all of `bounds`.
+def is_narrow(width: int, height: int) -> bool:
+    """Whether a picture of so many pixels is seen on a phone."""
+    return width < NARROW * height
 
-    A client that `is_new` tells the width of its window from before the panel was docked.
+
+def seen_pixels(client: viser.ClientHandle, *, is_new: bool = False) -> tuple[int, int]:
+    """Width and height of a browser's picture.
+
+    One that `is_new` tells as a rule, but not always, the width from before the panel was docked.
     """
-    camera = client.camera
-    width, height = camera.image_width, camera.image_height
-    if width <= NARROW_PIXELS:
+    width, height = client.camera.image_width, client.camera.image_height
+    if is_new and not is_narrow(width, height):
+        width -= PANEL_PIXELS
+    return max(width, 1), max(height, 1)
+
+
+def fit(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[int, int]) -> None:
+    """Move one browser's camera so that it sees all of `bounds` in so many pixels."""
+    width, height = pixels
+    if is_narrow(width, height):
         x0, y0, x1, y1 = bounds
         bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
-    elif is_new:
-        width -= PANEL_PIXELS
-    position, look_at = stand(bounds, max(width, 1) / max(height, 1))
+    position, look_at = stand(bounds, width / height)
     with client.atomic():
-        camera.fov = FIELD_OF_VIEW
-        camera.position = position
-        camera.look_at = look_at
+        client.camera.fov = FIELD_OF_VIEW
+        client.camera.position = position
+        client.camera.look_at = look_at
 
 
 def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:

@@ -11,7 +11,11 @@ from trolley.topics import Topic
 
 M = TypeVar("M", bound=msgspec.Struct)
 
-HISTORY_S: dict[str, float] = {topics.ODOM.name: 2.0, topics.SCAN.name: 0.6}
+HISTORY_S: dict[str, float] = {
+    topics.ODOM.name: 2.0,
+    topics.SCAN.name: 0.6,
+    topics.SIM_TRUTH.name: 1.0,
+}
 """Topics of which more than the newest message is needed, and how much [s]."""
 
 OpenWatch = Callable[[Topic[Any], float], Watch[Any]]
@@ -38,6 +42,10 @@ class Feeds:
         """Stop watching and forget everything."""
         self.want(())
 
+    def watch(self, topic: Topic[M]) -> Watch[M] | None:
+        """All that is known of a topic, None while it is not watched."""
+        return self._watches.get(topic.name)
+
     def names(self) -> list[str]:
         """The topics being watched, sorted."""
         return sorted(self._watches)
@@ -51,6 +59,18 @@ class Feeds:
         """Local monotonic time [ns] at which the newest message arrived."""
         watch = self._watches.get(topic.name)
         return None if watch is None else watch.arrived_ns
+
+    def arrived_by_parts(self, topic: Topic[Any]) -> dict[tuple[str, ...], int]:
+        """Local monotonic time [ns] of the newest arrival per varying chunk."""
+        watch = self._watches.get(topic.name)
+        if watch is None:
+            return {}
+        arrivals = {parts: watch.arrived(parts) for parts in watch.by_parts}
+        return {parts: at for parts, at in arrivals.items() if at is not None}
+
+    def counts(self) -> dict[str, int]:
+        """How many messages of each watched topic arrived so far."""
+        return {name: watch.count for name, watch in sorted(self._watches.items())}
 
     def history(self, topic: Topic[M]) -> list[M]:
         """The last messages of a topic, oldest first; see `HISTORY_S`."""

@@ -1,4 +1,4 @@
-"""A picture on the floor as a binary glTF: one rectangle, unlit, sharp at every zoom.
+"""A picture as a binary glTF: one rectangle, unlit.
 
 viser's own image nodes are drawn as transparent, so that what lies flat on them may vanish; and
 they are blurred. Written by hand, since it is one fixed scene.
@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MAGIC, _VERSION, _JSON, _BIN = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
-_FLOAT, _USHORT, _NEAREST, _CLAMP = 5126, 5123, 9728, 33071
+_FLOAT, _USHORT, _CLAMP = 5126, 5123, 33071
+_NEAREST, _LINEAR, _SMALLER = 9728, 9729, 9987
+"""How a picture is read where it is drawn larger or smaller; the last takes one made smaller."""
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
@@ -36,11 +38,32 @@ def png(picture: NDArray[np.uint8]) -> bytes:
 
 
 def floor_glb(picture: NDArray[np.uint8], width: float, height: float) -> bytes:
-    """Lay a picture (h, w, 3), row 0 at +y, on the rectangle from (0, 0) to (width, height) [m]."""
-    positions = np.array([[0, 0, 0], [width, 0, 0], [width, height, 0], [0, height, 0]], "<f4")
+    """Lay a picture (h, w, 3), row 0 at +y, on the rectangle from (0, 0) to (width, height) [m].
+
+    It is sharp at every zoom.
+    """
+    return _glb(png(picture), (0.0, 0.0, width, height), {}, {"magFilter": _NEAREST})
+
+
+def icon_glb(picture: bytes) -> bytes:
+    """Put a PNG on a square of 1 m around the origin, its upper edge at +y, seen from +z."""
+    filters = {"magFilter": _LINEAR, "minFilter": _SMALLER}
+    return _glb(picture, (-0.5, -0.5, 0.5, 0.5), {"alphaMode": "BLEND"}, filters)
+
+
+def _glb(
+    picture: bytes,
+    rectangle: tuple[float, float, float, float],
+    alpha: dict[str, str],
+    filters: dict[str, int],
+) -> bytes:
+    left, bottom, right, top = rectangle
+    positions = np.array(
+        [[left, bottom, 0], [right, bottom, 0], [right, top, 0], [left, top, 0]], "<f4"
+    )
     corners = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], "<f4")
     faces = np.array([0, 1, 2, 0, 2, 3], "<u2")
-    parts = [positions.tobytes(), corners.tobytes(), faces.tobytes(), png(picture)]
+    parts = [positions.tobytes(), corners.tobytes(), faces.tobytes(), picture]
     views: list[dict[str, int]] = []
     binary = b""
     for part in parts:
@@ -65,8 +88,8 @@ def floor_glb(picture: NDArray[np.uint8], width: float, height: float) -> bytes:
                 "componentType": _FLOAT,
                 "count": 4,
                 "type": "VEC3",
-                "min": [0, 0, 0],
-                "max": [width, height, 0],
+                "min": [left, bottom, 0],
+                "max": [right, top, 0],
             },
             {"bufferView": 1, "componentType": _FLOAT, "count": 4, "type": "VEC2"},
             {"bufferView": 2, "componentType": _USHORT, "count": 6, "type": "SCALAR"},
@@ -76,14 +99,20 @@ def floor_glb(picture: NDArray[np.uint8], width: float, height: float) -> bytes:
                 "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0},
                 "extensions": {"KHR_materials_unlit": {}},
                 "doubleSided": True,
+                **alpha,
             }
         ],
         "textures": [{"source": 0, "sampler": 0}],
-        "samplers": [{"magFilter": _NEAREST, "wrapS": _CLAMP, "wrapT": _CLAMP}],
+        "samplers": [{"wrapS": _CLAMP, "wrapT": _CLAMP, **filters}],
         "images": [{"bufferView": 3, "mimeType": "image/png"}],
         "bufferViews": views,
         "buffers": [{"byteLength": len(binary)}],
     }
+    return _packed(document, binary)
+
+
+def _packed(document: dict[str, Any], binary: bytes) -> bytes:
+    """Put a document and its data into one file."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<2I", len(text), _JSON) + text

@@ -21,9 +21,9 @@ class Robots:
         """What a robot says that it is, None while it has not been heard of."""
         return self._known.get(name)
 
-    def names(self, selected: str) -> list[str]:
+    def names(self, selected: str = "") -> list[str]:
         """All names, sorted; the robot of the own configuration and the selected one always."""
-        return sorted({*self._known, self.own, selected})
+        return sorted({*self._known, self.own, selected or self.own})
 
     def labels(self, selected: str, is_away: Callable[[str], bool]) -> dict[str, str]:
         """What to call each robot in a list, to its name."""

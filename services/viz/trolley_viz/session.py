@@ -6,28 +6,39 @@ from typing import Protocol
 import msgspec
 import viser
 
+from trolley.messages import SuspectLine
 from trolley.runtime.service import Service
 from trolley_viz import camera
 from trolley_viz.actions import Actions
 from trolley_viz.aiming import Aiming
+from trolley_viz.drawing.board import Board
+from trolley_viz.drawing.editor import ZoneEditor, stored_zones
+from trolley_viz.drawing.suspects import SuspectLines
+from trolley_viz.drawing.wishes import ZoneWishes
+from trolley_viz.overlays.readings import Readings
 from trolley_viz.panels.console import Console
 from trolley_viz.place_actions import PlaceActions
 from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
+from trolley_viz.scene.axes import FrameAxes
 from trolley_viz.scene.errands import Pins
 from trolley_viz.scene.ground import map_bounds
+from trolley_viz.scene.icons import Icons
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT, shown_layers
 from trolley_viz.server import configure_look
-from trolley_viz.settings import Choices
+from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
 from trolley_viz.stage import Stage
 from trolley_viz.stopping import StopPresses
 from trolley_viz.visitors import Visitor
 from trolley_viz.words import Tone
 
+FRAME = "frame:"
+"""Begins the keys under which the choices hold the frames whose axes are shown."""
+SETTLE_NS = 2_000_000_000
+SAME_ASPECT = 0.03
 NOTICE_S = 8.0
-FIT_NS = 10_000_000_000
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
     "busy": (47, 111, 224),
@@ -59,8 +70,16 @@ class Hub(Protocol):
         """Call on the service's thread."""
         ...
 
+    def is_open(self, client_id: int) -> bool:
+        """Whether a browser is still connected."""
+        ...
+
     def stage(self, robot: str) -> Stage:
         """The robot's share of the scene."""
+        ...
+
+    def readings(self, robot: str) -> Readings:
+        """Follow values of a robot's topics."""
         ...
 
     def robot_ns(self, robot: str) -> int | None:
@@ -101,20 +120,33 @@ class Session:
         self._choices = choices
         self._robot = choices.robot or hub.robots.own
         self._fitted = ""
-        """The map that the camera was last moved for."""
-        self._fit_until_ns = 0
-        """Until then (local monotonic [ns]) the page may take the camera back by itself."""
+        """The map that the camera was last moved for, and the pixels there were then."""
+        self._pixels = (1, 1)
+        self._is_at_start = False
+        """Whether it was moved to where every page begins anyway."""
+        self._settled_ns: int | None = None
+        """When to see whether the page is laid out as it was thought to be [ns]."""
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
-        self.pointing = Pointing(client, hub.call_soon)
+        self.pointing = Pointing(client, self._post_while_open)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
         self.places = PlaceActions(self.actions, self.aiming, lambda: self.view)
+        self.zones = ZoneEditor(
+            Board(client, self._post_while_open),
+            ZoneWishes(service, lambda: self._robot, lambda: stored_zones(self.view), self.tell),
+            lambda: self.view,
+            self.tell,
+            self.aiming.put_away,
+        )
+        self.suspects = SuspectLines(client.scene)
+        self._axes = FrameAxes(client.scene)
         configure_look(client.gui, dark=choices.dark)
         self._preview = PreviewLine(client.scene)
         self._pins = Pins(client.scene)
+        self._icons = Icons(client.scene)
         self.console = Console(client.gui, self)
 
     # What the panels read.
@@ -152,6 +184,11 @@ class Session:
         """Which layers are shown, by key."""
         return shown_layers(self._choices.layers)
 
+    def frames_on(self) -> list[str]:
+        """The frames whose axes are shown."""
+        chosen = self._choices.layers.items()
+        return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
+
     # What the panels ask for.
     def post(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread."""
@@ -167,6 +204,11 @@ class Session:
         """Stop the robot."""
         self._hub.stops.press(self._robot, self._hub.monotonic_ns)
 
+    def press_stop_all(self) -> None:
+        """Stop all robots, those that are away too: each as soon as it can be."""
+        for name in self._hub.robots.names(self._robot):
+            self._hub.stops.press(name, self._hub.monotonic_ns)
+
     def press_resume(self) -> None:
         """Let it drive again."""
         self._hub.stops.release(self._robot)
@@ -176,6 +218,7 @@ class Session:
         """Show another robot."""
         if robot != self._robot:
             self.put_tools_away()
+            self.zones.wishes.forget()
             self.actions.forget()
             self._hub.let_go(self.client.client_id)
             self._robot = robot
@@ -186,6 +229,20 @@ class Session:
         layers = {**self._choices.layers, key: is_on}
         self._choose(msgspec.structs.replace(self._choices, layers=layers))
 
+    def switch_frame(self, frame: str, *, is_on: bool) -> None:
+        """Show or hide the axes of a frame, and remember it."""
+        others = {key: on for key, on in self._choices.layers.items() if key != FRAME + frame}
+        layers = {**others, FRAME + frame: True} if is_on else others
+        self._choose(msgspec.structs.replace(self._choices, layers=layers))
+
+    def dismiss(self, suspect: SuspectLine) -> None:
+        """Do not suspect a mirror here any more."""
+        grid = self.view.map
+        if grid is not None:
+            one = Dismissed(map=grid.name, points=suspect.points)
+            dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
+            self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
+
     def set_dark(self, *, is_dark: bool) -> None:
         """Change the look, and remember it."""
         configure_look(self.client.gui, dark=is_dark)
@@ -195,7 +252,7 @@ class Session:
         """Show the whole map."""
         bounds = map_bounds(self.view)
         if bounds is not None:
-            camera.fit(self.client, bounds, is_new=False)
+            camera.fit(self.client, bounds, camera.seen_pixels(self.client))
 
     # What the service asks for.
     def update_scene(self, robots: Set[str]) -> None:
@@ -209,13 +266,37 @@ class Session:
         self.aiming.look_ahead()
         self._preview.draw(self.aiming.preview, self.view.placement)
         self._pins.draw(self.actions.errands.items, self.view.placement)
+        markers = self._hub.stage(self._robot).markers
+        icons = markers.icons if self.layers()[markers.key] else []
+        self._icons.show(icons, self.client.camera.wxyz)
+        if self.pointing.tool is not None and self.zones.mode != "idle":
+            self.zones.leave()  # one tool at a time
+        self.zones.update()
+        is_shown = self.layers()["zones"]
+        self.suspects.update(self.view, self._choices.dismissed, is_shown=is_shown)
+        self._axes.draw(self.view.placement, self.frames_on())
         self._fit_new()
 
     def put_tools_away(self) -> None:
-        """End what somebody began to point at."""
+        """End what somebody began to point at or to draw."""
         self.aiming.put_away()
+        self.zones.leave()
+        self.console.close_plot()
 
     # Inside.
+
+    def _post_while_open(self, fn: Callable[[], None]) -> None:
+        """Call on the service's thread what a pointer did, unless its browser is gone.
+
+        When a connection is lost in mid-drag, viser tells of a release that nobody made.
+        """
+
+        def call() -> None:
+            if self._hub.is_open(self.client.client_id):
+                fn()
+
+        self._hub.call_soon(call)
+
     def _choose(self, choices: Choices) -> None:
         self._choices = choices
         self._hub.remember(self.visitor.browser, choices)
@@ -232,14 +313,28 @@ class Session:
     def _fit_new(self) -> None:
         """Move the camera to a map that it has not shown yet."""
         view = self.view
-        grid = view.map
-        is_new = grid is not None and self._fitted != f"{self._robot}/{grid.name}"
-        if grid is None or not (is_new or view.now_ns < self._fit_until_ns):
+        bounds = map_bounds(view) if self._is_to_fit(view) else None
+        if bounds is None or view.map is None:
             return
+        self._pixels = camera.seen_pixels(self.client, is_new=not self._fitted)
+        self._settled_ns = view.now_ns + SETTLE_NS
+        camera.fit(self.client, bounds, self._pixels)
+        self._is_at_start = camera.was_reset(self.client, bounds)
+        self._fitted = f"{self._robot}/{view.map.name}"
+
+    def _is_to_fit(self, view: View) -> bool:
+        """Whether there is another map, or the page turned out to be laid out otherwise."""
+        if view.map is None:
+            return False
+        if self._fitted != f"{self._robot}/{view.map.name}":
+            return True
         bounds = map_bounds(view)
-        if bounds is None or not (is_new or camera.was_reset(self.client, bounds)):
-            return
-        if is_new:
-            self._fit_until_ns = view.now_ns + FIT_NS
-        camera.fit(self.client, bounds, is_new=not self._fitted)
-        self._fitted = f"{self._robot}/{grid.name}"
+        if self._settled_ns is None or bounds is None:
+            return False
+        if not self._is_at_start and camera.was_reset(self.client, bounds):
+            return True
+        if view.now_ns < self._settled_ns:
+            return False
+        self._settled_ns = None
+        width, height = camera.seen_pixels(self.client)
+        return abs(width / height - self._pixels[0] / self._pixels[1]) > SAME_ASPECT

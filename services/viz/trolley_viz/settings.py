@@ -2,8 +2,18 @@
 
 from msgspec import Struct
 
+from trolley.messages.types import Point
+
 FILE = "viewer.toml"
 MAX_BROWSERS = 100
+MAX_DISMISSED = 50
+
+
+class Dismissed(Struct, frozen=True, kw_only=True):
+    """A suspected mirror that somebody said is none."""
+
+    map: str
+    points: list[Point]
 
 
 class Choices(Struct, frozen=True, kw_only=True):
@@ -15,6 +25,8 @@ class Choices(Struct, frozen=True, kw_only=True):
     """Layer key to shown or not; a layer that is missing is as it is by default."""
     dark: bool = False
     """Dark background."""
+    dismissed: list[Dismissed] = []
+    """Mirrors that are not suspected here any more."""
 
 
 class ViewerSettings(Struct, frozen=True, kw_only=True):

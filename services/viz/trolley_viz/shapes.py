@@ -12,6 +12,8 @@ from trolley.geometry.polygon import signed_area
 Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 """Vertices (v, 3) [m] and faces (f, 3)."""
 
+CHI2_95 = 5.991
+"""95 % of the chi-squared distribution with two degrees of freedom."""
 MAX_WALL_RUNS = 40_000
 MAX_FILLED_CORNERS = 500
 
@@ -87,6 +89,20 @@ def arrow_outline(length: float, width: float) -> NDArray[np.float64]:
     )
 
 
+def ellipse(covariance: ArrayLike, min_axis: float) -> NDArray[np.float64]:
+    """Return the outline (48, 2) [m] around the origin that holds 95 % of a normal distribution.
+
+    Args:
+        covariance: (2, 2) of x, y [m^2].
+        min_axis: half the least width [m].
+    """
+    variances, axes = np.linalg.eigh(np.asarray(covariance, np.float64))
+    half = np.maximum(np.sqrt(CHI2_95 * np.maximum(variances, 0.0)), min_axis)
+    angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)])
+    return ((axes * half) @ circle).T
+
+
 def closed_segments(polygon: ArrayLike, z: float) -> NDArray[np.float32]:
     """Return the edges of an outline (n, 2) [m] as line segments (n, 2, 3)."""
     points = np.asarray(polygon, dtype=np.float32).reshape(-1, 2)
@@ -102,16 +118,13 @@ def open_segments(points: ArrayLike, z: float) -> NDArray[np.float32]:
 def particle_segments(
     poses: NDArray[np.floating[Any]], length: float, z: float
 ) -> NDArray[np.float32]:
-    """Draw poses (n, 3) as small arrows: line segments (3 n, 2, 3), three for each pose."""
-    n = len(poses)
-    out = np.empty((n, 3, 2, 3), np.float32)
+    """Draw poses (n, 3) as strokes from where they are ahead: line segments (n, 2, 3)."""
+    out = np.empty((len(poses), 2, 3), np.float32)
     out[..., 2] = z
-    tip = _ahead(poses, poses[:, :2], 0.0, length)
-    out[:, 0, 0, :2], out[:, 0, 1, :2] = poses[:, :2], tip
-    for side, turn in ((1, 2.6), (2, -2.6)):
-        out[:, side, 0, :2] = tip
-        out[:, side, 1, :2] = _ahead(poses, tip, turn, 0.4 * length)
-    return out.reshape(-1, 2, 3)
+    out[:, 0, :2] = poses[:, :2]
+    out[:, 1, 0] = poses[:, 0] + length * np.cos(poses[:, 2])
+    out[:, 1, 1] = poses[:, 1] + length * np.sin(poses[:, 2])
+    return out
 
 
 def wall_rectangles(mask: NDArray[np.bool_]) -> NDArray[np.int64] | None:
@@ -186,13 +199,6 @@ def _segments(
     out = np.full((len(starts), 2, 3), z, np.float32)
     out[:, 0, :2], out[:, 1, :2] = starts, ends
     return out
-
-
-def _ahead(
-    poses: NDArray[np.floating[Any]], points: NDArray[Any], turn: float, length: float
-) -> NDArray[Any]:
-    yaw = poses[:, 2] + turn
-    return points + length * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
 
 
 def _is_ear(points: NDArray[np.float64], left: list[int], i: int) -> bool:

@@ -1,8 +1,8 @@
 """A robot that somebody looks at: its streams, where its frames are, and its part of the scene."""
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import viser
 
@@ -10,8 +10,14 @@ from trolley.messages import Robot
 from trolley.runtime.service import Watch
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
+from trolley_viz.fleet import Member
+from trolley_viz.overlays.board import Board
+from trolley_viz.overlays.layer import OverlayLayer
+from trolley_viz.overlays.readings import Readings
+from trolley_viz.past_trips import Answered, PastTrips
 from trolley_viz.placement import Placement
 from trolley_viz.scene.layer import View
+from trolley_viz.scene.markers import MarkerLayer
 from trolley_viz.scene.scene import Scene
 
 Work = Callable[[Callable[[], Any], Callable[[Any], None]], None]
@@ -26,6 +32,8 @@ class Stage:
         open_watch: subscribes to a topic of a robot.
         close_watch: ends that.
         work: runs a slow function aside.
+        readings: follows the values that overlays show.
+        ask_history: asks for the newest so many past trips of a robot.
     """
 
     def __init__(
@@ -35,19 +43,24 @@ class Stage:
         open_watch: Callable[[Topic[Any], float, str], Watch[Any]],
         close_watch: Callable[[Watch[Any]], None],
         work: Work,
+        readings: Readings,
+        ask_history: Callable[[int, str, Answered], None],
     ) -> None:
         self.placement = Placement()
         self.feeds = Feeds(lambda topic, seconds: open_watch(topic, seconds, robot), close_watch)
         self.scene = Scene(server, robot)
+        self.board = Board(readings)
         self._epoch = 0
         self._seen_map = ""
         self.view = View(
+            robot_name=robot,
             feeds=self.feeds,
             placement=self.placement,
             robot=None,
             now_ns=0,
             robot_ns=None,
             work=work,
+            past=PastTrips(lambda limit, then: ask_history(limit, robot, then)),
         )
         """What was drawn last."""
 
@@ -59,6 +72,7 @@ class Stage:
         now_ns: int,
         robot_ns: int | None,
         epoch: int,
+        fleet: Sequence[Member],
     ) -> None:
         """Take in what arrived and draw what changed.
 
@@ -68,15 +82,26 @@ class Stage:
             now_ns: local monotonic time [ns].
             robot_ns: the robot's time [ns], None while its clock is silent.
             epoch: the run of its base; what an earlier one measured is dropped.
+            fleet: all robots, where there are several.
         """
         if epoch != self._epoch:
             self._epoch = epoch
             self.feeds.drop_all()
             self.scene.forget()
+            self.board.drop_all()
         self.feeds.want(self.scene.wanted(shown))
-        self.view = replace(self.view, robot=robot, now_ns=now_ns, robot_ns=robot_ns)
+        self.view = replace(self.view, robot=robot, now_ns=now_ns, robot_ns=robot_ns, fleet=fleet)
         self.view.place_frames()
         self.scene.update(self.view, shown)
+        if OverlayLayer.key in shown:
+            self.board.update(self.view)
+        else:
+            self.board.drop_all()
+
+    @property
+    def markers(self) -> MarkerLayer:
+        """The layer of markers, whose icons each browser draws."""
+        return cast("MarkerLayer", self.scene.layer(MarkerLayer.key))
 
     def has_new_map(self) -> bool:
         """Whether there is another map than at the last call."""
@@ -87,4 +112,5 @@ class Stage:
     def close(self) -> None:
         """Unsubscribe, and take everything out of the scene."""
         self.feeds.drop_all()
+        self.board.drop_all()
         self.scene.remove()

@@ -174,6 +174,15 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60} min"
 
 
+def age_words(age_s: float | None, live_s: float = 1.5) -> str:
+    """Say how old something is, coarsely, so that it is not said anew all the time."""
+    if age_s is None:
+        return "no data"
+    if age_s < live_s:
+        return "now"
+    return f"{round(age_s)} s" if age_s < 120.0 else duration(age_s)
+
+
 def _where(estimate: PoseEstimate) -> str:
     if estimate.pose is None:
         return ""

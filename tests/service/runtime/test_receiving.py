@@ -1,5 +1,6 @@
 """What a service hears: newest wins, history, late joiners, earlier runs, bad input, deletes."""
 
+import dataclasses
 from typing import Any
 
 import pytest
@@ -16,7 +17,7 @@ from support.samples import (
 
 from trolley import topics
 from trolley.messages import Marker, Odometry, SavedPoses, Scan
-from trolley.runtime import codec, watch
+from trolley.runtime import codec
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, on, on_delete
 from trolley.topics import Qos
@@ -268,17 +269,31 @@ def test_a_put_on_a_wildcard_key_is_dropped_and_counted(lockstep: Lockstep, list
     assert lockstep.counters("localizer")["poses/key"] == 3
 
 
-def test_a_watch_of_many_keys_stops_growing(
-    lockstep: Lockstep, listener: Listener, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(watch, "MAX_KEYS", 3)
-    transforms = listener.watch(topics.TF)
+def test_a_watch_of_many_keys_stops_growing(lockstep: Lockstep, listener: Listener):
+    transforms = listener.watch(dataclasses.replace(topics.TF, max_keys=3))
     for i in range(9):
         lockstep.publish(topics.TF, make_transform(i, f"t{i}"), f"t{i}")
     lockstep.publish(topics.TF, make_transform(99, "t0"), "t0")
     assert len(transforms.by_parts) == 3
     assert transforms.by_parts["t0",].stamp_ns == 99
     assert lockstep.counters("localizer") == {"tf/too_many": 6}
+    assert transforms.is_full
+    transforms.forget(lambda where, _: where == ("t0",))
+    assert not transforms.is_full
+
+
+def test_a_watch_of_large_messages_stops_growing(lockstep: Lockstep, listener: Listener):
+    size = len(codec.encode(make_transform(1, "a"), "msgpack"))
+    transforms = listener.watch(dataclasses.replace(topics.TF, max_kept_bytes=2 * size))
+    for child in "abc":
+        lockstep.publish(topics.TF, make_transform(1, child), child)
+    assert transforms.by_parts.keys() == {("a",), ("b",)}
+    lockstep.publish(topics.TF, make_transform(2, "a"), "a")  # in place of what it was
+    assert transforms.by_parts["a",].stamp_ns == 2
+    transforms.forget(lambda where, _: where == ("a",))
+    lockstep.publish(topics.TF, make_transform(1, "c"), "c")
+    assert transforms.by_parts.keys() == {("b",), ("c",)}
+    assert lockstep.counters("localizer") == {"tf/too_many": 1}
 
 
 def test_who_draws_reads_markers_and_sees_them_go(lockstep: Lockstep, listener: Listener):

@@ -1,14 +1,19 @@
 """The history of trips, and the schedule."""
 
+import contextlib
+import sqlite3
 from typing import TYPE_CHECKING
 
+import msgspec
 import pytest
 
-from trolley import codes, requests
+from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.messages import ScheduleEntry, Stop, Tour
+from trolley.geometry import Pose2D
+from trolley.messages import PastTrip, ScheduleEntry, Stop, Tour
 from trolley.messages.asking import AskHistory
 from trolley.messages.touring import Day
+from trolley_tour import history
 
 if TYPE_CHECKING:
     from .conftest import Home, Plan
@@ -41,16 +46,89 @@ def test_history_refuses_a_time_that_is_none(home: "Home"):
     assert caught.value.code == codes.BAD_REQUEST
 
 
-def test_broken_history_is_kept_aside(home: "Home"):
+def test_broken_history_is_kept_aside_and_reported(home: "Home"):
     folder = home.lockstep.state / "trolley"
     (folder / "history.sqlite").write_bytes(b"this is no database, but a rather long text" * 100)
-    with pytest.raises(Refused) as caught:
-        home.lockstep.ask(requests.TOUR_HISTORY)
-    assert caught.value.code == codes.INTERNAL
+    health = home.lockstep.record(topics.HEALTH, "tour")
+    assert home.lockstep.ask(requests.TOUR_HISTORY) == []
+    home.lockstep.run(1.5)
+    assert health[-1].message == "history.sqlite was broken and has been kept aside."
     home.start("kitchen")
     home.run_until("done")
     assert len(home.lockstep.ask(requests.TOUR_HISTORY)) == 1
     assert len(list(folder.glob("history.sqlite.broken-*"))) == 1
+
+
+def test_history_that_breaks_under_way_loses_no_new_trip(home: "Home"):
+    home.start("kitchen")
+    home.run_until("done")
+    file = home.lockstep.state / "trolley" / "history.sqlite"
+    content = bytearray(file.read_bytes())
+    content[100:4000] = bytes(3900)
+    file.write_bytes(content)
+    home.start("corridor")
+    home.run_until("done")
+    (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert past.results[0].name == "corridor"
+    assert len(list(file.parent.glob("history.sqlite.broken-*"))) == 1
+
+
+def test_a_trip_that_cannot_be_read_hides_no_other(home: "Home"):
+    for _ in range(2):
+        home.start("kitchen")
+        home.run_until("done")
+        home.lockstep.run(1.0)
+    file = home.lockstep.state / "trolley" / "history.sqlite"
+    with contextlib.closing(sqlite3.connect(file)) as connection, connection:
+        connection.execute("UPDATE trips SET document = '{' WHERE number = 1")
+    (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert past.state == "done"
+    assert home.lockstep.counters("tour")["history/unreadable"] == 1
+
+
+def test_history_is_bounded_in_number_and_size(tmp_path, monkeypatch):
+    def numbers() -> list[str]:
+        return [one.trip for one in history.read_trips(tmp_path, None, 100, 1 << 20).trips]
+
+    def keep(number: int, text: str = "") -> None:
+        past = PastTrip(trip=str(number), name=None, state="done", message=text)
+        assert history.keep_trip(tmp_path, past, 365.0) == history.Done()
+
+    monkeypatch.setattr(history, "MAX_TRIPS", 3)
+    for number in range(5):
+        keep(number)
+    assert numbers() == ["4", "3", "2"]
+    monkeypatch.setattr(history, "MAX_BYTES", 1000)
+    keep(5, "x" * 600)
+    assert numbers() == ["5", "4"]
+    keep(6, "x" * 2000)
+    assert numbers() == ["6"]
+
+
+def test_history_tells_where_a_stop_failed_and_how_many_were_planned(home: "Home", plan):
+    home.planner.script = [plan(), plan(state="failed", reason=codes.NO_PATH)]
+    home.start("corridor", "kitchen", "entrance", repeat=2)
+    home.run_until("failed")
+    (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert (past.map, past.planned, past.reached, past.missed) == ("apartment", 6, 1, 1)
+    assert [one.pose for one in past.results] == [Pose2D(1.0, 2.0, 0.5)] * 2
+    places = [home.tour.find_place(name) for name in ("corridor", "kitchen")]
+    assert [one.goal for one in past.results] == places
+    home.start("corridor", there_and_back=True, repeat=0)
+    home.lockstep.ask(requests.TOUR_STOP)
+    endless, _ = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert (endless.planned, endless.results) == (0, [])
+
+
+def test_no_place_is_told_that_is_on_another_map(home: "Home", plan):
+    home.planner.script = [plan(), plan(state="failed", reason=codes.NO_PATH)]
+    home.start("corridor", "kitchen")
+    home.lockstep.run(1.0)
+    home.localizer.estimate = msgspec.structs.replace(home.localizer.estimate, map="garden")
+    home.run_until("failed")
+    (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert past.map == "apartment"
+    assert [one.pose for one in past.results] == [None, None]
 
 
 def test_times_are_told_where_the_clock_is_synchronised(home: "Home", monkeypatch):

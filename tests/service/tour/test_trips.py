@@ -352,3 +352,35 @@ def test_status_is_published_each_second(home: "Home"):
     assert len(home.statuses) - before == 10
     assert home.status.state == "idle"
     assert home.lockstep.get(topics.TOUR.key("trolley"))[0].payload.startswith(b"{")
+
+
+def test_the_way_back_passes_the_same_points_backwards(home: "Home"):
+    before_hall, before_door = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
+    home.start(
+        "corridor",
+        Stop(name="entrance", via=[before_hall, before_door]),
+        "kitchen",
+        there_and_back=True,
+    )
+    home.run_until("done", 200.0)
+    assert [goal.via for goal in home.planner.sent] == [
+        [],
+        [before_hall, before_door],
+        [],
+        [],
+        [before_door, before_hall],
+    ]
+
+
+def test_status_tells_the_tour_as_it_was_when_the_trip_began(home: "Home"):
+    tour = Tour(name="evening", stops=[Stop(name="corridor"), Stop(name="kitchen")])
+    home.lockstep.ask(requests.TOURS_PUT, tour)
+    home.lockstep.ask(requests.TOUR_START, requests.TOUR_START.params(name="evening"))
+    home.lockstep.ask(requests.TOURS_PUT, Tour(name="evening", stops=[Stop(name="entrance")]))
+    home.lockstep.run(3.0)
+    assert home.status.tour == tour
+    assert 2.0 < home.status.seconds < 4.0
+    via = [Pose2D(1.0, 0.0, 0.0)] * 300
+    home.start(Stop(name="corridor", via=via))
+    home.lockstep.run(1.5)
+    assert home.status.tour is None

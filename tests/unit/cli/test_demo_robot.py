@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trolley.cli.demo_recording import duration_s
 from trolley.cli.demo_robot import (
     PLACES,
     START,
     TOUR,
     Choices,
-    duration_s,
     parse_pose,
     settings,
     write_settings,
@@ -26,11 +26,13 @@ from trolley.runtime.bus import Sample
 
 
 def test_the_settings_load_and_name_files_that_are_there(tmp_path: Path) -> None:
-    choices = Choices(name="second", port=7999, viz_port=8123, seed=7, speed=2.0)
+    choices = Choices(
+        name="second", port=7999, viz_port=8123, foxglove_port=8124, seed=7, speed=2.0
+    )
     config = load_config(write_settings(choices, tmp_path))
     assert config.robot.name == "second"
     assert config.zenoh.connect == ["tcp/127.0.0.1:7999"]
-    assert config.viz.port == 8123
+    assert (config.viz.port, config.viz.foxglove_port) == (8123, 8124)
     assert (config.base.simulated.seed, config.base.simulated.rate) == (7, 2.0)
     assert load_map(config.path(config.map.file or "")).name == "apartment"
 

@@ -33,6 +33,7 @@ from trolley.messages import (
 from trolley.messages.asking import Nothing, SendGoal, SetPose, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
+from trolley_viz.gate import Access, Gate
 from trolley_viz.server import open_server
 from trolley_viz.service import VizService
 from trolley_viz.session import Session
@@ -207,6 +208,7 @@ class Browser:
         self.scene = cast(Any, OwnScene(server.scene, f"/own{client_id}"))
         self.gui = server.gui
         self.camera = SimpleNamespace(image_width=1200, image_height=800, position=None)
+        self.camera.wxyz = np.array([0.0, 1.0, 0.0, 0.0])  # looks straight down
         self.notices: list[tuple[str, str]] = []
 
     def atomic(self) -> contextlib.AbstractContextManager[None]:
@@ -234,6 +236,7 @@ class Stage:
         """Open a browser and let everything settle; the real handle is viser's."""
         assert self.viz._server is not None
         browser = Browser(client_id, self.viz._server)
+        self.viz.is_open = self.viz._sessions.__contains__  # type: ignore[method-assign]
         self.viz._client_came(browser, visitor)  # type: ignore[arg-type]
         self.runtime.run(0.5)
         return browser
@@ -259,8 +262,12 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     stage.runtime.close()
 
 
+def open_gate() -> Gate:
+    return Gate(0, (), always_ask=False, access=Access.new())
+
+
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
-    server = open_server(VizConfig(port=free_port()))
+    server = open_server(VizConfig(port=free_port()), open_gate())
     yield server
     server.stop()

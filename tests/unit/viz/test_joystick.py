@@ -12,8 +12,9 @@ from websockets.asyncio.client import connect
 from trolley import topics
 from trolley.geometry import Twist2D
 from trolley.messages import Robot
+from trolley_viz.gate import Access
 from trolley_viz.joystick.grips import LATE_MS, SILENCE_NS, Grip, Joystick, twist_of
-from trolley_viz.joystick.page import pad_html
+from trolley_viz.page import pad_html
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -206,6 +207,34 @@ def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") ->
     wait_until(lambda: not stage.viz._by_hand.sockets.who(), 5.0, "all are gone")
 
 
+def test_the_overlays_own_connection_takes_clicks_also_of_those_who_only_look(
+    stage: "Stage",
+) -> None:
+    stage.browse()
+    port = stage.config.viz.port
+    access = stage.viz.state.read("viewer_access.toml", Access)
+    assert access is not None
+    cookie = {"Cookie": f"trolley-{port}=0123456789abcdef.{access.viewer}"}
+    path = "overlays?client=0"
+    assert ask(port, '{"id": "mode", "index": 1}', path, additional_headers=cookie) is None
+    for bad in ("[]", '{"index": 1}', '{"id": "x", "index": "1"}', "[" * 900, "x" * 2000):
+        assert ask(port, bad, path) == 1008, bad
+    with pytest.raises(websockets.InvalidStatus):
+        ask(port, "{}", path, origin="http://elsewhere.example")
+
+
 def test_pages_of_other_sites_do_not_drive(stage: "Stage") -> None:
     with pytest.raises(websockets.InvalidStatus):
         ask(stage.config.viz.port, "{}", origin="http://elsewhere.example")
+
+
+def test_who_may_only_look_cannot_drive_in_anothers_name(stage: "Stage") -> None:
+    stage.browse()
+    port = stage.config.viz.port
+    said = json.dumps({"x": 0.0, "y": 1.0, "held": True, "speed": 0.2, "sent_ms": 5.0})
+    access = stage.viz.state.read("viewer_access.toml", Access)
+    assert access is not None
+    cookie = f"trolley-{port}=0123456789abcdef.{access.viewer}"
+    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) == 1008
+    cookie = f"trolley-{port}=0123456789abcdef.{access.operator}"
+    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) is None

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 import viser
 
-from trolley.messages import Stop, StopResult, Tour, TourStatus
 from trolley_viz.camera import FIELD_OF_VIEW, stand
 from trolley_viz.panels.control import handler, set_options
 from trolley_viz.panels.markup import note, row, table
 from trolley_viz.panels.stop_bar import StopBar
-from trolley_viz.panels.tours import progress
 from trolley_viz.robots import Robots
 from trolley_viz.scene.sensing import weight_colours
 from trolley_viz.stopping import StopLine, StopPresses
@@ -70,17 +68,6 @@ def test_stop_is_one_press_whatever_how_often_it_is_pressed() -> None:
     presses.release("a")
     presses.release("b")
     assert presses.line("a", 10**9) is None
-
-
-def test_a_trip_shows_what_was_and_what_comes() -> None:
-    stops = [Stop(name=name) for name in ("hall", "kitchen", "door")]
-    done = StopResult(stop=0, name="hall", state="reached", seconds=4.0)
-    trip = TourStatus(stamp_ns=1, name="round", trip="t", state="driving", stop=1, results=[done])
-    page = progress([Tour(name="round", stops=stops)], trip)
-    texts = ["“round”: stop 2 of 3 (kitchen)", "hall reached", "door to come"]
-    places = [page.index(text) for text in texts]
-    assert places == sorted(places)
-    assert "to come" not in progress([], trip)
 
 
 def test_the_own_robot_is_listed_before_it_is_heard_of() -> None:

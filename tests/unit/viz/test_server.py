@@ -1,14 +1,22 @@
 """Who may talk to the web server."""
 
+import contextlib
+import http.client
 import socket
+import time
+from collections.abc import Iterator
 
+import numpy as np
 import pytest
 import viser
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from trolley.config import VizConfig
+from trolley_viz.gate import Access, Gate
 from trolley_viz.server import PortTaken, open_server
+
+GATE = Gate(0, (), always_ask=False, access=Access.new())
 
 
 @pytest.fixture
@@ -43,7 +51,7 @@ def test_pages_of_other_sites_are_refused(port: int, origin: str) -> None:
 
 def test_a_taken_port_is_refused_rather_than_left(port: int) -> None:
     with pytest.raises(PortTaken, match=f"port {port}"):
-        open_server(VizConfig(port=port))
+        open_server(VizConfig(port=port), GATE)
 
 
 def test_it_listens_on_loopback_only(port: int) -> None:
@@ -56,3 +64,72 @@ def test_it_listens_on_loopback_only(port: int) -> None:
         with socket.socket() as stranger:
             stranger.settimeout(2.0)
             assert stranger.connect_ex((str(address), port)) != 0
+
+
+@pytest.fixture
+def asking() -> Iterator[tuple[int, Access]]:
+    """A viewer that asks everybody for a token: its port and its tokens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    access = Access.new()
+    gate = Gate(port, (), always_ask=True, access=access)
+    server = open_server(VizConfig(port=port), gate)
+    yield port, access
+    server.stop()
+
+
+def fetch(port: int, path: str = "/", cookie: str = "") -> tuple[int, dict[str, str], bytes]:
+    """Get a page, without following where it leads."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    with contextlib.closing(connection):
+        connection.request("GET", path, headers={"Cookie": cookie} if cookie else {})
+        response = connection.getresponse()
+        return response.status, dict(response.getheaders()), response.read()
+
+
+def test_without_a_token_there_is_neither_page_nor_socket(asking: tuple[int, Access]) -> None:
+    port, _ = asking
+    for path in ("/", "/index.html", "/assets/x.js", "/?token=wrong"):
+        status, _, body = fetch(port, path)
+        assert status == 401
+        assert b"<script" not in body.lower()
+    for path in ("", "/joystick?client=0"):
+        with pytest.raises(InvalidStatus, match="401"), connect(f"ws://127.0.0.1:{port}{path}"):
+            pass
+
+
+def test_a_link_opens_the_page_and_its_socket(asking: tuple[int, Access]) -> None:
+    port, access = asking
+    status, headers, _ = fetch(port, f"/?token={access.viewer}")
+    assert (status, headers["Location"]) == (303, "/")
+    cookie = headers["Set-Cookie"].partition(";")[0]
+    status, headers, body = fetch(port, "/", cookie)
+    assert status == 200
+    assert b"<script" in body.lower()
+    assert headers["X-Frame-Options"] == "SAMEORIGIN"
+    protocol = f"viser-v{viser.__version__}"
+    with connect(
+        f"ws://127.0.0.1:{port}",
+        subprotocols=[protocol],  # type: ignore[list-item]
+        additional_headers={"Cookie": cookie},
+    ) as page:
+        assert page.recv(timeout=10)
+
+
+def test_a_browser_that_stops_reading_misses_what_is_old(
+    server: viser.ViserServer, port: int
+) -> None:
+    cloud = server.scene.add_point_cloud("/cloud", np.zeros((10_000, 3)), (0, 0, 0))
+    protocol = f"viser-v{viser.__version__}"
+    url = f"ws://127.0.0.1:{port}"
+    with connect(url, subprotocols=[protocol], max_size=None, max_queue=2) as page:  # type: ignore[list-item]
+        page.recv()
+        for i in range(150):
+            cloud.points = np.full((10_000, 3), i, np.float32)
+            time.sleep(0.02)
+        old = 0
+        while np.full(8, 149, np.float16).tobytes() not in page.recv(timeout=10, decode=False):
+            old += 1
+    # Of 9 MB that were offered; with the system's own buffers it is most of them.
+    assert old < 40

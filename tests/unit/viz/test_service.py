@@ -1,6 +1,7 @@
 """The viewer as a service: what it subscribes to, draws, asks and remembers."""
 
 import socket
+import stat
 import tomllib
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from trolley.messages import GoalStatus
 from trolley.runtime.lockstep import Lockstep
 from trolley_viz.camera import INITIAL_ASPECT, UNKNOWN_MAP, stand
 from trolley_viz.pointing import Pointed
+from trolley_viz.scene.ground import map_bounds
 from trolley_viz.service import VizService
 from trolley_viz.settings import MAX_BROWSERS, Choices, ViewerSettings
 from trolley_viz.visitors import Visitor
@@ -71,12 +73,26 @@ def test_only_places_of_this_map_are_shown(stage: "Stage") -> None:
 
 def test_camera_is_moved_once_for_a_map(stage: "Stage") -> None:
     browser = stage.browse()
+    stage.runtime.run(5.0)
     fitted = browser.camera.position
     browser.camera.position = fitted + 1.0
     stage.runtime.run(1.0)
     assert browser.camera.position == pytest.approx(fitted + 1.0)
     stage.session.fit_view()
     assert browser.camera.position != pytest.approx(fitted + 1.0)
+
+
+def test_a_view_that_is_where_every_page_begins_is_left_alone(stage: "Stage") -> None:
+    browser = stage.browse()
+    bounds = map_bounds(stage.session.view)
+    assert bounds is not None
+    browser.camera.image_width = round(INITIAL_ASPECT * 800)
+    stage.session.fit_view()
+    stage.runtime.run(3.0)
+    fits: list[object] = []
+    stage.session.client = SimpleNamespace(camera=browser.camera, atomic=lambda: fits.append(1))  # type: ignore[assignment]
+    stage.runtime.run(3.0)
+    assert fits == []
 
 
 def test_a_page_that_starts_slowly_sees_the_map_all_the_same(stage: "Stage") -> None:
@@ -89,6 +105,16 @@ def test_a_page_that_starts_slowly_sees_the_map_all_the_same(stage: "Stage") -> 
     browser.camera.position = start
     stage.runtime.run(0.2)  # "Reset View": somebody's wish
     assert browser.camera.position == pytest.approx(start)
+
+
+def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
+    browser = stage.browse()  # 1200 pixels wide: it is taken to have no panel yet
+    first = browser.camera.position
+    stage.runtime.run(2.5)
+    assert browser.camera.position[2] < first[2]  # it had its panel already
+    browser.camera.position = first + 9.0
+    stage.runtime.run(5.0)
+    assert browser.camera.position == pytest.approx(first + 9.0)
 
 
 def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:
@@ -186,26 +212,26 @@ ANN, BEN = Visitor("ann"), Visitor("ben")
 
 def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
     stage.browse(0, ANN)
-    stage.session.switch_layer("frames", is_on=True)
+    stage.session.switch_layer("costmap", is_on=True)
     stage.session.set_dark(is_dark=True)
     stage.runtime.run(0.1)
     stored = tomllib.loads((stage.viz.state.path / "viewer.toml").read_text())
     assert stored["browsers"]["ann"]["dark"] is True
-    assert stored["browsers"]["ann"]["layers"] == {"frames": True}
+    assert stored["browsers"]["ann"]["layers"] == {"costmap": True}
     stage.runtime.kill("viz")
     stage.viz.stop()
     stage.viz = stage.runtime.add(VizService(stage.config))
     stage.browse(0, BEN)
-    assert not stage.session.layers()["frames"]
+    assert not stage.session.layers()["costmap"]
     stage.viz._client_left(0)
     stage.browse(1, ANN)
-    assert stage.session.layers()["frames"]
+    assert stage.session.layers()["costmap"]
     assert stage.session.choices.dark
 
 
 def test_nobody_in_particular_is_not_remembered(stage: "Stage") -> None:
     stage.browse()
-    stage.session.switch_layer("frames", is_on=True)
+    stage.session.switch_layer("costmap", is_on=True)
     stage.runtime.run(0.1)
     assert not (stage.viz.state.path / "viewer.toml").exists()
 
@@ -296,3 +322,13 @@ def test_nobody_gets_a_public_tunnel(stage: "Stage") -> None:
     assert stage.viz._server is not None
     assert stage.viz._server.request_share_url() is None
     assert stage.viz._server.get_host() == "127.0.0.1"
+
+
+def test_tokens_are_kept_and_only_their_owner_reads_them(stage: "Stage") -> None:
+    path = stage.viz.state.path / "viewer_access.toml"
+    tokens = path.read_text()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    stage.runtime.kill("viz")
+    stage.viz.stop()
+    stage.runtime.add(VizService(stage.config))
+    assert path.read_text() == tokens

@@ -87,7 +87,7 @@ def test_boxes_stand_where_the_cells_are() -> None:
 
 def test_particles_point_where_they_look() -> None:
     segments = particle_segments(np.array([[1.0, 2.0, np.pi / 2]]), 0.1, 0.05)
-    assert segments.shape == (3, 2, 3)
+    assert segments.shape == (1, 2, 3)
     np.testing.assert_allclose(segments[0], [[1.0, 2.0, 0.05], [1.0, 2.1, 0.05]], atol=1e-6)
 
 

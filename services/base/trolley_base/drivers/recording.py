@@ -4,6 +4,8 @@ The odometry is interpolated to 20 Hz and starts at zero; scans come when they c
 nowhere. At the end the robot stands, and its lidar goes on to see what it saw last.
 """
 
+import dataclasses
+
 import numpy as np
 
 from trolley.geometry import Pose2D, Twist2D, interpolate, log_pose
@@ -49,7 +51,7 @@ class RecordedChassis:
 
     def _odometry_at(self, elapsed_ns: int) -> Pose2D:
         """Return the recorded pose at a time, interpolated; after the end the last one."""
-        stamps_ns, odom = self._recording.stamps_ns, self._recording.odom
+        stamps_ns, odom = self._recording.odom_stamps_ns, self._recording.odom
         row = int(np.searchsorted(stamps_ns, elapsed_ns, side="right")) - 1
         if row >= len(stamps_ns) - 1:
             return Pose2D.from_array(odom[-1])
@@ -88,16 +90,9 @@ class RecordedLidar:
         return int(stamps_ns[-1]) + beyond * self._period_ns
 
     def _scan(self, number: int) -> LidarScan:
-        recording = self._recording
-        return LidarScan(
-            stamp_ns=self._start_ns + self._stamp_ns(number),
-            angle_min=recording.angle_min,
-            angle_increment=recording.angle_increment,
-            # The files do not say when in a revolution a beam was measured.
-            time_increment=0.0,
-            range_min=0.0,
-            range_max=recording.range_max,
-            ranges=recording.ranges[min(number, len(recording.ranges) - 1)],
+        scans = self._recording.scans
+        return dataclasses.replace(
+            scans[min(number, len(scans) - 1)], stamp_ns=self._start_ns + self._stamp_ns(number)
         )
 
 

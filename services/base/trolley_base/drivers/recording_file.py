@@ -1,14 +1,15 @@
-"""Reads a recorded drive: an npz file with wheel odometry and lidar scans.
+"""Reads a recorded drive: what `trolley record` wrote, or an npz file with odometry and scans.
 
-Fields: `stamps` (n,) [s]; `odom` (n, 3) x, y [m], yaw [rad] as the wheels reported them, or
-`odom_signed`, which is preferred; `ranges_mm` (n, beams) unsigned, 65535 = no echo, 0 = invalid;
+Fields of an npz file: `stamps` (n,) [s]; `odom` (n, 3) x, y [m], yaw [rad] as the wheels reported
+them, or `odom_signed`, which is preferred; `ranges_mm` (n, beams) unsigned, 65535 = no echo,
+0 = invalid;
 `angle_min`, `angle_increment` [rad], counter-clockwise; `range_max` [m]. If there: `reference`
 (n, 3) map_T_base, and `laser_in_base` x, y [m], yaw [rad].
 """
 
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_base.drivers.interface import DriverError
+from trolley_base.drivers.interface import DriverError, LidarScan
 
 NO_ECHO_MM = 65535
 MIN_BEAMS = 2
@@ -27,35 +28,35 @@ LONGEST_S = 1e7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A recorded drive.
+    """A recorded drive; all times are since the first scan.
 
     Attributes:
-        stamps_ns: (n,) int64, time of each row since the first; strictly increasing.
-        odom: (n, 3) x, y [m], yaw [rad], not wrapped to anything.
-        ranges: (n, beams) float32 [m]; no echo = +inf, invalid = 0.
-        angle_min: direction of beam 0 in frame `laser` [rad].
-        angle_increment: > 0 [rad].
-        range_max: farthest distance that the sensor measures [m].
+        stamps_ns: (n,) int64, time of each scan; strictly increasing.
+        scans: (n,) what was seen.
+        odom_stamps_ns: (m,) int64, strictly increasing, the first at most 0.
+        odom: (m, 3) x, y [m], yaw [rad], not wrapped to anything.
         base_T_laser: where the sensor sits.
-        map_T_start: where the robot stood at the first row, None if the file does not say.
+        map_T_start: where the robot stood at the first scan, None if the file does not say.
     """
 
     stamps_ns: NDArray[np.int64]
+    scans: Sequence[LidarScan]
+    odom_stamps_ns: NDArray[np.int64]
     odom: NDArray[np.float64]
-    ranges: NDArray[np.float32]
-    angle_min: float
-    angle_increment: float
-    range_max: float
     base_T_laser: Pose2D
     map_T_start: Pose2D | None
 
 
 def load_recording(path: Path) -> Recording:
-    """Read a recorded drive.
+    """Read a recorded drive: what `trolley record` wrote, or an npz file.
 
     Raises:
         DriverError: naming the file, the field, and what is expected there.
     """
+    if path.suffix == ".mcap":
+        from trolley_base.drivers.recording_mcap import load_mcap
+
+        return load_mcap(path)
     return _recording(_Fields(path, _arrays(path)))
 
 
@@ -88,19 +89,37 @@ def _recording(fields: "_Fields") -> Recording:
         raise fields.refusal("stamps", "must be in seconds, at least 1 ns apart")
     rows = len(stamps)
     odom = fields.array("odom_signed" if "odom_signed" in fields else "odom", (rows, 3))
-    range_max = fields.positive("range_max")
     start = fields.array("reference", (rows, 3))[0] if "reference" in fields else None
     mount = fields.array("laser_in_base", (3,)) if "laser_in_base" in fields else np.zeros(3)
     return Recording(
         stamps_ns=stamps_ns,
+        scans=_scans(fields, stamps_ns),
+        odom_stamps_ns=stamps_ns,
         odom=odom,
-        ranges=_ranges(fields, rows, range_max),
-        angle_min=float(fields.array("angle_min", ())),
-        angle_increment=fields.positive("angle_increment"),
-        range_max=range_max,
         base_T_laser=Pose2D.from_array(mount),
         map_T_start=None if start is None else Pose2D.from_array(start),
     )
+
+
+def _scans(fields: "_Fields", stamps_ns: NDArray[np.int64]) -> list[LidarScan]:
+    range_max = fields.positive("range_max")
+    angle_min = float(fields.array("angle_min", ()))
+    angle_increment = fields.positive("angle_increment")
+    return [
+        LidarScan(
+            stamp_ns=int(stamp_ns),
+            angle_min=angle_min,
+            angle_increment=angle_increment,
+            # The files do not say when in a revolution a beam was measured.
+            time_increment=0.0,
+            range_min=0.0,
+            range_max=range_max,
+            ranges=ranges,
+        )
+        for stamp_ns, ranges in zip(
+            stamps_ns, _ranges(fields, len(stamps_ns), range_max), strict=True
+        )
+    ]
 
 
 def _ranges(fields: "_Fields", rows: int, range_max: float) -> NDArray[np.float32]:

@@ -2,16 +2,28 @@
 
 from collections.abc import Callable, Mapping
 
+from msgspec import Struct
+
 from trolley import teleop, topics
 from trolley.messages import VelocityCommand
 from trolley.runtime.service import Service
 from trolley_viz.joystick.grips import Grip, Joystick
-from trolley_viz.joystick.sockets import Sockets, Word
 from trolley_viz.robots import Robots
 from trolley_viz.scene.layer import View
-from trolley_viz.words import AWAY, Words, base_words, goal_words
+from trolley_viz.sockets import Sockets
+from trolley_viz.words import AWAY, Tone, Words, base_words, goal_words
 
 SOMEBODY_ELSE = Words("Somebody else drives", "warn", "Let go and press again when they are done.")
+
+
+class Word(Struct, frozen=True, kw_only=True):
+    """What a browser is told: whether it may drive, how fast [m/s], and what there is to say."""
+
+    can: bool
+    mine: bool
+    max_speed: float
+    text: str
+    tone: Tone
 
 
 class _Hand:
@@ -45,7 +57,7 @@ class ByHand:
         self._robot_ns = robot_ns
         self._driven_by = driven_by
         self._hands: dict[str, _Hand] = {}
-        self.sockets = Sockets(service.call_soon, self._said, self._left)
+        self.sockets = Sockets(service.call_soon, Grip, self._said, self._left, operators_only=True)
 
     def let_go(self, client_id: int) -> None:
         """Take the joystick out of a browser's hand, as when it follows another robot."""

@@ -6,16 +6,19 @@ import viser
 
 from trolley import topics
 from trolley.messages import Health
-from trolley_viz.joystick.page import pad_html
+from trolley_viz.page import overlays_html, pad_html
+from trolley_viz.panels.control import show
 from trolley_viz.panels.go import GoPanel
-from trolley_viz.panels.markup import note, row
+from trolley_viz.panels.markup import row
+from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.places import PlacePanel
+from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tiles import STYLE
-from trolley_viz.panels.tours import TourPanel
-from trolley_viz.panels.view import DetailPanel, ViewPanel
+from trolley_viz.panels.tours import TourTab
+from trolley_viz.panels.zones import ZonePanel
 from trolley_viz.scene.layer import View
 from trolley_viz.situation import Known, situation
 from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
@@ -34,26 +37,28 @@ class Console:
         self._session = session
         self._health: dict[tuple[str, str], tuple[Health, int]] = {}
         """The newest by robot and service, and when it was first seen (local monotonic [ns])."""
-        hub, actions, post = session.hub, session.actions, session.post
+        hub, post = session.hub, session.post
         gui.add_html(STYLE)
         self._status = StatusPanel(gui, session.follow, post)
+        self._robots = RobotsPanel(gui, session.follow, session.press_stop_all, post)
         self._go: GoPanel | None = None
-        self._tours: TourPanel | None = None
         self._places: PlacePanel | None = None
+        self._zones: ZonePanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
                 self._go = GoPanel(gui, session)
-            with tabs.add_tab("Tours", viser.Icon.ROUTE):
-                self._tours = TourPanel(gui, actions, post)
-            with tabs.add_tab("Map", viser.Icon.MAP_2), gui.add_folder("Places"):
-                self._places = PlacePanel(gui, session)
+        with tabs.add_tab("Tours", viser.Icon.ROUTE):
+            self._tours = TourTab(gui, session)
+        if session.may_drive:
+            with tabs.add_tab("Map", viser.Icon.MAP_2):
+                with gui.add_folder("Places"):
+                    self._places = PlacePanel(gui, session)
+                self._zones = ZonePanel(gui, session.zones, session.dismiss, post)
         with tabs.add_tab("More", viser.Icon.DOTS):
-            with gui.add_folder("What is shown"):
-                ViewPanel(gui, session)
-            with gui.add_folder("Details", expand_by_default=False):
+            self._more = MorePanel(gui, session)
+            with gui.add_folder("State", expand_by_default=False):
                 self._state = gui.add_html("")
-                self._details = DetailPanel(gui)
             with gui.add_folder("Keys", expand_by_default=False):
                 gui.add_html(add_shortcuts(gui, session))
         self._stop_bar = StopBar(
@@ -63,26 +68,33 @@ class Console:
         )
         if session.may_drive:
             gui.add_html(pad_html(session.client.client_id))
+        gui.add_html(overlays_html(session.client.client_id))
 
     def update(self, view: View) -> None:
         """Say what is."""
         session, feeds = self._session, view.feeds
-        base, tours = feeds.latest(topics.BASE), feeds.latest(topics.TOURS)
+        base = feeds.latest(topics.BASE)
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
-        self._stop_bar.show_hint(session.aiming.hint)
+        self._stop_bar.show_hint(session.zones.hint or session.aiming.hint)
         known = what_is_known(view, self._silent(view))
         lines = state_words(known)
         self._status.update(session.robot_labels(), session.robot, situation(known), lines)
+        self._robots.update(view.fleet, session.robot)
         if self._go is not None:
             self._go.update(view)
-        if self._tours is not None:
-            self._tours.update([] if tours is None else tours.tours, known.trip)
+        self._tours.update(view)
         if self._places is not None:
             self._places.update(view)
-        self._state.content = note("State") + "".join(map(row, lines))
-        self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
+        if self._zones is not None:
+            self._zones.update(session.suspects.offered)
+        show(self._state, content="".join(map(row, lines)))
+        self._more.update(view)
+
+    def close_plot(self) -> None:
+        """Stop following what is plotted, as for another robot."""
+        self._more.close_plot()
 
     def _silent(self, view: View) -> frozenset[str]:
         """The services of the robot that were heard of and are not any more."""

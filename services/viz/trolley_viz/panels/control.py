@@ -7,6 +7,8 @@ import viser
 
 from trolley_viz.undo import History
 
+Colour = tuple[int, int, int]
+
 GREEN, TEAL, GREY, STOP_RED = (26, 138, 66), (14, 122, 128), (100, 108, 120), (218, 24, 24)
 PURPLE, AMBER = (92, 62, 158), (166, 96, 0)
 """Button colours on which white text can be read, on light and dark."""
@@ -30,6 +32,13 @@ def handler(
             post(lambda: act(client, value))
 
     return handle
+
+
+def show(control: Any, **values: Any) -> None:
+    """Set what differs: viser sends every assignment to the page, also of what is there."""
+    for name, value in values.items():
+        if getattr(control, name) != value:
+            setattr(control, name, value)
 
 
 def set_options(dropdown: viser.GuiDropdownHandle[str], options: list[str], empty: str) -> None:

@@ -35,6 +35,11 @@ def row(words: Words) -> str:
     )
 
 
+def title(text: str) -> str:
+    """A heading."""
+    return f'<div style="padding:0.5em 0.8em 0.2em;font-weight:700">{html.escape(text)}</div>'
+
+
 def sentence(words: Words) -> str:
     """What a robot is doing, to be read from afar."""
     return (

@@ -1,52 +1,115 @@
-"""The tab of the tours: start one, steer it, and see what came of each stop."""
+"""The tab of the tours: the trip under way, the stored tours and their editor, past trips."""
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import viser
 
-from trolley.messages import Tour, TourStatus
-from trolley_viz.actions import Actions
-from trolley_viz.panels.control import GREEN, Post, handler, set_options
-from trolley_viz.panels.markup import note, row
-from trolley_viz.words import UNDER_WAY, Words, result_words, trip_words
+from trolley import topics
+from trolley.geometry.frames import MAP
+from trolley.messages import Tour
+from trolley_viz.panels.past_trips import PastTripsPanel
+from trolley_viz.panels.tour_editor import TourEditor
+from trolley_viz.panels.tour_list import TourList
+from trolley_viz.panels.trip import TripPanel
+from trolley_viz.scene.layer import View
+from trolley_viz.scene.tours import (
+    TourDrawing,
+    edited_colours,
+    pins_of,
+    place_finder,
+    tour_of,
+    way_of,
+)
+from trolley_viz.tour_actions import TourActions
+from trolley_viz.tour_draft import Draft, Editing
 
-NO_TOURS: str = "none stored yet"
-TRIP_ACTIONS = ("Pause", "Resume", "Skip", "End")
-MAX_RESULTS = 12
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
 
-
-class TourPanel:
-    """One trip at a time."""
-
-    def __init__(self, gui: viser.GuiApi, actions: Actions, post: Post) -> None:
-        self._tour = gui.add_dropdown("Tour", (NO_TOURS,))
-        self._start = gui.add_button("Start", icon=viser.Icon.PLAYER_PLAY, color=GREEN)
-        self._steer = gui.add_button_group("Trip", TRIP_ACTIONS)
-        self._progress = gui.add_html("")
-        self._start.on_click(handler(post, lambda _, __: actions.start_tour(self._tour.value)))
-        self._steer.on_click(handler(post, lambda _, action: actions.steer_tour(action)))
-
-    def update(self, tours: Sequence[Tour], trip: TourStatus | None) -> None:
-        """Show the stored tours and how the trip goes."""
-        names = sorted(one.name for one in tours)
-        set_options(self._tour, names, NO_TOURS)
-        self._start.disabled = not names
-        self._steer.visible = trip is not None and trip.state in UNDER_WAY
-        self._progress.content = progress(tours, trip)
+# Fingers need more room than viser gives a group of buttons.
+TOUCH_STYLE = (
+    "<style>@media (pointer:coarse){"
+    '.mantine-Button-root[data-size="compact-xs"]{height:2.6rem!important}}</style>'
+)
 
 
-def progress(tours: Sequence[Tour], trip: TourStatus | None) -> str:
-    """The trip, what came of its stops, and those to come, as HTML."""
-    if trip is None:
-        return note("The tour service has not said anything yet.")
-    tour = next((one for one in tours if one.name == trip.name), None)
-    words = trip_words(trip, tour)
-    if words is None:
-        return note("No trip is under way.")
-    lines = [words, *(result_words(one) for one in trip.results[-MAX_RESULTS:])]
-    if tour is not None and trip.stop is not None and trip.state in UNDER_WAY:
-        lines += [
-            Words(f"{stop.name or f'stop {i}'} to come", "idle")
-            for i, stop in enumerate(tour.stops[trip.stop + 1 :][:MAX_RESULTS], trip.stop + 2)
-        ]
-    return "".join(map(row, lines))
+class TourTab:
+    """All about tours in one browser; who only looks sees the trip and past trips."""
+
+    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+        self._session = session
+        actions = session.actions
+        self._stored = TourActions(actions, lambda: session.robot, session.tell)
+        self._edited_on = ""
+        """The robot whose tour is edited."""
+        self._drawing = TourDrawing(session.client.scene, "/edited_tour", raised=0.02)
+        gui.add_html(TOUCH_STYLE)
+        steer = actions.steer_tour if session.may_drive else None
+        self._trip = TripPanel(gui, steer, session.post)
+        self._list: TourList | None = None
+        self._editor: TourEditor | None = None
+        if session.may_drive:
+            self._list = TourList(gui, self, session.post)
+            self._editor = TourEditor(gui, session, self._save, session.post)
+        self._past = PastTripsPanel(gui, session.post)
+
+    def update(self, view: View) -> None:
+        """Show what is."""
+        trip, stored = view.feeds.latest(topics.TOUR), view.feeds.latest(topics.TOURS)
+        editing = self._edited_here()
+        tour = None if trip is None else tour_of(trip, view)
+        self._trip.update(trip, tour, with_last=editing is None)
+        self._past.update(view.past, trip, view.now_ns, is_shown=editing is None)
+        if self._list is not None and self._editor is not None:
+            tours = None if stored is None else stored.tours
+            self._list.update(tours, self._stored.undo_text, is_open=editing is None)
+            self._editor.update(view, tours or [], is_shown=editing is not None)
+        self._draw(view, editing)
+
+    def _edited_here(self) -> Editing | None:
+        """What is edited of the robot that is followed now."""
+        is_here = self._editor is not None and self._edited_on == self._session.robot
+        return self._editor.editing if is_here and self._editor is not None else None
+
+    # What people do with the stored tours.
+    def start(self, tour: Tour) -> None:
+        """Start it."""
+        self._session.actions.start_tour(tour.name)
+
+    def edit(self, tour: Tour | None) -> None:
+        """Edit it, or make a new one."""
+        if self._editor is not None:
+            self._edited_on = self._session.robot
+            self._editor.open(Editing(None, Draft()) if tour is None else Editing.open(tour))
+
+    def copy(self, tour: Tour) -> None:
+        """Save it once more, under another name."""
+        tours = self._session.view.feeds.latest(topics.TOURS)
+        self._stored.duplicate(tour, [] if tours is None else tours.tours)
+
+    def delete(self, tour: Tour) -> None:
+        """Delete it."""
+        self._stored.delete(tour)
+
+    def undo(self) -> None:
+        """Undo the last change made here."""
+        self._stored.undo()
+
+    def _save(self, tour: Tour, before: Tour | None) -> None:
+        editor = self._editor
+        if editor is not None:
+            edited = editor.editing
+
+            def saved() -> None:
+                if editor.editing is edited:
+                    editor.close()
+
+            self._stored.save(tour, before, saved)
+
+    def _draw(self, view: View, editing: Editing | None) -> None:
+        if editing is None:
+            self._drawing.show((), (), None)
+            return
+        find, draft = place_finder(view), editing.draft
+        pins = pins_of(draft, find, edited_colours(editing.chosen))
+        self._drawing.show(pins, way_of(draft, find), view.placement.world_T(MAP))

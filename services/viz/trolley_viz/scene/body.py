@@ -1,13 +1,14 @@
-"""The robot: its body raised from the footprint, its outline on the floor, and its frames."""
+"""The robot: its body raised from the footprint, and its outline on the floor."""
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import BASE
 from trolley.messages import PoseState, Robot
-from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Layer, View
+from trolley_viz.scene.layer import Z_FOOTPRINT, Layer, View
 from trolley_viz.shapes import arrow_outline, closed_segments, flat, place, prism
 
 BODY_COLOURS: dict[PoseState, tuple[int, int, int]] = {
@@ -25,6 +26,8 @@ class RobotLayer(Layer):
     """The robot where it is now; its colour says how sure that is."""
 
     key, title = "robot", "Robot"
+    group = "Robot"
+    source = topics.ODOM
     period_s = 0.05
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
@@ -74,7 +77,7 @@ class RobotLayer(Layer):
         """Raise the footprint, with an arrow on top and the lidar's drum where it is mounted."""
         points = np.array(robot.footprint)
         size = float(np.ptp(points, axis=0).min())
-        height = float(np.clip(0.45 * size, 0.08, 0.4))
+        height = body_height(points)
         vertices, faces = prism(0.97 * points, 0.03, height)
         self._body = self.scene.add_mesh_simple(
             self.path("base_link/body"), vertices, faces, color=AWAY_COLOUR, flat_shading=True
@@ -100,34 +103,7 @@ class RobotLayer(Layer):
             self._parts.append(drum)
 
 
-class FrameLayer(Layer):
-    """The axes of every frame that has a place in the world."""
-
-    key, title = "frames", "Frames"
-    on_by_default = False
-    period_s = 0.1
-
-    def __init__(self, server: viser.ViserServer, above: str) -> None:
-        super().__init__(server, above)
-        self._axes: dict[str, viser.FrameHandle] = {}
-
-    def draw(self, view: View) -> None:
-        """Move the axes; frames that lost their place go."""
-        poses = {
-            frame: pose
-            for frame in view.placement.tree.frames()
-            if (pose := view.placement.world_T(frame)) is not None
-        }
-        for frame in self._axes.keys() - poses.keys():
-            self._axes.pop(frame).remove()
-        with self.server.atomic():
-            for frame, pose in poses.items():
-                if frame not in self._axes:
-                    path = self.path(frame.replace("/", "_"))
-                    self._axes[frame] = self.scene.add_frame(
-                        path, axes_length=0.3, axes_radius=0.012, origin_radius=0.02
-                    )
-                    self.scene.add_label(
-                        f"{path}/name", frame, position=(0.0, 0.0, Z_LABEL), font_screen_scale=0.8
-                    )
-                place(self._axes[frame], pose, Z_FOOTPRINT)
+def body_height(footprint: NDArray[np.float64]) -> float:
+    """How high a body is drawn [m] over a footprint (n, 2)."""
+    size = float(np.ptp(footprint, axis=0).min())
+    return float(np.clip(0.45 * size, 0.08, 0.4))

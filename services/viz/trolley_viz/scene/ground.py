@@ -56,6 +56,8 @@ class MapLayer(Layer):
     """The floor plan: floor light, walls raised."""
 
     key, title = "map", "Map"
+    group = "Map"
+    source = topics.MAP
     needs = (topics.MAP,)
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
@@ -111,9 +113,12 @@ class MapLayer(Layer):
 class CostmapLayer(Layer):
     """Where the planner lets the robot's centre be."""
 
-    key, title = "costmap", "Costmap"
+    key, title = "costmap", "Costmap near the robot"
+    group = "Driving"
+    source = topics.COSTMAP
     needs = (topics.COSTMAP,)
     period_s = 0.5
+    height = Z_COSTMAP
     on_by_default = False
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
@@ -122,7 +127,7 @@ class CostmapLayer(Layer):
 
     def draw(self, view: View) -> None:
         """Draw the newest costmap."""
-        grid = view.feeds.latest(topics.COSTMAP) if not view.is_away else None
+        grid = view.feeds.latest(self.needs[0]) if not view.is_away else None
         world_T_frame = None if grid is None else view.placement.world_T(grid.frame)
         if not self.changed(grid, world_T_frame):
             return
@@ -147,9 +152,19 @@ class CostmapLayer(Layer):
             else:
                 self._node.image = image
                 self._node.render_width, self._node.render_height = width, height
-            self._node.position = (centre.x, centre.y, Z_COSTMAP)
+            self._node.position = (centre.x, centre.y, self.height)
             self._node.wxyz = flat_quaternion(centre.yaw)
             self._node.visible = True
+
+
+class GlobalCostmapLayer(CostmapLayer):
+    """Where the planner lets the robot's centre be, on the whole map."""
+
+    key, title = "costmap_global", "Costmap of the map"
+    source = topics.COSTMAP_GLOBAL
+    needs = (topics.COSTMAP_GLOBAL,)
+    period_s = 1.0
+    height = Z_COSTMAP - 0.003
 
 
 def picture_size(grid: OccupancyGrid, factor: int) -> tuple[float, float]:

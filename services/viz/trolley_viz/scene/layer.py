@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import viser
 
@@ -11,6 +11,8 @@ from trolley.geometry import Pose2D
 from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
 from trolley_viz.feeds import Feeds
+from trolley_viz.fleet import Member
+from trolley_viz.past_trips import PastTrips
 from trolley_viz.placement import Placement
 
 # Heights above the floor [m] keep flat things from flickering into each other.
@@ -30,6 +32,7 @@ Z_LABEL = 0.2
 class View:
     """What layers draw from."""
 
+    robot_name: str
     feeds: Feeds
     placement: Placement
     robot: Robot | None
@@ -39,6 +42,10 @@ class View:
     """The robot's time [ns], None while its clock is silent."""
     work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
     """Runs a slow function aside, then calls the second one with its result."""
+    past: PastTrips
+    """The past trips, once somebody looks at them."""
+    fleet: Sequence[Member] = ()
+    """All robots, where there are several."""
 
     @property
     def is_away(self) -> bool:
@@ -64,11 +71,17 @@ class View:
         return arrived_ns is not None and self.now_ns - arrived_ns <= within_s * 1e9
 
 
+Group = Literal["Robot", "Senses", "Driving", "Map"]
+
+
 class Layer:
     """Something that browsers can show or hide; it draws itself from a view at its own pace."""
 
     key: ClassVar[str]
     title: ClassVar[str]
+    group: ClassVar[Group]
+    source: ClassVar[Topic[Any] | None] = None
+    """The stream of the robot that it mainly shows: it is as old as that."""
     needs: ClassVar[Sequence[Topic[Any]]] = ()
     """The streams it needs besides those that are always there."""
     period_s: ClassVar[float] = 0.2

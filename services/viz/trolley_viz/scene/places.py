@@ -1,4 +1,4 @@
-"""What people put on the map: saved poses and zones; and mirrors that the localizer suspects."""
+"""What people put on the map: saved poses and zones."""
 
 from collections.abc import Sequence
 
@@ -36,6 +36,8 @@ class PlaceLayer(Layer):
     """Saved poses: the icon of the place, an arrow for its heading, and the name."""
 
     key, title = "places", "Saved poses"
+    group = "Map"
+    source = topics.POSES
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
@@ -91,10 +93,11 @@ class PlaceLayer(Layer):
 
 
 class ZoneLayer(Layer):
-    """Mirrors, glass, keep-outs and speed zones, and suspected mirrors."""
+    """Mirrors, glass, keep-outs and speed zones."""
 
     key, title = "zones", "Zones"
-    needs = (topics.ZONES, topics.SUSPECTS)
+    group = "Map"
+    source = topics.ZONES
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
@@ -102,9 +105,9 @@ class ZoneLayer(Layer):
 
     def draw(self, view: View) -> None:
         """Draw all of them anew when one changed."""
-        zones, suspects = view.feeds.latest(topics.ZONES), view.feeds.latest(topics.SUSPECTS)
+        zones = view.feeds.latest(topics.ZONES)
         world_T_map = view.placement.world_T("map")
-        if not self.changed(zones, suspects, world_T_map):
+        if not self.changed(zones, world_T_map):
             return
         for node in self._nodes:
             node.remove()
@@ -113,11 +116,6 @@ class ZoneLayer(Layer):
             return
         for i, zone in enumerate(zones.zones if zones is not None else []):
             self._add(i, zone, world_T_map.transform_points(np.array(zone.points)))
-        for i, line in enumerate(suspects.lines if suspects is not None else []):
-            if len(line.points) > 1:
-                points = world_T_map.transform_points(np.array(line.points))
-                self._add_line(f"suspect{i}", points, SUSPECT_COLOUR)
-                self._add_label(f"suspectname{i}", "mirror?", points)
 
     def _add(self, i: int, zone: Zone, points: np.ndarray) -> None:
         colour = ZONE_COLOURS[zone.kind]
@@ -168,8 +166,8 @@ class ZoneLayer(Layer):
             self.scene.add_label(
                 self.path(name),
                 text,
-                position=(x, y, Z_LABEL),
-                anchor="center-center",
+                position=(x, y, Z_LABEL + 0.15),
+                anchor="bottom-center",
                 font_screen_scale=0.8,
             )
         )

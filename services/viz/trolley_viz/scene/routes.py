@@ -53,11 +53,12 @@ class PathLayer(Layer):
     """The planned way."""
 
     key, title = "path", "Path"
+    group = "Driving"
+    source = topics.PATH
     needs = (topics.PATH,)
     width = 0.055
     colour = PATH_COLOUR
     height = Z_PATH
-    topic = topics.PATH
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
@@ -67,7 +68,7 @@ class PathLayer(Layer):
         """Draw the newest path while there is somewhere to go."""
         goal = view.feeds.latest(topics.GOAL)
         is_going = goal is not None and goal.state in DRIVING and not view.is_away
-        path = view.feeds.latest(self.topic) if is_going else None
+        path = view.feeds.latest(self.needs[0]) if is_going else None
         world_T_path = None if path is None else view.placement.world_T(path.frame)
         if self.changed(path, world_T_path):
             self._line.show(path_segments(path, world_T_path, self.height))
@@ -77,18 +78,21 @@ class TrajectoryLayer(PathLayer):
     """What the controller drives within the next seconds."""
 
     key, title = "trajectory", "Trajectory"
+    group = "Driving"
+    source = topics.TRAJECTORY
     needs = (topics.TRAJECTORY,)
     period_s = 0.1
     width = 0.028
     colour = TRAJECTORY_COLOUR
     height = Z_TRAJECTORY
-    topic = topics.TRAJECTORY
 
 
 class GoalLayer(Layer):
     """The goal: an arrow, the footprint there, its name, and what is in the way."""
 
     key, title = "goal", "Goal"
+    group = "Driving"
+    source = topics.GOAL
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)

@@ -7,26 +7,38 @@ import viser
 
 from trolley import topics
 from trolley.topics import Topic
-from trolley_viz.scene.body import FrameLayer, RobotLayer
-from trolley_viz.scene.ground import CostmapLayer, MapLayer
+from trolley_viz.overlays.layer import OverlayLayer
+from trolley_viz.scene.body import RobotLayer
+from trolley_viz.scene.certainty import CovarianceLayer, TruthLayer
+from trolley_viz.scene.ground import CostmapLayer, GlobalCostmapLayer, MapLayer
 from trolley_viz.scene.layer import Layer, View
+from trolley_viz.scene.markers import MarkerLayer
+from trolley_viz.scene.others import OthersLayer
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
 from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
 from trolley_viz.scene.sensing import CandidateLayer, ParticleLayer, ScanLayer
+from trolley_viz.scene.tours import TripLayer, TroubleLayer
 
 LAYERS: tuple[type[Layer], ...] = (
     MapLayer,
     ZoneLayer,
     PlaceLayer,
     RobotLayer,
+    OthersLayer,
+    CovarianceLayer,
+    TruthLayer,
     ScanLayer,
     ParticleLayer,
     CandidateLayer,
     GoalLayer,
     PathLayer,
     TrajectoryLayer,
+    MarkerLayer,
+    OverlayLayer,
+    TripLayer,
+    TroubleLayer,
     CostmapLayer,
-    FrameLayer,
+    GlobalCostmapLayer,
 )
 
 ALWAYS: tuple[Topic[Any], ...] = (
@@ -37,6 +49,8 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.POSE,
     topics.GOAL,
     topics.POSES,
+    topics.ZONES,
+    topics.SUSPECTS,
     topics.TOURS,
     topics.TOUR,
     topics.HEALTH,

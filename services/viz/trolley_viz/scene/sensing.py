@@ -16,8 +16,10 @@ BEAM_COLOURS = np.array(
 """By class: on the map, not on the map, behind a mirror or glass, suspected, unused."""
 PLAIN_SCAN = BEAM_COLOURS[0]
 
-MAX_PARTICLES = 1000
+MAX_PARTICLES = 2000
 PARTICLE_LENGTH_M = 0.12
+TAIL = 0.7
+"""How pale the end of a particle is that lies behind; the dark one shows where it looks."""
 FAINT, STRONG = np.array((150, 214, 150)), np.array((0, 110, 20))
 CANDIDATE = (240, 140, 0)
 
@@ -26,8 +28,10 @@ class ScanLayer(Layer):
     """The echoes of the lidar, coloured by what the localizer makes of them."""
 
     key, title = "scan", "Laser scan"
+    group = "Senses"
+    source = topics.SCAN
     needs = (topics.SCAN, topics.BEAMS)
-    period_s = 0.1
+    period_s = 0.0  # whenever one came: a pause of its own would now and then skip a scan
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
@@ -76,6 +80,8 @@ class ParticleLayer(Layer):
     """The localizer's hypotheses: the darker, the likelier."""
 
     key, title = "particles", "Particles"
+    group = "Senses"
+    source = topics.PARTICLES
     needs = (topics.PARTICLES,)
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
@@ -97,7 +103,7 @@ class ParticleLayer(Layer):
         step = -(-len(poses) // MAX_PARTICLES)
         placed = world_T_map.transform_poses(poses[::step])
         segments = particle_segments(placed, PARTICLE_LENGTH_M, Z_PARTICLES)
-        colours = np.repeat(weight_colours(weights[::step]), 6, axis=0).reshape(-1, 2, 3)
+        colours = stroke_colours(weight_colours(weights[::step]))
         if self._arrows is None:
             self._arrows = self.scene.add_line_segments(
                 self.path("arrows"), segments, colours, thickness=1.5, thickness_units="screen"
@@ -113,6 +119,8 @@ class CandidateLayer(Layer):
     """The places between which a search cannot decide, with how well each matches."""
 
     key, title = "candidates", "Possible places"
+    group = "Senses"
+    source = topics.POSE
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
@@ -150,6 +158,12 @@ def weight_colours(weights: NDArray[np.floating]) -> NDArray[np.uint8]:
     share = weights / heaviest if heaviest > 0.0 else np.ones_like(weights)
     share = np.nan_to_num(np.clip(share, 0.0, 1.0))[:, None]
     return np.rint((1.0 - share) * FAINT + share * STRONG).astype(np.uint8)
+
+
+def stroke_colours(heads: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Give strokes (n, 2, 3) pale tails and heads of these colours (n, 3)."""
+    tails = np.rint((1.0 - TAIL) * heads + TAIL * 255.0).astype(np.uint8)
+    return np.stack([tails, heads], axis=1)
 
 
 def _choose(view: View) -> tuple[Scan | None, BeamClasses | None]:

@@ -1,0 +1,178 @@
+"""`trolley record`: what a robot publishes, into a file that Foxglove and `trolley replay` play."""
+
+import errno
+import signal
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from trolley.cli import exits
+from trolley.cli.options import where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import Progress, seconds_text
+from trolley.client import Robot
+from trolley.config import ConfigError
+from trolley.recording.layout import bad_pattern
+from trolley.recording.listener import Listener
+
+if TYPE_CHECKING:
+    from trolley.recording.recorder import Recorder
+    from trolley.recording.writer import RecordingWriter
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+FLUSH_S = 1.0
+POLL_S = 0.1
+CLOCK_PATIENCE_S = 1.5
+SILENCE_S = 3.0
+
+
+def patterns_option(
+    _context: click.Context, _parameter: click.Parameter, text: str | None
+) -> list[str]:
+    """Names of topics such as `scan,tf/*`."""
+    patterns = [part.strip("/ ") for part in text.split(",")] if text is not None else []
+    wrong = bad_pattern(patterns)
+    if wrong is not None:
+        raise click.BadParameter(
+            f"there is no topic {wrong!r}; `trolley topic list --all` lists them"
+        )
+    return patterns
+
+
+@contextmanager
+def told_to_end() -> Generator[Callable[[], bool]]:
+    """Whether a signal asked this process to end; nothing is interrupted in its midst."""
+    told: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        told.append(number)
+
+    before = {number: signal.signal(number, note) for number in ENDING}
+    try:
+        yield lambda: bool(told)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@click.command(name="record")
+@click.argument("file", required=False, type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--topics",
+    "patterns",
+    callback=patterns_option,
+    metavar="NAMES",
+    help="Only these, such as scan,odom,tf/*; clock and robot are always recorded.",
+)
+@click.option("--seconds", type=click.FloatRange(min=0.0, min_open=True), help="How long [s].")
+@where_options
+@reports_errors
+def record_command(file: Path | None, patterns: list[str], seconds: float | None) -> None:
+    """Record what a robot publishes into FILE, until Ctrl-C.
+
+    The file is MCAP: `trolley replay` plays it, and Foxglove opens it. Without FILE it is
+    ROBOT-DATE.mcap in this folder; a file that is there is never overwritten. After a crash or a
+    power cut all but the last one or two seconds is there.
+    """
+    with one_robot() as robot:
+        path = file or Path(f"{robot.name}-{datetime.now().astimezone():%Y-%m-%d-%H%M%S}.mcap")
+        code = _record(robot, path, patterns, seconds)
+    raise SystemExit(code)
+
+
+def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | None) -> int:
+    try:
+        from trolley.recording.recorder import Recorder
+    except ImportError as error:
+        raise ConfigError(f"recording needs the extra trolley[foxglove]: {error}") from error
+    listener = Listener(robot.connection, robot.name)
+    try:
+        with _open(path, robot.name) as writer, told_to_end() as is_told:
+            recorder = Recorder(writer, robot.name, patterns)
+            try:
+                _follow(listener, recorder, writer, is_told, seconds)
+                writer.finish()
+            except OSError as error:
+                writer.abandon()
+                _say_why(path, writer, error)
+                return exits.FAILED
+    finally:
+        listener.close()
+    if not writer.num_messages:
+        path.unlink()
+        click.secho(f"Nothing was heard of {robot.name}.", err=True, fg="red")
+        return exits.FAILED
+    click.echo(f"{path}: {writer.num_messages} messages, {writer.size / 1e6:.1f} MB.")
+    for reason, number in {**recorder.counts, "lost, the disk is too slow": listener.lost}.items():
+        if number:
+            click.secho(f"{number} messages: {reason}", err=True, fg="yellow")
+    return exits.OK
+
+
+def _open(path: Path, robot: str) -> "RecordingWriter":
+    from trolley.recording.writer import RecordingWriter
+
+    try:
+        now = datetime.now().astimezone().isoformat(timespec="seconds")
+        return RecordingWriter(path, robot, {"recorded_at": now})
+    except FileExistsError as error:
+        raise ConfigError(f"{path} is there already; name another file") from error
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def _follow(
+    listener: Listener,
+    recorder: "Recorder",
+    writer: "RecordingWriter",
+    is_told: Callable[[], bool],
+    seconds: float | None,
+) -> None:
+    """Record until told to end, and what waits by then."""
+    progress, started_s = Progress(), time.monotonic()
+    flush_at_s, heard_s = started_s + FLUSH_S, started_s
+    clock = listener.await_clock(CLOCK_PATIENCE_S, is_told)
+    if clock is not None:
+        recorder.hear_clock(clock.sample, clock.arrived_ns)
+    is_over = False
+    while True:
+        heard = listener.take(0.0 if is_over else POLL_S)
+        if heard is not None:
+            heard_s = time.monotonic()
+            recorder.take(heard.sample, heard.arrived_ns, time.time_ns(), is_latest=heard.is_latest)
+        elif is_over:
+            break
+        now_s = time.monotonic()
+        if now_s >= flush_at_s:
+            flush_at_s = now_s + FLUSH_S
+            writer.flush()
+            silent_s = now_s - heard_s
+            progress.show(
+                f"{seconds_text(now_s - started_s)}, {writer.num_messages} messages, "
+                f"{writer.size / 1e6:.1f} MB; "
+                + ("Ctrl-C ends it" if silent_s < SILENCE_S else _silence(silent_s)),
+                "silent" if silent_s >= SILENCE_S else "",
+            )
+        if not is_over and (is_told() or (seconds is not None and now_s - started_s >= seconds)):
+            is_over = True
+            listener.close()
+    progress.clear()
+
+
+def _silence(seconds: float) -> str:
+    return f"nothing was heard of the robot for {seconds_text(seconds)}"
+
+
+def _say_why(path: Path, writer: "RecordingWriter", error: OSError) -> None:
+    why = "The disk is full" if error.errno == errno.ENOSPC else f"It cannot be written ({error})"
+    click.echo(err=True)
+    click.secho(
+        f"{why}, so recording has ended. {path} is good up to here: {writer.size / 1e6:.1f} MB.",
+        err=True,
+        fg="red",
+    )

@@ -1,0 +1,235 @@
+"""`trolley replay`: a recording plays under another robot's name."""
+
+import itertools
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import msgspec
+
+from trolley.cli import exits
+from trolley.cli.options import given, where_options
+from trolley.cli.record import patterns_option, told_to_end
+from trolley.cli.robots import connected, reports_errors
+from trolley.cli.show import Progress, seconds_text
+from trolley.config import ConfigError
+from trolley.connection import Connection
+from trolley.messages.motion import RobotName
+from trolley.recording.layout import is_wanted
+
+if TYPE_CHECKING:
+    from trolley.recording.playback import Pace, Replica
+    from trolley.recording.reader import Entry, RecordingFile
+    from trolley.recording.stage import Stage
+
+CLOCK_S = 0.1
+SUFFIX = "-replay"
+LONGEST_NAME = 32
+
+
+@click.command(name="replay")
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.01, 1000.0),
+    default=1.0,
+    show_default=True,
+    help="Recorded seconds per second.",
+)
+@click.option(
+    "--as",
+    "name",
+    metavar="NAME",
+    help=f"Its name [default: the recorded one and {SUFFIX}].",
+)
+@click.option("--loop", is_flag=True, help="Again and again, until Ctrl-C.")
+@click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Begin so late [s].")
+@click.option(
+    "--topics",
+    "patterns",
+    callback=patterns_option,
+    metavar="NAMES",
+    help="Only these, such as scan,odom,tf/*.",
+)
+@where_options
+@reports_errors
+def replay_command(
+    file: Path, speed: float, name: str | None, loop: bool, start: float, patterns: list[str]
+) -> None:
+    """Play FILE, which `trolley record` wrote, as if it were a robot.
+
+    It has the recorded robot's name with -replay, or the one of --as: never that of a robot that is
+    there. The viewer shows it like any other. Commands to the wheels are not played, and nothing
+    can be asked of it.
+    """
+    try:
+        from trolley.recording.reader import BadRecording, RecordingFile
+    except ImportError as error:
+        raise ConfigError(f"replaying needs the extra trolley[foxglove]: {error}") from error
+    if given("robot"):
+        raise click.UsageError("--robot means nothing here: --as NAME says what it is called")
+    try:
+        recording = RecordingFile(file)
+    except BadRecording as error:
+        raise ConfigError(str(error)) from error
+    with connected() as connection, told_to_end() as is_told:
+        play = _Play(recording, speed, start, patterns, is_told)
+        code = play.on(connection, _name(name, recording.robot), loop=loop)
+    raise SystemExit(code)
+
+
+def _name(given_name: str | None, recorded: str) -> str:
+    name = given_name or recorded[: LONGEST_NAME - len(SUFFIX)] + SUFFIX
+    try:
+        return msgspec.convert(name, RobotName)
+    except msgspec.ValidationError as error:
+        raise click.BadParameter(
+            f"{name!r} is no robot's name: 1 to 32 of a-z, 0-9, _ and -"
+        ) from error
+
+
+class _Play:
+    """A recording that is being played."""
+
+    def __init__(
+        self,
+        recording: "RecordingFile",
+        speed: float,
+        start_s: float,
+        patterns: Sequence[str],
+        is_told: Callable[[], bool],
+    ) -> None:
+        self._recording = recording
+        self._speed = speed
+        self._start_ns = round(start_s * 1e9)
+        self._patterns = patterns
+        self._is_told = is_told
+        self._num_messages = 0
+        self._turns = 0
+        self._line = Progress()
+
+    def on(self, connection: Connection, name: str, *, loop: bool) -> int:
+        """Play it under a name; the exit code."""
+        from trolley.recording.stage import VIEWERS, Stage
+
+        there = {service for robot, service in connection.services(name) if robot == name}
+        if any(not service.startswith(VIEWERS) for service in there):
+            raise ConfigError(f"there is a robot called {name} already; give another name by --as")
+        click.echo(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
+        with closing(Stage(connection, name)) as stage:
+            has_begun = self._turn(stage)
+            while loop and has_begun and not self._is_over(stage):
+                self._turn(stage)
+            usurper = stage.usurper
+        for sentence in self._recording.damage.sentences():
+            click.secho(sentence, err=True, fg="yellow")
+        if usurper is not None:
+            text = f"A robot called {name} has come up, so the replay has ended."
+            click.secho(text, err=True, fg="red")
+            return exits.FAILED
+        if not has_begun:
+            click.secho("Nothing was played: --start lies behind the end.", err=True, fg="red")
+            return exits.FAILED
+        click.echo(f"Played {self._num_messages} messages.")
+        return exits.OK
+
+    def _is_over(self, stage: "Stage") -> bool:
+        return self._is_told() or stage.usurper is not None
+
+    def _turn(self, stage: "Stage") -> bool:
+        """Play it once; False where there was nothing to play."""
+        from trolley.recording.playback import Pace, Replica
+
+        # Different for each turn of each process, so that receivers notice the new beginning.
+        stage.replica = replica = Replica(stage.name, time.time_ns() // 1_000_000 + self._turns)
+        self._turns += 1
+        entries = self._wanted()
+        first = self._skip(entries, replica)
+        if first is None:
+            return False
+        pace = Pace(self._speed)
+        pace.begin(first.at_ns, time.monotonic_ns())
+        clock = _Clock(stage, pace, self._progress)
+        for entry in replica.kept():
+            stage.publish(entry)
+        for entry in itertools.chain([first], entries):
+            while not self._is_over(stage):
+                wait_s = pace.wait_s(entry.at_ns, time.monotonic_ns())
+                stage.serve(min(wait_s, clock.due_s))
+                clock.tell_when_due()
+                if wait_s <= 0.0:
+                    break
+            if self._is_over(stage):
+                break
+            made = replica.take(entry)
+            clock.tell_new_epoch()
+            if made is not None:
+                stage.publish(made)
+                self._num_messages += 1
+            pace.played(entry.at_ns, time.monotonic_ns())
+        self._line.clear()
+        return True
+
+    def _wanted(self) -> "Iterator[Entry]":
+        return (e for e in self._recording.entries() if is_wanted(e.name, self._patterns))
+
+    def _skip(self, entries: "Iterator[Entry]", replica: "Replica") -> "Entry | None":
+        """Learn what was said before the start; the first message to play."""
+        begin_ns: int | None = None
+        for entry in entries:
+            begin_ns = entry.at_ns if begin_ns is None else begin_ns
+            if entry.at_ns - begin_ns >= self._start_ns:
+                return entry
+            replica.take(entry)
+        return None
+
+    def _progress(self, now_ns: int, rate: float) -> None:
+        span = self._recording.span_ns
+        text = f"{self._num_messages} messages"
+        if span is not None:
+            passed_s, whole_s = (now_ns - span[0]) * 1e-9, (span[1] - span[0]) * 1e-9
+            text = f"{passed_s:.0f} of {seconds_text(whole_s)}, {text}"
+        if rate < self._speed:
+            text += f", at speed {rate:.2g}: this machine does no more"
+        self._line.show(text)
+
+
+class _Clock:
+    """The clock of the robot that is played."""
+
+    def __init__(
+        self, stage: "Stage", pace: "Pace", progress: Callable[[int, float], None]
+    ) -> None:
+        self._stage = stage
+        self._pace = pace
+        self._progress = progress
+        self._at_s = 0.0
+        self._epoch: int | None = None
+        self._tell()
+
+    @property
+    def due_s(self) -> float:
+        """How long until it is to be told again."""
+        return max(0.0, self._at_s - time.monotonic())
+
+    def tell_when_due(self) -> None:
+        """Tell it ten times a second."""
+        if self.due_s <= 0.0:
+            self._tell()
+
+    def tell_new_epoch(self) -> None:
+        """Tell it at once where base was restarted, before what counts by the new epoch."""
+        if self._stage.replica.epoch != self._epoch:
+            self._tell()
+
+    def _tell(self) -> None:
+        self._at_s = time.monotonic() + CLOCK_S
+        self._epoch = self._stage.replica.epoch
+        now_ns = self._pace.now(time.monotonic_ns())
+        clock = self._stage.replica.clock(now_ns, self._pace.rate)
+        if clock is not None:
+            self._stage.tell_time(clock)
+        self._progress(now_ns, self._pace.rate)

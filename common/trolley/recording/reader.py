@@ -1,0 +1,257 @@
+"""Reads a recording from its beginning to its end, or as far as it is good."""
+
+import dataclasses
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, cast
+
+import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
+
+from trolley.recording.layout import (
+    MAX_RECORD_BYTES,
+    WIRE,
+    recorded_topic,
+    split_key,
+)
+from trolley.topics import Topic
+
+NAMED = 6
+"""How many channels of a foreign file are named."""
+_BROKEN = (
+    McapError,
+    OSError,
+    struct.error,
+    ValueError,
+    OverflowError,
+    RuntimeError,
+    zstandard.ZstdError,
+)
+"""What reading damaged bytes ends in."""
+
+
+class BadRecording(Exception):
+    """A file cannot be used as a recording; the text says why and what to do."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Entry:
+    """A message as it was on the wire."""
+
+    at_ns: int
+    """Robot time of its arrival."""
+    name: str
+    """Its key below the robot's."""
+    topic: Topic[Any]
+    payload: bytes
+    encoding: str
+
+    @property
+    def is_delete(self) -> bool:
+        """Whether the key was deleted."""
+        return not self.payload
+
+
+@dataclasses.dataclass
+class Damage:
+    """What could not be read of a file."""
+
+    unread_bytes: int = 0
+    """At the end."""
+    bad_chunks: int = 0
+    """In the middle; each holds about a second."""
+    lost_messages: int = 0
+    """In good chunks, of channels that were described in bad ones."""
+
+    def sentences(self) -> list[str]:
+        """What to say about it; nothing about a file that is whole."""
+        told: list[str] = []
+        if self.bad_chunks:
+            seconds = "second is" if self.bad_chunks == 1 else "seconds are"
+            told.append(f"The file is damaged: about {self.bad_chunks} {seconds} missing.")
+        if self.lost_messages:
+            told.append(
+                f"The file is damaged: {self.lost_messages} messages say no more what they are."
+            )
+        if self.unread_bytes:
+            told.append(
+                f"The file was cut or is damaged: its last {self.unread_bytes} bytes "
+                "cannot be read."
+            )
+        return told
+
+
+class RecordingFile:
+    """A file that `trolley record` wrote.
+
+    Raises:
+        BadRecording: It is none, cannot be read, or ends before its first message.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.damage = Damage()
+        """Of the last `entries` that was read to its end."""
+        self._summary = self._read_summary()
+        self.robot = self._find_robot()
+        """Whose streams it holds."""
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Robot time of the first and of the last message; None where the file has no index."""
+        statistics = None if self._summary is None else self._summary.statistics
+        if statistics is None:
+            return None
+        return statistics.message_start_time, statistics.message_end_time
+
+    def entries(self) -> Iterator[Entry]:
+        """The messages of the wire, in the order of their arrival."""
+        known = {} if self._summary is None else dict(self._summary.channels)
+        rows: dict[int, tuple[str, Topic[Any], str] | None] = {
+            number: _row(channel) for number, channel in known.items()
+        }
+        damage = self.damage = Damage()
+        for record in self._records(damage):
+            if isinstance(record, Channel):
+                rows[record.id] = _row(record)
+            elif isinstance(record, Message):
+                row = rows.get(record.channel_id)
+                if row is not None:
+                    name, topic, encoding = row
+                    yield Entry(record.log_time, name, topic, record.data, encoding)
+                elif record.channel_id not in rows:
+                    damage.lost_messages += 1
+
+    def _records(self, damage: Damage) -> Iterator[McapRecord]:
+        """The records of the file and of its chunks, as far as they are good."""
+        with self._open() as file:
+            stream = _WholeReads(file)
+            good = 0
+            try:
+                reader = StreamReader(
+                    cast("IO[bytes]", stream), emit_chunks=True, record_size_limit=MAX_RECORD_BYTES
+                )
+                for record in reader.records:
+                    good = stream.count
+                    if isinstance(record, DataEnd):  # what follows is the index
+                        return
+                    if isinstance(record, Chunk):
+                        yield from self._open_chunk(record, damage)
+                    else:
+                        yield record
+            except _BROKEN:
+                damage.unread_bytes = self._size() - good
+
+    def _open_chunk(self, chunk: Chunk, damage: Damage) -> Iterator[McapRecord]:
+        try:
+            plain = _decompressed(chunk)
+            whole = dataclasses.replace(chunk, compression="", data=plain)
+            records = breakup_chunk(whole, validate_crc=True)
+        except _BROKEN:
+            damage.bad_chunks += 1
+            return
+        yield from records
+
+    def _read_summary(self) -> Summary | None:
+        """The index at the end of the file, None where it was cut."""
+        with self._open() as file:
+            head = file.read(len(MCAP0_MAGIC))
+            if head != MCAP0_MAGIC[: len(head)]:
+                raise BadRecording(
+                    f"{self.path}: is no MCAP file; `trolley record` writes such files"
+                )
+            file.seek(0)
+            stream = cast("IO[bytes]", _WholeReads(file))
+            try:
+                return SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).get_summary()
+            except _BROKEN:  # shorter than an index, or damaged
+                return None
+
+    def _find_robot(self) -> str:
+        others: set[str] = set()
+        channels: Iterator[McapRecord] = iter(())
+        if self._summary is not None and self._summary.channels:
+            channels = iter(self._summary.channels.values())
+        else:
+            channels = self._records(Damage())
+        for record in channels:
+            if isinstance(record, Channel):
+                found = split_key(record.topic) if _row(record) is not None else None
+                if found is not None:
+                    return found[0]
+                others.add(record.topic)
+        if not others:
+            raise BadRecording(f"{self.path}: ends before its first message; nothing can be played")
+        named = ", ".join(sorted(others)[:NAMED]) + (" …" if len(others) > NAMED else "")
+        raise BadRecording(
+            f"{self.path}: another program wrote this MCAP file. It holds {named}, but none of "
+            f"Trolley's own messages; only what `trolley record` wrote can be played"
+        )
+
+    def _open(self) -> IO[bytes]:
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise BadRecording(f"{self.path}: cannot be read: {error.strerror or error}") from error
+
+    def _size(self) -> int:
+        return self.path.stat().st_size
+
+
+def _row(channel: Channel) -> tuple[str, Topic[Any], str] | None:
+    """Name, topic and encoding of a channel of the wire, None for any other channel."""
+    found = split_key(channel.topic)
+    topic = None if found is None else recorded_topic(channel.topic)
+    if found is None or topic is None or WIRE not in channel.metadata:
+        return None
+    return found[1], topic, channel.metadata[WIRE]
+
+
+def _decompressed(chunk: Chunk) -> bytes:
+    """What is in a chunk; never more than is allowed, whatever its bytes claim.
+
+    Raises:
+        ValueError: It is too large, shorter than it says, or compressed in an unknown way.
+    """
+    size = chunk.uncompressed_size
+    if size > MAX_RECORD_BYTES:
+        raise ValueError("too large")
+    match chunk.compression:
+        case "":
+            data = chunk.data
+        case "zstd":
+            with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
+                data = stream.read(size)
+        case "lz4":
+            lz4_frame: Any = lz4.frame.LZ4FrameDecompressor()  # it has no types
+            data = bytes(lz4_frame.decompress(chunk.data, max_length=size))
+        case other:
+            raise ValueError(f"unknown compression {other!r}")
+    if len(data) != size:
+        raise ValueError("shorter than it says")
+    return data
+
+
+class _WholeReads:
+    """A file of which a read gives everything asked for, or the end of the file."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.count = 0
+        self.seek, self.tell, self.seekable = file.seek, file.tell, file.seekable
+
+    def read(self, length: int) -> bytes:
+        if length > MAX_RECORD_BYTES:
+            raise EndOfFile
+        data = self._file.read(length)
+        if len(data) < length:
+            raise EndOfFile
+        self.count += length
+        return data

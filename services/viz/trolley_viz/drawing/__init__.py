@@ -1,0 +1,1 @@
+"""Drawing zones on the map: the geometry, the board in one browser, and the wishes to the robot."""

@@ -1,0 +1,110 @@
+"""The frames as a tree: a switch for each one's axes, its parent, the age of the link."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import viser
+
+from trolley.geometry.frames import BASE, LASER, FrameTree, Link, MissingLink
+from trolley_viz.panels.control import handler, show
+from trolley_viz.panels.markup import note, table
+from trolley_viz.placement import Placement
+from trolley_viz.scene.layer import View
+from trolley_viz.words import age_words
+
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
+
+MAX_FRAMES = 60
+INDENT = "\u2003"
+MAX_LETTERS = 64
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One frame of the tree."""
+
+    frame: str
+    depth: int
+    link: Link | None
+    """To its parent; None for a root."""
+
+
+class FrameTreePanel:
+    """Built anew when frames come or go."""
+
+    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+        self._gui = gui
+        self._session = session
+        self._inside = gui.add_folder(None)
+        self._boxes: dict[tuple[str, int], viser.GuiCheckboxHandle] = {}
+        self._links = gui.add_html("")
+
+    def update(self, view: View) -> None:
+        """Bring tree and ages up to date."""
+        branches = tree(view.placement.tree)[:MAX_FRAMES]
+        keys = [(one.frame, one.depth) for one in branches]
+        if keys != list(self._boxes):
+            self._build(keys, set(self._session.frames_on()))
+        rows = [
+            (one.frame, one.link.parent, _where(one.link), link_age(one.link, view.robot_ns))
+            for one in branches
+            if one.link is not None
+        ]
+        lines = "".join(map(note, missing_links(view.placement)))
+        show(self._links, content=table(rows) + lines)
+
+    def _build(self, keys: list[tuple[str, int]], on: set[str]) -> None:
+        for box in self._boxes.values():
+            box.remove()
+        self._boxes.clear()
+        with self._inside:
+            for frame, depth in keys:
+                box = self._gui.add_checkbox(INDENT * depth + frame[:MAX_LETTERS], frame in on)
+                self._boxes[frame, depth] = box
+                box.on_update(
+                    handler(
+                        self._session.post,
+                        lambda _, is_on, frame=frame: self._session.switch_frame(
+                            frame, is_on=bool(is_on)
+                        ),
+                    )
+                )
+
+
+def tree(frames: FrameTree) -> list[Branch]:
+    """All frames, each below its parent and children by name."""
+    children: dict[str, list[str]] = {}
+    roots: list[str] = []
+    for frame in frames.frames():
+        link = frames.link(frame)
+        (roots if link is None else children.setdefault(link.parent, [])).append(frame)
+    found: list[Branch] = []
+    open_ends = [(root, 0) for root in reversed(roots)]
+    while open_ends:
+        frame, depth = open_ends.pop()
+        found.append(Branch(frame, depth, frames.link(frame)))
+        open_ends += [(child, depth + 1) for child in reversed(children.get(frame, []))]
+    return found
+
+
+def missing_links(placement: Placement) -> list[str]:
+    """What keeps frames from having a place in the world, each missing link named once."""
+    said: dict[str, str] = {}
+    for frame in (BASE, LASER, *placement.tree.frames()):
+        try:
+            placement.tree.lookup(placement.world, frame)
+        except MissingLink as missing:
+            said.setdefault(missing.missing, f"Missing: tf/{missing.missing}. {missing}")
+    return list(said.values())
+
+
+def link_age(link: Link, robot_ns: int | None) -> str:
+    """How old a link is; it is not said while the robot's clock is silent."""
+    if link.stamp_ns is None:
+        return "fixed"
+    return "" if robot_ns is None else age_words((robot_ns - link.stamp_ns) * 1e-9)
+
+
+def _where(link: Link) -> str:
+    return f"{link.pose.x:.2f}, {link.pose.y:.2f}, {link.pose.yaw:.2f}"

@@ -1,0 +1,162 @@
+"""For engineers: where any frame is in any other, and a plot of any number that is published."""
+
+import math
+from collections.abc import Callable
+
+import viser
+
+from trolley import topics
+from trolley.geometry import MissingLink
+from trolley.geometry.frames import BASE, MAP
+from trolley.geometry.relation import Relation, relation
+from trolley.topics import Kind
+from trolley_viz.overlays.cards import written
+from trolley_viz.overlays.figures import plot_columns, plot_svg
+from trolley_viz.overlays.readings import Reading, Readings
+from trolley_viz.overlays.source import fields_of
+from trolley_viz.panels.control import GREY, Post, handler, set_options
+from trolley_viz.panels.markup import note, table
+from trolley_viz.scene.layer import View
+from trolley_viz.scene.places import current_places
+from trolley_viz.whereabouts import PLACE, frames_of, why_nowhere
+from trolley_viz.words import duration
+
+MAX_FRAMES = 200
+NO_TOPIC = "choose"
+WINDOWS_S = {"10 s": 10.0, "1 min": 60.0, "10 min": 600.0}
+PLOT_STYLE = (
+    "<style>.trolley-plot svg{width:100%;display:block}"
+    ".trolley-plot text{fill:currentColor;font-size:9.5px;opacity:.8}"
+    ".trolley-plot .ov-grid{stroke:currentColor;stroke-width:.6;opacity:.3}</style>"
+)
+
+
+class FramesPanel:
+    """Distance, bearing, translation, rotation and age of two frames, or the missing link."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        frames: list[str] = [BASE, MAP]
+        with gui.add_folder("Distance and angle", expand_by_default=False):
+            self._parent = gui.add_dropdown("From", frames, initial_value=BASE)
+            self._child = gui.add_dropdown("To", frames, initial_value=MAP)
+            self._said = gui.add_html("")
+
+    def update(self, view: View) -> None:
+        """Say where the second frame is in the first."""
+        frames = frames_of(view.feeds, view.robot_ns, (self._parent.value, self._child.value))
+        known = {BASE, MAP, *frames.tree.frames()}
+        places = sorted({PLACE + one.name for one in current_places(view)} - known)
+        options = [*sorted(known - set(places)), *places][:MAX_FRAMES]
+        for dropdown in (self._parent, self._child):
+            set_options(dropdown, sorted({*options, dropdown.value}), "")
+        try:
+            found = relation(frames, self._parent.value, self._child.value)
+        except MissingLink as missing:
+            self._said.content = note(why_nowhere(frames, missing))
+            return
+        self._said.content = relation_table(found)
+
+
+class PlotPanel:
+    """The last minutes of any number that the robot publishes.
+
+    Args:
+        gui: where it is added.
+        post: hands a call to the service's thread.
+        new_readings: follows values of the robot of this browser.
+    """
+
+    def __init__(self, gui: viser.GuiApi, post: Post, new_readings: Callable[[], Readings]) -> None:
+        self._new_readings = new_readings
+        self._readings: Readings | None = None
+        self._text = ""
+        none: list[str] = [NO_TOPIC]
+        with gui.add_folder("Plot", expand_by_default=False):
+            names = (NO_TOPIC, *(one.name for one in topics.TOPICS if one.kind is Kind.STREAM))
+            topic = gui.add_dropdown("Topic", names, initial_value=NO_TOPIC)
+            self._fields = gui.add_dropdown("Field", none, disabled=True)
+            self._source = gui.add_text("Value", "", hint="Such as odom:twist.vx or scan:ranges[0]")
+            self._window = gui.add_dropdown("Time", tuple(WINDOWS_S), initial_value="1 min")
+            self._is_fixed = gui.add_checkbox("Fixed range", False)
+            self._low = gui.add_number("From", 0.0, visible=False)
+            self._high = gui.add_number("Up to", 1.0, visible=False)
+            self._picture = gui.add_html("")
+            save = gui.add_button("Save as CSV", icon=viser.Icon.DOWNLOAD, color=GREY)
+        topic.on_update(handler(post, lambda _, name: self._choose_topic(str(name))))
+        self._fields.on_update(handler(post, lambda _, __: self._choose_field(topic.value)))
+        self._is_fixed.on_update(handler(post, lambda _, is_fixed: self._fix(bool(is_fixed))))
+        save.on_click(handler(post, lambda client, _: self._save(client)))
+
+    def update(self, view: View) -> None:
+        """Draw what is asked for."""
+        self._text = self._source.value.strip()
+        if not self._text:
+            self.close()
+            self._picture.content = ""
+            return
+        if self._readings is None:
+            self._readings = self._new_readings()
+        readings = self._readings
+        readings.want([self._text])
+        wanted = readings.frames_wanted()
+        if wanted and readings.is_sampling_due(view.now_ns):
+            readings.sample(frames_of(view.feeds, view.robot_ns, wanted), view.now_ns)
+        self._picture.content = self._drawn(readings.of(self._text), view)
+
+    def close(self) -> None:
+        """Follow nothing any more."""
+        if self._readings is not None:
+            self._readings.drop_all()
+            self._readings = None
+
+    def _drawn(self, reading: Reading, view: View) -> str:
+        if reading.problem:
+            return note(reading.problem)
+        age_s = reading.age_s(view.now_ns)
+        if age_s is None:
+            return note("No data yet.")
+        is_fixed, window_s = self._is_fixed.value, WINDOWS_S[self._window.value]
+        svg = plot_svg(
+            reading.history.lines(view.now_ns, window_s, plot_columns()),
+            window_s,
+            self._low.value if is_fixed else None,
+            self._high.value if is_fixed else None,
+        )
+        is_silent = reading.is_silent(view.now_ns, is_away=view.is_away)
+        value = f"No data for {age_s:.0f} s." if is_silent else written(reading.value, "")
+        return f'{PLOT_STYLE}<div class="trolley-plot">{note(value)}{svg}</div>'
+
+    def _choose_topic(self, name: str) -> None:
+        found = [one for one in topics.TOPICS if one.name == name]
+        set_options(self._fields, fields_of(found[0]) if found else [], NO_TOPIC)
+        if found:
+            self._choose_field(name)
+
+    def _choose_field(self, name: str) -> None:
+        if name != NO_TOPIC and not self._fields.disabled:
+            self._source.value = f"{name}:{self._fields.value}"
+
+    def _fix(self, is_fixed: bool) -> None:
+        self._low.visible = self._high.visible = is_fixed
+
+    def _save(self, client: viser.ClientHandle) -> None:
+        if self._readings is None or not self._text:
+            return
+        name = "".join(one if one.isalnum() else "-" for one in self._text)
+        content = self._readings.of(self._text).history.csv().encode()
+        client.send_file_download(f"{name}.csv", content, save_immediately=True)
+
+
+def relation_table(found: Relation) -> str:
+    """Where one frame is in another, as rows."""
+    x, y, z = found.translation
+    qx, qy, qz, qw = found.rotation
+    rows: list[tuple[str, ...]] = [
+        ("Distance", f"{found.distance:.3f} m"),
+        ("Bearing", f"{math.degrees(found.bearing):.1f}° (left is positive)"),
+        ("Translation", f"{x:.3f}, {y:.3f}, {z:.3f} m"),
+        ("Rotation", f"{math.degrees(found.yaw):.1f}°"),
+        ("Quaternion", f"{qx:.4f}, {qy:.4f}, {qz:.4f}, {qw:.4f}"),
+        ("Age", "–" if found.age is None else duration(found.age)),
+    ]
+    return table(rows) + "".join(note(f"{one}.") for one in found.stale)

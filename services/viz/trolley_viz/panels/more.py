@@ -1,0 +1,149 @@
+"""The tab for engineers: what else there is to see, folded away until it is wanted."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+
+from trolley import topics
+from trolley.messages import PoseEstimate
+from trolley_viz.panels.control import GREY, handler, show
+from trolley_viz.panels.frames import FrameTreePanel
+from trolley_viz.panels.markup import note, swatches, table
+from trolley_viz.panels.measuring import FramesPanel, PlotPanel
+from trolley_viz.panels.streams import StreamPanel
+from trolley_viz.scene.certainty import error_of
+from trolley_viz.scene.layer import Group, Layer, View
+from trolley_viz.scene.places import SUSPECT_COLOUR, ZONE_COLOURS
+from trolley_viz.scene.scene import LAYERS
+from trolley_viz.scene.sensing import BEAM_COLOURS
+from trolley_viz.words import age_words, percent
+
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
+
+GROUPS: tuple[Group, ...] = ("Robot", "Senses", "Driving", "Map")
+BEAMS = [
+    ("echo of something on the map", 0),
+    ("not on the map", 1),
+    ("behind a mirror or glass", 2),
+    ("suspected reflection", 3),
+    ("not used", 4),
+]
+PERIOD_NS = 1_000_000_000
+
+
+class MorePanel:
+    """Layers, position, frames, services and streams."""
+
+    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+        self._due_ns = 0
+        post = session.post
+        fit = gui.add_button("Show the whole map", icon=viser.Icon.MAXIMIZE, color=GREY)
+        fit.on_click(handler(post, lambda _, __: session.fit_view()))
+        look = gui.add_checkbox("Dark background", session.choices.dark)
+        look.on_update(handler(post, lambda _, is_dark: session.set_dark(is_dark=bool(is_dark))))
+        self._layers = {group: LayerPanel(gui, session, group) for group in GROUPS}
+        with gui.add_folder("Position", expand_by_default=False):
+            self._position = gui.add_html("")
+        with gui.add_folder("Frames", expand_by_default=False):
+            self._frames = FrameTreePanel(gui, session)
+        with gui.add_folder("Services and streams", expand_by_default=False):
+            self._streams = StreamPanel(gui)
+        self._relation = FramesPanel(gui)
+        self._plot = PlotPanel(gui, post, lambda: session.hub.readings(session.robot))
+        self._notes = gui.add_html("")
+        self._markers = lambda: session.hub.stage(session.robot).markers
+
+    def update(self, view: View) -> None:
+        """Say what is: what is for reading once a second."""
+        self._relation.update(view)
+        self._plot.update(view)
+        if view.now_ns < self._due_ns:
+            return
+        self._due_ns = view.now_ns + PERIOD_NS
+        for panel in self._layers.values():
+            panel.update(view)
+        show(self._position, content=table(position_rows(view)))
+        self._frames.update(view)
+        self._streams.update(view)
+        show(self._notes, content="".join(map(note, self._markers().notes)))
+
+    def close_plot(self) -> None:
+        """Stop following what is plotted, as for another robot."""
+        self._plot.close()
+
+
+class LayerPanel:
+    """The layers of one group, each with the age of what it shows."""
+
+    def __init__(self, gui: viser.GuiApi, session: "Session", group: Group) -> None:
+        self._session = session
+        self._boxes: dict[type[Layer], viser.GuiCheckboxHandle] = {}
+        shown = session.layers()
+        with gui.add_folder(f"Layers: {group}", expand_by_default=False):
+            for kind in LAYERS:
+                if kind.group == group:
+                    self._boxes[kind] = gui.add_checkbox(kind.title, shown[kind.key])
+            if group == "Senses":
+                beams = [(text, _rgb(BEAM_COLOURS[i].tolist())) for text, i in BEAMS]
+                gui.add_html(note("Laser scan") + swatches(beams))
+            elif group == "Map":
+                zones = [(kind, colour) for kind, colour in ZONE_COLOURS.items()]
+                gui.add_html(note("Zones") + swatches([*zones, ("mirror?", SUSPECT_COLOUR)]))
+        for kind, box in self._boxes.items():
+            key = kind.key
+            box.on_update(
+                handler(
+                    session.post,
+                    lambda _, is_on, key=key: session.switch_layer(key, is_on=bool(is_on)),
+                )
+            )
+
+    def update(self, view: View) -> None:
+        """Bring the ages up to date."""
+        shown = self._session.layers()
+        for kind, box in self._boxes.items():
+            is_aged = shown[kind.key] and kind.source is not None
+            age = f" · {_age(view, kind)}" if is_aged else ""
+            is_there = kind.source is not topics.SIM_TRUTH or _is_simulated(view)
+            show(box, label=f"{kind.title}{age}", visible=is_there)
+
+
+def position_rows(view: View) -> list[tuple[str, ...]]:
+    """How well the robot knows where it is, in numbers."""
+    feeds = view.feeds
+    estimate, cloud = feeds.latest(topics.POSE), feeds.latest(topics.PARTICLES)
+    if estimate is None:
+        return [("position", "no data")]
+    rows = [("match", f"{percent(estimate.match)}, {estimate.state}")]
+    count = "particles not shown" if cloud is None else f"{len(cloud.weights) // 4} particles"
+    rows.append(("particles", f"{count}, spread {estimate.spread:.2f} m"))
+    if estimate.covariance is not None:
+        rows.append(("standard deviation", _deviations(estimate)))
+    error = error_of(view)
+    if error is not None:
+        rows.append(("really off by", error.text))
+    if view.robot_ns is not None:
+        rows.append(("age", age_words((view.robot_ns - estimate.stamp_ns) * 1e-9)))
+    return rows
+
+
+def _deviations(estimate: PoseEstimate) -> str:
+    variances = np.array(estimate.covariance, np.float64)[[0, 4, 8]]
+    x, y, yaw = np.sqrt(np.maximum(variances, 0.0)).tolist()
+    return f"x {100 * x:.1f} cm, y {100 * y:.1f} cm, {np.degrees(yaw):.1f}°"
+
+
+def _age(view: View, kind: type[Layer]) -> str:
+    arrived_ns = None if kind.source is None else view.feeds.arrived_ns(kind.source)
+    return age_words(None if arrived_ns is None else (view.now_ns - arrived_ns) * 1e-9)
+
+
+def _is_simulated(view: View) -> bool:
+    return view.robot is not None and view.robot.simulated
+
+
+def _rgb(values: list[int]) -> tuple[int, int, int]:
+    red, green, blue = values
+    return red, green, blue

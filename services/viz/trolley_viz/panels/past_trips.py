@@ -1,0 +1,131 @@
+"""Past trips: when, which tour, how long, how far it got, and what came of each stop."""
+
+import datetime
+import html
+from collections.abc import Sequence
+
+import viser
+
+from trolley import codes
+from trolley.messages import PastTrip, TourStatus
+from trolley_viz.panels.control import GREY, Post, handler, set_options
+from trolley_viz.panels.markup import TONES, note, row
+from trolley_viz.past_trips import PastTrips
+from trolley_viz.words import Tone, Words, duration, result_words
+
+SHOWN_AT_ONCE = 20
+MAX_RESULTS = 50
+ALL_TOURS: str = "all tours"
+UNNAMED = "without a name"
+_TRIP = (
+    '<details style="padding:0.3em 0.8em;line-height:1.35;overflow-wrap:anywhere">'
+    '<summary style="cursor:pointer;padding:0.2em 0">'
+    '<span style="display:inline-block;width:0.7em;height:0.7em;border-radius:50%;'
+    'background:{colour}"></span> <b>{title}</b><br>'
+    '<span style="opacity:0.72;font-size:0.86em">{summary}</span></summary>{results}</details>'
+)
+
+
+class PastTripsPanel:
+    """A list that is asked for when it is opened."""
+
+    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+        self._is_open = False
+        self._num_shown = SHOWN_AT_ONCE
+        self._drawn: tuple[object, ...] = ()
+        self._toggle = gui.add_button("Past trips", icon=viser.Icon.HISTORY, color=GREY)
+        self._tour = gui.add_dropdown("Tour", (ALL_TOURS,), visible=False)
+        self._list = gui.add_html("")
+        self._more = gui.add_button("Show more", color=GREY, visible=False)
+        self._toggle.on_click(handler(post, lambda _, __: self._switch()))
+        self._more.on_click(handler(post, lambda _, __: self._show_more()))
+
+    def update(
+        self, past: PastTrips, trip: TourStatus | None, now_ns: int, *, is_shown: bool
+    ) -> None:
+        """Show the trips, if they are open; `now_ns` [ns] is local monotonic time."""
+        is_open = is_shown and self._is_open
+        self._toggle.visible = is_shown
+        self._toggle.label = "Close past trips" if is_open else "Past trips"
+        self._tour.visible = is_open and bool(past.trips)
+        if not is_open:
+            self._more.visible, self._list.content, self._drawn = False, "", ()
+            return
+        past.look(trip, now_ns)
+        trips = past.trips or ()
+        names = sorted({one.name or UNNAMED for one in trips})
+        set_options(self._tour, [ALL_TOURS, *names], ALL_TOURS)
+        chosen = [one for one in trips if self._tour.value in (ALL_TOURS, one.name or UNNAMED)]
+        now = (past.trips, past.problem, self._tour.value, self._num_shown)
+        if now == self._drawn:  # and what somebody opened stays open
+            return
+        self._drawn = now
+        self._more.visible = len(chosen) > self._num_shown
+        self._list.content = trips_html(past, chosen[: self._num_shown])
+
+    def _switch(self) -> None:
+        self._is_open, self._num_shown = not self._is_open, SHOWN_AT_ONCE
+
+    def _show_more(self) -> None:
+        self._num_shown += SHOWN_AT_ONCE
+
+
+def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
+    """The trips, each of which opens to what came of its stops."""
+    problem = (
+        row(Words("Past trips are not known just now", "warn", past.problem))
+        if past.problem
+        else ""
+    )
+    if past.trips is None:
+        return problem or note("Asking …")
+    if not past.trips:
+        return problem + note("There was no trip yet.")
+    return problem + "".join(map(_trip, trips))
+
+
+def _trip(trip: PastTrip) -> str:
+    shown = trip.results[-MAX_RESULTS:]
+    title = [trip.name or UNNAMED, when_text(trip.started_at)]
+    left_out = trip.reached + trip.missed - len(shown)
+    results = "".join(row(result_words(result)) for result in shown)
+    if left_out > 0:
+        results = note(f"{left_out} earlier stops are not shown.") + results
+    return _TRIP.format(
+        colour=TONES[tone_of(trip)],
+        title=html.escape(" · ".join(filter(None, title))),
+        summary=html.escape(summary(trip)),
+        results=results or note("It had not come to a stop yet."),
+    )
+
+
+def tone_of(trip: PastTrip) -> Tone:
+    """The colour of how it went."""
+    match trip.state:
+        case "done":
+            return "good" if trip.missed == 0 else "warn"
+        case "failed":
+            return "bad"
+        case _:
+            return "idle"
+
+
+def summary(trip: PastTrip) -> str:
+    """Say how far it got, how long it took, and why it ended if it did not come to its end."""
+    of = f" of {trip.planned}" if trip.planned else ""
+    why = trip.message or codes.SENTENCES.get(trip.reason, trip.reason)
+    parts = [f"{trip.reached}{of} stops", duration(trip.seconds)]
+    return " · ".join([*parts, why] if trip.state != "done" and why else parts)
+
+
+def when_text(started_at: str | None) -> str:
+    """Write a moment (ISO 8601) as local time for people, "" where it is not known."""
+    if started_at is None:
+        return ""
+    try:
+        moment = datetime.datetime.fromisoformat(started_at)
+    except ValueError:
+        return ""
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=datetime.UTC)
+    return f"{moment.astimezone():%d %b %H:%M}".lstrip("0")

@@ -1,0 +1,134 @@
+"""The details of one point of a tour that is being edited."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import viser
+
+from trolley_viz.panels.control import TEAL, Post, handler, set_options
+from trolley_viz.tour_draft import MAX_COUNT, MAX_SECONDS, OnFailure, Point
+
+ON_MAP: str = "a point on the map"
+UP, DOWN, REMOVE = "Earlier", "Later", "Remove"
+GIVE_UP: str = "end the tour"
+LEAVE_OUT: str = "leave it out"
+FOR_EVER: str = "try until it works"
+FAILURES: dict[str, OnFailure] = {GIVE_UP: "abort", LEAVE_OUT: "skip", FOR_EVER: "retry"}
+
+
+class PointEditor:
+    """Where it is, whether the robot stops there, how long, and what if it cannot.
+
+    Args:
+        gui: where it is added.
+        change: called with the point as it was and as it shall be.
+        arrange: called with `UP`, `DOWN` or `REMOVE`.
+        point_out: lets the person show the place on the map.
+        post: hands calls to the service's thread.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        change: Callable[[Point, Point], None],
+        arrange: Callable[[str], None],
+        point_out: Callable[[], None],
+        post: Post,
+    ) -> None:
+        self._change = change
+        self._point: Point | None = None
+        self.folder = gui.add_folder("Stop", visible=False)
+        with self.folder:
+            order = gui.add_button_group("Order", (UP, DOWN, REMOVE))
+            self._place = gui.add_dropdown("Place", (ON_MAP,))
+            show = gui.add_button("Point at it on the map", icon=viser.Icon.MAP_PIN, color=TEAL)
+            self._passes = gui.add_checkbox("Pass without stopping", False)
+            self._dwell = gui.add_number("Stay, seconds", 0.0, min=0.0, max=MAX_SECONDS, step=1.0)
+            self._failure = gui.add_dropdown("If it fails", tuple(FAILURES))
+            self._tries = gui.add_number(
+                "Tries", 1, min=1, max=MAX_COUNT, step=1, hint="How often before it has failed."
+            )
+            self._timeout = gui.add_number(
+                "Longest drive, s",
+                0.0,
+                min=0.0,
+                max=MAX_SECONDS,
+                step=1.0,
+                hint="How long the drive to it may take; 0: as usual.",
+            )
+        order.on_click(handler(post, lambda _, action: arrange(action)))
+        show.on_click(handler(post, lambda _, __: point_out()))
+        self._bind(post)
+
+    def show(self, point: Point | None, places: Sequence[str]) -> None:
+        """Show a point, or nothing; `places` are the names to choose from."""
+        self.folder.visible = point is not None
+        if point is None:
+            self._point = None
+            return
+        own = ON_MAP if point.name is None else point.name
+        names = [own] if own not in places else []
+        set_options(self._place, [*names, *places], ON_MAP)
+        if point is not self._point:
+            self._point = point
+            self._place.value = own
+            self._passes.value = point.passes
+            self._dwell.value = point.dwell
+            self._failure.value = failure_of(point)
+            self._tries.value = point.retries + 1
+            self._timeout.value = point.timeout or 0.0
+        for field in (self._dwell, self._failure, self._timeout):
+            field.visible = not point.passes
+        self._tries.visible = not point.passes and failure_of(point) != FOR_EVER
+
+    def _bind(self, post: Post) -> None:
+        def on(handle: Any, changed: Callable[[Point, Any], Point]) -> None:
+            handle.on_update(handler(post, lambda _, value: self._changed(changed, value)))
+
+        on(self._place, place_changed)
+        on(self._passes, lambda point, passes: replace(point, passes=bool(passes)))
+        on(self._dwell, lambda point, value: replace(point, dwell=seconds(value)))
+        on(self._timeout, lambda point, value: replace(point, timeout=seconds(value) or None))
+        on(self._tries, lambda point, value: replace(point, retries=max(count(value) - 1, 0)))
+        on(self._failure, failure_changed)
+
+    def _changed(self, changed: Callable[[Point, Any], Point], value: Any) -> None:
+        if self._point is None:
+            return
+        point = changed(self._point, value)
+        if point != self._point:
+            before, self._point = self._point, point  # the controls show it already
+            self._change(before, point)
+
+
+def place_changed(point: Point, name: str) -> Point:
+    """The point at another place; at `ON_MAP` it stays."""
+    return point if name == ON_MAP else replace(point, name=name, pose=None)
+
+
+def failure_of(point: Point) -> str:
+    """What happens if the stop fails, in words: a `retry` that ends gives up as `abort` does."""
+    if point.on_failure == "skip":
+        return LEAVE_OUT
+    return FOR_EVER if point.on_failure == "retry" and point.retries == 0 else GIVE_UP
+
+
+def failure_changed(point: Point, text: str) -> Point:
+    """The point with another answer to failure."""
+    answer = FAILURES.get(text)
+    if answer is None or text == failure_of(point):
+        return point
+    return replace(point, on_failure=answer, retries=0 if answer == "retry" else point.retries)
+
+
+def seconds(value: Any) -> float:
+    """A time from the page [s], within bounds; what is no number counts as 0."""
+    number = float(value)
+    return min(max(number, 0.0), MAX_SECONDS) if math.isfinite(number) else 0.0
+
+
+def count(value: Any) -> int:
+    """A count from the page, within bounds; what is no number counts as 0."""
+    return round(min(seconds(value), float(MAX_COUNT)))

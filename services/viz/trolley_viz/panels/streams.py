@@ -1,0 +1,65 @@
+"""The services with their health, and the streams that are followed with their rates."""
+
+import viser
+
+from trolley import topics
+from trolley.messages import Health
+from trolley_viz.panels.control import show
+from trolley_viz.panels.markup import note, row, table
+from trolley_viz.scene.layer import View
+from trolley_viz.words import Tone, Words, age_words
+
+RATE_OVER_NS = 3_000_000_000
+TONES: dict[str, Tone] = {"ok": "good", "starting": "busy", "degraded": "warn", "failed": "bad"}
+SILENT_S = 3.0
+
+
+class StreamPanel:
+    """For reading; nothing can be pressed."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._services = gui.add_html("")
+        self._streams = gui.add_html("")
+        self._counts: dict[str, int] = {}
+        self._counted_ns = 0
+        self._rates: dict[str, float] = {}
+
+    def update(self, view: View) -> None:
+        """Bring both up to date."""
+        health, heard = (
+            view.feeds.by_parts(topics.HEALTH),
+            view.feeds.arrived_by_parts(topics.HEALTH),
+        )
+        lines = [
+            service_words(name, one, (view.now_ns - heard.get((name,), 0)) * 1e-9)
+            for (name,), one in sorted(health.items())
+        ]
+        show(self._services, content="".join(map(row, lines)) or note("No service is heard."))
+        self._count(view)
+        rows = [
+            (name, f"{self._rates[name]:.1f} Hz" if name in self._rates else "…")
+            for name in self._counts
+        ]
+        show(self._streams, content=note("Streams from the robot, as they arrive") + table(rows))
+
+    def _count(self, view: View) -> None:
+        since_ns = view.now_ns - self._counted_ns
+        if since_ns < RATE_OVER_NS and self._counts:
+            return
+        counts = view.feeds.counts()
+        self._rates = {
+            name: max(count - self._counts[name], 0) / (since_ns * 1e-9)
+            for name, count in counts.items()
+            if name in self._counts
+        }
+        self._counts, self._counted_ns = counts, view.now_ns
+
+
+def service_words(name: str, health: Health, age_s: float) -> Words:
+    """Say how a service is, what it takes, and when it was last heard."""
+    takes = f"{100 * health.cpu:.0f} % of a core, {health.rss / 2**20:.0f} MB"
+    heard = age_words(age_s, SILENT_S)
+    if age_s > SILENT_S:
+        return Words(f"{name}: silent", "bad", f"last heard {heard} ago. It said: {health.state}")
+    detail = f"{health.message.rstrip('.')}. {takes}" if health.message else takes
+    return Words(f"{name}: {health.state}", TONES[health.state], detail)

@@ -1,0 +1,336 @@
+"""The tour editor: the points in order, how often, when, and what keeps it from being saved."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import viser
+
+from trolley import topics
+from trolley.geometry.frames import MAP
+from trolley.messages import Tour
+from trolley_viz.panels.control import GREEN, GREY, TEAL, Colour, Post, handler, set_options
+from trolley_viz.panels.markup import note, row, title
+from trolley_viz.panels.point_editor import DOWN, REMOVE, UP, PointEditor, count
+from trolley_viz.panels.tour_times import TimesEditor
+from trolley_viz.pointing import Pointed, Tool
+from trolley_viz.scene.layer import View
+from trolley_viz.scene.tours import place_finder
+from trolley_viz.tour_draft import Draft, Editing, Point, bearing, stay_text
+from trolley_viz.words import Words
+
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
+
+TOUR_POINT = "tour_point"
+POINT_HINT = "Press where it shall stop, drag to where it shall look, release."
+CHOOSE: str = "choose …"
+HERE, POINT_OUT = "Where it stands", "Point on the map"
+KEEP_MINE, TAKE_THEIRS = "Keep mine", "Take theirs"
+MAX_ROWS = 30
+"""Of a longer tour the points around the chosen one are shown."""
+SURE = ("localized", "unsure")
+"""Pose states in which "where it stands" means something."""
+
+
+class TourEditor:
+    """Edits one tour at a time.
+
+    Args:
+        gui: where it is added.
+        session: the browser.
+        save: called with the tour and what it was when it was opened.
+        post: hands calls to the service's thread.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        session: "Session",
+        save: Callable[[Tour, Tour | None], None],
+        post: Post,
+    ) -> None:
+        self._gui = gui
+        self._session = session
+        self._save_tour = save
+        self._post = post
+        self._rows: list[viser.GuiButtonHandle] = []
+        self._tours: Sequence[Tour] = ()
+        self._is_leaving = False
+        """Whether the next press of Cancel throws the changes away."""
+        self.editing: Editing | None = None
+        self._folder = gui.add_folder(None, visible=False)
+        with self._folder:
+            self._title = gui.add_html("")
+            self._name = gui.add_text("Name", "")
+            self._points = gui.add_folder(None)
+            with self._points:
+                self._point = PointEditor(
+                    gui, self._change_point, self._arrange, self._point_out_again, post
+                )
+            self._add_controls(gui)
+            self._option_controls(gui)
+            self._times = TimesEditor(gui, lambda times: self._edit(times=times), post)
+            self._problems = gui.add_html("")
+            self._whose = gui.add_button_group("", (KEEP_MINE, TAKE_THEIRS), visible=False)
+            self._save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
+            self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color=GREY)
+        self._bind(post)
+
+    def _add_controls(self, gui: viser.GuiApi) -> None:
+        self._around = gui.add_html("")
+        self._add_place = gui.add_dropdown("Add place", (CHOOSE,))
+        self._add_other = gui.add_button_group("or add", (HERE, POINT_OUT))
+
+    def _option_controls(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("How often", expand_by_default=False):
+            self._repeat = gui.add_number("Rounds", 1, min=1, max=1000, step=1)
+            self._endless = gui.add_checkbox("Again and again", False)
+            self._back = gui.add_checkbox("There and back", False)
+            self._resume = gui.add_checkbox(
+                "Go on after a restart",
+                False,
+                hint="Whether the tour goes on by itself after the robot was switched off and on.",
+            )
+
+    # Opening and closing.
+    def open(self, editing: Editing) -> None:
+        """Edit this."""
+        self.editing = editing
+        self._is_leaving = False
+        self._times.open()
+        self._title.content = title("New tour" if editing.opened is None else "Edit the tour")
+        self._fill(editing.draft)
+
+    def close(self) -> None:
+        """Forget what was edited."""
+        self.editing = None
+        self._put_away()
+
+    def _fill(self, draft: Draft) -> None:
+        self._name.value = draft.name
+        self._repeat.value = max(draft.repeat, 1)
+        self._endless.value = draft.repeat == 0
+        self._back.value = draft.there_and_back
+        self._resume.value = draft.resume
+
+    # Showing.
+    def update(self, view: View, tours: Sequence[Tour], *, is_shown: bool) -> None:
+        """Show the draft, and what keeps it from being saved."""
+        editing, self._tours = self.editing, tours
+        self._folder.visible = is_shown and editing is not None
+        if editing is None or not is_shown:
+            return
+        editing.hear(tours)
+        saved, grid = view.feeds.latest(topics.POSES), view.map
+        maps = {one.name: one.map for one in ([] if saved is None else saved.poses)}
+        names = sorted(name for name, on in maps.items() if grid is None or on == grid.name)
+        self._show_points(editing, names)
+        if self._add_place.options != (CHOOSE, *names):
+            set_options(self._add_place, [CHOOSE, *names], CHOOSE)
+        self._add_place.value = CHOOSE
+        self._repeat.visible = not self._endless.value
+        self._times.show(editing.draft)
+        elsewhere = [
+            f"“{name}” is on another map."
+            for name in dict.fromkeys(point.name for point in editing.draft.points)
+            if name in maps and name not in names
+        ]
+        self._show_problems(editing, elsewhere)
+        self._cancel.label = "Throw the changes away? Press again" if self._is_leaving else "Cancel"
+
+    def _show_points(self, editing: Editing, names: Sequence[str]) -> None:
+        points, chosen = editing.draft.points, editing.chosen
+        first = first_shown(len(points), chosen)
+        with self._points:
+            while len(self._rows) < min(len(points), MAX_ROWS):
+                self._rows.append(self._add_row(len(self._rows)))
+        for i, button in enumerate(self._rows):
+            index = first + i
+            button.visible = index < len(points)
+            if button.visible:
+                button.label = point_text(editing.draft, index)
+                button.color = TEAL if index == chosen else QUIET
+        if chosen is not None:
+            self._point.folder.order = chosen - first + 0.5
+            self._point.folder.label = point_text(editing.draft, chosen)
+        self._point.show(editing.point, names)
+        hidden = len(points) - min(len(points), MAX_ROWS)
+        self._around.content = note(f"{hidden} more points are not shown.") if hidden else ""
+
+    def _add_row(self, i: int) -> viser.GuiButtonHandle:
+        button = self._gui.add_button("", order=float(i))
+        button.on_click(handler(self._post, lambda _, __: self._choose(i)))
+        return button
+
+    def _show_problems(self, editing: Editing, hints: Sequence[str]) -> None:
+        lines = [Words(text, "bad") for text in self._problems_of(editing)]
+        if editing.was_changed:
+            gone = editing.theirs is None
+            text = "deleted this tour meanwhile" if gone else "changed this tour meanwhile"
+            lines.insert(0, Words(f"Somebody else {text}.", "warn"))
+        lines += [Words(text, "warn") for text in hints]
+        self._problems.content = "".join(map(row, lines))
+        self._whose.visible = editing.was_changed
+        self._save.disabled = bool(self._problems_of(editing)) or editing.was_changed
+
+    def _problems_of(self, editing: Editing) -> list[str]:
+        saved = self._session.view.feeds.latest(topics.POSES)
+        places = {one.name: one.pose for one in ([] if saved is None else saved.poses)}
+        problems = editing.draft.problems(editing.taken(self._tours), places.get)
+        return [*problems, self._times.problem] if self._times.problem else problems
+
+    # Editing.
+    def _bind(self, post: Post) -> None:
+        def on(handle: Any, changed: Callable[[Any], None]) -> None:
+            handle.on_update(handler(post, lambda _, value: changed(value)))
+
+        on(self._name, lambda name: self._edit(name=name[:MAX_NAME_TYPED]))
+        on(self._repeat, lambda _: self._set_repeat())
+        on(self._endless, lambda _: self._set_repeat())
+        on(self._back, lambda is_on: self._edit(there_and_back=bool(is_on)))
+        on(self._resume, lambda is_on: self._edit(resume=bool(is_on)))
+        on(self._add_place, self._add_named)
+        self._add_other.on_click(handler(post, lambda _, action: self._add_where(action)))
+        self._whose.on_click(handler(post, lambda _, action: self._settle(action)))
+        self._save.on_click(handler(post, lambda _, __: self._press_save()))
+        self._cancel.on_click(handler(post, lambda _, __: self._press_cancel()))
+
+    def _edit(self, **changes: Any) -> None:
+        if self.editing is not None:
+            self.editing.draft = replace(self.editing.draft, **changes)
+            self._is_leaving = False
+
+    def _set_repeat(self) -> None:
+        self._edit(repeat=0 if self._endless.value else max(count(self._repeat.value), 1))
+
+    def _choose(self, row_index: int) -> None:
+        """Open the details of a row, or close them."""
+        editing = self.editing
+        if editing is None:
+            return
+        index = first_shown(len(editing.draft.points), editing.chosen) + row_index
+        if index < len(editing.draft.points):
+            editing.chosen = None if editing.chosen == index else index
+
+    def _arrange(self, action: str) -> None:
+        editing = self.editing
+        if editing is None:
+            return
+        self._is_leaving = False
+        if action == REMOVE:
+            editing.remove()
+        elif action in (UP, DOWN):
+            editing.move(-1 if action == UP else 1)
+
+    def _change_point(self, before: Point, point: Point) -> None:
+        """Change the chosen point, unless another was chosen while the change was on its way."""
+        if self.editing is not None and self.editing.point is before:
+            self._is_leaving = False
+            self.editing.change(point)
+
+    def _add(self, point: Point) -> None:
+        if self.editing is not None:
+            self._is_leaving = False
+            self.editing.add(point)
+
+    def _add_named(self, name: str) -> None:
+        if name != CHOOSE:
+            self._add(Point(name=name))
+
+    def _add_where(self, action: str) -> None:
+        if action == POINT_OUT:
+            self._point_out(lambda editing, point: self._add(point))
+            return
+        view = self._session.view
+        estimate = view.feeds.latest(topics.POSE)
+        is_sure = estimate is not None and estimate.state in SURE and view.is_fresh(topics.POSE)
+        if estimate is None or estimate.pose is None or not is_sure:
+            self._session.tell("Not added", "The robot does not know where it is.", "warn")
+        else:
+            self._add(Point(pose=estimate.pose))
+
+    def _point_out_again(self) -> None:
+        """Let the person show another place for the chosen point."""
+
+        def move(editing: Editing, point: Point) -> None:
+            if editing.point is not None:
+                moved = replace(editing.point, name=None, pose=point.pose)
+                self._change_point(editing.point, moved)
+
+        self._point_out(move)
+
+    def _point_out(self, take: Callable[[Editing, Point], None]) -> None:
+        session, before = self._session, self.editing
+        if session.view.placement.world != MAP:
+            session.tell("Not now", "There is no map to point at.", "warn")
+            return
+
+        def done(pointed: Pointed) -> None:
+            session.aiming.put_away()
+            editing = self.editing
+            if editing is None or editing is not before:
+                return
+            points, find = editing.draft.points, place_finder(session.view)
+            last = points[-1].where(find) if points else None
+            take(editing, Point(pose=bearing(pointed.x, pointed.y, pointed.yaw, last)))
+
+        tool = Tool(TOUR_POINT, lambda _: None, done)
+        session.aiming.arm(tool, POINT_HINT)
+
+    def _put_away(self) -> None:
+        tool = self._session.pointing.tool
+        if tool is not None and tool.name == TOUR_POINT:
+            self._session.put_tools_away()
+
+    # The end.
+    def _settle(self, action: str) -> None:
+        """Keep what is edited here, or take what somebody else saved."""
+        editing = self.editing
+        if editing is None or not editing.was_changed:
+            return
+        if action == KEEP_MINE:
+            editing.keep_mine()
+        elif editing.theirs is None:
+            self.close()
+        else:
+            editing.take_theirs()
+            self._fill(editing.draft)
+
+    def _press_save(self) -> None:
+        editing = self.editing
+        if editing is None or editing.was_changed or self._problems_of(editing):
+            return
+        saved = self._session.view.feeds.latest(topics.POSES)
+        places = {one.name: one.pose for one in ([] if saved is None else saved.poses)}
+        self._save_tour(editing.draft.tour(places.get), editing.opened)
+
+    def _press_cancel(self) -> None:
+        """Leave; changes are thrown away at the second press."""
+        editing = self.editing
+        if editing is None:
+            return
+        unchanged = Draft() if editing.opened is None else Draft.of(editing.opened)
+        if editing.draft == unchanged or self._is_leaving:
+            self.close()
+        else:
+            self._is_leaving = True
+
+
+QUIET: Colour = (70, 78, 92)
+MAX_NAME_TYPED = 200
+
+
+def first_shown(num_points: int, chosen: int | None) -> int:
+    """The first point that has a row: all have one, or those around the chosen one."""
+    last = max(num_points - MAX_ROWS, 0)
+    return last if chosen is None else min(max(chosen - MAX_ROWS // 2, 0), last)
+
+
+def point_text(draft: Draft, index: int) -> str:
+    """A point in a line: "2  kitchen · stays 5 s"."""
+    point, number = draft.points[index], draft.stop_number(index)
+    name = point.name or "a point on the map"
+    if number is None:
+        return f"passes {name}"
+    return f"{number}  {name}" + (f" · stays {stay_text(point.dwell)}" if point.dwell else "")

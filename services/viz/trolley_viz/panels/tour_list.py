@@ -1,0 +1,138 @@
+"""The stored tours: start, edit, copy or delete one, and undo that."""
+
+import html
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import viser
+
+from trolley.messages import Tour
+from trolley_viz.panels.control import GREEN, GREY, Post, handler
+from trolley_viz.panels.markup import note
+from trolley_viz.tour_draft import days_text, stay_text
+
+MAX_CARDS = 40
+SEARCH_FROM = 8
+"""With fewer tours nobody needs to search."""
+START, EDIT, COPY, DELETE = "Start", "Edit", "Copy", "Delete"
+_CARD = (
+    '<div style="padding:0.5em 0.8em 0;line-height:1.35;overflow-wrap:anywhere"><b>{name}</b>'
+    '<br><span style="opacity:0.72;font-size:0.86em">{summary}</span></div>'
+)
+
+
+class TourChoices(Protocol):
+    """What people do with the stored tours."""
+
+    def start(self, tour: Tour) -> None:
+        """Start it."""
+        ...
+
+    def edit(self, tour: Tour | None) -> None:
+        """Edit it, or make a new one."""
+        ...
+
+    def copy(self, tour: Tour) -> None:
+        """Save it once more."""
+        ...
+
+    def delete(self, tour: Tour) -> None:
+        """Delete it."""
+        ...
+
+    def undo(self) -> None:
+        """Undo the last change."""
+        ...
+
+
+class TourList:
+    """A card for each stored tour."""
+
+    def __init__(self, gui: viser.GuiApi, choices: TourChoices, post: Post) -> None:
+        self._gui = gui
+        self._choices = choices
+        self._post = post
+        self._tours: dict[str, Tour] = {}
+        self._cards: dict[str, tuple[viser.GuiHtmlHandle, viser.GuiButtonGroupHandle]] = {}
+        self._folder = gui.add_folder(None)
+        with self._folder:
+            self._search = gui.add_text("Search", "", visible=False)
+            self._list = gui.add_folder(None)
+            self._rest = gui.add_html("")
+            new = gui.add_button("New tour", icon=viser.Icon.PLUS, color=GREEN)
+            self._undo = gui.add_button(
+                "Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY, visible=False
+            )
+        new.on_click(handler(post, lambda _, __: choices.edit(None)))
+        self._undo.on_click(handler(post, lambda _, __: choices.undo()))
+
+    def update(self, tours: Sequence[Tour] | None, undo_text: str, *, is_open: bool) -> None:
+        """Show the tours (None: not known yet) and what can be undone, or hide all that."""
+        self._folder.visible = is_open
+        if not is_open:
+            return
+        self._tours = {tour.name: tour for tour in tours or ()}
+        self._search.visible = len(self._tours) >= SEARCH_FROM
+        wanted = self._search.value.strip().casefold()
+        found = sorted(name for name in self._tours if wanted in name.casefold())
+        shown = found[:MAX_CARDS]
+        for name in self._cards.keys() - set(shown):
+            for handle in self._cards.pop(name):
+                handle.remove()
+        for order, name in enumerate(shown):
+            if name not in self._cards:
+                self._cards[name] = self._add(name)
+            card, group = self._cards[name]
+            card.content = _card(self._tours[name])
+            card.order, group.order = 2.0 * order, 2.0 * order + 1.0
+        self._rest.content = self._rest_text(tours, len(found))
+        self._undo.visible = undo_text != ""
+        self._undo.label = f"Undo {undo_text}"
+
+    def _rest_text(self, tours: Sequence[Tour] | None, num_found: int) -> str:
+        if tours is None:
+            return note("The tour service has not said anything yet.")
+        if not tours:
+            return note("No tour is saved yet. A tour takes the robot from place to place.")
+        if num_found > MAX_CARDS:
+            return note(f"{num_found - MAX_CARDS} more: search for them.")
+        return "" if num_found else note("No tour is called so.")
+
+    def _add(self, name: str) -> tuple[viser.GuiHtmlHandle, viser.GuiButtonGroupHandle]:
+        with self._list:
+            card = self._gui.add_html("")
+            group = self._gui.add_button_group("", (START, EDIT, COPY, DELETE))
+        # By name, not by position: what is pressed is what was read.
+        group.on_click(handler(self._post, lambda _, action: self._act(name, action)))
+        return card, group
+
+    def _act(self, name: str, action: str) -> None:
+        tour = self._tours.get(name)
+        acts: dict[str, Callable[[Tour], None]] = {
+            START: self._choices.start,
+            EDIT: self._choices.edit,
+            COPY: self._choices.copy,
+            DELETE: self._choices.delete,
+        }
+        if tour is not None and action in acts:
+            acts[action](tour)
+
+
+def _card(tour: Tour) -> str:
+    return _CARD.format(name=html.escape(tour.name), summary=html.escape(summary(tour)))
+
+
+def summary(tour: Tour) -> str:
+    """Say what a tour is in a line: its places, how often, when."""
+    names = [stop.name or "a point" for stop in tour.stops]
+    places = " → ".join(names if len(names) <= 5 else [*names[:4], f"{len(names) - 4} more"])
+    parts = [places]
+    if tour.there_and_back:
+        parts.append("there and back")
+    if tour.repeat != 1:
+        parts.append(f"{tour.repeat} rounds" if tour.repeat else "again and again")
+    stay = sum(stop.dwell for stop in tour.stops)
+    if stay:
+        parts.append(f"stays {stay_text(stay)} in all")
+    parts += [f"{entry.at} {days_text(entry.days)}" for entry in tour.schedule[:3]]
+    return " · ".join(parts)

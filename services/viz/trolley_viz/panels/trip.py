@@ -1,0 +1,128 @@
+"""The trip under way: what came of its stops, those to come, and how to steer it."""
+
+from collections.abc import Callable
+
+import viser
+
+from trolley.messages import Stop, Tour, TourStatus
+from trolley_viz.panels.control import Post, handler
+from trolley_viz.panels.markup import note, row, title
+from trolley_viz.words import UNDER_WAY, Words, duration, result_words
+
+DRIVING_ACTIONS = ("Pause", "Skip", "End")
+PAUSED_ACTIONS = ("Resume", "Skip", "End")
+MAX_ROWS = 30
+
+
+class TripPanel:
+    """One trip at a time.
+
+    Args:
+        gui: where it is added.
+        steer: does one of the actions; None where that is not the person's to do.
+        post: hands calls to the service's thread.
+    """
+
+    def __init__(self, gui: viser.GuiApi, steer: Callable[[str], None] | None, post: Post) -> None:
+        self._progress = gui.add_html("")
+        self._steers: list[viser.GuiButtonGroupHandle] = []
+        if steer is not None:
+            for actions in (DRIVING_ACTIONS, PAUSED_ACTIONS):
+                group = gui.add_button_group("", actions, visible=False)
+                group.on_click(handler(post, lambda _, action: steer(action)))
+                self._steers.append(group)
+
+    def update(self, trip: TourStatus | None, tour: Tour | None, *, with_last: bool) -> None:
+        """Show how a trip goes.
+
+        Args:
+            trip: the one under way or the last one.
+            tour: what it drives, None where that is not known.
+            with_last: whether to show one that has ended, too.
+        """
+        is_under_way = trip is not None and trip.state in UNDER_WAY
+        self._progress.content = progress(trip, tour) if is_under_way or with_last else ""
+        is_paused = trip is not None and trip.state == "paused"
+        for group, is_for_paused in zip(self._steers, (False, True), strict=False):
+            group.visible = is_under_way and is_for_paused == is_paused
+
+
+def progress(trip: TourStatus | None, tour: Tour | None) -> str:
+    """The trip, what came of its stops, and those to come, as HTML."""
+    if trip is None:
+        return note("The tour service has not said anything yet.")
+    if trip.state == "idle":
+        return note("No tour is under way.")
+    is_under_way = trip.state in UNDER_WAY
+    coming = visits_to_come(trip, tour) if is_under_way else []
+    results = trip.results
+    if is_under_way and tour is not None:
+        made = visits_in_lap(tour, trip.lap) - len(coming) - (not is_there(trip, tour))
+        results = results[-made:] if made > 0 else []
+    lines = [result_words(one) for one in results[-MAX_ROWS:]]
+    if tour is not None and trip.stop is not None and is_under_way:
+        if not is_there(trip, tour) or trip.state == "paused":
+            lines.append(_present(trip, tour))
+        lines += [Words(f"{_name(tour.stops, i)} to come", "idle") for i in coming[:MAX_ROWS]]
+        if len(coming) > MAX_ROWS:
+            lines.append(Words(f"and {len(coming) - MAX_ROWS} more", "idle"))
+    return title(_heading(trip, tour)) + "".join(map(row, lines))
+
+
+def _heading(trip: TourStatus, tour: Tour | None) -> str:
+    if trip.state not in UNDER_WAY:
+        return f"Last tour: “{trip.name}”" if trip.name else "Last tour"
+    parts = [f"“{trip.name}”" if trip.name else "Tour"]
+    if tour is not None and tour.repeat != 1:
+        of = f" of {tour.repeat}" if tour.repeat else ""
+        parts.append(f"round {trip.lap + 1}{of}")
+    if trip.seconds >= 1.0:
+        parts.append(f"under way for {duration(trip.seconds // 1.0)}")
+    return ", ".join(parts)
+
+
+def _present(trip: TourStatus, tour: Tour) -> Words:
+    name = _name(tour.stops, trip.stop or 0)
+    match trip.state:
+        case "paused":
+            is_next = "" if is_there(trip, tour) else " next"
+            return Words(f"{name}{is_next}, paused", "warn")
+        case "waiting":
+            return Words(f"{name} next, waiting", "warn")
+        case _:
+            return Words(f"{name} now", "busy")
+
+
+def visits_in_lap(tour: Tour, lap: int) -> int:
+    """How many stops a round visits; there and back, a later one begins where the first ended."""
+    num = len(tour.stops)
+    if not tour.there_and_back or num < 2:
+        return num
+    return 2 * num - 1 - (lap > 0)
+
+
+def is_there(trip: TourStatus, tour: Tour) -> bool:
+    """Whether the present stop has its result already: what is left is to stay, if anything."""
+    if trip.state == "dwelling":
+        return True
+    # No tour of several stops visits one twice in a row.
+    last = trip.results[-1].stop if trip.results and len(tour.stops) > 1 else None
+    return last is not None and last == trip.stop
+
+
+def visits_to_come(trip: TourStatus, tour: Tour | None) -> list[int]:
+    """The stops that this round visits after the present one, in order."""
+    if tour is None or trip.stop is None or trip.stop >= len(tour.stops):
+        return []
+    onward = list(range(trip.stop + 1, len(tour.stops)))
+    back = list(range(trip.stop - 1, -1, -1))
+    if not tour.there_and_back:
+        return onward
+    before = trip.results[-2:-1] if is_there(trip, tour) else trip.results[-1:]
+    if not onward or (before and before[0].stop > trip.stop):
+        return back
+    return onward + list(range(len(tour.stops) - 2, -1, -1))
+
+
+def _name(stops: list[Stop], index: int) -> str:
+    return stops[index].name or f"stop {index + 1}" if index < len(stops) else "the stop"

@@ -1,0 +1,97 @@
+"""Tours as people make and drive them: a real browser, a mouse, and the demo's robot."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from playwright.sync_api import Locator, Page, expect, sync_playwright
+from support.waiting import wait_until
+
+from trolley import topics
+
+from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
+from .test_viewer import PLACE, pixel_of
+
+if TYPE_CHECKING:
+    from .conftest import Shown
+
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+
+@pytest.fixture(scope="module")
+def page(shown: "Shown") -> Iterator[Page]:
+    """A small page: the fewer pixels to draw in software, the more time for the rest."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        page = browser.new_page(viewport={"width": 800, "height": 560})
+        page.set_default_timeout(PATIENCE_MS)
+        expect.set_options(timeout=PATIENCE_MS)
+        page.goto(shown.url)
+        page.get_by_text("Localized").wait_for()
+        yield page
+        browser.close()
+
+
+def text_field(page: Page, label: str) -> Locator:
+    """A field of text; viser does not tie the label of one to it."""
+    rows = page.locator(".mantine-Flex-root:visible")
+    return rows.filter(has=page.get_by_text(label, exact=True)).locator("input")
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    """Choose from a list."""
+    page.get_by_label(label).first.click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def button(page: Page, name: str, *, exact: bool = True) -> None:
+    """Press a button."""
+    page.get_by_role("button", name=name, exact=exact).click()
+
+
+def stored(shown: "Shown") -> list[str]:
+    tours = shown.robot.latest(topics.TOURS)
+    return sorted(one.name for one in (tours.tours if tours is not None else []))
+
+
+def test_a_tour_is_made_driven_and_found_in_the_history(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    page.get_by_role("tab", name="Tours").click()
+    button(page, "New tour")
+    expect(page.get_by_text("Add at least one place.")).to_be_visible()
+    expect(page.get_by_role("button", name="Save", exact=True)).to_be_disabled()
+    text_field(page, "Name").fill("evening")
+    button(page, "Point on the map")
+    expect(page.get_by_text("Press where it shall stop")).to_be_visible()
+    page.mouse.click(*pixel_of(page, PLACE))
+    expect(page.get_by_role("button", name="1 a point on the map")).to_be_visible()
+    choose(page, "Add place", "start")
+    page.get_by_label("Stay, seconds").fill("1")
+    expect(page.get_by_role("button", name="2 start · stays 1 s")).to_be_visible()
+    page.screenshot(path=pictures / "tour-editor.png", timeout=60_000)
+    button(page, "Save")
+    wait_until(lambda: "evening" in stored(shown), 20.0, "the tour is saved")
+
+    expect(page.get_by_text("evening", exact=True)).to_be_visible()
+    starts = page.get_by_role("button", name="Start", exact=True)
+    expect(starts).to_have_count(2)  # the other tour is the demo's own
+    starts.last.click()
+    expect(page.get_by_text("stop 1 reached")).to_be_visible()
+    expect(page.get_by_text("start reached")).to_be_visible()
+    expect(page.get_by_text("Last tour: “evening”")).to_be_visible()
+
+    button(page, "Past trips")
+    trip = page.locator("summary", has_text="evening")
+    expect(trip).to_contain_text("2 of 2 stops")
+    trip.click()
+    expect(page.locator("details").get_by_text("start reached")).to_be_visible()
+    page.screenshot(path=pictures / "past-trips.png", timeout=60_000)
+
+
+def test_a_deleted_tour_comes_back(page: Page, shown: "Shown") -> None:
+    page.get_by_role("button", name="Delete", exact=True).last.click()
+    wait_until(lambda: "evening" not in stored(shown), 20.0, "the tour is deleted")
+    button(page, "Undo deleting evening")
+    wait_until(lambda: "evening" in stored(shown), 20.0, "the tour is back")

@@ -1,0 +1,170 @@
+"""Zones drawn with mouse, keys and fingers in a real browser, and what the robot makes of them."""
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from support.waiting import wait_until
+
+from trolley import requests, topics
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import polygon_contains
+from trolley.messages import Path as Way
+from trolley.messages import Zone, floats_from_bytes
+from trolley.messages.asking import SendGoal
+
+from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
+from .test_viewer import pixel_of
+
+if TYPE_CHECKING:
+    from .conftest import Shown
+
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+GOAL = Pose2D(2.4, 0.4, 0.0)
+"""In the room where the robot stands; the straight way there leads through `ACROSS`."""
+ACROSS = [(1.4, 0.0), (1.7, 0.0), (1.7, 0.6), (1.4, 0.6)]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        expect.set_options(timeout=PATIENCE_MS)
+        yield browser
+        browser.close()
+
+
+def open_map(browser: Browser, url: str, *, touch: bool) -> Page:
+    """A page with the tab of the map open; small, as it is drawn in software."""
+    context = browser.new_context(viewport={"width": 1120, "height": 640}, has_touch=touch)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(url)
+    page.get_by_text("Localized").first.wait_for()
+    page.get_by_role("tab", name="Map").click()
+    expect(page.get_by_role("button", name="Mirror")).to_be_visible()
+    page.wait_for_timeout(2500)  # by then the view is mended if the page was laid out late
+    return page
+
+
+@pytest.fixture(scope="module")
+def page(shown: "Shown", browser: Browser) -> Iterator[Page]:
+    page = open_map(browser, shown.url, touch=False)
+    yield page
+    page.context.close()
+
+
+def zones(shown: "Shown") -> dict[str, Zone]:
+    message = shown.robot.latest(topics.ZONES)
+    return {} if message is None else {zone.name: zone for zone in message.zones}
+
+
+def way(shown: "Shown") -> np.ndarray:
+    """The way that the planner would drive now (n, 2) [m]."""
+    reply: Way = shown.robot.ask(requests.GOAL_PREVIEW, SendGoal(pose=GOAL))
+    return floats_from_bytes(reply.poses, 3)[:, :2]
+
+
+def crosses(points: np.ndarray) -> bool:
+    fine = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(points)])
+    return bool(polygon_contains(np.array(ACROSS), fine).any())
+
+
+def wait_for_frames(page: Page) -> None:
+    """Wait until the page has drawn what it was last told: before that it cannot be hit."""
+    script = "(n) => new Promise(r => {const f = () => n-- ? requestAnimationFrame(f) : r(); f();})"
+    page.evaluate(script, 3)
+
+
+def name_field(page: Page) -> Locator:
+    """viser's text fields are not tied to their labels."""
+    return page.locator(".mantine-TextInput-input").locator("visible=true")
+
+
+def near(points: list[tuple[float, float]], wanted: list[tuple[float, float]]) -> None:
+    np.testing.assert_allclose(points, wanted, atol=0.08)
+
+
+def test_a_no_go_area_drawn_across_the_way_is_driven_round(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    assert crosses(way(shown))
+    page.get_by_role("button", name="No-go").click()
+    expect(page.get_by_text("Tap the corners one by one")).to_be_visible()
+    wait_for_frames(page)
+    for corner in ACROSS:
+        page.mouse.click(*pixel_of(page, corner))
+        wait_for_frames(page)
+    page.screenshot(path=pictures / "zone-drawn.png", timeout=60_000)
+    page.keyboard.press("Enter")
+    wait_until(lambda: "no-go area 1" in zones(shown), 20.0, "the zone is stored")
+    near(zones(shown)["no-go area 1"].points, ACROSS)
+    wait_until(lambda: not crosses(way(shown)), 10.0, "the planner goes round")
+
+
+def test_it_is_picked_moved_renamed_and_all_of_it_undone(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    before = zones(shown)["no-go area 1"]
+    page.get_by_role("button", name="Choose on the map").click()
+    expect(page.get_by_text("Tap a zone on the map")).to_be_visible()
+    wait_for_frames(page)
+    page.mouse.click(*pixel_of(page, (1.6, 0.45)))
+    expect(page.get_by_role("button", name="Save")).to_be_visible()
+    page.screenshot(path=pictures / "zone-selected.png", timeout=60_000)
+    wait_for_frames(page)
+    # The handle stands above the floor, which is seen a little from the south.
+    page.mouse.move(*pixel_of(page, (1.55, 0.37)))
+    page.mouse.down()
+    page.mouse.move(*pixel_of(page, (1.55, 1.37)), steps=10)
+    page.mouse.up()
+    moved = [(x, y + 1.0) for x, y in ACROSS]
+    wait_until(lambda: zones(shown)["no-go area 1"] != before, 20.0, "the zone is moved")
+    near(zones(shown)["no-go area 1"].points, moved)
+    name_field(page).fill("cat's <b>bed</b>")
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_text("may not hold")).to_be_visible()
+    name_field(page).fill("Katzenkörbchen")
+    page.get_by_role("button", name="Save").click()
+    wait_until(lambda: "Katzenkörbchen" in zones(shown), 20.0, "the zone is renamed")
+    page.get_by_role("button", name="Delete").click()
+    wait_until(lambda: "Katzenkörbchen" not in zones(shown), 20.0, "the zone is deleted")
+    for name in ("Katzenkörbchen", "no-go area 1"):
+        page.get_by_role("button", name="Undo").click()
+        wait_until(lambda name=name: name in zones(shown), 20.0, f"{name} is back")
+    page.get_by_role("button", name="Undo").click()
+    wait_until(lambda: zones(shown)["no-go area 1"] == before, 20.0, "it is where it was")
+    page.get_by_role("button", name="Undo").click()
+    wait_until(lambda: "no-go area 1" not in zones(shown), 20.0, "it is gone")
+    assert crosses(way(shown))
+
+
+def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> None:
+    page = open_map(browser, shown.url, touch=True)
+    page.get_by_role("button", name="Mirror").tap()
+    expect(page.get_by_text("Tap along it")).to_be_visible()
+    wait_for_frames(page)
+    # The wall at the right of the room has its face at x = 3.2.
+    for corner in ((3.1, 0.5), (3.1, -0.3), (3.1, -0.3)):
+        page.touchscreen.tap(*pixel_of(page, corner))
+        wait_for_frames(page)
+    wait_until(lambda: "mirror 1" in zones(shown), 20.0, "the mirror is stored")
+    start, end = zones(shown)["mirror 1"].points
+    assert start[0] == pytest.approx(end[0], abs=1e-9)  # both on the face of the wall
+    assert start[0] == pytest.approx(3.2, abs=0.03)
+    page.context.close()
+
+
+def test_escape_leaves_the_drawing(page: Page, shown: "Shown") -> None:
+    page.get_by_role("button", name="Slow").click()
+    expect(page.get_by_text("Tap the corners one by one")).to_be_visible()
+    wait_for_frames(page)
+    page.mouse.click(*pixel_of(page, ACROSS[0]))
+    page.keyboard.press("Escape")
+    expect(page.get_by_text("Tap the corners one by one")).to_have_count(0)
+    assert "slow area 1" not in zones(shown)

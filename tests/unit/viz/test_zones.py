@@ -1,0 +1,364 @@
+"""Drawing, changing and deleting zones: what the robot is asked, and what people are told."""
+
+import asyncio
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from trolley import requests, topics
+from trolley.codes import Refused
+from trolley.messages import SuspectLine, Suspects, Zone, Zones
+from trolley.messages.asking import Named
+from trolley.runtime.service import Service, answers
+from trolley_localizer.zone_store import check_zone, with_zone, without_zone
+from trolley_viz.settings import Dismissed
+from trolley_viz.visitors import Visitor
+
+if TYPE_CHECKING:
+    from .conftest import Stage
+
+MIRROR = Zone(name="hall mirror", kind="mirror", points=[(1.0, 1.0), (2.0, 1.0)])
+SUSPECT = SuspectLine(points=[(-1.0, 1.0), (0.0, 1.0)], score=0.8)
+
+
+class ZoneKeeper(Service):
+    """Stores zones as the localizer does."""
+
+    name = "localizer"
+
+    def __init__(self) -> None:
+        self.zones = [MIRROR]
+        self.refuse = ""
+
+    def start(self) -> None:
+        self.tell()
+        self.publish(topics.SUSPECTS, Suspects(stamp_ns=0, lines=[SUSPECT]))
+
+    def tell(self) -> None:
+        self.publish(topics.ZONES, Zones(stamp_ns=0, map="room", zones=self.zones))
+
+    @answers(requests.ZONES_PUT)
+    def put(self, zone: Zone) -> Zone:
+        if self.refuse:
+            raise Refused("not_saved", self.refuse)
+        zone = check_zone(zone, zone.name)
+        self.zones = with_zone(self.zones, zone)
+        self.tell()
+        return zone
+
+    @answers(requests.ZONES_DELETE)
+    def delete(self, params: Named) -> Zone:
+        self.zones, zone = without_zone(self.zones, params.name)
+        self.tell()
+        return zone
+
+    def __getitem__(self, name: str) -> Zone:
+        return next(zone for zone in self.zones if zone.name == name)
+
+    @property
+    def names(self) -> list[str]:
+        return [zone.name for zone in self.zones]
+
+
+class Hand:
+    """The hand of somebody at a browser."""
+
+    def __init__(self, stage: "Stage") -> None:
+        self.stage = stage
+        self.browser = stage.browse()
+        self.browser.camera.position = np.array([0.0, -4.0, 8.0])
+        stage.runtime.run(0.5)
+
+    @property
+    def editor(self) -> Any:
+        return self.stage.session.zones
+
+    @property
+    def board(self) -> Any:
+        return self.editor._board
+
+    def tap(self, x: float, y: float) -> None:
+        origin = np.array([0.0, -4.0, 8.0])
+        ray = np.array([x, y, 0.0]) - origin
+        event = SimpleNamespace(ray_origin=tuple(origin), ray_direction=tuple(ray))
+        asyncio.run(self.board._floor._impl.click_cb[0].callback(event))
+        self.wait()
+
+    def event(self, phase: str, start: tuple[float, float], end: tuple[float, float]) -> Any:
+        return SimpleNamespace(
+            phase=phase,
+            start_position=(*start, 0.0),
+            end_position=(*end, 0.0),
+            instance_index=None,
+            client=SimpleNamespace(camera=SimpleNamespace(position=np.array([0.0, -4.0, 8.0]))),
+        )
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], handle: int = -1) -> None:
+        node = self.board._handles if self.board._floor is None else self.board._floor
+        drag = node._impl.drag_cb[0].callback
+        for phase, at in (("start", start), ("update", end), ("end", end)):
+            event = self.event(phase, start, at)
+            event.instance_index = handle
+            asyncio.run(drag(event))
+            self.wait()
+
+    def wait(self) -> None:
+        self.stage.runtime.run(0.3)
+
+
+@pytest.fixture
+def keeper(stage: "Stage") -> ZoneKeeper:
+    return stage.runtime.add(ZoneKeeper())
+
+
+@pytest.fixture
+def hand(stage: "Stage", keeper: ZoneKeeper) -> Hand:
+    return Hand(stage)
+
+
+def test_corner_after_corner_makes_an_area(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.start("keepout")
+    for corner in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.005, 0.005)):
+        hand.tap(*corner)
+    zone = keeper["no-go area 1"]
+    assert zone.kind == "keepout"
+    assert zone.speed is None
+    np.testing.assert_allclose(zone.points, [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], atol=1e-9)
+    assert hand.editor.mode == "idle"
+    assert hand.board._floor is None
+    assert hand.board._line is None
+
+
+def test_a_line_is_dragged_and_goes_to_the_wall(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.start("mirror")
+    hand.drag((-1.0, -1.8), (1.0, -1.85))  # the wall's face is at -1.9
+    hand.editor.form.name = " wall  mirror "
+    hand.editor.done()
+    hand.wait()
+    np.testing.assert_allclose(keeper["wall mirror"].points, [(-1.0, -1.9), (1.0, -1.9)], atol=1e-6)
+    assert hand.browser.notices[-1] == (
+        "Saved",
+        "The robot minds “wall mirror” from now on.",
+    )
+
+
+def test_a_corner_is_taken_back_and_all_of_it_is_left(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.start("speed")
+    hand.tap(0.0, 0.0)
+    hand.tap(1.0, 0.0)
+    hand.editor.take_back()
+    assert len(hand.editor.sketch.points) == 1
+    hand.editor.leave()
+    assert hand.editor.sketch is None
+    assert keeper.names == ["hall mirror"]
+
+
+def test_a_crossing_outline_is_red_and_not_sent(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.start("keepout")
+    for corner in ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
+        hand.tap(*corner)
+    assert tuple(hand.board._line.colors) == (214, 30, 30)
+    hand.editor.done()
+    hand.wait()
+    assert hand.browser.notices[-1] == ("Not yet", "The outline crosses itself.")
+    assert keeper.names == ["hall mirror"]
+    hand.editor.take_back()
+    assert tuple(hand.board._line.colors) == (0, 140, 40)
+
+
+def test_a_slow_area_has_the_speed_of_the_form(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.start("speed")
+    for corner in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)):
+        hand.tap(*corner)
+    hand.editor.form.speed = 0.25
+    hand.editor.done()
+    hand.wait()
+    assert keeper["slow area 1"].speed == 0.25
+
+
+def test_a_name_that_is_taken_replaces_nothing(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.start("mirror")
+    hand.drag((0.0, 0.0), (1.0, 0.0))
+    hand.editor.form.name = "hall mirror"
+    hand.editor.done()
+    hand.wait()
+    assert "already" in hand.browser.notices[-1][1]
+    assert keeper["hall mirror"] == MIRROR
+    assert hand.editor.mode == "draw"  # nothing that was drawn is lost
+
+
+def test_what_the_localizer_refuses_is_said_in_its_words(hand: Hand, keeper: ZoneKeeper) -> None:
+    keeper.refuse = "The disk is full."
+    hand.editor.start("mirror")
+    hand.drag((0.0, 0.0), (1.0, 0.0))
+    hand.editor.done()
+    hand.wait()
+    assert hand.browser.notices[-1] == ("Not saved", "The disk is full.")
+    hand.editor.form.name = "<b>"
+    keeper.refuse = ""
+    hand.editor.done()
+    hand.wait()
+    assert "may not hold" in hand.browser.notices[-1][1]
+
+
+def test_a_zone_is_tapped_and_its_corner_dragged(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.pick()
+    hand.tap(1.5, 1.02)
+    assert hand.editor.selected == MIRROR
+    hand.drag((2.0, 1.0), (2.0, 0.5), handle=1)
+    np.testing.assert_allclose(keeper["hall mirror"].points, [(1.0, 1.0), (2.0, 0.5)], atol=1e-9)
+    hand.drag((1.5, 0.75), (1.0, 0.75), handle=2)
+    np.testing.assert_allclose(keeper["hall mirror"].points, [(0.5, 1.0), (1.5, 0.5)], atol=1e-9)
+    hand.editor.undo()
+    hand.wait()
+    hand.editor.undo()
+    hand.wait()
+    assert keeper["hall mirror"] == MIRROR
+    assert hand.editor.wishes.last == ""
+
+
+def test_handles_keep_their_size_on_the_screen(hand: Hand) -> None:
+    hand.editor.select("hall mirror")
+    before = hand.board._handles.batched_scales.copy()
+    hand.browser.camera.position = np.array([0.0, -2.0, 3.0])
+    hand.wait()
+    after = hand.board._handles.batched_scales
+    assert after[0] < 0.6 * before[0]
+    assert after[-1] == pytest.approx(1.5 * after[0])
+
+
+def test_a_refused_move_goes_back(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.select("hall mirror")
+    keeper.refuse = "The disk is full."
+    hand.drag((1.5, 1.0), (1.0, 0.0), handle=2)
+    assert hand.editor.sketch.points == ((1.0, 1.0), (2.0, 1.0))
+    assert hand.editor.wishes.last == ""
+
+
+def test_rename_delete_and_undo(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.select("hall mirror")
+    hand.editor.form.name = "big mirror"
+    hand.editor.done()
+    hand.wait()
+    assert keeper.names == ["big mirror"]
+    hand.editor.delete()
+    hand.wait()
+    assert keeper.names == []
+    assert hand.editor.mode == "idle"
+    for names in (["big mirror"], ["hall mirror"], ["hall mirror"]):
+        hand.editor.undo()
+        hand.wait()
+        assert keeper.names == names
+    assert keeper["hall mirror"] == MIRROR
+
+
+def test_undo_does_not_undo_what_somebody_else_did(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.select("hall mirror")
+    hand.drag((1.5, 1.0), (1.0, 0.5), handle=2)
+    theirs = Zone(name="hall mirror", kind="mirror", points=[(0.0, 0.0), (0.0, 1.0)])
+    keeper.put(theirs)
+    hand.wait()
+    assert hand.editor.sketch.points == ((0.0, 0.0), (0.0, 1.0))
+    hand.editor.undo()
+    hand.wait()
+    assert keeper["hall mirror"] == theirs
+    assert hand.browser.notices[-1][0] == "Not undone"
+
+
+def test_a_zone_that_somebody_deletes_is_let_go(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.editor.select("hall mirror")
+    keeper.delete(Named(name="hall mirror"))
+    hand.wait()
+    assert hand.editor.mode == "idle"
+    assert hand.board._handles is None
+
+
+def test_pointing_ends_drawing_and_drawing_ends_pointing(hand: Hand, stage: "Stage") -> None:
+    session = stage.session
+    session.aiming.point_goal()
+    session.zones.start("mirror")
+    assert session.pointing.tool is None
+    session.aiming.point_goal()
+    hand.wait()
+    assert session.zones.mode == "idle"
+    assert session.pointing.tool is not None
+
+
+def test_a_browser_that_leaves_leaves_nothing(hand: Hand, stage: "Stage", keeper: Any) -> None:
+    hand.editor.start("mirror")
+    editor, board = hand.editor, hand.board
+    hand.tap(0.0, 0.0)
+    stage.viz._client_left(0)
+    assert editor.mode == "idle"
+    assert board._floor is None
+    assert keeper.names == ["hall mirror"]
+
+
+def test_a_suspect_is_offered_and_stored_as_a_mirror(hand: Hand, keeper: ZoneKeeper) -> None:
+    panel = hand.stage.session.console._zones
+    assert panel is not None
+    assert panel._suspect.visible
+    assert len(hand.stage.session.suspects._nodes) == 2
+    panel._answered("Yes, add it")
+    hand.wait()
+    assert keeper["mirror 1"].points == SUSPECT.points
+
+
+def test_a_suspect_that_is_none_is_not_offered_again(stage: "Stage", keeper: ZoneKeeper) -> None:
+    stage.browse(0, Visitor("ann"))
+    stage.runtime.run(0.5)
+    panel = stage.session.console._zones
+    assert panel is not None
+    panel._answered("No")
+    near = SuspectLine(points=[(0.1, 1.0), (-1.0, 1.1)], score=0.9)
+    keeper.publish(topics.SUSPECTS, Suspects(stamp_ns=0, lines=[near]))
+    stage.runtime.run(0.5)
+    assert stage.session.suspects.offered == []
+    assert not panel._suspect.visible
+    assert stage.session.choices.dismissed == [Dismissed(map="room", points=SUSPECT.points)]
+    stage.browse(1, Visitor("ben"))
+    assert len(stage.viz._sessions[1].suspects.offered) == 1
+
+
+def test_a_page_that_sends_nonsense_changes_nothing(hand: Hand, keeper: ZoneKeeper) -> None:
+    panel = hand.stage.session.console._zones
+    assert panel is not None
+    panel._start("Gravity")
+    assert hand.editor.mode == "idle"
+    hand.editor.start("mirror")
+    hand.drag((float("nan"), 0.0), (1.0, float("nan")))
+    assert hand.editor.sketch.points == ()
+    hand.editor.select("hall mirror")
+    for index in (-7, 3, 10**9):
+        hand.drag((1.0, 1.0), (0.0, 0.0), handle=index)
+    assert keeper.zones == [MIRROR]
+    hand.editor.form.speed = float("nan")
+    hand.editor.form.name = "x" * 100_000
+    hand.editor.done()
+    hand.wait()
+    assert len(hand.browser.notices[-1][1]) < 200
+    assert keeper.zones == [MIRROR]
+
+
+def test_a_viewer_cannot_draw(stage: "Stage", keeper: ZoneKeeper) -> None:
+    stage.browse(0, Visitor("guest", "viewer"))
+    assert stage.session.console._zones is None
+
+
+def test_the_panel_follows_what_is_under_way(hand: Hand) -> None:
+    panel = hand.stage.session.console._zones
+    assert panel is not None
+    assert panel._choice.options == ("choose …", "hall mirror")
+    hand.editor.start("speed")
+    hand.wait()
+    assert panel._name.value == "slow area 1"
+    assert panel._speed.visible
+    assert panel._done.label == "Done"
+    assert len(panel._commands) == 3
+    hand.editor.select("hall mirror")
+    hand.wait()
+    assert (panel._name.value, panel._choice.value) == ("hall mirror", "hall mirror")
+    assert (panel._done.label, panel._delete.visible) == ("Save", True)
+    assert panel._commands == []
