@@ -249,8 +249,8 @@ def test_a_place_is_saved_changed_and_brought_back(
 
 
 def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
-    button(page, "toy corner").click()
-    expect(page.get_by_text("It is at toy corner.")).to_be_visible()
+    button(page, "start").click()
+    expect(page.get_by_text("It is at start.")).to_be_visible()
     button(page, "corridor").click()
     expect(page.get_by_text("It is on its way to corridor")).to_be_visible()
     button(page, "Pause").click()

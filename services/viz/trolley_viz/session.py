@@ -39,7 +39,6 @@ FRAME = "frame:"
 SETTLE_NS = 2_000_000_000
 SAME_ASPECT = 0.03
 NOTICE_S = 8.0
-FIT_NS = 10_000_000_000
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
     "busy": (47, 111, 224),
@@ -123,10 +122,10 @@ class Session:
         self._fitted = ""
         """The map that the camera was last moved for, and the pixels there were then."""
         self._pixels = (1, 1)
+        self._is_at_start = False
+        """Whether it was moved to where every page begins anyway."""
         self._settled_ns: int | None = None
         """When to see whether the page is laid out as it was thought to be [ns]."""
-        self._fit_until_ns = 0
-        """Until then (local monotonic [ns]) the page may take the camera back by itself."""
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
         self.pointing = Pointing(client, self._post_while_open)
@@ -314,26 +313,27 @@ class Session:
     def _fit_new(self) -> None:
         """Move the camera to a map that it has not shown yet."""
         view = self.view
-        if view.map is None:
-            return
-        is_new = self._fitted != f"{self._robot}/{view.map.name}"
-        if not (is_new or view.now_ns < self._fit_until_ns):
-            return
-        bounds = map_bounds(view)
-        if bounds is None or not (is_new or self._is_to_fit_again(view, bounds)):
+        bounds = map_bounds(view) if self._is_to_fit(view) else None
+        if bounds is None or view.map is None:
             return
         self._pixels = camera.seen_pixels(self.client, is_new=not self._fitted)
-        if is_new:
-            self._settled_ns = view.now_ns + SETTLE_NS
-            self._fit_until_ns = view.now_ns + FIT_NS
+        self._settled_ns = view.now_ns + SETTLE_NS
         camera.fit(self.client, bounds, self._pixels)
+        self._is_at_start = camera.was_reset(self.client, bounds)
         self._fitted = f"{self._robot}/{view.map.name}"
 
-    def _is_to_fit_again(self, view: View, bounds: camera.Bounds) -> bool:
-        """Whether the page took the camera back, or turned out to be laid out otherwise."""
-        if camera.was_reset(self.client, bounds):
+    def _is_to_fit(self, view: View) -> bool:
+        """Whether there is another map, or the page turned out to be laid out otherwise."""
+        if view.map is None:
+            return False
+        if self._fitted != f"{self._robot}/{view.map.name}":
             return True
-        if self._settled_ns is None or view.now_ns < self._settled_ns:
+        bounds = map_bounds(view)
+        if self._settled_ns is None or bounds is None:
+            return False
+        if not self._is_at_start and camera.was_reset(self.client, bounds):
+            return True
+        if view.now_ns < self._settled_ns:
             return False
         self._settled_ns = None
         width, height = camera.seen_pixels(self.client)

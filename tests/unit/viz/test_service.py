@@ -16,6 +16,7 @@ from trolley.messages import GoalStatus
 from trolley.runtime.lockstep import Lockstep
 from trolley_viz.camera import INITIAL_ASPECT, UNKNOWN_MAP, stand
 from trolley_viz.pointing import Pointed
+from trolley_viz.scene.ground import map_bounds
 from trolley_viz.service import VizService
 from trolley_viz.settings import MAX_BROWSERS, Choices, ViewerSettings
 from trolley_viz.visitors import Visitor
@@ -72,12 +73,26 @@ def test_only_places_of_this_map_are_shown(stage: "Stage") -> None:
 
 def test_camera_is_moved_once_for_a_map(stage: "Stage") -> None:
     browser = stage.browse()
+    stage.runtime.run(5.0)
     fitted = browser.camera.position
     browser.camera.position = fitted + 1.0
     stage.runtime.run(1.0)
     assert browser.camera.position == pytest.approx(fitted + 1.0)
     stage.session.fit_view()
     assert browser.camera.position != pytest.approx(fitted + 1.0)
+
+
+def test_a_view_that_is_where_every_page_begins_is_left_alone(stage: "Stage") -> None:
+    browser = stage.browse()
+    bounds = map_bounds(stage.session.view)
+    assert bounds is not None
+    browser.camera.image_width = round(INITIAL_ASPECT * 800)
+    stage.session.fit_view()
+    stage.runtime.run(3.0)
+    fits: list[object] = []
+    stage.session.client = SimpleNamespace(camera=browser.camera, atomic=lambda: fits.append(1))  # type: ignore[assignment]
+    stage.runtime.run(3.0)
+    assert fits == []
 
 
 def test_a_page_that_starts_slowly_sees_the_map_all_the_same(stage: "Stage") -> None:
@@ -97,9 +112,9 @@ def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
     first = browser.camera.position
     stage.runtime.run(2.5)
     assert browser.camera.position[2] < first[2]  # it had its panel already
-    browser.camera.position = (9.0, 9.0, 9.0)
+    browser.camera.position = first + 9.0
     stage.runtime.run(5.0)
-    assert browser.camera.position == (9.0, 9.0, 9.0)
+    assert browser.camera.position == pytest.approx(first + 9.0)
 
 
 def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:
