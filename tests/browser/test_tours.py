@@ -93,5 +93,5 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
 def test_a_deleted_tour_comes_back(page: Page, shown: "Shown") -> None:
     page.get_by_role("button", name="Delete", exact=True).last.click()
     wait_until(lambda: "evening" not in stored(shown), 20.0, "the tour is deleted")
-    button(page, "Undo deleting evening")
+    button(page, "Undo: Delete the tour evening")
     wait_until(lambda: "evening" in stored(shown), 20.0, "the tour is back")

@@ -1,18 +1,27 @@
 """The viewer as people use it: a real browser, a mouse, and the demo's robot."""
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 from support.waiting import wait_until
 
 from trolley import topics
 from trolley.geometry import wrap_angle
 from trolley.gridmap import load_map
-from trolley_viz.camera import FIELD_OF_VIEW, PANEL_PIXELS, bounds_of, stand
+from trolley.messages import SavedPose
+from trolley_viz.camera import (
+    BELOW,
+    FIELD_OF_VIEW,
+    NARROW_PIXELS,
+    PANEL_PIXELS,
+    bounds_of,
+    stand,
+)
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -21,7 +30,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 WORLDS = Path(__file__).parents[2] / "worlds"
 PLACE, TOWARDS = (1.6, 0.7), (2.2, 1.3)
-"""Where the mouse presses and where it is dragged to [m]: open floor near the demo's start."""
+BESIDE = (1.2, 0.1)
+FAR, FROM_FAR = (5.2, 1.3), (4.0, 1.3)
+"""Places on open floor [m], and where the pointer is dragged to from there."""
 
 
 def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
@@ -32,8 +43,13 @@ def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     corners = np.array([low, high])[:, ::-1] * grid.resolution
     size = page.viewport_size
     assert size is not None
-    aspect = (size["width"] - PANEL_PIXELS) / size["height"]
-    position, look_at = stand(bounds_of(grid.origin.transform_points(corners)), aspect)
+    bounds, width = bounds_of(grid.origin.transform_points(corners)), size["width"]
+    if width <= NARROW_PIXELS:  # the controls are a sheet over the lower part
+        x0, y0, x1, y1 = bounds
+        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
+    else:
+        width -= PANEL_PIXELS
+    position, look_at = stand(bounds, width / size["height"])
     forward = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.array([1.0, 0.0, 0.0])
     ray = np.array([*point, 0.0]) - position
@@ -47,12 +63,45 @@ def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     )
 
 
+def wait_for_frames(page: Page) -> None:
+    """Let what was put into the scene be drawn; without a graphics card that takes a while."""
+    page.evaluate(
+        "async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame) }"
+    )
+
+
 def drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> None:
     """Press, drag and release between two points of the floor, as slowly as a person."""
+    wait_for_frames(page)
     page.mouse.move(*pixel_of(page, start))
     page.mouse.down()
-    page.mouse.move(*pixel_of(page, end), steps=12)
+    page.mouse.move(*pixel_of(page, end), steps=6)
     page.mouse.up()
+
+
+def goal_state(shown: "Shown") -> str:
+    goal = shown.robot.latest(topics.GOAL)
+    return "" if goal is None else goal.state
+
+
+def place_of(shown: "Shown", name: str) -> SavedPose | None:
+    saved = shown.robot.latest(topics.POSES)
+    assert saved is not None
+    return next((one for one in saved.poses if one.name == name), None)
+
+
+def field(page: Page, label: str) -> Locator:
+    """The field behind a label; viser does not tell the browser which it is."""
+    return page.locator(f'xpath=//label[normalize-space()="{label}"]/ancestor::div[2]//input')
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    page.get_by_role("combobox", name=label, exact=True).click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def button(page: Page, name: str) -> Locator:
+    return page.get_by_role("button", name=name, exact=True)
 
 
 def test_go_to_with_the_mouse_and_the_robot_arrives(
@@ -61,15 +110,10 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
     page.get_by_role("button", name="Go to …").click()
     expect(page.get_by_text("Press where to go")).to_be_visible()
     drag(page, PLACE, TOWARDS)
-
-    def goal_state() -> str:
-        goal = shown.robot.latest(topics.GOAL)
-        return "" if goal is None else goal.state
-
-    wait_until(lambda: goal_state() == "driving", 20.0, "the robot sets off")
+    wait_until(lambda: goal_state(shown) == "driving", 20.0, "the robot sets off")
     page.screenshot(path=pictures / "driving.png", timeout=60_000)
-    wait_until(lambda: goal_state() in ("arrived", "failed"), 60.0, "the robot gets there")
-    expect(page.get_by_text("Arrived at")).to_be_visible()
+    wait_until(lambda: goal_state(shown) in ("arrived", "failed"), 60.0, "the robot gets there")
+    expect(page.get_by_text("It is at the place that was pointed out")).to_be_visible()
     page.screenshot(path=pictures / "arrived.png", timeout=60_000)
     truth = shown.robot.latest(topics.SIM_TRUTH)
     assert truth is not None
@@ -78,8 +122,147 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
     assert abs(wrap_angle(truth.pose.yaw - math.pi / 4)) < 0.15
 
 
+def test_a_finger_points_out_a_goal_and_sees_the_way(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    assert page.context.browser is not None
+    context = page.context.browser.new_context(
+        viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True
+    )
+    phone = context.new_page()
+    phone.set_default_timeout(60_000)
+    phone.goto(shown.url)
+    phone.get_by_text("Localized").first.wait_for()
+    fingers = context.new_cdp_session(phone)
+
+    def touch(kind: str, *points: tuple[float, float]) -> None:
+        at = [{"x": x, "y": y} for x, y in points]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
+
+    button(phone, "Go to …").tap()
+    hint = phone.locator("#trolley-hint")
+    expect(hint).to_contain_text("Press where to go")
+    wait_for_frames(phone)
+    (x, y), (x1, y1) = pixel_of(phone, FAR), pixel_of(phone, FROM_FAR)
+    touch("touchStart", (x, y))
+    for part in (0.3, 0.6, 1.0):
+        touch("touchMove", (x + part * (x1 - x), y + part * (y1 - y)))
+    expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
+    phone.screenshot(path=pictures / "pointing-phone.png", timeout=60_000)
+    touch("touchEnd")
+    wait_until(lambda: goal_state(shown) == "driving", 20.0, "the robot sets off")
+    goal = shown.robot.latest(topics.GOAL)
+    assert goal is not None
+    assert goal.pose is not None
+    assert math.dist((goal.pose.x, goal.pose.y), FAR) < 0.1
+    assert abs(wrap_angle(goal.pose.yaw - math.pi)) < 0.15
+    phone.get_by_role("button", name="Undo: Go to").tap()
+    wait_until(lambda: goal_state(shown) == "canceled", 20.0, "the goal is taken back")
+    # Who vanishes in the middle of a drag has done nothing.
+    button(phone, "Go to …").tap()
+    expect(hint).to_contain_text("Press where to go")
+    wait_for_frames(phone)
+    touch("touchStart", (x, y))
+    touch("touchMove", (x1, y1))
+    expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
+    context.close()
+    assert goal_state(shown) == "canceled"
+
+
+def test_tools_are_taken_and_left_by_keys_and_by_buttons(page: Page) -> None:
+    hint = page.locator("#trolley-hint")
+    button(page, "Set pose …").click()
+    expect(hint).to_contain_text("Press where the robot is")
+    page.keyboard.press("Escape")
+    expect(hint).to_have_count(0)
+    page.keyboard.press("g")
+    expect(hint).to_contain_text("Press where to go")
+    button(page, "Press again to leave").click()
+    expect(hint).to_have_count(0)
+    page.keyboard.press("j")
+    expect(page.locator(".hand-card")).to_be_visible()
+    page.keyboard.press("j")
+    expect(page.locator(".hand-card")).to_be_hidden()
+
+
+def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures: Path) -> None:
+    page.get_by_text("Several places in a row").click()
+    button(page, "Choose places …").click()
+    wait_for_frames(page)
+    page.mouse.click(*pixel_of(page, BESIDE))
+    button(page, "start").click()
+    expect(page.locator("ol > li")).to_have_count(2)
+    page.screenshot(path=pictures / "row.png", timeout=60_000)
+    button(page, "Start").click()
+
+    def trip_state() -> str:
+        trip = shown.robot.latest(topics.TOUR)
+        return "" if trip is None else trip.state
+
+    wait_until(lambda: trip_state() == "driving", 20.0, "it sets off")
+    wait_until(lambda: trip_state() == "done", 90.0, "it has been at both")
+    trip = shown.robot.latest(topics.TOUR)
+    assert trip is not None
+    assert [result.state for result in trip.results] == ["reached", "reached"]
+    expect(page.get_by_text("The tour is done.")).to_be_visible()
+    expect(page.locator("ol > li")).to_have_count(0)
+    page.get_by_text("Several places in a row").click()
+
+
+def test_a_place_is_saved_changed_and_brought_back(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    page.get_by_role("tab", name="Map").click()
+    field(page, "Name").fill("<b>spot</b>")
+    button(page, "Save where it stands").click()
+    expect(page.get_by_text("Not saved")).to_be_visible()
+    field(page, "Name").fill("")
+    field(page, "Name").press_sequentially("play corner")  # keys that would point, stop and cancel
+    choose(page, "Icon", "children")
+    button(page, "Save where it stands").click()
+    wait_until(lambda: place_of(shown, "play corner") is not None, 20.0, "it is saved")
+    expect(page.locator("#trolley-hint")).to_have_count(0)
+    base = shown.robot.latest(topics.BASE)
+    assert base is not None
+    assert base.mode == "ok"
+    choose(page, "Place", "play corner")
+    field(page, "Name").fill("toy corner")
+    button(page, "Save changes").click()
+    wait_until(lambda: place_of(shown, "play corner") is None, 20.0, "it is renamed")
+    renamed = place_of(shown, "toy corner")
+    assert renamed is not None
+    assert renamed.icon == "baby-carriage"
+    button(page, "Move on the map …").click()
+    drag(page, PLACE, TOWARDS)
+    wait_until(lambda: place_of(shown, "toy corner") != renamed, 20.0, "it is moved")
+    moved = place_of(shown, "toy corner")
+    assert moved is not None
+    assert math.dist((moved.pose.x, moved.pose.y), PLACE) < 0.1
+    page.screenshot(path=pictures / "places.png", timeout=60_000)
+    button(page, "Delete").click()
+    wait_until(lambda: place_of(shown, "toy corner") is None, 20.0, "it is deleted")
+    page.get_by_role("button", name="Undo: Delete").click()
+    wait_until(lambda: place_of(shown, "toy corner") == moved, 20.0, "it is back")
+    page.get_by_role("button", name="Undo: Move").click()
+    wait_until(lambda: place_of(shown, "toy corner") == renamed, 20.0, "it is where it was")
+    page.get_by_role("tab", name="Go").click()
+
+
+def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
+    button(page, "toy corner").click()
+    expect(page.get_by_text("It is at toy corner.")).to_be_visible()
+    button(page, "corridor").click()
+    expect(page.get_by_text("It is on its way to corridor")).to_be_visible()
+    button(page, "Pause").click()
+    expect(page.get_by_text("It is paused on its way to corridor")).to_be_visible()
+    button(page, "Go on").click()
+    wait_until(lambda: goal_state(shown) == "driving", 20.0, "it goes on")
+    button(page, "Cancel").click()
+    expect(page.get_by_text("Its way was canceled")).to_be_visible()
+
+
 def test_stop_is_in_sight_whatever_tab_is_open(page: Page) -> None:
-    for tab in ("Tour", "View", "Details", "Drive"):
+    for tab in ("Tours", "Map", "More", "Go"):
         page.get_by_role("tab", name=tab).click()
         expect(page.get_by_role("button", name="STOP")).to_be_in_viewport(ratio=1)
         expect(page.get_by_role("button", name="Resume")).to_be_in_viewport(ratio=1)
@@ -92,7 +275,11 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
 
     page.get_by_role("button", name="STOP").click()
     wait_until(lambda: mode() == "stopped", 10.0, "base is stopped")
-    expect(page.get_by_text("Press Resume to let it drive again")).to_be_visible()
+    expect(page.get_by_text("It is stopped. Press Resume to let it drive again.")).to_be_visible()
+    page.get_by_role("button", name="Resume").click()
+    wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
+    page.keyboard.press("Space")
+    wait_until(lambda: mode() == "stopped", 10.0, "a key stops it, too")
     page.get_by_role("button", name="Resume").click()
     wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 FIELD_OF_VIEW = math.radians(42.0)
 ELEVATION = math.radians(66.0)
 PANEL_PIXELS = 330
-NARROW_PIXELS = 760
+NARROW_PIXELS = 576
 """Below this width viser puts its panel over the lower part of the scene."""
 BELOW = 0.8
 """How much more than the map is to be seen then, by its height."""

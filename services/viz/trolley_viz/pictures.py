@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley_viz.icons import icon_image
+
 MAX_SIDE = 2048
 
 FLOOR = (255, 254, 250)
@@ -55,3 +57,19 @@ def shrink(cells: NDArray[np.int8], max_side: int = MAX_SIDE) -> tuple[NDArray[n
     padded[: cells.shape[0], : cells.shape[1]] = cells
     blocks = padded.reshape(rows // factor, factor, cols // factor, factor)
     return blocks.max(axis=(1, 3)), factor
+
+
+def badge(icon: str, colour: tuple[int, int, int], side: int = 128) -> NDArray[np.uint8]:
+    """Draw an icon in white on a disc, clear around it: a picture (side, side, 4)."""
+    middle, radius = 0.5 * (side - 1), 0.5 * side - 1.0
+    rows, cols = np.indices((side, side))
+    inside = np.clip(radius - np.hypot(rows - middle, cols - middle), 0.0, 1.0)
+    picture = np.empty((side, side, 4), np.uint8)
+    picture[..., :3] = colour
+    picture[..., 3] = np.rint(255 * inside)
+    lines = icon_image(icon, (255, 255, 255), int(0.66 * side))
+    edge = (side - len(lines)) // 2
+    part = picture[edge : edge + len(lines), edge : edge + len(lines), :3]
+    share = lines[..., 3:] / 255.0
+    part[:] = np.rint(share * lines[..., :3] + (1.0 - share) * part)
+    return picture

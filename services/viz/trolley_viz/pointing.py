@@ -120,14 +120,13 @@ class Pointing:
     def _dragged(self, tool: Tool, pointed: Pointed | None, phase: str) -> None:
         if tool is not self.tool:
             return
-        if phase != "end":
+        if pointed is None or phase != "end":
             self.show_arrow(pointed)
             if pointed is not None:
                 tool.moved(pointed)
-            return
+            return  # where it ends beside the floor, the tool waits for another try
         self.disarm()
-        if pointed is not None:
-            tool.done(pointed)
+        tool.done(pointed)
 
 
 def pointed_by_drag(

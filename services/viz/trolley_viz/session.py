@@ -9,9 +9,12 @@ import viser
 from trolley.runtime.service import Service
 from trolley_viz import camera
 from trolley_viz.actions import Actions
+from trolley_viz.aiming import Aiming
 from trolley_viz.panels.console import Console
+from trolley_viz.place_actions import PlaceActions
 from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
+from trolley_viz.scene.errands import Pins
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.routes import PreviewLine
@@ -102,8 +105,13 @@ class Session:
         """What this browser's scene has in place of the roots of robots and of their layers."""
         self.pointing = Pointing(client, hub.call_soon)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
+        self.aiming = Aiming(
+            service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
+        )
+        self.places = PlaceActions(self.actions, self.aiming, lambda: self.view)
         configure_look(client.gui, dark=choices.dark)
         self._preview = PreviewLine(client.scene)
+        self._pins = Pins(client.scene)
         self.console = Console(client.gui, self)
 
     # What the panels read.
@@ -165,6 +173,7 @@ class Session:
         """Show another robot."""
         if robot != self._robot:
             self.put_tools_away()
+            self.actions.forget()
             self._hub.let_go(self.client.client_id)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
@@ -194,13 +203,14 @@ class Session:
             self._shadow(robot, "", is_on=robot == self._robot)
         for key, is_on in self.layers().items():
             self._shadow(self._robot, f"/{key}", is_on=is_on)
-        self._preview.draw(self.actions.preview, self.view.placement)
+        self.aiming.look_ahead()
+        self._preview.draw(self.aiming.preview, self.view.placement)
+        self._pins.draw(self.actions.errands.items, self.view.placement)
         self._fit_new()
 
     def put_tools_away(self) -> None:
         """End what somebody began to point at."""
-        self.pointing.disarm()
-        self.actions.put_away()
+        self.aiming.put_away()
 
     # Inside.
     def _choose(self, choices: Choices) -> None:

@@ -26,10 +26,11 @@ from trolley.messages import (
     SavedPose,
     SavedPoses,
     Scan,
+    TourStatus,
     Transform,
     floats_to_bytes,
 )
-from trolley.messages.asking import Nothing, SendGoal
+from trolley.messages.asking import Nothing, SendGoal, SetPose, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 from trolley_viz.server import open_server
@@ -55,6 +56,10 @@ class PretendRobot(Service):
         self.deaf = False
         self.stops = 0
         self.goals: list[SendGoal] = []
+        self.poses_set: list[SetPose] = []
+        self.tours: list[StartTour] = []
+        self.driven_m = 0.0
+        """How far it has driven along its x."""
 
     def start(self) -> None:
         name, square = self.robot, [(0.2, -0.2), (0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2)]
@@ -98,7 +103,7 @@ class PretendRobot(Service):
         link = transform("map", "odom", Pose2D(1.0, 0.0, 0.0), stamp)
         self.publish(topics.TF, link, "odom")
         still = Twist2D(0.0, 0.0, 0.0)
-        pose = Pose2D(0.5, 0.0, 0.0)
+        pose = Pose2D(0.5 + self.driven_m, 0.0, 0.0)
         self.publish(topics.ODOM, Odometry(stamp_ns=stamp, pose=pose, twist=still))
         self.publish(
             topics.POSE,
@@ -134,7 +139,34 @@ class PretendRobot(Service):
         self.goals.append(params)
         if params.pose is not None and params.pose.x > 3.0:
             raise Refused("outside_map")
-        return GoalStatus(stamp_ns=self.stamp_ns, id=params.id, state="driving", pose=params.pose)
+        return self._say_goal(params.id, "driving", params.pose)
+
+    @answers(requests.GOAL_CANCEL)
+    def cancel(self, params: WhichGoal) -> GoalStatus:
+        return self._say_goal(params.id, "canceled", None)
+
+    @answers(requests.POSE_SET)
+    def set_pose(self, params: SetPose) -> PoseEstimate:
+        self.poses_set.append(params)
+        return PoseEstimate(
+            stamp_ns=self.stamp_ns,
+            map="room",
+            pose=params.pose,
+            covariance=None,
+            state="localized",
+            match=0.9,
+            spread=0.1,
+        )
+
+    @answers(requests.TOUR_START)
+    def start_tour(self, params: StartTour) -> TourStatus:
+        self.tours.append(params)
+        return TourStatus(stamp_ns=self.stamp_ns, name=None, trip="t1", state="driving")
+
+    def _say_goal(self, goal_id: str | None, state: Any, pose: Pose2D | None) -> GoalStatus:
+        status = GoalStatus(stamp_ns=self.stamp_ns, id=goal_id, state=state, pose=pose)
+        self.publish(topics.GOAL, status)
+        return status
 
 
 def transform(parent: str, child: str, pose: Pose2D, stamp_ns: int = 0) -> Transform:

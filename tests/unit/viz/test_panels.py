@@ -2,20 +2,15 @@
 
 import asyncio
 from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 import viser
 
-from trolley.geometry import Pose2D
-from trolley.messages import SavedPose
 from trolley_viz.camera import FIELD_OF_VIEW, stand
 from trolley_viz.panels.control import handler, set_options
-from trolley_viz.panels.drive import DrivePanel
 from trolley_viz.panels.markup import note, row, table
 from trolley_viz.panels.stop_bar import StopBar
-from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
 from trolley_viz.scene.sensing import weight_colours
 from trolley_viz.stopping import StopLine, StopPresses
@@ -102,24 +97,3 @@ def test_the_whole_map_is_in_the_picture(
         depth = ray @ forward
         assert abs(ray @ up) / depth <= tangent
         assert abs(ray @ right) / depth <= tangent * aspect
-
-
-def test_a_place_is_deleted_at_the_second_press_only(server: viser.ViserServer) -> None:
-    deleted: list[str] = []
-    actions: Any = SimpleNamespace(delete_place=deleted.append)
-    panel = DrivePanel(
-        server.gui, actions, Pointing(cast(Any, server), lambda call: call()), lambda call: call()
-    )
-    places = [
-        SavedPose(name=name, map="m", pose=Pose2D.identity()) for name in ("attic", "kitchen")
-    ]
-    panel.update(None, places, None)
-    panel._delete_chosen(actions)
-    panel._place.value = "kitchen"  # chosen in between: the first press no longer counts
-    panel.update(None, places, None)
-    panel._delete_chosen(actions)
-    panel.update(None, places, None)
-    assert panel._delete.label == "Delete kitchen? Press again"
-    assert deleted == []
-    panel._delete_chosen(actions)
-    assert deleted == ["kitchen"]

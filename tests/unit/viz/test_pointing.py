@@ -79,3 +79,17 @@ def test_a_click_is_a_place_without_direction(server: viser.ViserServer) -> None
     click = plane._impl.click_cb[0].callback
     asyncio.run(click(SimpleNamespace(ray_origin=(0, 0, 2), ray_direction=(1, 0, -1))))
     assert gesture.done == [Pointed(2.0, 0.0)]
+
+
+def test_a_drag_that_ends_in_the_sky_is_no_wish(server: viser.ViserServer) -> None:
+    gesture = Gesture()
+    pointing, plane = arm(server, gesture)
+    drag = plane._impl.drag_cb[0].callback
+    asyncio.run(drag(event("update", (1.0, 1.0), (2.0, 1.0), 0.1)))
+    up = event("end", (1.0, 1.0), (2.0, 2.0), 0.1)
+    up.end_position = (0.0, 20.0, 30.0)
+    asyncio.run(drag(up))
+    assert gesture.done == []
+    assert pointing.tool is gesture.tool
+    asyncio.run(drag(event("end", (1.0, 1.0), (2.0, 1.0), 0.1)))
+    assert len(gesture.done) == 1

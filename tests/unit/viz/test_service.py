@@ -135,8 +135,8 @@ def test_a_second_robot_can_be_chosen(stage: "Stage") -> None:
 
 def test_pointing_sends_the_goal_in_the_frame_that_is_drawn(stage: "Stage") -> None:
     stage.browse()
-    stage.session.actions._go_to(Pointed(2.0, 1.0, 0.5))
-    stage.session.actions._go_to(Pointed(2.0, 1.0))
+    stage.session.aiming._go_to(Pointed(2.0, 1.0, 0.5))
+    stage.session.aiming._go_to(Pointed(2.0, 1.0))
     stage.runtime.run(0.5)
     dragged, clicked = stage.robot.goals
     assert dragged.pose is not None
@@ -148,14 +148,14 @@ def test_pointing_sends_the_goal_in_the_frame_that_is_drawn(stage: "Stage") -> N
 
 def test_a_refusal_is_told_in_words(stage: "Stage") -> None:
     browser = stage.browse()
-    stage.session.actions._go_to(Pointed(9.0, 1.0))
+    stage.session.aiming._go_to(Pointed(9.0, 1.0))
     stage.runtime.run(0.5)
     assert browser.notices == [("The robot does not go there", "That place lies outside the map.")]
 
 
 def test_without_a_service_the_refusal_names_it(stage: "Stage") -> None:
     browser = stage.browse()
-    stage.session.actions.start_tour("article")
+    stage.session.actions.steer_tour("Pause")
     stage.runtime.run(0.5)
     assert "tour is not running" in browser.notices[0][1]
 
@@ -230,7 +230,8 @@ def test_each_browser_shows_and_follows_what_it_wants(stage: "Stage") -> None:
 def test_a_viewer_has_stop_and_nothing_that_moves(stage: "Stage") -> None:
     stage.browse(0, Visitor("guest", "viewer"))
     console = stage.session.console
-    assert console._drive is None
+    assert console._go is None
+    assert console._places is None
     assert not console._stop_bar._resume.visible
     assert stage.viz._driven_by(0) is None
     stage.session.press_stop()
@@ -240,7 +241,7 @@ def test_a_viewer_has_stop_and_nothing_that_moves(stage: "Stage") -> None:
 
 def test_a_refusal_is_told_to_the_one_who_asked(stage: "Stage") -> None:
     one, other = stage.browse(0), stage.browse(1)
-    stage.viz._sessions[1].actions._go_to(Pointed(9.0, 1.0))
+    stage.viz._sessions[1].aiming._go_to(Pointed(9.0, 1.0))
     stage.runtime.run(0.5)
     assert (len(one.notices), len(other.notices)) == (0, 1)
 

@@ -127,6 +127,13 @@ function startPad(root, client) {
     if (wanted) connect();
   }
 
+  function typed(event) {
+    const into = event.target;
+    const isField = into.isContentEditable || ["INPUT", "TEXTAREA", "SELECT"].includes(into.tagName);
+    const isBare = !(event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.shiftKey);
+    if (event.code === "KeyJ" && isBare && !isField) setOpen(card.hidden);
+  }
+
   function end() {
     disconnect();
     ending.abort();
@@ -136,6 +143,7 @@ function startPad(root, client) {
     target.addEventListener(name, action, { signal: ending.signal });
   on(toggle, "click", () => setOpen(card.hidden));
   on(find(".hand-close"), "click", () => setOpen(false));
+  on(document, "keydown", typed);
   on(slider, "input", showState);
   on(pad, "pointerdown", press);
   on(pad, "pointermove", (event) => event.pointerId === pointer && move(event));

@@ -5,18 +5,27 @@ from typing import TYPE_CHECKING
 import viser
 
 from trolley import topics
+from trolley.messages import Health
 from trolley_viz.joystick.page import pad_html
-from trolley_viz.panels.drive import DrivePanel
+from trolley_viz.panels.go import GoPanel
+from trolley_viz.panels.markup import note, row
+from trolley_viz.panels.places import PlacePanel
+from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
+from trolley_viz.panels.tiles import STYLE
 from trolley_viz.panels.tours import TourTab
 from trolley_viz.panels.view import DetailPanel, ViewPanel
 from trolley_viz.scene.layer import View
-from trolley_viz.scene.places import current_places
+from trolley_viz.scene.tours import tour_of
+from trolley_viz.situation import Known, situation
 from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
 
 if TYPE_CHECKING:
     from trolley_viz.session import Session
+
+SILENT_NS = 4_000_000_000
+"""A service that says nothing of its health for so long is not running."""
 
 
 class Console:
@@ -24,19 +33,30 @@ class Console:
 
     def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
         self._session = session
-        hub, actions, post = session.hub, session.actions, session.post
+        self._health: dict[tuple[str, str], tuple[Health, int]] = {}
+        """The newest by robot and service, and when it was first seen (local monotonic [ns])."""
+        hub, post = session.hub, session.post
+        gui.add_html(STYLE)
         self._status = StatusPanel(gui, session.follow, post)
-        self._drive: DrivePanel | None = None
+        self._go: GoPanel | None = None
+        self._places: PlacePanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
-            with tabs.add_tab("Drive", viser.Icon.STEERING_WHEEL):
-                self._drive = DrivePanel(gui, actions, session.pointing, post)
+            with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
+                self._go = GoPanel(gui, session)
         with tabs.add_tab("Tours", viser.Icon.ROUTE):
             self._tours = TourTab(gui, session)
-        with tabs.add_tab("View", viser.Icon.STACK_2):
-            ViewPanel(gui, session)
-        with tabs.add_tab("Details", viser.Icon.LIST_DETAILS):
-            self._details = DetailPanel(gui)
+        if session.may_drive:
+            with tabs.add_tab("Map", viser.Icon.MAP_2), gui.add_folder("Places"):
+                self._places = PlacePanel(gui, session)
+        with tabs.add_tab("More", viser.Icon.DOTS):
+            with gui.add_folder("What is shown"):
+                ViewPanel(gui, session)
+            with gui.add_folder("Details", expand_by_default=False):
+                self._state = gui.add_html("")
+                self._details = DetailPanel(gui)
+            with gui.add_folder("Keys", expand_by_default=False):
+                gui.add_html(add_shortcuts(gui, session))
         self._stop_bar = StopBar(
             gui,
             lambda: hub.call_soon(session.press_stop, urgent=True),
@@ -48,33 +68,66 @@ class Console:
     def update(self, view: View) -> None:
         """Say what is."""
         session, feeds = self._session, view.feeds
-        base, goal = feeds.latest(topics.BASE), feeds.latest(topics.GOAL)
+        base = feeds.latest(topics.BASE)
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
-        self._stop_bar.show_hint(session.actions.hint)
-        self._status.update(session.robot_labels(), session.robot, state_words(view))
-        if self._drive is not None:
-            tool = session.pointing.tool
-            self._drive.update(goal, current_places(view), None if tool is None else tool.name)
+        self._stop_bar.show_hint(session.aiming.hint)
+        known = what_is_known(view, self._silent(view))
+        lines = state_words(known)
+        self._status.update(session.robot_labels(), session.robot, situation(known), lines)
+        if self._go is not None:
+            self._go.update(view)
         self._tours.update(view)
+        if self._places is not None:
+            self._places.update(view)
+        self._state.content = note("State") + "".join(map(row, lines))
         self._details.update(view.placement, view.robot_ns, feeds.by_parts(topics.HEALTH))
 
+    def _silent(self, view: View) -> frozenset[str]:
+        """The services of the robot that were heard of and are not any more."""
+        robot, now_ns = self._session.robot, view.now_ns
+        for (name,), one in view.feeds.by_parts(topics.HEALTH).items():
+            before = self._health.get((robot, name))
+            if before is None or before[0] is not one:
+                self._health[robot, name] = (one, now_ns)
+        return frozenset(
+            name
+            for (of, name), (_, since_ns) in self._health.items()
+            if of == robot and now_ns - since_ns > SILENT_NS
+        )
 
-def state_words(view: View) -> list[Words]:
-    """The lines of the state: position, what holds it, where it is going, the trip."""
-    if view.robot_ns is None:
-        return [AWAY]
+
+def what_is_known(view: View, silent: frozenset[str]) -> Known:
+    """Gather what the sentence about the robot is made from."""
     feeds = view.feeds
     estimate, saved = feeds.latest(topics.POSE), feeds.latest(topics.POSES)
-    tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
-    age_s = None if estimate is None else (view.robot_ns - estimate.stamp_ns) * 1e-9
-    stored = [] if tours is None or trip is None else tours.tours
-    tour = next((one for one in stored if trip is not None and one.name == trip.name), None)
+    trip = feeds.latest(topics.TOUR)
+    robot_ns, age_s = view.robot_ns, None
+    if robot_ns is not None and estimate is not None:
+        age_s = (robot_ns - estimate.stamp_ns) * 1e-9
+    return Known(
+        is_away=view.is_away,
+        base=feeds.latest(topics.BASE),
+        has_map=view.map is not None,
+        estimate=estimate,
+        estimate_age_s=age_s,
+        goal=feeds.latest(topics.GOAL),
+        trip=trip,
+        tour=None if trip is None else tour_of(trip, view),
+        places=[] if saved is None else saved.poses,
+        silent=silent,
+    )
+
+
+def state_words(known: Known) -> list[Words]:
+    """The lines of the state: position, what holds it, where it is going, the trip."""
+    if known.is_away:
+        return [AWAY]
     lines = [
-        position_words(estimate, age_s),
-        base_words(feeds.latest(topics.BASE)),
-        goal_words(feeds.latest(topics.GOAL), [] if saved is None else saved.poses),
-        trip_words(trip, tour),
+        position_words(known.estimate, known.estimate_age_s),
+        base_words(known.base),
+        goal_words(known.goal, list(known.places)),
+        trip_words(known.trip, known.tour),
     ]
     return [line for line in lines if line is not None]

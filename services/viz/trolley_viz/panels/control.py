@@ -5,9 +5,12 @@ from typing import Any
 
 import viser
 
+from trolley_viz.undo import History
+
 Colour = tuple[int, int, int]
 
 GREEN, TEAL, GREY, STOP_RED = (26, 138, 66), (14, 122, 128), (100, 108, 120), (218, 24, 24)
+PURPLE, AMBER = (92, 62, 158), (166, 96, 0)
 """Button colours on which white text can be read, on light and dark."""
 
 Post = Callable[[Callable[[], None]], None]
@@ -37,3 +40,11 @@ def set_options(dropdown: viser.GuiDropdownHandle[str], options: list[str], empt
     if dropdown.options != wanted:
         dropdown.options = wanted
     dropdown.disabled = not options
+
+
+def show_undo(button: viser.GuiButtonHandle, history: History) -> None:
+    """Offer to take the last step back, naming it."""
+    last = history.last
+    button.visible = last is not None
+    if last is not None:
+        button.label = f"Undo: {last.title}"

@@ -1,6 +1,7 @@
 """Small pieces of HTML; every text from the wire is escaped here."""
 
 import html
+from collections.abc import Sequence
 
 from trolley_viz.words import Tone, Words
 
@@ -37,6 +38,30 @@ def row(words: Words) -> str:
 def title(text: str) -> str:
     """A heading."""
     return f'<div style="padding:0.5em 0.8em 0.2em;font-weight:700">{html.escape(text)}</div>'
+
+
+def sentence(words: Words) -> str:
+    """What a robot is doing, to be read from afar."""
+    return (
+        f'<div role="status" style="margin:0.5em 0.8em 0.3em;padding:0.5em 0.7em;'
+        f"border-left:0.3em solid {TONES[words.tone]};border-radius:0.3em;"
+        f"background:{TONES[words.tone]}1c;font-size:1.06em;font-weight:600;line-height:1.3;"
+        f'overflow-wrap:anywhere">{html.escape(words.headline)}</div>'
+    )
+
+
+def chips(lines: Sequence[Words]) -> str:
+    """The headlines in small print, side by side; the details come up under the mouse."""
+    pieces = "".join(
+        f'<span title="{html.escape(words.detail)}" style="overflow-wrap:anywhere">'
+        '<i style="display:inline-block;width:0.65em;height:0.65em;border-radius:50%;'
+        f'margin-right:0.4em;background:{TONES[words.tone]}"></i>{html.escape(words.headline)}</span>'
+        for words in lines
+    )
+    return (
+        '<div style="display:flex;flex-wrap:wrap;gap:0.1em 1em;padding:0.1em 0.9em 0.8em;'
+        f'font-size:0.86em;line-height:1.4">{pieces}</div>'
+    )
 
 
 def note(text: str) -> str:

@@ -1,19 +1,18 @@
-"""The top of the panel: which robot, and its state in plain words."""
+"""The top of the panel: which robot, what it is doing, and its state in plain words."""
 
 from collections.abc import Callable, Mapping, Sequence
 
 import viser
 
 from trolley_viz.panels.control import Post, handler
-from trolley_viz.panels.markup import row
+from trolley_viz.panels.markup import chips, sentence
 from trolley_viz.words import Words
 
 NO_ROBOT: str = "…"
-SPACE = '<div style="height:0.5em"></div>'
 
 
 class StatusPanel:
-    """A list of robots where there are several, and a few lines of state."""
+    """A list of robots where there are several, one sentence, and the state in a few words."""
 
     def __init__(self, gui: viser.GuiApi, select: Callable[[str], None], post: Post) -> None:
         self._names: dict[str, str] = {}
@@ -21,15 +20,19 @@ class StatusPanel:
         self._lines = gui.add_html("")
         self._robot.on_update(handler(post, lambda _, label: self._chosen(label, select)))
 
-    def update(self, labels: Mapping[str, str], selected: str, lines: Sequence[Words]) -> None:
-        """Show the robots (label to name), the selected one and its state."""
+    def update(
+        self, labels: Mapping[str, str], selected: str, doing: Words, lines: Sequence[Words]
+    ) -> None:
+        """Show the robots (label to name), the selected one, what it is doing and its state."""
         self._names = dict(labels)
         options = tuple(labels)
         if self._robot.options != options:
             self._robot.options = options
-        self._robot.value = next(label for label, name in labels.items() if name == selected)
+        label = next(label for label, name in labels.items() if name == selected)
+        if self._robot.value != label:
+            self._robot.value = label
         self._robot.visible = len(options) > 1
-        self._lines.content = "".join(map(row, lines)) + SPACE
+        self._lines.content = sentence(doing) + chips(lines)
 
     def _chosen(self, label: str, select: Callable[[str], None]) -> None:
         name = self._names.get(label)

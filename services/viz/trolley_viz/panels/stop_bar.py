@@ -18,7 +18,10 @@ STYLE = """<style>
 [id="{stop}"],[id="{resume}"]{{position:fixed;z-index:9000;bottom:18px;height:66px!important;
  border-radius:12px;box-shadow:0 3px 12px rgba(0,0,0,.35)}}
 [id="{stop}"]{{left:18px;width:200px;font-size:27px;font-weight:700;letter-spacing:.02em}}
-[id="{resume}"]{{left:230px;width:120px;font-size:17px}}
+[id="{resume}"]{{left:230px;width:120px;padding:0 8px;font-size:17px}}
+[id="{stop}"] .mantine-Button-section>div,[id="{resume}"] .mantine-Button-section>div{{
+ width:1.2em;height:1.2em;margin-right:.4em}}
+[id="{stop}"] svg,[id="{resume}"] svg{{width:100%;height:100%}}
 #trolley-stop{{position:fixed;z-index:9000;left:18px;bottom:96px;max-width:min(80vw,560px)}}
 #trolley-stop div{{padding:10px 16px;border-radius:10px;color:#fff;font-size:19px;font-weight:700;
  line-height:1.3;box-shadow:0 3px 12px rgba(0,0,0,.35)}}
@@ -28,15 +31,27 @@ STYLE = """<style>
 .trolley-flash{{animation:trolley-flash .8s infinite}}
 [data-dock-region-collapse]{{display:none!important}}
 [data-dock-region-handle]{{pointer-events:none}}
-@media (max-width:760px){{
+@media (max-width:80em){{
+ #trolley-hint{{left:18px;bottom:160px;max-width:calc(100vw - 400px)}}
+}}
+@media (max-width:60em){{
+ [id="{stop}"]{{left:10px;width:128px;padding:0 6px;font-size:21px}}
+ [id="{resume}"]{{left:146px;width:96px;padding:0 4px;font-size:15px}}
+ #trolley-stop{{left:10px;max-width:45vw}}
+ #trolley-hint{{left:10px}}
+}}
+@media (max-width:36em){{
  [id="{stop}"],[id="{resume}"]{{top:10px;bottom:auto;height:56px!important}}
- [id="{stop}"]{{left:10px;width:160px}} [id="{resume}"]{{left:180px;width:124px}}
- #trolley-stop{{left:10px;top:76px;bottom:auto}}
+ [id="{stop}"]{{width:160px;font-size:27px}}
+ [id="{resume}"]{{left:180px;width:124px;font-size:17px}}
+ #trolley-stop{{top:76px;bottom:auto;max-width:80vw}}
  .mantine-Notifications-root{{margin-top:70px}}
- div[style*="cursor: pointer"][style*="height: 3.5em"]{{pointer-events:none}}
+ .mantine-Paper-root[style*="width: 20em"]{{width:100%!important;border-radius:14px 14px 0 0}}
+ .mantine-ScrollArea-content>div[style*="width: 20em"]{{width:100%!important}}
+ div[style*="cursor: pointer"][style*="height: 3.5em"]{{pointer-events:none;height:2.6em!important}}
  div[style*="cursor: pointer"][style*="height: 3.5em"] svg{{pointer-events:auto}}
  [data-autosize],[data-autosize] [data-scrollarea-viewport]{{max-height:46vh!important}}
- #trolley-hint{{left:10px;right:10px;top:76px;bottom:auto;max-width:none}}
+ #trolley-hint{{z-index:8950;left:10px;right:10px;top:128px;bottom:auto;max-width:none}}
 }}
 </style>"""
 
@@ -79,6 +94,9 @@ class StopBar:
         gui.add_command(
             "Stop the robot", hotkey="S", modifier="shift", icon=viser.Icon.HAND_STOP
         ).on_trigger(self._trigger(stop))
+        gui.add_command("Stop", hotkey="space", icon=viser.Icon.HAND_STOP).on_trigger(
+            self._trigger(stop)
+        )
 
     def show(self, line: StopLine | None, *, is_stopped: bool) -> None:
         """Say what came of the last press. A stopped robot lights up Resume."""

@@ -7,8 +7,9 @@ import viser
 
 from trolley import topics
 from trolley.messages import SavedPose, Zone
+from trolley_viz.pictures import badge
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL, Z_PLACE, Z_ZONE, Layer, View
-from trolley_viz.shapes import arrow_outline, closed_segments, flat, open_segments, place
+from trolley_viz.shapes import arrow_outline, closed_segments, flat, open_segments, quaternion
 
 PLACE_COLOUR = (92, 24, 150)
 ZONE_COLOURS = {
@@ -17,6 +18,9 @@ ZONE_COLOURS = {
     "keepout": (215, 45, 60),
     "speed": (235, 165, 20),
 }
+PLACE_ICON = "map-pin"
+ICON_SIZE = 0.42
+"""Side of a place's icon on the floor [m]."""
 SUSPECT_COLOUR = (255, 170, 0)
 
 
@@ -29,13 +33,14 @@ def current_places(view: View) -> list[SavedPose]:
 
 
 class PlaceLayer(Layer):
-    """Saved poses: an arrow and the name."""
+    """Saved poses: the icon of the place, an arrow for its heading, and the name."""
 
     key, title = "places", "Saved poses"
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
-        self._nodes: dict[str, tuple[viser.MeshHandle, viser.LabelHandle]] = {}
+        self._nodes: dict[str, tuple[str, viser.FrameHandle, viser.MeshHandle]] = {}
+        """By name: the icon, the place, and the arrow there."""
         self._count = 0
 
     def draw(self, view: View) -> None:
@@ -44,30 +49,45 @@ class PlaceLayer(Layer):
         places = current_places(view) if world_T_map is not None else []
         if world_T_map is None or not self.changed(world_T_map, *places):
             return
-        for name in self._nodes.keys() - {one.name for one in places}:
-            for node in self._nodes.pop(name):
-                node.remove()
+        icons = {one.name: one.icon for one in places}
+        for name in [name for name, node in self._nodes.items() if node[0] != icons.get(name)]:
+            self._nodes.pop(name)[1].remove()  # and all below it
         for one in places:
             if one.name not in self._nodes:
-                self._nodes[one.name] = self._add(one.name)
-            arrow, label = self._nodes[one.name]
+                self._nodes[one.name] = (one.icon, *self._add(one))
+            _, spot, arrow = self._nodes[one.name]
             pose = world_T_map @ one.pose
-            place(arrow, pose, Z_PLACE)
-            label.position = (pose.x, pose.y, Z_LABEL)
+            spot.position = (pose.x, pose.y, 0.0)
+            arrow.wxyz = quaternion(pose.yaw)
 
-    def _add(self, name: str) -> tuple[viser.MeshHandle, viser.LabelHandle]:
+    def _add(self, one: SavedPose) -> tuple[viser.FrameHandle, viser.MeshHandle]:
         self._count += 1  # a number, since a name may hold any letter
+        spot = self.path(f"spot{self._count}")
+        frame = self.scene.add_frame(spot, show_axes=False)
+        outline = arrow_outline(0.2, 0.26) + np.array([0.5 * ICON_SIZE + 0.01, 0.0])
         arrow = self.scene.add_mesh_simple(
-            self.path(f"arrow{self._count}"),
-            *flat(arrow_outline(0.3, 0.22)),
-            color=PLACE_COLOUR,
-            side="double",
+            f"{spot}/arrow", *flat(outline), color=PLACE_COLOUR, side="double", cast_shadow=False
+        )
+        arrow.position = (0.0, 0.0, Z_PLACE)
+        self.scene.add_image(
+            f"{spot}/icon",
+            badge(one.icon or PLACE_ICON, PLACE_COLOUR),
+            ICON_SIZE,
+            ICON_SIZE,
+            format="png",
+            wxyz=(0.0, 1.0, 0.0, 0.0),  # face up, its upper edge at +y
+            position=(0.0, 0.0, Z_PLACE + 0.002),
             cast_shadow=False,
+            receive_shadow=False,
         )
-        label = self.scene.add_label(
-            self.path(f"name{self._count}"), name, anchor="bottom-center", depth_test=False
+        self.scene.add_label(
+            f"{spot}/name",
+            one.name,
+            position=(0.0, 0.5 * ICON_SIZE, Z_LABEL),
+            anchor="bottom-center",
+            depth_test=False,
         )
-        return arrow, label
+        return frame, arrow
 
 
 class ZoneLayer(Layer):

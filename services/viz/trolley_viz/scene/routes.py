@@ -125,7 +125,8 @@ class GoalLayer(Layer):
         if not shown or goal is None or goal.pose is None or world_T_frame is None:
             return
         poses = view.feeds.latest(topics.POSES)
-        self._label.text = goal_name(goal, [] if poses is None else poses.poses)
+        name = goal_name(goal, [] if poses is None else poses.poses)
+        self._label.text = name if name.startswith("(") else ""  # a place shows its own name
         self._arrow.color = FAILED_COLOUR if goal.state == "failed" else GOAL_COLOUR
         place(self._frame, world_T_frame @ goal.pose, 0.0)
         if view.robot is not None:

@@ -1,0 +1,135 @@
+"""The saved places: new ones, and what there is to change about those that are there."""
+
+from typing import TYPE_CHECKING
+
+import viser
+
+from trolley.messages import SavedPose
+from trolley_viz.icons import known_icon
+from trolley_viz.panels.control import GREEN, GREY, TEAL, handler, set_options, show_undo
+from trolley_viz.panels.tiles import MARK, SMALL
+from trolley_viz.scene.layer import View
+from trolley_viz.scene.places import current_places
+
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
+
+NEW: str = "+ new place"
+"""No place can be called so: names hold no plus sign."""
+ICONS: dict[str, str] = {
+    "pin": "map-pin",
+    "home": "home",
+    "kitchen": "tools-kitchen-2",
+    "living room": "sofa",
+    "armchair": "armchair",
+    "bedroom": "bed",
+    "bathroom": "bath",
+    "toilet": "toilet-paper",
+    "laundry": "wash",
+    "door": "door",
+    "stairs": "stairs",
+    "window": "window",
+    "office": "device-desktop",
+    "television": "device-tv",
+    "books": "books",
+    "music": "piano",
+    "plants": "plant",
+    "pets": "paw",
+    "children": "baby-carriage",
+    "mail": "mailbox",
+    "rubbish": "trash",
+    "coffee": "coffee",
+    "charger": "battery-charging",
+    "star": "star",
+}
+"""What people call the icons that are offered, with their names."""
+
+
+class PlacePanel:
+    """One form for a new place and for those that are saved."""
+
+    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+        self._actions, self._places, post = session.actions, session.places, session.post
+        self._stored: dict[str, SavedPose] = {}
+        self._filled: SavedPose | None = None
+        """What the fields were filled from."""
+        self._next = ""
+        """The place to be chosen as soon as it is listed."""
+        gui.add_html(MARK + SMALL)
+        self._place = gui.add_dropdown("Place", (NEW,))
+        self._name = gui.add_text("Name", "")
+        self._icon = gui.add_dropdown("Icon", tuple(ICONS))
+        self._note = gui.add_text("Note", "", visible=False)
+        self._save = gui.add_button("Save changes", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
+        self._here = gui.add_button("Save where it stands", icon=viser.Icon.ROBOT, color=GREEN)
+        self._point = gui.add_button("Show on the map …", icon=viser.Icon.MAP_PIN, color=TEAL)
+        self._delete = gui.add_button("Delete", icon=viser.Icon.TRASH, color=GREY)
+        self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
+        self._place.on_update(handler(post, lambda _, __: self._choose()))
+        self._save.on_click(handler(post, lambda _, __: self._save_changes()))
+        self._here.on_click(handler(post, lambda _, __: self._save_here()))
+        self._point.on_click(handler(post, lambda _, __: self._point_out()))
+        self._delete.on_click(handler(post, lambda _, __: self._delete_chosen()))
+        self._undo.on_click(handler(post, lambda _, __: session.actions.history.undo()))
+
+    def update(self, view: View) -> None:
+        """Show the places that there are; what another browser changes is shown here, too."""
+        self._stored = {one.name: one for one in current_places(view)}
+        set_options(self._place, [NEW, *sorted(self._stored, key=str.casefold)], NEW)
+        if self._next in self._stored:
+            self._place.value, self._next = self._next, ""
+        chosen = self._stored.get(self._place.value)
+        if chosen != self._filled:
+            self._fill(chosen)
+        is_new = chosen is None
+        self._save.visible = self._delete.visible = self._note.visible = not is_new
+        self._here.label = "Save where it stands" if is_new else "Move to where it stands"
+        self._point.label = "Show on the map …" if is_new else "Move on the map …"
+        show_undo(self._undo, self._actions.history)
+
+    # Inside.
+    def _fill(self, place: SavedPose | None) -> None:
+        """Put what is stored into the fields."""
+        self._filled = place
+        icon = "" if place is None else known_icon(place.icon) or ""
+        called = next((called for called, name in ICONS.items() if name == icon), icon)
+        options = tuple(ICONS) if called in ICONS or not called else (*ICONS, called)
+        if self._icon.options != options:
+            self._icon.options = options
+        self._icon.value = called or next(iter(ICONS))
+        self._name.value = "" if place is None else place.name
+        self._note.value = "" if place is None else place.note
+
+    def _choose(self) -> None:
+        self._next = ""
+        self._fill(self._stored.get(self._place.value))
+
+    def _chosen_icon(self) -> str:
+        return ICONS.get(self._icon.value, self._icon.value)
+
+    def _save_changes(self) -> None:
+        place = self._filled
+        if place is not None:
+            self._next = self._name.value.strip()
+            self._places.change(place, self._name.value, self._chosen_icon(), self._note.value)
+
+    def _save_here(self) -> None:
+        if self._filled is None:
+            self._places.save_here(self._name.value, self._chosen_icon(), self._choose_next)
+        else:
+            self._places.move_here(self._filled)
+
+    def _point_out(self) -> None:
+        if self._filled is None:
+            self._places.point_new(self._name.value, self._chosen_icon(), self._choose_next)
+        else:
+            self._places.point_move(self._filled)
+
+    def _delete_chosen(self) -> None:
+        if self._filled is not None:
+            self._places.delete(self._filled)
+
+    def _choose_next(self, name: str) -> None:
+        """Empty the fields for the next new place."""
+        del name
+        self._fill(None)

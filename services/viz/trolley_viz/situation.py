@@ -1,0 +1,216 @@
+"""What the robot is doing, or what keeps it from driving, as one plain sentence for anybody."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from trolley import codes
+from trolley.geometry.frames import MAP
+from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Tour, TourStatus
+from trolley.teleop import SOURCE as BY_HAND
+from trolley_viz.words import DRIVING, STALE_S, UNDER_WAY, Words, duration, goal_name
+
+AWAY = Words("The robot is switched off or out of reach.", "bad")
+LOST = Words("It does not know where it is: show it with “Set pose …”, or let it search.", "bad")
+READY = Words("It is ready and waits for you.", "good")
+STOPPED_REASONS = {
+    codes.BUTTON: "It is stopped",
+    codes.BATTERY: "It is stopped: the battery is too low",
+    codes.BUMPER: "It is stopped: it bumped into something",
+    codes.COLLISION: "It is stopped: it touched something",
+    codes.CLIFF: "It is stopped: there is no floor in front of it",
+}
+PAUSE_REASONS = {
+    codes.TAKEN_OVER: "somebody drove it by hand",
+    codes.STOPPED: "it was stopped",
+    codes.RESTARTED: "it was restarted",
+    codes.OTHER_GOAL: "somebody sent it elsewhere",
+    codes.CANCELED: "the way was canceled",
+}
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a robot; None where nothing was heard."""
+
+    is_away: bool = False
+    base: BaseState | None = None
+    has_map: bool = True
+    estimate: PoseEstimate | None = None
+    estimate_age_s: float | None = None
+    """Of the estimate [s], None while it cannot be told."""
+    goal: GoalStatus | None = None
+    trip: TourStatus | None = None
+    tour: Tour | None = None
+    """The stored tour that is driven."""
+    places: Sequence[SavedPose] = ()
+    silent: frozenset[str] = frozenset()
+    """Services that were heard of and are not any more."""
+
+
+def situation(known: Known) -> Words:
+    """Say the one thing that matters most: first what keeps it from driving, then what it does."""
+    return next(words for say in SAYINGS if (words := say(known)) is not None)
+
+
+def _away(known: Known) -> Words | None:
+    return AWAY if known.is_away else None
+
+
+def _base(known: Known) -> Words | None:
+    base = known.base
+    if base is None or base.mode in ("ok", "held"):
+        return None
+    if base.mode == "stopped":
+        why = STOPPED_REASONS.get(base.reason) or f"It is stopped: {_told(base)}"
+        return Words(f"{why}. Press Resume to let it drive again.", "bad")
+    return Words(f"It cannot drive: {_told(base)}.", "bad")
+
+
+def _by_hand(known: Known) -> Words | None:
+    if known.base is not None and known.base.source == BY_HAND:
+        return Words("Somebody drives it by hand.", "busy")
+    return None
+
+
+def _held(known: Known) -> Words | None:
+    base = known.base
+    if base is None or base.mode != "held":
+        return None
+    return Words(f"It waits: {_told(base)}. It goes on by itself.", "warn")
+
+
+def _parts(known: Known) -> Words | None:
+    if "planner" in known.silent or known.goal is None:
+        return Words("It cannot drive by itself: the planner is not running.", "bad")
+    return None
+
+
+def _position(known: Known) -> Words | None:
+    goal = known.goal
+    if not known.has_map or (goal is not None and goal.frame != MAP):
+        return None
+    if "localizer" in known.silent or known.estimate is None:
+        return Words("It does not know where it is: the localizer is not running.", "bad")
+    if known.estimate_age_s is None or known.estimate_age_s > STALE_S:
+        return Words("It does not know where it is: its lidar says nothing new.", "bad")
+    match known.estimate.state:
+        case "lost":
+            return LOST
+        case "searching":
+            if known.estimate.wants_turn:
+                return Words("It looks where it is, and needs to turn to see more.", "busy")
+            return Words("It looks where it is.", "busy")
+        case "mapping":
+            return Words("It makes a map.", "busy")
+        case _:
+            return None
+
+
+def _trip(known: Known) -> Words | None:
+    trip, goal = known.trip, known.goal
+    if trip is None:
+        return None
+    is_over = trip.state not in UNDER_WAY
+    is_elsewhere = goal is not None and not (goal.id or "").startswith(f"tour-{trip.trip}-")
+    if is_elsewhere and (is_over or (goal is not None and goal.state in DRIVING)):
+        return None  # something else was driven since
+    match trip.state:
+        case "paused":
+            why = PAUSE_REASONS.get(trip.reason)
+            because = f": {why}" if why else ""
+            return Words(f"The tour is paused{because}. Press “Go on”.", "warn")
+        case "waiting":
+            return Words(f"The tour waits: {_told(trip)}.", "warn")
+        case "dwelling":
+            return Words(f"It stays at {_stop_name(known)} for a while{_counted(known)}.", "busy")
+        case "failed":
+            return Words(f"The tour was given up: {_told(trip)}.", "bad")
+        case "done":
+            missed = sum(one.state != "reached" for one in trip.results)
+            if missed:
+                count = len(trip.results)
+                return Words(
+                    f"The tour is over: {count - missed} of {count} places reached.", "warn"
+                )
+            return Words("The tour is done.", "good")
+        case _:
+            return None
+
+
+def _goal(known: Known) -> Words | None:
+    goal = known.goal
+    if goal is None or goal.state == "idle":
+        return None
+    to = goal_name(goal, list(known.places))
+    to = "the place that was pointed out" if to.startswith("(") else to
+    why = _told(goal)
+    match goal.state:
+        case "planning":
+            return Words(f"It looks for a way to {to}.", "busy")
+        case "driving":
+            slowly = ", slowly" if _is_unsure(known) else ""
+            return Words(f"It is on its way to {to}{slowly}{_left(goal)}{_counted(known)}.", "busy")
+        case "recovering":
+            return Words(f"On the way to {to}: {why}.", "warn")
+        case "paused":
+            because = PAUSE_REASONS.get(goal.reason)
+            because = f": {because}" if because else ""
+            return Words(f"It is paused on its way to {to}{because}. Press “Go on”.", "warn")
+        case "arrived":
+            return Words(f"It is at {to}.", "good")
+        case "failed":
+            return Words(f"It did not reach {to}: {why}.", "bad")
+        case _:
+            return Words("Its way was canceled; it waits for you.", "good")
+
+
+def _idle(known: Known) -> Words | None:
+    if _is_unsure(known):
+        return Words("It is not quite sure where it is, and drives slowly.", "warn")
+    return READY
+
+
+SAYINGS: Sequence[Callable[[Known], Words | None]] = (
+    _away,
+    _base,
+    _by_hand,
+    _held,
+    _parts,
+    _position,
+    _trip,
+    _goal,
+    _idle,
+)
+"""Who has something to say says it; the last one always has."""
+
+
+def _is_unsure(known: Known) -> bool:
+    return known.estimate is not None and known.estimate.state == "unsure"
+
+
+def _told(status: BaseState | GoalStatus | TourStatus) -> str:
+    """The reason in words, to be put behind a colon."""
+    why = status.message or codes.SENTENCES.get(status.reason, status.reason)
+    return why[:1].lower() + why[1:].rstrip(".") if why else "no reason was given"
+
+
+def _left(goal: GoalStatus) -> str:
+    far = "" if goal.distance_remaining is None else f", {goal.distance_remaining:.1f} m to go"
+    return far + ("" if goal.eta is None else f", about {duration(goal.eta)}")
+
+
+def _stop_name(known: Known) -> str:
+    trip, tour = known.trip, known.tour
+    if trip is None or trip.stop is None:
+        return "its stop"
+    name = tour.stops[trip.stop].name if tour is not None and trip.stop < len(tour.stops) else None
+    return name or f"stop {trip.stop + 1}"
+
+
+def _counted(known: Known) -> str:
+    """Which stop of the tour this is."""
+    trip, tour = known.trip, known.tour
+    if trip is None or trip.stop is None or trip.state not in ("driving", "dwelling"):
+        return ""
+    of = f" of {len(tour.stops)}" if tour is not None and trip.stop < len(tour.stops) else ""
+    return f" (stop {trip.stop + 1}{of})"

@@ -1,0 +1,217 @@
+"""The one sentence about what the robot is doing."""
+
+import pytest
+
+from trolley.geometry import Pose2D
+from trolley.messages import (
+    BaseState,
+    GoalStatus,
+    PoseEstimate,
+    SavedPose,
+    Stop,
+    StopResult,
+    Tour,
+    TourStatus,
+)
+from trolley_viz.situation import Known, situation
+
+KITCHEN = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
+TOUR = Tour(name="round", stops=[Stop(name="hall"), Stop(name="kitchen"), Stop(name="door")])
+IDLE = GoalStatus(stamp_ns=1, id=None, state="idle")
+
+
+def base(mode: str, reason: str = "", message: str = "", source: str | None = None) -> BaseState:
+    return BaseState(stamp_ns=1, mode=mode, reason=reason, message=message, source=source)  # type: ignore[arg-type]
+
+
+def goal(state: str, goal_id: str = "a", **fields: object) -> GoalStatus:
+    values: dict[str, object] = {"pose": KITCHEN.pose, **fields}
+    return GoalStatus(stamp_ns=1, id=goal_id, state=state, **values)  # type: ignore[arg-type]
+
+
+def trip(state: str, **fields: object) -> TourStatus:
+    values: dict[str, object] = {"name": "round", "trip": "t1", "stop": 1, **fields}
+    return TourStatus(stamp_ns=1, state=state, **values)  # type: ignore[arg-type]
+
+
+def results(*states: str) -> list[StopResult]:
+    return [StopResult(stop=i, state=state) for i, state in enumerate(states)]  # type: ignore[arg-type]
+
+
+def known(**fields: object) -> Known:
+    at = fields.pop("at", "localized")
+    turn = bool(fields.pop("wants_turn", False))
+    estimate = PoseEstimate(
+        stamp_ns=1,
+        map="room",
+        pose=Pose2D(1.0, 2.0, 0.0),
+        covariance=None,
+        state=at,  # type: ignore[arg-type]
+        match=0.9,
+        spread=0.1,
+        wants_turn=turn,
+    )
+    values: dict[str, object] = {
+        "base": base("ok"),
+        "estimate": estimate,
+        "estimate_age_s": 0.1,
+        "goal": IDLE,
+        "tour": TOUR,
+        "places": [KITCHEN],
+    }
+    return Known(**(values | fields))  # type: ignore[arg-type]
+
+
+DRIVING = goal("driving", distance_remaining=3.21, eta=12.4)
+TOUR_GOAL = goal("driving", "tour-t1-1-0", distance_remaining=3.21, eta=12.4)
+CASES = [
+    (known(), "It is ready and waits for you."),
+    (known(at="unsure"), "It is not quite sure where it is, and drives slowly."),
+    (known(is_away=True), "The robot is switched off or out of reach."),
+    (known(base=base("stopped", "button")), "It is stopped. Press Resume to let it drive again."),
+    (
+        known(base=base("stopped", "bumper")),
+        "It is stopped: it bumped into something. Press Resume to let it drive again.",
+    ),
+    (
+        known(base=base("stopped", "new_code", "A wheel came off.")),
+        "It is stopped: a wheel came off. Press Resume to let it drive again.",
+    ),
+    (
+        known(base=base("fault", "link_lost")),
+        "It cannot drive: the connection to the motor board is down.",
+    ),
+    (known(base=base("ok", source="teleop")), "Somebody drives it by hand."),
+    (
+        known(base=base("held", "stop_field"), goal=DRIVING),
+        "It waits: something is too close in the direction of travel. It goes on by itself.",
+    ),
+    (known(goal=None), "It cannot drive by itself: the planner is not running."),
+    (
+        known(silent=frozenset({"planner"}), goal=DRIVING),
+        "It cannot drive by itself: the planner is not running.",
+    ),
+    (known(silent=frozenset({"viz-pc"})), "It is ready and waits for you."),
+    (
+        known(estimate=None),
+        "It does not know where it is: the localizer is not running.",
+    ),
+    (
+        known(silent=frozenset({"localizer"})),
+        "It does not know where it is: the localizer is not running.",
+    ),
+    (
+        known(estimate_age_s=1.5),
+        "It does not know where it is: its lidar says nothing new.",
+    ),
+    (
+        known(at="lost", goal=DRIVING),
+        "It does not know where it is: show it with “Set pose …”, or let it search.",
+    ),
+    (known(at="searching"), "It looks where it is."),
+    (
+        known(at="searching", wants_turn=True),
+        "It looks where it is, and needs to turn to see more.",
+    ),
+    (known(at="lost", has_map=False), "It is ready and waits for you."),
+    (
+        known(at="lost", goal=goal("driving", frame="odom")),
+        "It is on its way to the place that was pointed out.",
+    ),
+    (known(goal=goal("planning")), "It looks for a way to kitchen."),
+    (known(goal=DRIVING), "It is on its way to kitchen, 3.2 m to go, about 12 s."),
+    (
+        known(goal=goal("driving"), at="unsure"),
+        "It is on its way to kitchen, slowly.",
+    ),
+    (
+        known(goal=goal("driving", pose=Pose2D(7.0, 7.0, 0.0))),
+        "It is on its way to the place that was pointed out.",
+    ),
+    (
+        known(
+            goal=goal(
+                "recovering", message="Something is in the way; the robot waits for it to go."
+            )
+        ),
+        "On the way to kitchen: something is in the way; the robot waits for it to go.",
+    ),
+    (
+        known(goal=goal("paused", reason="taken_over")),
+        "It is paused on its way to kitchen: somebody drove it by hand. Press “Go on”.",
+    ),
+    (
+        known(goal=goal("paused", reason="paused")),
+        "It is paused on its way to kitchen. Press “Go on”.",
+    ),
+    (known(goal=goal("arrived")), "It is at kitchen."),
+    (
+        known(goal=goal("failed", reason="blocked")),
+        "It did not reach kitchen: something stands in the way and does not go.",
+    ),
+    (known(goal=goal("canceled")), "Its way was canceled; it waits for you."),
+    (
+        known(goal=TOUR_GOAL, trip=trip("driving")),
+        "It is on its way to kitchen, 3.2 m to go, about 12 s (stop 2 of 3).",
+    ),
+    (
+        known(goal=goal("driving", "tour-t1-1-0"), trip=trip("driving", name=None), tour=None),
+        "It is on its way to kitchen (stop 2).",
+    ),
+    (
+        known(goal=goal("arrived", "tour-t1-1-0"), trip=trip("dwelling")),
+        "It stays at kitchen for a while (stop 2 of 3).",
+    ),
+    (
+        known(goal=goal("paused", "tour-t1-1-0"), trip=trip("paused", reason="stopped")),
+        "The tour is paused: it was stopped. Press “Go on”.",
+    ),
+    (
+        known(goal=DRIVING, trip=trip("paused", reason="other_goal")),
+        "It is on its way to kitchen, 3.2 m to go, about 12 s.",
+    ),
+    (
+        known(goal=goal("arrived"), trip=trip("paused", reason="other_goal")),
+        "The tour is paused: somebody sent it elsewhere. Press “Go on”.",
+    ),
+    (
+        known(trip=trip("waiting", message="The planner is not running.")),
+        "The tour waits: the planner is not running.",
+    ),
+    (
+        known(goal=goal("arrived", "tour-t1-2-0"), trip=trip("done", results=results("reached"))),
+        "The tour is done.",
+    ),
+    (
+        known(
+            goal=goal("arrived", "tour-t1-2-0"),
+            trip=trip("done", results=results("reached", "skipped", "reached")),
+        ),
+        "The tour is over: 2 of 3 places reached.",
+    ),
+    (
+        known(
+            goal=goal("failed", "tour-t1-2-0"),
+            trip=trip("failed", reason="aborted", results=results("failed")),
+        ),
+        "The tour was given up: the trip was given up after a stop failed.",
+    ),
+    (
+        known(goal=goal("arrived"), trip=trip("failed", reason="aborted")),
+        "It is at kitchen.",
+    ),
+]
+
+
+@pytest.mark.parametrize(("case", "sentence"), CASES, ids=[text for _, text in CASES])
+def test_one_sentence_says_what_matters_most(case: Known, sentence: str) -> None:
+    assert situation(case).headline == sentence
+    assert situation(case).detail == ""
+
+
+def test_what_keeps_it_from_driving_comes_first() -> None:
+    everything = known(
+        base=base("stopped", "button"), at="lost", goal=goal("paused"), trip=trip("waiting")
+    )
+    assert situation(everything).headline.startswith("It is stopped.")
+    assert situation(everything).tone == "bad"
