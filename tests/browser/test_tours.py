@@ -39,7 +39,7 @@ def stored(shown: "Shown") -> list[str]:
     return sorted(one.name for one in (tours.tours if tours is not None else []))
 
 
-def trip(shown: "Shown") -> tuple[str | None, str]:
+def last_trip(shown: "Shown") -> tuple[str | None, str]:
     status = shown.robot.latest(topics.TOUR)
     return (None, "") if status is None else (status.name, status.state)
 
@@ -67,7 +67,7 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     starts = page.get_by_role("button", name="Start", exact=True)
     expect(starts).to_have_count(2)  # the other tour is the demo's own
     starts.last.click()
-    wait_until(lambda: trip(shown) == ("evening", "done"), 120.0, "the tour is driven")
+    wait_until(lambda: last_trip(shown) == ("evening", "done"), 120.0, "the tour is driven")
     expect(page.get_by_text("stop 1 reached")).to_be_visible()
     expect(page.get_by_text("start reached")).to_be_visible()
     expect(page.get_by_text("Last tour: “evening”")).to_be_visible()
