@@ -1,36 +1,20 @@
 """Tours as people make and drive them: a real browser, a mouse, and the demo's robot."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Locator, Page, expect, sync_playwright
+from playwright.sync_api import Locator, Page, expect
 from support.waiting import wait_until
 
 from trolley import topics
 
-from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
-from .test_viewer import PLACE, pixel_of
+from .test_viewer import PLACE, pixel_of, wait_for_frames
 
 if TYPE_CHECKING:
     from .conftest import Shown
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
-
-
-@pytest.fixture(scope="module")
-def page(shown: "Shown") -> Iterator[Page]:
-    """A small page: the fewer pixels to draw in software, the more time for the rest."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        page = browser.new_page(viewport={"width": 800, "height": 560})
-        page.set_default_timeout(PATIENCE_MS)
-        expect.set_options(timeout=PATIENCE_MS)
-        page.goto(shown.url)
-        page.get_by_text("Localized").wait_for()
-        yield page
-        browser.close()
 
 
 def text_field(page: Page, label: str) -> Locator:
@@ -55,6 +39,11 @@ def stored(shown: "Shown") -> list[str]:
     return sorted(one.name for one in (tours.tours if tours is not None else []))
 
 
+def last_trip(shown: "Shown") -> tuple[str | None, str]:
+    status = shown.robot.latest(topics.TOUR)
+    return (None, "") if status is None else (status.name, status.state)
+
+
 def test_a_tour_is_made_driven_and_found_in_the_history(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
@@ -65,6 +54,7 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     text_field(page, "Name").fill("evening")
     button(page, "Point on the map")
     expect(page.get_by_text("Press where it shall stop")).to_be_visible()
+    wait_for_frames(page)
     page.mouse.click(*pixel_of(page, PLACE))
     expect(page.get_by_role("button", name="1 a point on the map")).to_be_visible()
     choose(page, "Add place", "start")
@@ -74,10 +64,10 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     button(page, "Save")
     wait_until(lambda: "evening" in stored(shown), 20.0, "the tour is saved")
 
-    expect(page.get_by_text("evening", exact=True)).to_be_visible()
     starts = page.get_by_role("button", name="Start", exact=True)
     expect(starts).to_have_count(2)  # the other tour is the demo's own
     starts.last.click()
+    wait_until(lambda: last_trip(shown) == ("evening", "done"), 120.0, "the tour is driven")
     expect(page.get_by_text("stop 1 reached")).to_be_visible()
     expect(page.get_by_text("start reached")).to_be_visible()
     expect(page.get_by_text("Last tour: “evening”")).to_be_visible()
@@ -93,5 +83,5 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
 def test_a_deleted_tour_comes_back(page: Page, shown: "Shown") -> None:
     page.get_by_role("button", name="Delete", exact=True).last.click()
     wait_until(lambda: "evening" not in stored(shown), 20.0, "the tour is deleted")
-    button(page, "Undo deleting evening")
+    button(page, "Undo: Delete the tour evening")
     wait_until(lambda: "evening" in stored(shown), 20.0, "the tour is back")

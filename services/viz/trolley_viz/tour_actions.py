@@ -1,7 +1,6 @@
 """What the tour editor does: tours saved and deleted, each of which can be undone."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from msgspec import structs
 
@@ -9,40 +8,22 @@ from trolley import requests
 from trolley.messages import Tour
 from trolley.messages.asking import Named
 from trolley_viz.actions import Actions
-from trolley_viz.words import Tone
+from trolley_viz.undo import Step
 
-MAX_UNDOS = 20
 _LONGEST_NAME = 64
-
-
-@dataclass(frozen=True)
-class Undo:
-    """How things were before somebody saved or deleted a tour here."""
-
-    robot: str
-    text: str
-    put: Tour | None
-    """What is saved again."""
-    delete: str | None
-    """What is deleted again."""
 
 
 class TourActions:
     """Requests about stored tours on behalf of one browser.
 
     Args:
-        actions: asks the robot.
+        actions: asks the robot, and remembers what can be taken back.
         robot: the robot that the browser follows.
-        tell: shows people a title and a sentence.
     """
 
-    def __init__(
-        self, actions: Actions, robot: Callable[[], str], tell: Callable[[str, str, Tone], None]
-    ) -> None:
+    def __init__(self, actions: Actions, robot: Callable[[], str]) -> None:
         self._actions = actions
         self._robot = robot
-        self._tell = tell
-        self._undos: list[Undo] = []
 
     def save(self, tour: Tour, before: Tour | None, saved: Callable[[], None]) -> None:
         """Save a tour.
@@ -54,14 +35,19 @@ class TourActions:
         """
         robot, renamed = self._robot(), before is not None and before.name != tour.name
 
+        def undo() -> None:
+            if before is not None:
+                self._actions.ask(requests.TOURS_PUT, before, "Not undone")
+            if before is None or renamed:
+                self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not undone")
+
         def done(_: Tour) -> None:
-            if before is not None and renamed and self._robot() == robot:
-                self._actions.ask(
-                    requests.TOURS_DELETE, Named(name=before.name), "The old name is still there"
-                )
-            added = tour.name if before is None or renamed else None
-            self._remember(Undo(robot, f"saving {tour.name}", before, added))
-            self._tell("Saved", f"The tour {tour.name} is saved.", "good")
+            if self._robot() == robot:  # else the requests would go to another one
+                if before is not None and renamed:
+                    old = Named(name=before.name)
+                    self._actions.ask(requests.TOURS_DELETE, old, "The old name is still there")
+                self._actions.history.add(Step(f"Save the tour {tour.name}", undo))
+            self._actions.tell("Saved", f"The tour {tour.name} is saved.", "good")
             saved()
 
         self._actions.ask(requests.TOURS_PUT, tour, "Not saved", done)
@@ -71,7 +57,11 @@ class TourActions:
         robot = self._robot()
 
         def done(was: Tour) -> None:
-            self._remember(Undo(robot, f"deleting {was.name}", was, None))
+            def undo() -> None:
+                self._actions.ask(requests.TOURS_PUT, was, "Not undone")
+
+            if self._robot() == robot:
+                self._actions.history.add(Step(f"Delete the tour {was.name}", undo))
 
         self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not deleted", done)
 
@@ -80,31 +70,6 @@ class TourActions:
         name = copy_name(tour.name, {one.name for one in tours})
         copy = structs.replace(tour, name=name, schedule=[])
         self.save(copy, None, lambda: None)
-
-    @property
-    def undo_text(self) -> str:
-        """What the next undo undoes, "" where there is nothing."""
-        undo = self._newest()
-        return "" if undo is None else undo.text
-
-    def undo(self) -> None:
-        """Make it as it was before the last change made here."""
-        undo = self._newest()
-        if undo is None:
-            return
-        self._undos.remove(undo)
-        if undo.put is not None:
-            self._actions.ask(requests.TOURS_PUT, undo.put, "Not undone")
-        if undo.delete is not None:
-            self._actions.ask(requests.TOURS_DELETE, Named(name=undo.delete), "Not undone")
-
-    def _remember(self, undo: Undo) -> None:
-        self._undos = [*self._undos, undo][-MAX_UNDOS:]
-
-    def _newest(self) -> Undo | None:
-        """The last change of the robot that is followed now."""
-        own = [undo for undo in self._undos if undo.robot == self._robot()]
-        return own[-1] if own else None
 
 
 def copy_name(name: str, taken: set[str]) -> str:

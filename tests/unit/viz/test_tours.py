@@ -435,7 +435,7 @@ def test_a_renamed_tour_keeps_one_name_and_undo_brings_the_other_back(
     press(tab._editor._save)
     settle(stage)
     assert set(tour.tours) == {"night"}
-    tab.undo()
+    press(tab._list._undo)
     settle(stage)
     assert tour.tours == {"evening": before}
 
@@ -446,7 +446,7 @@ def test_a_deleted_tour_is_brought_back(stage: "Stage", tour: PretendTour) -> No
     press(tab._list._cards["evening"][1], "Delete")
     tab = settle(stage)
     assert tour.tours == {}
-    assert tab._list._undo.label == "Undo deleting evening"
+    assert tab._list._undo.label == "Undo: Delete the tour evening"
     press(tab._list._undo)
     settle(stage)
     assert tour.tours == before

@@ -20,6 +20,7 @@ from trolley_viz.panels.tiles import STYLE
 from trolley_viz.panels.tours import TourTab
 from trolley_viz.panels.zones import ZonePanel
 from trolley_viz.scene.layer import View
+from trolley_viz.scene.tours import tour_of
 from trolley_viz.situation import Known, situation
 from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
 
@@ -114,11 +115,10 @@ def what_is_known(view: View, silent: frozenset[str]) -> Known:
     """Gather what the sentence about the robot is made from."""
     feeds = view.feeds
     estimate, saved = feeds.latest(topics.POSE), feeds.latest(topics.POSES)
-    tours, trip = feeds.latest(topics.TOURS), feeds.latest(topics.TOUR)
+    trip = feeds.latest(topics.TOUR)
     robot_ns, age_s = view.robot_ns, None
     if robot_ns is not None and estimate is not None:
         age_s = (robot_ns - estimate.stamp_ns) * 1e-9
-    stored = [] if tours is None or trip is None else tours.tours
     return Known(
         is_away=view.is_away,
         base=feeds.latest(topics.BASE),
@@ -127,7 +127,7 @@ def what_is_known(view: View, silent: frozenset[str]) -> Known:
         estimate_age_s=age_s,
         goal=feeds.latest(topics.GOAL),
         trip=trip,
-        tour=next((one for one in stored if trip is not None and one.name == trip.name), None),
+        tour=None if trip is None else tour_of(trip, view),
         places=[] if saved is None else saved.poses,
         silent=silent,
     )

@@ -9,6 +9,7 @@ import viser
 from trolley import topics
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour
+from trolley_viz.aiming import ignore
 from trolley_viz.panels.control import GREEN, GREY, TEAL, Colour, Post, handler, set_options
 from trolley_viz.panels.markup import note, row, title
 from trolley_viz.panels.point_editor import DOWN, REMOVE, UP, PointEditor, count
@@ -275,12 +276,13 @@ class TourEditor:
             last = points[-1].where(find) if points else None
             take(editing, Point(pose=bearing(pointed.x, pointed.y, pointed.yaw, last)))
 
-        tool = Tool(TOUR_POINT, lambda _: None, done)
-        session.aiming.arm(tool, POINT_HINT)
+        if session.aiming.armed == TOUR_POINT:
+            session.aiming.put_away()
+        else:
+            session.aiming.arm(Tool(TOUR_POINT, ignore, done), POINT_HINT)
 
     def _put_away(self) -> None:
-        tool = self._session.pointing.tool
-        if tool is not None and tool.name == TOUR_POINT:
+        if self._session.aiming.armed == TOUR_POINT:
             self._session.put_tools_away()
 
     # The end.

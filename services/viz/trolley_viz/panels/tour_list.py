@@ -7,9 +7,10 @@ from typing import Protocol
 import viser
 
 from trolley.messages import Tour
-from trolley_viz.panels.control import GREEN, GREY, Post, handler
+from trolley_viz.panels.control import GREEN, GREY, Post, handler, show_undo
 from trolley_viz.panels.markup import note
 from trolley_viz.tour_draft import days_text, stay_text
+from trolley_viz.undo import History
 
 MAX_CARDS = 40
 SEARCH_FROM = 8
@@ -40,17 +41,16 @@ class TourChoices(Protocol):
         """Delete it."""
         ...
 
-    def undo(self) -> None:
-        """Undo the last change."""
-        ...
-
 
 class TourList:
     """A card for each stored tour."""
 
-    def __init__(self, gui: viser.GuiApi, choices: TourChoices, post: Post) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, choices: TourChoices, history: History, post: Post
+    ) -> None:
         self._gui = gui
         self._choices = choices
+        self._history = history
         self._post = post
         self._tours: dict[str, Tour] = {}
         self._cards: dict[str, tuple[viser.GuiHtmlHandle, viser.GuiButtonGroupHandle]] = {}
@@ -64,9 +64,9 @@ class TourList:
                 "Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY, visible=False
             )
         new.on_click(handler(post, lambda _, __: choices.edit(None)))
-        self._undo.on_click(handler(post, lambda _, __: choices.undo()))
+        self._undo.on_click(handler(post, lambda _, __: history.undo()))
 
-    def update(self, tours: Sequence[Tour] | None, undo_text: str, *, is_open: bool) -> None:
+    def update(self, tours: Sequence[Tour] | None, *, is_open: bool) -> None:
         """Show the tours (None: not known yet) and what can be undone, or hide all that."""
         self._folder.visible = is_open
         if not is_open:
@@ -86,8 +86,7 @@ class TourList:
             card.content = _card(self._tours[name])
             card.order, group.order = 2.0 * order, 2.0 * order + 1.0
         self._rest.content = self._rest_text(tours, len(found))
-        self._undo.visible = undo_text != ""
-        self._undo.label = f"Undo {undo_text}"
+        show_undo(self._undo, self._history)
 
     def _rest_text(self, tours: Sequence[Tour] | None, num_found: int) -> str:
         if tours is None:

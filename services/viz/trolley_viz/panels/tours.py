@@ -39,7 +39,7 @@ class TourTab:
     def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
         self._session = session
         actions = session.actions
-        self._stored = TourActions(actions, lambda: session.robot, session.tell)
+        self._stored = TourActions(actions, lambda: session.robot)
         self._edited_on = ""
         """The robot whose tour is edited."""
         self._drawing = TourDrawing(session.client.scene, "/edited_tour", raised=0.02)
@@ -49,7 +49,7 @@ class TourTab:
         self._list: TourList | None = None
         self._editor: TourEditor | None = None
         if session.may_drive:
-            self._list = TourList(gui, self, session.post)
+            self._list = TourList(gui, self, actions.history, session.post)
             self._editor = TourEditor(gui, session, self._save, session.post)
         self._past = PastTripsPanel(gui, session.post)
 
@@ -62,7 +62,7 @@ class TourTab:
         self._past.update(view.past, trip, view.now_ns, is_shown=editing is None)
         if self._list is not None and self._editor is not None:
             tours = None if stored is None else stored.tours
-            self._list.update(tours, self._stored.undo_text, is_open=editing is None)
+            self._list.update(tours, is_open=editing is None)
             self._editor.update(view, tours or [], is_shown=editing is not None)
         self._draw(view, editing)
 
@@ -90,10 +90,6 @@ class TourTab:
     def delete(self, tour: Tour) -> None:
         """Delete it."""
         self._stored.delete(tour)
-
-    def undo(self) -> None:
-        """Undo the last change made here."""
-        self._stored.undo()
 
     def _save(self, tour: Tour, before: Tour | None) -> None:
         editor = self._editor
