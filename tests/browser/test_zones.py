@@ -89,9 +89,9 @@ def close_notices(page: Page) -> None:
     expect(page.get_by_role("alert")).to_have_count(0)
 
 
-def name_field(page: Page) -> Locator:
-    """viser's text fields are not tied to their labels."""
-    return page.locator(".mantine-TextInput-input").locator("visible=true")
+def name_field(page: Page, name: str) -> Locator:
+    """The field in which a name stands; viser's text fields are not tied to their labels."""
+    return page.locator(f'.mantine-TextInput-input[value="{name}"]')
 
 
 def near(points: list[tuple[float, float]], wanted: list[tuple[float, float]]) -> None:
@@ -124,7 +124,7 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     expect(page.get_by_text("Tap a zone on the map")).to_be_visible()
     wait_for_frames(page)
     page.mouse.click(*pixel_of(page, (1.6, 0.45)))
-    expect(page.get_by_role("button", name="Save")).to_be_visible()
+    expect(page.get_by_role("button", name="Save", exact=True)).to_be_visible()
     page.screenshot(path=pictures / "zone-selected.png", timeout=60_000)
     wait_for_frames(page)
     # The handle stands above the floor, which is seen a little from the south.
@@ -135,20 +135,20 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     moved = [(x, y + 1.0) for x, y in ACROSS]
     wait_until(lambda: zones(shown)["no-go area 1"] != before, 20.0, "the zone is moved")
     near(zones(shown)["no-go area 1"].points, moved)
-    name_field(page).fill("cat's <b>bed</b>")
-    page.get_by_role("button", name="Save").click()
+    name_field(page, "no-go area 1").fill("cat's <b>bed</b>")
+    page.get_by_role("button", name="Save", exact=True).click()
     expect(page.get_by_text("may not hold")).to_be_visible()
-    name_field(page).fill("Katzenkörbchen")
-    page.get_by_role("button", name="Save").click()
+    name_field(page, "cat's <b>bed</b>").fill("Katzenkörbchen")
+    page.get_by_role("button", name="Save", exact=True).click()
     wait_until(lambda: "Katzenkörbchen" in zones(shown), 20.0, "the zone is renamed")
-    page.get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Delete", exact=True).click()
     wait_until(lambda: "Katzenkörbchen" not in zones(shown), 20.0, "the zone is deleted")
     for name in ("Katzenkörbchen", "no-go area 1"):
-        page.get_by_role("button", name="Undo").click()
+        page.get_by_role("button", name="Undo “").click()
         wait_until(lambda name=name: name in zones(shown), 20.0, f"{name} is back")
-    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("button", name="Undo “").click()
     wait_until(lambda: zones(shown)["no-go area 1"] == before, 20.0, "it is where it was")
-    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("button", name="Undo “").click()
     wait_until(lambda: "no-go area 1" not in zones(shown), 20.0, "it is gone")
     assert crosses(way(shown))
 

@@ -356,7 +356,7 @@ def test_the_panel_follows_what_is_under_way(hand: Hand) -> None:
     assert panel._name.value == "slow area 1"
     assert panel._speed.visible
     assert panel._done.label == "Done"
-    assert len(panel._commands) == 3
+    assert len(panel._commands) == 2
     hand.editor.select("hall mirror")
     hand.wait()
     assert (panel._name.value, panel._choice.value) == ("hall mirror", "hall mirror")

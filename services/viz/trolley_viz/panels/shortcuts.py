@@ -33,7 +33,7 @@ def shortcuts(session: "Session") -> list[Shortcut]:
     return [
         Shortcut("Go to …", "G", viser.Icon.MAP_PIN, aiming.point_goal),
         Shortcut("Set pose …", "P", viser.Icon.CURRENT_LOCATION, aiming.point_pose),
-        Shortcut("Leave the arrow", "escape", viser.Icon.X, session.put_tools_away),
+        Shortcut("Leave what you point at or draw", "escape", viser.Icon.X, session.put_tools_away),
         Shortcut("Find yourself", "F", viser.Icon.SEARCH, actions.find),
         Shortcut("Pause", "H", viser.Icon.PLAYER_PAUSE, lambda: actions.steer("Pause")),
         Shortcut("Go on", "O", viser.Icon.PLAYER_PLAY, lambda: actions.steer("Go on")),

@@ -147,7 +147,6 @@ class ZonePanel:
             return
         editor = self._editor
         self._add_hotkey("Finish the zone", "enter", editor.done)
-        self._add_hotkey("Leave the zone", "escape", editor.leave)
         self._add_hotkey("Take the last corner back", "backspace", editor.take_back)
 
     def _add_hotkey(self, label: str, key: Any, act: Callable[[], None]) -> None:
