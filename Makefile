@@ -32,12 +32,12 @@ demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `
 	@$(BIN)/trolley demo $(ARGS)
 
 # Tests of whole processes wait most of the time, so three of them run side by side. A browser that
-# renders in software takes all there is, so its tests run alone.
+# renders in software takes more, so there are two of those.
 test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
 ifeq ($(ARGS),)
 	@$(BIN)/python -m pytest --numprocesses auto --ignore=tests/process --ignore=tests/browser
 	@$(BIN)/python -m pytest --numprocesses 3 --dist worksteal tests/process
-	@$(BIN)/python -m pytest tests/browser
+	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile tests/browser
 else
 	@$(BIN)/python -m pytest $(ARGS)
 endif

@@ -12,6 +12,7 @@ import argparse
 import math
 import multiprocessing
 import tempfile
+import tomllib
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,7 @@ MAP = WORLDS / "apartment.yaml"
 START = Pose2D(0.549, 0.218, 0.2579)
 TOLERANCE_M, TOLERANCE_DEG = 0.05, 3.0
 FREE_M, LIMIT_S, SETTLE_S = 0.35, 150.0, 1.0
+NEAR_M = 0.6
 ENDED = ("arrived", "failed", "canceled")
 FULL, GOALS_IN_A_RUN = 200, 20
 FAST = """
@@ -71,9 +73,19 @@ class Stop:
     true: tuple[float, float] = (math.nan, math.nan)
 
 
+def things() -> list[tuple[float, float]]:
+    """Where things stand in the apartment that are not on the map; goals there are refused."""
+    world = tomllib.loads((WORLDS / "apartment.toml").read_text())
+    return [(one["x"], one["y"]) for kind in ("box", "circle") for one in world[kind]]
+
+
 def drive(seed: int, count: int, is_fast: bool) -> list[Stop]:
     """Drive from goal to goal."""
-    goals = free_poses(load_map(MAP), FREE_M, 3 * count, np.random.default_rng(seed))
+    goals = [
+        goal
+        for goal in free_poses(load_map(MAP), FREE_M, 3 * count, np.random.default_rng(seed))
+        if all(math.dist((goal.x, goal.y), thing) > NEAR_M for thing in things())
+    ]
     stops: list[Stop] = []
     with tempfile.TemporaryDirectory() as folder:
         world = Path(folder) / "apartment.toml"

@@ -58,6 +58,7 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     page.mouse.click(*pixel_of(page, PLACE))
     expect(page.get_by_role("button", name="1 a point on the map")).to_be_visible()
     choose(page, "Add place", "start")
+    expect(page.get_by_role("button", name="2 start", exact=True)).to_be_visible()
     page.get_by_label("Stay, seconds").fill("1")
     expect(page.get_by_role("button", name="2 start · stays 1 s")).to_be_visible()
     page.screenshot(path=pictures / "tour-editor.png", timeout=60_000)

@@ -232,7 +232,10 @@ def test_a_place_is_saved_changed_and_brought_back(
     renamed = place_of(shown, "toy corner")
     assert renamed is not None
     assert renamed.icon == "baby-carriage"
+    for notice in ("Not saved", "This place is called"):  # they lie where it is to be pressed
+        expect(page.get_by_text(notice)).to_have_count(0)
     button(page, "Move on the map …").click()
+    expect(page.locator("#trolley-hint")).to_contain_text("Press")
     drag(page, PLACE, TOWARDS)
     wait_until(lambda: place_of(shown, "toy corner") != renamed, 20.0, "it is moved")
     moved = place_of(shown, "toy corner")

@@ -5,6 +5,7 @@ the drags that else would turn the camera. viser gives the end of a drag on a pl
 the camera; the line of sight through it is followed down to the floor.
 """
 
+import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from trolley_viz.shapes import meet_floor
 PLANE_HALF_SIZE_M = 500.0
 MIN_DRAG_SCREEN = 0.012
 """A shorter drag (share of the screen) is a click: nobody means a direction by it."""
+LEAVING_S = 0.3
 ARROW_COLOUR = (0, 140, 40)
 Z_ARROW = 0.17
 
@@ -73,6 +75,7 @@ class Pointing:
 
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
+            await let_leave(event)
             pointed = pointed_by_drag(event, event.client.camera.position)
             if pointed is not None or event.phase == "end":
                 self._post(lambda: self._dragged(tool, pointed, event.phase))
@@ -127,6 +130,16 @@ class Pointing:
             return  # where it ends beside the floor, the tool waits for another try
         self.disarm()
         tool.done(pointed)
+
+
+async def let_leave(event: viser.SceneNodeDragEvent[Any]) -> None:
+    """Wait a moment at the end of a drag.
+
+    A page that is closed in the middle of a drag lets go of it first, as if its person had. By the
+    end of the moment it is gone, and what it let go of means nothing.
+    """
+    if event.phase == "end":
+        await asyncio.sleep(LEAVING_S)
 
 
 def pointed_by_drag(

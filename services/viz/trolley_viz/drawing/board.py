@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trolley_viz.drawing.sketch import Point, Sketch
 from trolley_viz.panels.control import Post
+from trolley_viz.pointing import let_leave
 from trolley_viz.scene.layer import WALL_HEIGHT
 from trolley_viz.shapes import closed_segments, meet_floor, open_segments
 
@@ -93,6 +94,7 @@ class Board:
 
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
+            await let_leave(event)
             x, y, _ = event.start_position
             now = floor_under(event)
             if math.isfinite(x) and math.isfinite(y):  # a page may send anything
@@ -156,6 +158,7 @@ class Board:
         begun: dict[int, Point] = {}
 
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
+            await let_leave(event)
             index, now = event.instance_index, floor_under(event)
             if index is None or not 0 <= index < len(places):  # a page may send anything
                 return

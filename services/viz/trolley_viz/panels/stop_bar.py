@@ -2,7 +2,8 @@
 
 viser lays its controls out in a panel that can be scrolled and folded away. A style sheet, which
 finds the buttons by viser's own ids, takes these two out of it; it also hides the handles that fold
-the panel, since what is folded away is gone.
+the panel, since what is folded away is gone. Notices lie over the map for some seconds; the map
+under them can be pressed.
 """
 
 import html
@@ -29,6 +30,8 @@ STYLE = """<style>
  border-radius:10px;background:#0b6b35;color:#fff;font-size:15px}}
 @keyframes trolley-flash{{50%{{opacity:.55}}}}
 .trolley-flash{{animation:trolley-flash .8s infinite}}
+.mantine-Notification-root{{pointer-events:none}}
+.mantine-Notification-root button{{pointer-events:auto}}
 [data-dock-region-collapse]{{display:none!important}}
 [data-dock-region-handle]{{pointer-events:none}}
 @media (max-width:80em){{

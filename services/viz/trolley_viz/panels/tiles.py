@@ -20,7 +20,7 @@ div:has(>div>.trolley-tiles)>div:has(>button){grid-column:auto;margin:0 4px!impo
 div:has(>div>.trolley-tiles)>div>button{height:100%!important;min-height:58px;border-radius:10px;
  padding:6px 10px}
 div:has(>div>.trolley-tiles)>div:has(>.trolley-small)~div>button{min-height:44px}
-div:has(>div>.trolley-tiles) button .mantine-Button-label{white-space:normal;line-height:1.15;
+div:has(>div>.trolley-tiles) button .mantine-Button-label{white-space:normal;line-height:1.3;
  overflow-wrap:anywhere;font-size:15px;height:auto;display:-webkit-box;-webkit-line-clamp:3;
  -webkit-box-orient:vertical;overflow:hidden}
 div:has(>div>.trolley-tiles) button .mantine-Button-section>div{width:1.5em;height:1.5em;
