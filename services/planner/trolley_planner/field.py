@@ -38,9 +38,9 @@ REACH_MOST_TILES = 8
 """this."""
 SLACK_CELLS = 40
 """How far a search goes on beyond the robot, so that the result serves where it drives next."""
-DEARER, DEARER_CELLS = 1.01, 1
-"""It may cost so many times what the coarse one promised and so much more, or all tiles that
-promise better are searched, too."""
+DEARER, FAR_DEARER, FAR_CELLS = 1.002, 1.01, 2000
+"""It may cost so many times what the coarse one promised, or all tiles that promise better are
+searched, too; the second for targets so far away, where that takes long."""
 BAND_CELLS = 8
 """How much more a tile may promise and be searched still, since it is not exact."""
 COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
@@ -87,7 +87,7 @@ class GoalField:
         # All costs below these are final.
         self._final_cost = self._final_coarse = 0
         self._has_all = False
-        self._promise = DEARER
+        self._dearer = self._promise = DEARER
         self._directions = 8
         self.searches = 0
         """How often all was looked for anew."""
@@ -144,6 +144,7 @@ class GoalField:
         self.searches += 1
         corridor, cols = self._corridor, self._shape[1]
         away = math.hypot(start % cols - target % cols, start // cols - target // cols)
+        self._dearer = DEARER if away < FAR_CELLS else FAR_DEARER
         self._directions = 16 if away <= self._near_cells else 8
         close(corridor, self._num_inside)
         self._num_inside = 0
@@ -155,7 +156,7 @@ class GoalField:
             return None
         reach = min(max(REACH_TILES, WIDE_TILES // len(tiles)), REACH_MOST_TILES)
         self._num_inside = open_way(corridor, self._num_inside, terrain.weights, tiles, reach)
-        self._promise = DEARER
+        self._promise = self._dearer
         seeds = np.array([[target, 0]], dtype=np.int32)
         clear_queue(self._queue)
         self._grow(seeds, 0, start)
@@ -173,7 +174,7 @@ class GoalField:
         self._promise = math.inf
         cells = self._descend(start, terrain.discs)
         if cells is not None:
-            self._promise = max(DEARER, self._ratio(cells, terrain.discs))
+            self._promise = max(self._dearer, self._ratio(cells, terrain.discs))
         return cells
 
     def _open_better(self, start: int, weights: NDArray[np.uint8]) -> None:
@@ -265,7 +266,7 @@ class GoalField:
         if coarse_first >= self._final_coarse:
             return math.inf
         coarse = TILE * (coarse_first - int(self._coarse_cost[self._tile(last)]))
-        dearer = int(cost[first]) - int(cost[last]) - DEARER_CELLS * COST_OF_CELL
+        dearer = int(cost[first]) - int(cost[last])
         return dearer / max(coarse, 1)
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
