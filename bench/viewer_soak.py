@@ -23,20 +23,16 @@ from figures import Figure, at_least, at_most, show
 from support.demo import Demo
 from support.processes import find_free_port
 from support.waiting import wait_until
+from viewer_clients import ARGUMENTS, CHROMIUM
 
 from trolley import requests, topics
 from trolley.client import Robot
 from trolley.messages import Stop, Tour
 from trolley.messages.asking import StartTour
 
-CHROMIUM = "/usr/bin/chromium"
-ARGUMENTS = [
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--no-sandbox",
-]
 PERIOD_S = 10.0
+WARM_UP_S = 20.0
+"""Until the page has loaded and drawn all that it keeps; only then growth means something."""
 MB = 2**20
 
 
@@ -89,12 +85,12 @@ def start_endless(robot: Robot) -> None:
 def watch(demo: Demo, url: str, minutes: float) -> list[Reading]:
     """Look at the page for so long."""
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
         page = browser.new_page(viewport={"width": 480, "height": 400})
         page.set_default_timeout(120_000.0)
         page.goto(url)
         page.get_by_text("Trolley").first.wait_for()
-        time.sleep(20.0)
+        time.sleep(WARM_UP_S)
         session = page.context.new_cdp_session(page)
         session.send("Performance.enable")
         renderer, began_s = renderer_of(browser), time.monotonic()

@@ -34,10 +34,10 @@ CLOSE_M = 0.2
 """Radius of the place on the path that is closed where the robot did not get through."""
 ON_GOAL_M, TAKEN_M = 0.1, 0.5
 """The robot waits between these distances from a goal that something stands on,"""
-YIELD_M = 0.8
-"""Who walks this near to the robot may be why it stands."""
 TAKEN_PATIENCE = 4.0
 """for so many times the usual patience."""
+YIELD_M = 0.8
+"""Who walks this near to the robot may be why it stands."""
 
 
 class Drive:

@@ -31,6 +31,7 @@ from trolley_planner.kernels.search import (
 )
 
 NEAR_CELLS = 400
+"""How far targets are searched for along 16 directions, unless said otherwise."""
 REACH_TILES, WIDE_TILES = 1, 60
 """The corridor is so much wider than the coarse way on either side, more where that is short: its
 length in tiles times its reach is at least the second, if the reach is no more than"""
@@ -87,7 +88,7 @@ class GoalField:
         # All costs below these are final.
         self._final_cost = self._final_coarse = 0
         self._has_all = False
-        self._dearer = self._promise = DEARER
+        self._promise = DEARER
         self._directions = 8
         self.searches = 0
         """How often all was looked for anew."""
@@ -144,7 +145,7 @@ class GoalField:
         self.searches += 1
         corridor, cols = self._corridor, self._shape[1]
         away = math.hypot(start % cols - target % cols, start // cols - target // cols)
-        self._dearer = DEARER if away < FAR_CELLS else FAR_DEARER
+        dearer = DEARER if away < FAR_CELLS else FAR_DEARER
         self._directions = 16 if away <= self._near_cells else 8
         close(corridor, self._num_inside)
         self._num_inside = 0
@@ -156,7 +157,7 @@ class GoalField:
             return None
         reach = min(max(REACH_TILES, WIDE_TILES // len(tiles)), REACH_MOST_TILES)
         self._num_inside = open_way(corridor, self._num_inside, terrain.weights, tiles, reach)
-        self._promise = self._dearer
+        self._promise = dearer
         seeds = np.array([[target, 0]], dtype=np.int32)
         clear_queue(self._queue)
         self._grow(seeds, 0, start)
@@ -174,7 +175,7 @@ class GoalField:
         self._promise = math.inf
         cells = self._descend(start, terrain.discs)
         if cells is not None:
-            self._promise = max(self._dearer, self._ratio(cells, terrain.discs))
+            self._promise = max(dearer, self._ratio(cells, terrain.discs))
         return cells
 
     def _open_better(self, start: int, weights: NDArray[np.uint8]) -> None:

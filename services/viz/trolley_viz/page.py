@@ -1,5 +1,6 @@
 """Pieces of the page that are ours: markup, style and script are files in the folder of each."""
 
+import functools
 import html
 from importlib import resources
 
@@ -24,17 +25,24 @@ def overlays_html(client_id: int) -> str:
     return _piece("overlays", "overlays", call)
 
 
+@functools.cache
+def _files(folder: str, name: str) -> tuple[str, str, str]:
+    """The style, the markup and the script of a piece, read once for all browsers."""
+    files = resources.files("trolley_viz").joinpath(folder)
+    style, markup, script = (
+        files.joinpath(f"{name}.{kind}").read_text(encoding="utf-8")
+        for kind in ("css", "html", "js")
+    )
+    return style, markup, script
+
+
 def _piece(folder: str, name: str, call: str) -> str:
     """Put the files of a piece together.
 
     Scripts in such HTML are not run; an image that has been loaded may run one. It makes a script
     of its own of ours, since names mean other things inside of an element.
     """
-    files = resources.files("trolley_viz").joinpath(folder)
-    style, markup, script = (
-        files.joinpath(f"{name}.{kind}").read_text(encoding="utf-8")
-        for kind in ("css", "html", "js")
-    )
+    style, markup, script = _files(folder, name)
     return (
         f"<style>{style}</style>{markup.strip()}"
         f'<img src="{PIXEL}" alt="" style="display:none" onload="{RUN}" '

@@ -16,10 +16,11 @@ import viser
 
 from trolley_viz.shapes import meet_floor
 
-PLANE_HALF_SIZE_M = 500.0
+FLOOR_HALF_SIZE_M = 500.0
 MIN_DRAG_SCREEN = 0.012
 """A shorter drag (share of the screen) is a click: nobody means a direction by it."""
 LEAVING_S = 0.3
+"""A page that is closed is gone within this time."""
 ARROW_COLOUR = (0, 140, 40)
 Z_ARROW = 0.17
 
@@ -61,17 +62,7 @@ class Pointing:
         """Wait for a gesture; any tool that was armed is put away."""
         self.disarm()
         self.tool = tool
-        half = PLANE_HALF_SIZE_M
-        corners = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
-        plane = self._plane = self._client.scene.add_mesh_simple(
-            "/pointing",
-            corners,
-            np.array([[0, 1, 2], [0, 2, 3]]),
-            opacity=0.0,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        plane = self._plane = add_floor(self._client.scene, "/pointing")
 
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
@@ -130,6 +121,20 @@ class Pointing:
             return  # where it ends beside the floor, the tool waits for another try
         self.disarm()
         tool.done(pointed)
+
+
+def add_floor(scene: viser.SceneApi, path: str) -> viser.MeshHandle:
+    """Lay an unseen floor under the scene, to take clicks and drags."""
+    half = FLOOR_HALF_SIZE_M
+    return scene.add_mesh_simple(
+        path,
+        np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        opacity=0.0,
+        side="double",
+        cast_shadow=False,
+        receive_shadow=False,
+    )
 
 
 async def let_leave(event: viser.SceneNodeDragEvent[Any]) -> None:

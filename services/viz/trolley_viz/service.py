@@ -250,9 +250,6 @@ class VizService(Service):
     def _open_watch(self, topic: Topic[Any], seconds: float, robot: str) -> Watch[Any]:
         return self.watch(topic, seconds=seconds, robot=robot)
 
-    def _watch_all(self, topic: Topic[Any]) -> Watch[Any]:
-        return self.watch(topic, robot="*")
-
     def _shown(self, client_id: int) -> Shown | None:
         """The overlays that a browser shows."""
         session = self._sessions.get(client_id)

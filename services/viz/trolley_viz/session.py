@@ -261,19 +261,19 @@ class Session:
             self._shadows.pop(robot)[""].remove()  # and all below it
         for robot in robots:
             self._shadow(robot, "", is_on=robot == self._robot)
-        for key, is_on in self.layers().items():
+        layers = self.layers()
+        for key, is_on in layers.items():
             self._shadow(self._robot, f"/{key}", is_on=is_on)
         self.aiming.look_ahead()
         self._preview.draw(self.aiming.preview, self.view.placement)
         self._pins.draw(self.actions.errands.items, self.view.placement)
         markers = self._hub.stage(self._robot).markers
-        icons = markers.icons if self.layers()[markers.key] else []
+        icons = markers.icons if layers[markers.key] else []
         self._icons.show(icons, self.client.camera.wxyz)
         if self.pointing.tool is not None and self.zones.mode != "idle":
             self.zones.leave()  # one tool at a time
         self.zones.update()
-        is_shown = self.layers()["zones"]
-        self.suspects.update(self.view, self._choices.dismissed, is_shown=is_shown)
+        self.suspects.update(self.view, self._choices.dismissed, is_shown=layers["zones"])
         self._axes.draw(self.view.placement, self.frames_on())
         self._fit_new()
 
@@ -284,7 +284,6 @@ class Session:
         self.console.close_plot()
 
     # Inside.
-
     def _post_while_open(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread what a pointer did, unless its browser is gone.
 
@@ -311,29 +310,28 @@ class Session:
             frames[below].visible = is_on
 
     def _fit_new(self) -> None:
-        """Move the camera to a map that it has not shown yet."""
+        """Move the camera to a map that is new to it, and again where the page undoes that."""
         view = self.view
-        bounds = map_bounds(view) if self._is_to_fit(view) else None
-        if bounds is None or view.map is None:
+        if view.map is None:
+            return
+        fitted = f"{self._robot}/{view.map.name}"
+        is_new = self._fitted != fitted
+        if not is_new and self._settled_ns is None:
+            return  # as nearly always: the bounds of a large map take a while
+        bounds = map_bounds(view)
+        if bounds is None or not (is_new or self._is_to_fit_again(view.now_ns, bounds)):
             return
         self._pixels = camera.seen_pixels(self.client, is_new=not self._fitted)
         self._settled_ns = view.now_ns + SETTLE_NS
         camera.fit(self.client, bounds, self._pixels)
         self._is_at_start = camera.was_reset(self.client, bounds)
-        self._fitted = f"{self._robot}/{view.map.name}"
+        self._fitted = fitted
 
-    def _is_to_fit(self, view: View) -> bool:
-        """Whether there is another map, or the page turned out to be laid out otherwise."""
-        if view.map is None:
-            return False
-        if self._fitted != f"{self._robot}/{view.map.name}":
-            return True
-        bounds = map_bounds(view)
-        if self._settled_ns is None or bounds is None:
-            return False
+    def _is_to_fit_again(self, now_ns: int, bounds: camera.Bounds) -> bool:
+        """Whether the page took the camera back, or turned out to be laid out otherwise."""
         if not self._is_at_start and camera.was_reset(self.client, bounds):
             return True
-        if view.now_ns < self._settled_ns:
+        if self._settled_ns is None or now_ns < self._settled_ns:
             return False
         self._settled_ns = None
         width, height = camera.seen_pixels(self.client)

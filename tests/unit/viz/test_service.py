@@ -14,9 +14,10 @@ from trolley import topics
 from trolley.config import VizConfig
 from trolley.messages import GoalStatus
 from trolley.runtime.lockstep import Lockstep
-from trolley_viz.camera import INITIAL_ASPECT, UNKNOWN_MAP, stand
+from trolley_viz.camera import INITIAL_ASPECT, UNKNOWN_MAP, Bounds, stand
 from trolley_viz.pointing import Pointed
 from trolley_viz.scene.ground import map_bounds
+from trolley_viz.scene.layer import View
 from trolley_viz.service import VizService
 from trolley_viz.settings import MAX_BROWSERS, Choices, ViewerSettings
 from trolley_viz.visitors import Visitor
@@ -115,6 +116,24 @@ def test_a_view_for_a_layout_that_was_not_is_mended(stage: "Stage") -> None:
     browser.camera.position = first + 9.0
     stage.runtime.run(5.0)
     assert browser.camera.position == pytest.approx(first + 9.0)
+
+
+def test_the_bounds_of_the_map_are_not_looked_for_for_ever(
+    stage: "Stage", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[float] = []
+
+    def counted(view: View) -> Bounds | None:
+        looked.append(stage.viz.monotonic_ns)
+        return map_bounds(view)
+
+    monkeypatch.setattr("trolley_viz.session.map_bounds", counted)
+    stage.browse()
+    stage.runtime.run(10.0)
+    settled = len(looked)
+    assert settled > 0
+    stage.runtime.run(5.0)
+    assert len(looked) == settled
 
 
 def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from trolley_viz.drawing.sketch import Point, Sketch
 from trolley_viz.panels.control import Post
-from trolley_viz.pointing import let_leave
+from trolley_viz.pointing import add_floor, let_leave
 from trolley_viz.scene.layer import WALL_HEIGHT
 from trolley_viz.shapes import closed_segments, meet_floor, open_segments
 
-FLOOR_HALF_SIZE_M = 500.0
 REACH_SHARE = 0.015
 """How near is "at the same place", as a share of the way from the eye."""
 HANDLE_SHARE = 0.011
@@ -69,17 +68,7 @@ class Board:
     def take(self, strokes: Strokes) -> None:
         """Take clicks and drags on the floor until `release`."""
         self.release()
-        half = FLOOR_HALF_SIZE_M
-        corners = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
-        floor = self._floor = self._client.scene.add_mesh_simple(
-            "/drawing/floor",
-            corners,
-            np.array([[0, 1, 2], [0, 2, 3]]),
-            opacity=0.0,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        floor = self._floor = add_floor(self._client.scene, "/drawing/floor")
 
         async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
             met = meet_floor(event.ray_origin, event.ray_direction)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import viser
 
 from trolley_viz.fleet import Member
-from trolley_viz.panels.control import STOP_RED, Post, handler
+from trolley_viz.panels.control import STOP_RED, Post, handler, show
 from trolley_viz.panels.markup import row
 from trolley_viz.words import AWAY, Words, base_words, goal_words, percent, position_words
 
@@ -31,17 +31,13 @@ class RobotsPanel:
 
     def update(self, members: Sequence[Member], followed: str) -> None:
         """Show what each is doing."""
-        if self._folder.visible != bool(members):
-            self._folder.visible = bool(members)
+        show(self._folder, visible=bool(members))
         if list(self._rows) != [one.name for one in members]:
             self._build(members)
         for one in members:
             line, button = self._rows[one.name]
-            content = row(member_words(one))
-            if line.content != content:
-                line.content = content
-            if button.visible == (one.name == followed):
-                button.visible = one.name != followed
+            show(line, content=row(member_words(one)))
+            show(button, visible=one.name != followed)
 
     def _build(self, members: Sequence[Member]) -> None:
         for line, button in self._rows.values():
