@@ -1,0 +1,303 @@
+"""Who may do what over TLS: real routers, real certificates, and clients that must fail."""
+
+import os
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from support.processes import Process, find_free_port
+from support.waiting import wait_until
+
+from trolley import requests, topics
+from trolley.client import Robot
+from trolley.codes import Refused
+from trolley.connection import Connection, RobotUnreachable
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import Marker, SavedPose, Transform, VelocityCommand
+from trolley.messages.asking import Nothing, SendGoal
+from trolley.requests import Request
+from trolley.runtime.bus import Sample
+from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.security.certificates import Role
+from trolley.security.host_keys import HostKeys, security_of
+from trolley.security.keyring import Keyring
+from trolley.topics import Qos, Topic
+
+NOW = datetime.now(UTC)
+UNTIL = NOW + timedelta(days=30)
+PROGRAM = "from trolley.cli import main; main()"
+HERE = Pose2D(1.0, 2.0, 0.0)
+
+
+class House:
+    """A home router for other hosts, and routers of hosts that link themselves to it."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self.keyring = Keyring(folder / "ring")
+        self.keyring.create(NOW)
+        self._folder = folder
+        self._stack = stack
+        self.local = f"tcp/127.0.0.1:{find_free_port()}"
+        self.home = f"tls/127.0.0.1:{find_free_port()}"
+        self.router_keys = self.keys("router", "home")
+
+    def keys(self, role: Role, name: str) -> HostKeys:
+        hosts = ["127.0.0.1"] if role == "router" else []
+        return self.keyring.issue(role, name, UNTIL, hosts, replace=False)
+
+    def open(self) -> None:
+        """Start the home router, which reads now whom to let in."""
+        self._start([self.local, self.home], [], self.router_keys)
+
+    def host(self, keys: HostKeys) -> str:
+        """Start the router of another host; where its programs connect to."""
+        where = f"tcp/127.0.0.1:{find_free_port()}"
+        self._start([where], [self.home], keys)
+        return where
+
+    def connect(self, endpoint: str, keys: HostKeys | None = None) -> Connection:
+        return self._stack.enter_context(Connection([endpoint], 10.0, keys))
+
+    def _start(self, listen: list[str], uplink: list[str], keys: HostKeys) -> None:
+        words = [word for one in listen for word in ("--listen", one)]
+        words += [word for one in uplink for word in ("--uplink", one)]
+        log = self._folder / f"router-{keys.folder.name}.log"
+        process = Process(
+            ["-c", PROGRAM, "router", *words, "--keys", str(keys.folder)],
+            log,
+            {"TROLLEY_CONFIG": ""},
+        )
+        self._stack.callback(process.kill)
+        for endpoint in listen:
+            port = int(endpoint.rpartition(":")[2])
+            wait_until(lambda port=port: _listens(port, process), 30.0, f"{endpoint} listens")
+
+
+def _listens(port: int, process: Process) -> bool:
+    assert process.is_running, process.log
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Iterator[House]:
+    with ExitStack() as stack:
+        yield House(tmp_path, stack)
+
+
+class Heard:
+    """The keys of what others put and what arrives at the robot's own router."""
+
+    def __init__(self, connection: Connection, robot: str) -> None:
+        self.keys: list[str] = []
+        connection.listen(f"trolley/{robot}/**", self._take)
+
+    def _take(self, sample: Sample) -> None:
+        is_own = sample.key.split("/")[2] in OWN and MARK not in sample.payload
+        if not is_own:
+            self.keys.append(sample.key)
+
+    def wait_for(self, key: str) -> None:
+        wait_until(lambda: key in self.keys, 5.0, f"{key} arrives")
+
+
+NOT_ALLOWED = "not there or not allowed"
+
+
+def code_of(connection: Connection, request: Request, params: object = None) -> str:
+    """`ok`, the code of a refusal, or that its sentence says both what may be the cause."""
+    try:
+        connection.ask("one", request, Nothing() if params is None else params)
+    except Refused as refused:
+        says_both = "is not running, or this connection may not ask it" in refused.message
+        return NOT_ALLOWED if says_both else refused.code
+    return "ok"
+
+
+def command(connection: Connection) -> VelocityCommand:
+    clock = connection.latest("one", topics.CLOCK)
+    assert clock is not None, "everybody who was let in reads"
+    return VelocityCommand(stamp_ns=clock.stamp_ns, twist=Twist2D.zero(), valid_for=0.2)
+
+
+def frame(child: str) -> Transform:
+    return Transform(stamp_ns=1, parent=MARK.decode(), child=child, pose=HERE)
+
+
+OWN = {"tf", "clock", "odom", "pose", "base", "health", "robot", "poses", "goal"}
+"""What the robot itself puts."""
+MARK = b"elsewhere"
+MARKER = Marker(frame="map", kind="sphere", pose=HERE)
+PLACE = SavedPose(name="den", map="elsewhere", pose=HERE)
+
+
+def publish_all(connection: Connection) -> None:
+    """What an operator may put, and what it may not, each under the robot `one`."""
+    drive = command(connection)
+    for topic, message, parts in (
+        (topics.COMMAND, drive, ("planner",)),
+        (topics.COMMAND, drive, ("calibrate",)),
+        (topics.TF, frame("odom"), ("odom",)),
+        (topics.TF, frame("laser"), ("laser",)),
+        (topics.TF, frame("base_link"), ("base_link",)),
+        (topics.COMMAND, drive, ("teleop",)),
+        (topics.TF, frame("camera"), ("camera",)),
+        (topics.MARKER, MARKER, ("plan", "1")),
+        (topics.SAVED_POSE, PLACE, ("den",)),
+    ):
+        put(connection, topic, message, *parts)
+
+
+def put(connection: Connection, topic: Topic, message: object, *parts: str) -> None:
+    connection.publish("one", topic, message, *parts)
+
+
+ALLOWED = {"cmd_vel/teleop", "tf/camera", "markers/plan/1", "poses/den"}
+
+
+@pytest.fixture
+def robot_keys(house: House) -> HostKeys:
+    return house.keys("robot", "one")
+
+
+@pytest.fixture
+def endpoint(house: House, robot_keys: HostKeys, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The robot's own router; the home router knows all certificates made until the first use."""
+    monkeypatch.setenv("TROLLEY_STATE", str(robot_keys.folder.parent / "state"))
+    for role, name in (("operator", "anna"), ("viewer", "tablet"), ("robot", "two")):
+        house.keys(role, name)
+    house.open()
+    return house.host(robot_keys)
+
+
+@pytest.mark.parametrize("way", ["client", "router"])
+def test_each_role_does_what_it_may_and_no_more(
+    house: House, endpoint: str, add_robot: Callable, way: str
+) -> None:
+    robot = add_robot("one")
+
+    def as_(role: Role, name: str) -> Connection:
+        """A program at the home router itself, or at the router of its own host."""
+        keys = house.keyring.host(role, name)
+        if way == "client":
+            return house.connect(house.home, keys)
+        return house.connect(house.host(keys))
+
+    operator, viewer, other = as_("operator", "anna"), as_("viewer", "tablet"), as_("robot", "two")
+    heard = Heard(house.connect(endpoint), "one")
+    for connection in (operator, viewer, other):
+        wait_until(lambda c=connection: c.robots() == ["one"], 10.0, "the robot is seen")
+        wait_until(lambda c=connection: c.latest("one", topics.CLOCK), 10.0, "it can be read")
+        with connection.subscribe("*", topics.POSE, with_latest=False) as poses:
+            assert poses.next(5.0) is not None
+
+    # What the wrong ones put comes first: what an operator puts shows that it would be here by now.
+    publish_all(viewer)
+    publish_all(other)
+    publish_all(operator)
+    for key in ALLOWED:
+        heard.wait_for(f"trolley/one/{key}")
+    assert sorted(heard.keys) == sorted(f"trolley/one/{key}" for key in ALLOWED)
+
+    goal = SendGoal(name="kitchen", id="g1")
+    assert code_of(viewer, requests.GOAL_SEND, goal) == NOT_ALLOWED
+    assert code_of(viewer, requests.BASE_RESUME) == NOT_ALLOWED
+    assert code_of(other, requests.GOAL_SEND, goal) == NOT_ALLOWED
+    assert code_of(other, requests.BASE_STOP) == NOT_ALLOWED
+    assert robot.sent == []
+    assert code_of(operator, requests.GOAL_SEND, goal) == "ok"
+    assert [one.id for one in robot.sent] == ["g1"]
+
+    assert code_of(viewer, requests.BASE_STOP) == "ok"
+    assert robot.stopped
+    assert code_of(operator, requests.BASE_RESUME) == "ok"
+    assert list(viewer.stop_all()) == ["one"]
+    assert robot.stopped
+
+
+def test_a_viewer_shows_itself_and_what_was_clicked(
+    house: House, endpoint: str, add_robot: Callable
+) -> None:
+    add_robot("one")
+    viewer = house.connect(house.home, house.keyring.host("viewer", "tablet"))
+    heard = Heard(house.connect(endpoint), "one")
+    wait_until(lambda: viewer.robots() == ["one"], 10.0, "the robot is seen")
+    shown = topics.ALIVE.key("one", "viz-tablet", "tablet-1-2")
+    viewer.bus.declare_token(topics.ALIVE.key("one", "base", "tablet-1-2"))
+    viewer.bus.declare_token(shown)
+    runs = house.connect(endpoint)
+    wait_until(lambda: ("one", "viz-tablet") in runs.services(), 5.0, "the viewer is seen")
+    assert all("tablet" not in run for run in runs.services()["one", "base"])
+    for key in ("health/base", "goal", "choices/menu", "health/viz-tablet"):
+        viewer.bus.put(f"trolley/one/{key}", MARK, "application/json", Qos.STATE)
+    heard.wait_for("trolley/one/choices/menu")
+    heard.wait_for("trolley/one/health/viz-tablet")
+    assert heard.keys == ["trolley/one/choices/menu", "trolley/one/health/viz-tablet"]
+
+
+def test_who_is_not_known_stays_outside(house: House, tmp_path: Path) -> None:
+    lost = house.keys("operator", "lost")
+    kept = tmp_path / "copy"
+    os.rename(lost.folder, kept)  # somebody has it
+    lost.folder.mkdir()
+    house.keyring.remove("operator", "lost")
+    house.keys("operator", "lost")  # a new one of the same name opens no door for the old one
+    house.open()
+    at_home = house.connect(house.local)
+    at_home.bus.declare_token(topics.ALIVE.key("one", "base", "h-1-2"))
+    assert at_home.robots() == ["one"]
+
+    with pytest.raises(RobotUnreachable), Connection([house.home], 1.0):
+        pass
+    foreign = Keyring(tmp_path / "foreign")
+    foreign.create(NOW)
+    stranger = foreign.issue("operator", "anna", UNTIL, replace=False)
+    with pytest.raises(RobotUnreachable), Connection([house.home], 1.0, stranger):
+        pass
+
+    thief = house.connect(house.home, HostKeys(kept))
+    heard: list[str] = []
+    at_home.listen("trolley/**", lambda sample: heard.append(sample.key))
+    assert thief.robots() == []
+    thief.bus.put("trolley/one/cmd_vel/teleop", b"{}", "application/json", Qos.COMMAND)
+    with pytest.raises(RobotUnreachable, match="may not ask it"):
+        thief.ask("one", requests.BASE_STOP, Nothing())
+    owner = house.connect(house.home, lost)
+    assert owner.robots() == ["one"]
+    owner.bus.put("trolley/one/markers/a/b", b"{}", "application/json", Qos.COMMAND)
+    wait_until(lambda: heard, 5.0, "the owner's word")
+    assert heard == ["trolley/one/markers/a/b"]
+
+
+def test_nobody_can_pretend_to_be_the_home_router(house: House) -> None:
+    viewer = house.keys("viewer", "tablet")
+    robot = house.keys("robot", "one")
+    where = f"tls/127.0.0.1:{find_free_port()}"
+    with (
+        open_router([where], security=security_of(viewer)),
+        pytest.raises(RobotUnreachable),
+        Connection([where], 1.0, robot),
+    ):
+        pass
+
+
+def test_broken_keys_are_told_at_the_start(house: House, tmp_path: Path) -> None:
+    keys = house.keys("robot", "one")
+    keys.key.write_text("rubbish")
+    where = f"tls/127.0.0.1:{find_free_port()}"
+    with pytest.raises(NotConnected), open_router([where], security=security_of(keys)):
+        pass
+
+
+def test_drives_the_robot_from_another_host(
+    house: House, endpoint: str, add_robot: Callable
+) -> None:
+    robot = add_robot("one")
+    where = house.host(house.keyring.host("operator", "anna"))
+    wait_until(lambda: house.connect(where).robots() == ["one"], 10.0, "the robot is seen")
+    with Robot("one", connect=where) as far:
+        assert far.go_to("kitchen").state == "arrived"
+    assert [one.name for one in robot.sent] == ["kitchen"]
