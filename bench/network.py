@@ -104,7 +104,7 @@ class House:
             {"TROLLEY_STATE": str(folder / "state")},
         )
         stack.callback(_end, up)
-        self.at_home = Onlooker(self.wifi.namespace(HOME), LOCAL, NAME)
+        self.at_home = Onlooker(self.wifi.namespace(HOME), LOCAL, NAME, hears_all=True)
         stack.callback(self.at_home.close)
         self.on_robot = Onlooker(self.wifi.namespace(ROBOT), LOCAL, NAME)
         stack.callback(self.on_robot.close)

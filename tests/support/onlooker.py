@@ -17,6 +17,7 @@ from trolley.connection import Arrival, Connection, RobotTime, RobotUnreachable
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import VelocityCommand
 from trolley.messages.asking import Nothing, SendGoal
+from trolley.runtime.bus import Sample
 from trolley.teleop import PERIOD_S, SOURCE, VALID_S
 from trolley.topics import Topic
 
@@ -48,13 +49,16 @@ class Answer:
 
 
 class Onlooker:
-    """The asking end; a program in the namespace `namespace` at the router `endpoint`."""
+    """The asking end; a program in the namespace `namespace` at the router `endpoint`.
 
-    def __init__(self, namespace: str, endpoint: str, robot: str) -> None:
+    With `hears_all` it subscribes to all that there is, as a viewer with every layer does.
+    """
+
+    def __init__(self, namespace: str, endpoint: str, robot: str, hears_all: bool = False) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, inner = context.Pipe()
         self._process = context.Process(
-            target=_run, args=(inner, namespace, endpoint, robot), daemon=True
+            target=_run, args=(inner, namespace, endpoint, robot, hears_all), daemon=True
         )
         self._process.start()
         inner.close()
@@ -62,6 +66,10 @@ class Onlooker:
     def seen(self, name: str, since_s: float = 0.0) -> list[Seen]:
         """Messages of a stream in `WATCHED` that came since a moment of the monotonic clock."""
         return self._ask("seen", name, since_s)
+
+    def count_bytes(self) -> int:
+        """How much a program that hears all has heard."""
+        return self._ask("count_bytes")
 
     def drive(self, vx: float, until_s: float) -> None:
         """Send `cmd_vel/teleop` until a moment, while all else goes on."""
@@ -91,7 +99,10 @@ class Onlooker:
 
 
 class _Program:
-    def __init__(self, connection: Connection, robot: str) -> None:
+    def __init__(self, connection: Connection, robot: str, hears_all: bool) -> None:
+        self.num_bytes = 0
+        if hears_all:
+            connection.listen(f"trolley/{robot}/**", self._hear)
         self._connection = connection
         self._robot = robot
         self._time = RobotTime(connection, robot)
@@ -101,6 +112,9 @@ class _Program:
 
     def seen(self, name: str, since_s: float) -> list[Seen]:
         return [one for one in list(self._seen[name]) if one.at_s >= since_s]
+
+    def count_bytes(self) -> int:
+        return self.num_bytes
 
     def drive(self, vx: float, until_s: float) -> None:
         threading.Thread(target=self._drive, args=(vx, until_s), daemon=True).start()
@@ -134,6 +148,9 @@ class _Program:
             self._connection.publish(self._robot, topics.COMMAND, command, SOURCE)
             time.sleep(PERIOD_S)
 
+    def _hear(self, sample: Sample) -> None:
+        self.num_bytes += len(sample.payload)
+
     def _watch(self, name: str, topic: Topic[Any]) -> None:
         with self._connection.subscribe(self._robot, topic, with_latest=False) as arrivals:
             for arrival in arrivals:
@@ -148,10 +165,10 @@ def _note(arrival: Arrival[Any]) -> Seen:
     return Seen(arrival.arrived_s, message.stamp_ns * 1e-9, what)
 
 
-def _run(pipe: Pipe, namespace: str, endpoint: str, robot: str) -> None:
+def _run(pipe: Pipe, namespace: str, endpoint: str, robot: str, hears_all: bool) -> None:
     wifi.enter(namespace)
     with Connection([endpoint], 60.0) as connection:
-        program = _Program(connection, robot)
+        program = _Program(connection, robot, hears_all)
         while True:
             try:
                 method, arguments = pipe.recv()

@@ -53,6 +53,10 @@ def _unique(host: str) -> str:
     return f"trolley-{host}-{os.getpid()}"
 
 
+def _device(host: str) -> str:
+    return f"{host[0]}{os.getpid()}"  # 15 characters at most
+
+
 def enter(namespace: str) -> None:
     """Move this thread, and what it starts, into a namespace."""
     with Path("/run/netns", namespace).open("rb") as file:
@@ -85,7 +89,7 @@ class Wifi:
             _ip("netns", "add", _unique(host))
             _ip("-n", _unique(host), "link", "set", "lo", "up")
             self._ends.append(_tun(host))
-            _ip("link", "set", f"tt-{host}", "netns", _unique(host))
+            _ip("link", "set", _device(host), "netns", _unique(host))
             self.set_address(host, ADDRESSES[host])
         self._thread.start()
         return self
@@ -106,9 +110,9 @@ class Wifi:
     def set_address(self, host: str, address: str) -> None:
         """Give a host another address, as DHCP does after a change of access point."""
         inside = ("-n", _unique(host))
-        _ip(*inside, "addr", "flush", "dev", f"tt-{host}")
-        _ip(*inside, "addr", "add", f"{address}/24", "dev", f"tt-{host}")
-        _ip(*inside, "link", "set", f"tt-{host}", "up")
+        _ip(*inside, "addr", "flush", "dev", _device(host))
+        _ip(*inside, "addr", "add", f"{address}/24", "dev", _device(host))
+        _ip(*inside, "link", "set", _device(host), "up")
 
     def start(
         self,
@@ -158,7 +162,7 @@ def _deliver(end: int, packet: bytes) -> None:
 
 def _tun(host: str) -> int:
     end = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
-    name = f"tt-{host}".encode()
+    name = _device(host).encode()
     fcntl.ioctl(end, TUNSETIFF, struct.pack("16sH", name, IFF_TUN | IFF_NO_PI))
     return end
 

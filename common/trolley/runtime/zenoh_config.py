@@ -16,6 +16,8 @@ from trolley import topics
 from trolley.security.host_keys import HostKeys, Security
 
 _RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
+LARGE_WAIT_US = 200_000
+"""How long a large message, such as a map, may wait for room on its way to another host."""
 _COMMON: dict[str, object] = {
     "connect/retry": _RETRY,
     "scouting/multicast/enabled": False,
@@ -69,6 +71,7 @@ def router_config(
             **_COMMON,
             **(_tls(security.keys) if security is not None else {}),
             **(_access_control(security) if security is not None else {}),
+            **_unblocked(),
             **_downsampling(downsample or {}),
         }
     )
@@ -94,6 +97,24 @@ def _tls(keys: HostKeys | None) -> dict[str, object]:
 def _access_control(security: Security) -> dict[str, object]:
     rules = security.access_control
     return {} if rules is None else {"access_control": dict(rules)}
+
+
+def _unblocked() -> dict[str, object]:
+    """Let no other host's slow link block this host's own programs.
+
+    By itself a router reads no more from a program while what it said, of class `state`, cannot be
+    passed on: with costmaps on their way and the radio link cut, programs on the robot did not hear
+    each other for 5 s. So what does not go out over TLS soon is dropped; answers to `get`, which
+    late joiners ask for, still wait.
+    """
+    others = {
+        "link_protocols": ["tls"],
+        "flows": ["egress"],
+        "messages": ["put", "delete"],
+        "overwrite": {"congestion_control": "drop"},
+    }
+    drop = "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments"
+    return {"qos/network": [others], drop: LARGE_WAIT_US}
 
 
 def _downsampling(rates: Mapping[str, float]) -> dict[str, object]:
