@@ -97,17 +97,17 @@ class House:
         return max((one.what for one in self.on_robot.seen("truth", since_s)), default=0.0)
 
 
-@pytest.fixture
-def house(tmp_path: Path) -> Iterator[House]:
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
     reason = wifi.why_not()
     if reason is not None:
         pytest.skip(reason)
     with ExitStack() as stack:
-        yield House(tmp_path, stack)
+        yield House(tmp_path_factory.mktemp("house"), stack)
 
 
 def test_a_cut_leaves_the_robot_alone_and_nothing_old_moves_it(house: House) -> None:
-    house.start(ROBOT, "-c", LARGE_PUTS)
+    large = house.start(ROBOT, "-c", LARGE_PUTS)
     before = house.at_home.count_bytes()
     wait_until(lambda: house.at_home.count_bytes() > before + 1_000_000, 30.0, "much is sent")
     began_s = time.monotonic()
@@ -127,6 +127,7 @@ def test_a_cut_leaves_the_robot_alone_and_nothing_old_moves_it(house: House) -> 
     time.sleep(1.0)
     assert house.speed_mps(stood_s) < 0.005, "what was sent before or meanwhile moves nothing"
     assert house.on_robot.seen("teleop", stood_s) == []
+    large.kill()
     assert house.local_gap_s(began_s) < 1.0, "the robot's own programs hear each other"
 
 
