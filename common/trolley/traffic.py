@@ -5,6 +5,7 @@ import re
 import threading
 import time
 from collections.abc import Mapping
+from typing import Any
 
 from trolley import topics
 from trolley.runtime.bus import Sample
@@ -118,7 +119,7 @@ _NUMBER = r"(\d+(?:\.\d+)?)"
 ON_CHANGE_ONLY = ("on change", "if any", "stored", "while it runs")
 
 
-def expected(topic: Topic[object]) -> Expected:
+def expected(topic: Topic[Any]) -> Expected:
     """How often a topic should come while its owner runs.
 
     Raises:

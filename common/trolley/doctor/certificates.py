@@ -74,9 +74,7 @@ def check_certificates(found: list[Validity], now: datetime) -> list[Finding]:
         elif days < SOON_DAYS:
             findings.append(warning("certificates", f"{who} runs out in {days:.0f} days.", new))
         else:
-            findings.append(
-                ok("certificates", f"{who} is good until {one.not_after:%Y-%m-%d}.")
-            )
+            findings.append(ok("certificates", f"{who} is good until {one.not_after:%Y-%m-%d}."))
     return findings
 
 

@@ -18,9 +18,7 @@ DRIVERS_OF_THEIR_OWN = ("intel_pstate", "amd-pstate-epp")
 # the start: under-voltage, capped frequency, throttled, soft temperature limit.
 UNDER_VOLTAGE, SLOWED = 1 << 0, 1 << 1 | 1 << 2 | 1 << 3
 SINCE_START = 16
-POWER_REMEDY = (
-    "Use a stronger supply and a short, thick cable; motors need a supply of their own."
-)
+POWER_REMEDY = "Use a stronger supply and a short, thick cable; motors need a supply of their own."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +46,7 @@ def check_system(facts: System) -> list[Finding]:
             )
         ]
     if not OLDEST_PYTHON <= facts.python <= NEWEST_PYTHON:
-        return [
-            problem("system", f"Python {python} is not supported.", "Use Python 3.11 to 3.13.")
-        ]
+        return [problem("system", f"Python {python} is not supported.", "Use Python 3.11 to 3.13.")]
     return [ok("system", f"64-bit Linux on {facts.machine}, Python {python}.")]
 
 
@@ -136,7 +132,9 @@ def _check_power(word: int | None) -> list[Finding]:
         ]
     if word & SLOWED:
         return [
-            warning("power", "The processor is being slowed down (heat).", "Cool it: heat sink, fan.")
+            warning(
+                "power", "The processor is being slowed down (heat).", "Cool it: heat sink, fan."
+            )
         ]
     if word >> SINCE_START & SLOWED:
         return [note("power", "The processor was slowed down since the last start (heat).")]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import grp
+import itertools
 import os
 import stat
 from pathlib import Path
@@ -95,7 +96,7 @@ def _strangers(seen: Holders, proc: Path) -> tuple[Holder, ...]:
 
 def _is_base(words: list[str]) -> bool:
     """Whether a command line is `trolley run base`, or the module behind it."""
-    pairs = list(zip(words, words[1:], strict=False))
+    pairs = list(itertools.pairwise(words))
     return ("run", "base") in pairs or ("-m", "trolley_base") in pairs
 
 
@@ -131,9 +132,7 @@ def check_ports(ports: list[Port]) -> list[Finding]:
 
 def _check_port(port: Port) -> list[Finding]:
     if not port.path:
-        return [
-            problem("devices", f"[{port.key}] is not set.", "`trolley detect` finds the port.")
-        ]
+        return [problem("devices", f"[{port.key}] is not set.", "`trolley detect` finds the port.")]
     if not port.device:
         return [
             problem(

@@ -3,7 +3,7 @@
 import dataclasses
 import tomllib
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -180,7 +180,7 @@ def read_list(file: Path, field: str, kind: type[Any]) -> list[Any] | Finding:
     """What a state file lists, or why it cannot be read; [] where there is none yet."""
     try:
         plain = tomllib.loads(file.read_text("utf-8"))
-        return cast("list[Any]", msgspec.convert(plain.get(field, []), type=list[kind]))
+        return msgspec.convert(plain.get(field, []), type=list[kind])
     except FileNotFoundError:
         return []
     except (ValueError, msgspec.ValidationError, RecursionError) as error:

@@ -66,13 +66,13 @@ def parse_units(text: str) -> list[Unit]:
                 exit_status=says.get("ExecMainStatus", "0"),
                 user=says.get("User", ""),
                 groups=tuple(says.get("SupplementaryGroups", "").split()),
-                environment=dict(
-                    (name, value)
+                environment={
+                    name: value
                     for name, equals, value in (
                         word.partition("=") for word in says.get("Environment", "").split()
                     )
                     if equals
-                ),
+                },
             )
         )
     return sorted(found, key=lambda unit: unit.name)
