@@ -3,7 +3,7 @@
 import dataclasses
 import datetime
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -159,7 +159,7 @@ def _check_saved(state: Path, grid: GridMap, file: Path) -> list[Finding]:
 
 
 @contextmanager
-def trying(place: Place) -> Iterator[trial.Running]:
+def trying(place: Place) -> Generator[trial.Running]:
     """A trial of the services, which runs while other things are looked at."""
     environment: dict[str, str] = {}
     for unit in place.units or []:
