@@ -90,7 +90,7 @@ class Robot:
         connect_timeout: float = 5.0,
     ) -> None:
         target = find_target(name, [connect] if isinstance(connect, str) else connect, config)
-        connection = Connection(target.endpoints, connect_timeout)
+        connection = Connection(target.endpoints, connect_timeout, target.keys)
         with ExitStack() as undo:
             undo.enter_context(connection)
             self.name = pick_robot(connection, target)

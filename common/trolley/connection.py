@@ -18,7 +18,7 @@ import msgspec
 
 from trolley import requests, topics
 from trolley.codes import Refused
-from trolley.config import RobotConfig, find_config, load_config
+from trolley.config import ConfigError, RobotConfig, find_config, load_config
 from trolley.messages import BaseState, Clock
 from trolley.requests import Request
 from trolley.runtime import codec
@@ -26,6 +26,7 @@ from trolley.runtime.bus import Closer, Reply, Sample
 from trolley.runtime.gathering import outcome
 from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
+from trolley.security.host_keys import DEFAULT_FOLDER, HostKeys, KeysError, keys_for
 from trolley.topics import Topic
 
 M = TypeVar("M", bound=msgspec.Struct)
@@ -141,10 +142,15 @@ class Connection:
     """
 
     def __init__(
-        self, endpoints: Sequence[str], connect_timeout_s: float = CONNECT_TIMEOUT_S
+        self,
+        endpoints: Sequence[str],
+        connect_timeout_s: float = CONNECT_TIMEOUT_S,
+        keys: HostKeys | None = None,
     ) -> None:
         self.endpoints = list(endpoints)
-        self._opening: AbstractContextManager[ZenohBus] = open_bus(endpoints, connect_timeout_s)
+        self._opening: AbstractContextManager[ZenohBus] = open_bus(
+            endpoints, connect_timeout_s, keys
+        )
         self._bus: ZenohBus | None = None
 
     def __enter__(self) -> Self:
@@ -331,6 +337,8 @@ class Target:
     endpoints: tuple[str, ...]
     preferred: str | None = None
     """Taken where several are there and this is one of them."""
+    keys: HostKeys | None = None
+    """This host's, where an endpoint needs them."""
 
 
 def find_target(
@@ -341,7 +349,7 @@ def find_target(
     """Where to look: what is given, then the configuration file, then the default router.
 
     Raises:
-        ConfigError: There is a configuration file that cannot be used.
+        ConfigError: There is a configuration file, or keys, that cannot be used.
     """
     given = Path(config) if config is not None else None
     path = None if robot and connect else find_config(given)
@@ -350,10 +358,15 @@ def find_target(
     if not endpoints:
         endpoints = settings.zenoh.connect if settings is not None else [DEFAULT_ENDPOINT]
     known = settings.robot.name if settings is not None else None
+    folder = DEFAULT_FOLDER if settings is None else settings.path(settings.zenoh.keys)
+    try:
+        keys = keys_for(endpoints, folder)
+    except KeysError as error:
+        raise ConfigError(str(error)) from error
     # A router that was named by hand may belong to another robot than this host's file.
     if robot is None and connect and given is None:
-        return Target(None, tuple(endpoints), known)
-    return Target(robot or known, tuple(endpoints))
+        return Target(None, tuple(endpoints), known, keys)
+    return Target(robot or known, tuple(endpoints), keys=keys)
 
 
 def pick_robot(connection: Connection, target: Target) -> str:

@@ -21,6 +21,7 @@ COMMANDS = {
     ),
     "up": ("trolley.cli.running", "Run all services of a robot in this terminal."),
     "router": ("trolley.cli.running", "Run the router that services and tools meet at."),
+    "keys": ("trolley.cli.keys", "Make the certificates of the hosts that may talk."),
     "run": ("trolley.cli.running", "Run one service in the foreground."),
     "init": ("trolley.cli.init", "Write a commented robot.toml."),
     "status": ("trolley.cli.status", "How the robot and its services are."),

@@ -44,6 +44,7 @@ from trolley.client import Robot
 from trolley.config import ConfigError, load_config
 from trolley.config.hardware import Board, LidarModel
 from trolley.connection import Connection
+from trolley.runtime.zenoh_bus import open_router
 
 DEFAULT_PORT = 7447
 DEFAULT_VIZ_PORT = 8080
@@ -190,7 +191,7 @@ def _run(
     children: dict[str, str | Sequence[str]] = {**modules}
     if choices.devices is not None:
         children["emulator"] = emulator_command(choices, config)
-    with supervised(children, environment, choices.endpoint, held=held) as supervisor:
+    with supervised(children, environment, open_router([choices.endpoint]), held) as supervisor:
         if not headless:
             announce_viewer(settings)
         started_s = time.monotonic()

@@ -32,7 +32,7 @@ _MISSING = (codes.NOT_READY, codes.TIMEOUT)
 def connected() -> Generator[Connection]:
     """A connection to the routers that the options name."""
     target = find_target(given("robot"), given("connect"), given("config"))
-    with Connection(target.endpoints) as connection:
+    with Connection(target.endpoints, keys=target.keys) as connection:
         yield connection
 
 
@@ -40,7 +40,7 @@ def connected() -> Generator[Connection]:
 def one_robot() -> Generator[Robot]:
     """The robot that the options name."""
     target = find_target(given("robot"), given("connect"), given("config"))
-    with Connection(target.endpoints) as connection:
+    with Connection(target.endpoints, keys=target.keys) as connection:
         yield Robot.over(connection, pick_robot(connection, target))
 
 

@@ -3,7 +3,7 @@
 import signal
 import time
 from collections.abc import Collection, Generator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NoReturn
@@ -13,15 +13,24 @@ import click
 from trolley import ports
 from trolley.cli.options import given, where_options
 from trolley.cli.robots import reports_errors
-from trolley.config import ConfigError, RobotConfig, find_config, load_config
-from trolley.connection import DEFAULT_ENDPOINT
+from trolley.config import ConfigError, RobotConfig, ZenohSection, find_config, load_config
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
 from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.security.host_keys import (
+    DEFAULT_FOLDER,
+    KeysError,
+    Security,
+    find_keys,
+    keys_for,
+    security_of,
+)
 from trolley.supervisor import Supervisor
 
 SERVICES = "trolley.services"
 VIEWER = "viz"
+FOR_OTHERS = "tls/0.0.0.0:7448"
+"""Where a router with keys for it listens for other hosts."""
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 CHECK_PERIOD_S = 0.2
 URL_PATIENCE_S = 30.0
@@ -88,11 +97,10 @@ def interruptible() -> Generator[None]:
 def supervised(
     modules: Mapping[str, str | Sequence[str]],
     environment: Mapping[str, str],
-    router: str | None,
-    uplink: Sequence[str] = (),
+    router: AbstractContextManager[None] | None,
     held: Collection[str] = (),
 ) -> Generator[Supervisor]:
-    """A router at the endpoint `router` (None: somebody else's) and the services as children.
+    """A `router` (None: somebody else's) and the services as children.
 
     Those in `held` are started later, by `Supervisor.release`.
 
@@ -102,7 +110,7 @@ def supervised(
     with ExitStack() as stack:
         if router is not None:
             try:
-                stack.enter_context(open_router([router], uplink))
+                stack.enter_context(router)
             except NotConnected as error:
                 raise ConfigError(str(error)) from error
         supervisor = stack.enter_context(Supervisor(modules, environment, _warn, held))
@@ -161,9 +169,10 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool) -> None:
     environment = {"TROLLEY_CONFIG": str(path.resolve())}
     if quiet:
         environment["TROLLEY_LOG"] = "warning"
+    carried = None if router is None else _router_of(config, router)
     click.echo(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
     try:
-        with interruptible(), supervised(modules, environment, router, config.zenoh.uplink):
+        with interruptible(), supervised(modules, environment, carried):
             if VIEWER in modules:
                 announce_viewer(config)
             wait_for_interrupt()
@@ -171,31 +180,66 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool) -> None:
         click.echo("All services have ended.")
 
 
+def _router_of(config: RobotConfig, local: str) -> AbstractContextManager[None]:
+    """The router of a configured host, at the endpoint `local` and for others where it may."""
+    zenoh = config.zenoh
+    security = security_for(config.path(zenoh.keys), [local, *zenoh.uplink])
+    return open_router(listening(security, [local]), zenoh.uplink, security, zenoh.downsample)
+
+
+def security_for(folder: Path, endpoints: Sequence[str]) -> Security | None:
+    """What the keys in a folder stand for, None where there are none and none are needed.
+
+    Raises:
+        ConfigError: The keys are needed and missing, or they cannot be used.
+    """
+    try:
+        keys = keys_for(endpoints, folder) or find_keys(folder)
+        return None if keys is None else security_of(keys)
+    except KeysError as error:
+        raise ConfigError(str(error)) from error
+
+
+def listening(security: Security | None, local: Sequence[str]) -> list[str]:
+    """Where a router listens: for its own host and, where it lets others in, for them too."""
+    others = security is not None and security.access_control is not None
+    return [*local, FOR_OTHERS] if others else list(local)
+
+
 @click.command(name="router")
 @click.option("--listen", multiple=True, metavar="ENDPOINT", help="Where (may be repeated).")
 @click.option("--uplink", multiple=True, metavar="ENDPOINT", help="A home router to link to.")
+@click.option(
+    "--keys",
+    "folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="The folder with this host's keys; else `[zenoh] keys`, else /etc/trolley/keys.",
+)
 @where_options
 @reports_errors
-def router_command(listen: tuple[str, ...], uplink: tuple[str, ...]) -> None:
+def router_command(listen: tuple[str, ...], uplink: tuple[str, ...], folder: Path | None) -> None:
     """Run the router that services and tools connect to.
 
     It listens where the configuration file's services connect, else at port 7447 of this host only.
+    With keys that `trolley keys router` made it also lets other hosts in, by TLS at port 7448.
     """
     path = find_config(given("config"))
     config = None if path is None else load_config(path)
-    local = [DEFAULT_ENDPOINT]
-    if config is not None:
-        local = [one for one in config.zenoh.connect if port_of(one) is not None]
-    endpoints = list(listen) or local
+    zenoh = ZenohSection() if config is None else config.zenoh
+    local = [one for one in zenoh.connect if port_of(one) is not None]
+    if folder is None:
+        folder = DEFAULT_FOLDER if config is None else config.path(zenoh.keys)
+    links = list(uplink) or zenoh.uplink
+    security = security_for(folder, [*listen, *links])
+    endpoints = list(listen) or listening(security, local)
     if not endpoints:
         raise ConfigError("`[zenoh] connect` names no endpoint of this host: give --listen")
     for endpoint in endpoints:
         port = port_of(endpoint)
         if port is not None:
             check_port(port, "listen elsewhere with --listen tcp/127.0.0.1:PORT")
-    links = list(uplink) or (config.zenoh.uplink if config is not None else [])
     try:
-        run_router(endpoints, links)
+        run_router(endpoints, links, security, zenoh.downsample)
     except NotConnected as error:
         raise ConfigError(str(error)) from error
 

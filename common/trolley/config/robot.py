@@ -14,6 +14,8 @@ Length = Annotated[float, Meta(ge=0.02, le=5.0)]
 
 
 WITHOUT_PORT = ("unixsock-stream", "serial")
+THINNED = ("scan", "odom", "imu", "particles", "beams", "trajectory", "cmd_vel", "sim/truth")
+"""Streams of which the newest message is enough for those who only look."""
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream", "vsock", "serial")
 
 
@@ -104,9 +106,19 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Endpoints of the router that services and tools connect to."""
     uplink: list[str] = []
     """Endpoints of a home router that this robot's router links to."""
+    keys: str = "keys"
+    """The folder with this host's certificate, relative to this file; for `tls/` endpoints."""
+    downsample: dict[str, Annotated[float, Meta(ge=0.01, le=100.0)]] = {}
+    """At most so many messages a second of a stream leave over TLS, such as `{scan = 2.0}`."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no endpoint; Zenoh would look for it for ever."""
+        """Refuse what is no endpoint, since Zenoh would look for it for ever, and no stream."""
+        for name in self.downsample:
+            if name not in THINNED:
+                raise ValueError(
+                    f"`downsample` knows {', '.join(THINNED)}, not {name!r}: other streams "
+                    "are few, or every message of them counts"
+                )
         for endpoint in (*self.connect, *self.uplink):
             protocol, _, address = endpoint.partition("/")
             has_port = re.search(r":[0-9]{1,5}([?#].*)?\Z", address) is not None

@@ -28,6 +28,7 @@ from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder, state_root
 from trolley.runtime.systemd import Supervision
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus_patiently
+from trolley.security.host_keys import KeysError, keys_for
 
 EXIT_CRASHED, EXIT_CONFIG, EXIT_CLASH = 1, 2, 3
 CLASH_WAIT_S = 1.5
@@ -132,9 +133,11 @@ class ServiceProcess:
         """Connect, settle who stays, serve; the exit code."""
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._request_stop)
+        zenoh = self._config.zenoh
         try:
-            bus = open_bus_patiently(self._config.zenoh.connect, self._wait_for_router)
-        except NotConnected as error:
+            keys = keys_for(zenoh.connect, self._config.path(zenoh.keys))
+            bus = open_bus_patiently(zenoh.connect, self._wait_for_router, keys)
+        except (KeysError, NotConnected) as error:
             self._log.error(str(error))
             return EXIT_CONFIG
         if bus is None:

@@ -2,20 +2,28 @@
 
 import signal
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.systemd import Supervision
 from trolley.runtime.zenoh_bus import open_router
+from trolley.security.host_keys import Security
 
 LONGEST_WAIT_S = 3600.0
 
 
-def run_router(listen: Sequence[str], uplink: Sequence[str] = ()) -> None:
+def run_router(
+    listen: Sequence[str],
+    uplink: Sequence[str] = (),
+    security: Security | None = None,
+    downsample: Mapping[str, float] | None = None,
+) -> None:
     """Be the router until SIGTERM or SIGINT; logs, and tells systemd when it is ready.
 
+    The arguments are those of `router_config`.
+
     Raises:
-        NotConnected: The port is taken.
+        NotConnected: The port is taken, or the keys cannot be used.
     """
     set_up_logging()
     stop = threading.Event()
@@ -26,7 +34,7 @@ def run_router(listen: Sequence[str], uplink: Sequence[str] = ()) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, end)
     log, supervision = Log("router"), Supervision()
-    with open_router(listen, uplink):
+    with open_router(listen, uplink, security, downsample):
         log.info("Listening", at=", ".join(listen), uplink=", ".join(uplink) or "none")
         supervision.ready()
         while not stop.wait(supervision.period_s or LONGEST_WAIT_S):

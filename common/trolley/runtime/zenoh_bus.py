@@ -1,20 +1,20 @@
 """The bus over Eclipse Zenoh, and the router that carries it.
 
-Settings and traps were measured with eclipse-zenoh 1.10: clients of a router reconnect by
-themselves within half a second, callbacks only store, and a session is always closed.
+Callbacks only store, and a session is always closed: else it hangs at exit.
 """
 
 # Zenoh's stubs leave most of its results without a type.
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
-import json
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 
 import zenoh
 
 from trolley.runtime.bus import Query, Reply, Sample
+from trolley.runtime.zenoh_config import client_config, router_config
+from trolley.security.host_keys import HostKeys, Security
 from trolley.topics import Qos
 
 LARGEST = 33 << 20
@@ -31,66 +31,21 @@ class NotConnected(Exception):
     """No router answers at the endpoints; the text says what to do."""
 
 
-def _config(settings: dict[str, object]) -> zenoh.Config:
-    config = zenoh.Config()
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def client_config(endpoints: Sequence[str], timeout_ms: int = -1) -> zenoh.Config:
-    """Settings of a client of the router at `endpoints`; `timeout_ms` -1 waits for it for ever."""
-    return _config(
-        {
-            "mode": "client",
-            "connect/endpoints": list(endpoints),
-            "connect/timeout_ms": timeout_ms,
-            "connect/exit_on_failure": True,
-            "connect/retry": {
-                "period_init_ms": 200,
-                "period_max_ms": 500,
-                "period_increase_factor": 1.5,
-            },
-            "listen/endpoints": [],
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
-            "timestamping/enabled": True,
-            "transport/shared_memory/enabled": False,
-            "transport/link/tx/lease": 1000,
-        }
-    )
-
-
-def router_config(listen: Sequence[str], uplink: Sequence[str] = ()) -> zenoh.Config:
-    """Settings of a router that listens at `listen` and links itself to the routers at `uplink`."""
-    return _config(
-        {
-            "mode": "router",
-            "listen/endpoints": list(listen),
-            "listen/exit_on_failure": True,
-            "connect/endpoints": list(uplink),
-            "connect/timeout_ms": -1,
-            "connect/exit_on_failure": False,
-            "scouting/delay": 0,
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
-            "timestamping/enabled": True,
-            "transport/shared_memory/enabled": False,
-            "transport/link/tx/lease": 1000,
-        }
-    )
-
-
 @contextmanager
-def open_router(listen: Sequence[str], uplink: Sequence[str] = ()) -> Generator[None]:
-    """Be the router while the context lasts.
+def open_router(
+    listen: Sequence[str],
+    uplink: Sequence[str] = (),
+    security: Security | None = None,
+    downsample: Mapping[str, float] | None = None,
+) -> Generator[None]:
+    """Be the router while the context lasts; the arguments are those of `router_config`.
 
     Raises:
-        NotConnected: The port is taken.
+        NotConnected: It cannot listen: the port is taken, or the keys cannot be used.
     """
     zenoh.init_log_from_env_or("off")
     try:
-        session = zenoh.open(router_config(listen, uplink))
+        session = zenoh.open(router_config(listen, uplink, security, downsample))
     except zenoh.ZError as error:
         where = ", ".join(listen)
         raise NotConnected(
@@ -244,8 +199,10 @@ class ZenohBus:
 
 
 @contextmanager
-def open_bus(endpoints: Sequence[str], timeout_s: float | None = None) -> Generator[ZenohBus]:
-    """Connect to the router; `timeout_s` None waits for it for ever.
+def open_bus(
+    endpoints: Sequence[str], timeout_s: float | None = None, keys: HostKeys | None = None
+) -> Generator[ZenohBus]:
+    """Connect to the router; `timeout_s` None waits for it for ever; `keys` are for `tls/`.
 
     Raises:
         NotConnected: Nobody answers within `timeout_s`.
@@ -253,7 +210,7 @@ def open_bus(endpoints: Sequence[str], timeout_s: float | None = None) -> Genera
     zenoh.init_log_from_env_or("off")
     timeout_ms = -1 if timeout_s is None else int(timeout_s * 1000)
     try:
-        session = zenoh.open(client_config(endpoints, timeout_ms))
+        session = zenoh.open(client_config(endpoints, timeout_ms, keys))
     except zenoh.ZError as error:
         where = ", ".join(endpoints)
         raise NotConnected(
@@ -268,7 +225,7 @@ def open_bus(endpoints: Sequence[str], timeout_s: float | None = None) -> Genera
 
 
 def open_bus_patiently(
-    endpoints: Sequence[str], wants_to_wait: Callable[[], bool]
+    endpoints: Sequence[str], wants_to_wait: Callable[[], bool], keys: HostKeys | None = None
 ) -> ZenohBus | None:
     """Wait for the router until it is there or `wants_to_wait()`, asked all the time, says no.
 
@@ -283,7 +240,7 @@ def open_bus_patiently(
 
     def connect() -> None:
         try:
-            outcome.append(ZenohBus(zenoh.open(client_config(endpoints))))
+            outcome.append(ZenohBus(zenoh.open(client_config(endpoints, keys=keys))))
         except zenoh.ZError as error:
             outcome.append(error)
         ready.set()

@@ -1,7 +1,7 @@
 """Making and reading the certificates of a family's hosts.
 
-A certificate's common name is `role:name:id`. Routers know a certificate by this name alone, and the
-id is another one each time, so that one that was replaced or removed never opens the door again.
+A certificate's common name is `role:name:id`. Routers know a certificate by this name alone, and
+the id is another one each time, so one that was replaced or removed never opens the door again.
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ import secrets
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
@@ -183,7 +183,7 @@ def as_role(role: str) -> Role:
     """
     if role not in ROLES:
         raise KeysError(f"{role!r} is no role: {', '.join(ROLES)}")
-    return cast("Role", role)
+    return role
 
 
 def _hosts(certificate: x509.Certificate) -> tuple[str, ...]:

@@ -37,6 +37,7 @@ class TruthPublisher:
     ) -> None:
         assert target.robot is not None
         self._robot, self._endpoints = target.robot, target.endpoints
+        self._keys = target.keys
         self._world = world
         self._truth = truth
         self._tell = tell
@@ -64,7 +65,7 @@ class TruthPublisher:
         has_told = False
         while not self._end.is_set():
             try:
-                with Connection(self._endpoints, CONNECT_S) as connection:
+                with Connection(self._endpoints, CONNECT_S, self._keys) as connection:
                     self._tell(f"sim/truth of {self._robot} goes to {where}")
                     self._publish(connection)
             except RobotUnreachable:

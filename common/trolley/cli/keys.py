@@ -1,0 +1,218 @@
+"""`trolley keys`: certificates for the hosts that talk over TLS."""
+
+import functools
+import socket
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import click
+
+from trolley.security.certificates import (
+    ROLES,
+    VALID_DAYS,
+    Certificate,
+    Role,
+    as_role,
+    read_certificates,
+)
+from trolley.security.host_keys import ALLOWED, DEFAULT_FOLDER, HostKeys, KeysError
+from trolley.security.keyring import Keyring
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+PORT = 7448
+RENEW_DAYS = 90
+ROUTER_NAME = "home"
+
+
+def _reports(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn a KeysError into one line on stderr and exit code 2."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except KeysError as error:
+            raise click.UsageError(str(error)) from error
+
+    return run
+
+
+@click.group(name="keys")
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("~/trolley-keys"),
+    show_default=True,
+    help="Where all keys are kept; whoever reads it may do everything.",
+)
+@click.pass_context
+def keys_command(context: click.Context, folder: Path) -> None:
+    """Make the certificates of the hosts that may talk to your robots.
+
+    One host has one certificate, and one certificate one role. Keep the folder in a safe place.
+    """
+    context.obj = Keyring(folder.expanduser())
+
+
+_replace = click.option(
+    "--replace", is_flag=True, help="Make new keys; the old ones are let in no more."
+)
+_days = click.option(
+    "--days",
+    type=click.IntRange(1, 20 * 365),
+    default=VALID_DAYS,
+    show_default=True,
+    help="How long it is valid.",
+)
+
+
+@keys_command.command(name="init")
+@click.pass_obj
+@_reports
+def init(keyring: Keyring) -> None:
+    """Make the authority that signs all certificates (once)."""
+    keyring.create(_now())
+    click.echo(
+        f"Made {keyring.folder}. Keep it safe and keep a copy: without it no certificate can be "
+        "made or renewed.\nNext: `trolley keys router`, on or for the host that all others reach."
+    )
+
+
+@keys_command.command(name="router")
+@click.argument("hosts", nargs=-1, metavar="[HOST]...")
+@click.option("--name", default=ROUTER_NAME, show_default=True, help="What you call it.")
+@_days
+@_replace
+@click.pass_obj
+@_reports
+def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, replace: bool) -> None:
+    """Make the keys of a router that other hosts connect to.
+
+    HOST is each name and address by which the others reach it (else this host's own name).
+    """
+    own = socket.gethostname()
+    reached = hosts or (own, f"{own}.local")
+    keys = keyring.issue("router", name, _until(days), reached, replace=replace)
+    _say_made(keys)
+    click.echo(
+        f"Others reach it at {', '.join(reached)}, port {PORT}. Copy the folder's files to that "
+        f"host:\n{_copying(keys)}\nThen restart its router; its robot.toml needs no new line."
+    )
+
+
+def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: bool) -> None:
+    keys = keyring.issue(role, name, _until(days), replace=replace)
+    routers = [one for one in keyring.certificates() if one.role == "router"]
+    host = routers[0].hosts[0] if routers and routers[0].hosts else "HOST"
+    _say_made(keys)
+    click.echo(
+        f"Copy the folder's files to that host:\n{_copying(keys)}\n"
+        f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{PORT}"]'
+    )
+    _say_routers(routers)
+
+
+@keys_command.command(name="robot")
+@click.argument("name")
+@_days
+@_replace
+@click.pass_obj
+@_reports
+def robot(keyring: Keyring, name: str, days: int, replace: bool) -> None:
+    """Make the keys of the robot NAME, which is `[robot] name` in its robot.toml."""
+    _issue_client(keyring, "robot", name, days, replace)
+
+
+@keys_command.command(name="operator")
+@click.argument("name")
+@_days
+@_replace
+@click.pass_obj
+@_reports
+def operator(keyring: Keyring, name: str, days: int, replace: bool) -> None:
+    """Make the keys of a host that sees and commands all robots."""
+    _issue_client(keyring, "operator", name, days, replace)
+
+
+@keys_command.command(name="viewer")
+@click.argument("name")
+@_days
+@_replace
+@click.pass_obj
+@_reports
+def viewer(keyring: Keyring, name: str, days: int, replace: bool) -> None:
+    """Make the keys of a host that sees all robots, and may stop them."""
+    _issue_client(keyring, "viewer", name, days, replace)
+
+
+@keys_command.command(name="remove")
+@click.argument("role", metavar="ROLE", type=click.Choice(ROLES))
+@click.argument("name")
+@click.pass_obj
+@_reports
+def remove(keyring: Keyring, role: str, name: str) -> None:
+    """Let a host in no more, such as one that was lost."""
+    keyring.remove(as_role(role), name)
+    click.echo(f"Removed {role} {name}.")
+    _say_routers([one for one in keyring.certificates() if one.role == "router"])
+
+
+@keys_command.command(name="list")
+@click.argument("host_folder", required=False, type=click.Path(exists=True, path_type=Path))
+@click.pass_obj
+@_reports
+def list_keys(keyring: Keyring, host_folder: Path | None) -> None:
+    """List all certificates: role, name, how long they are valid.
+
+    With HOST_FOLDER (such as /etc/trolley/keys) those that lie on a host.
+    """
+    if host_folder is not None:
+        found = read_certificates(host_folder)
+    else:
+        found = [keyring.authority(), *keyring.certificates()]
+    for one in found:
+        click.echo(_line(one, _now()))
+
+
+def _line(one: Certificate, now: datetime) -> str:
+    days = one.days_left(now)
+    state = ""
+    if days <= 0:
+        state = "EXPIRED"
+    elif days < RENEW_DAYS:
+        state = f"renew it: {days:.0f} days left"
+    return f"{one.role:<9} {one.name:<20} until {one.not_after:%Y-%m-%d}  {state}".rstrip()
+
+
+def _say_made(keys: HostKeys) -> None:
+    until = next(one for one in read_certificates(keys.folder) if one.path == keys.certificate)
+    click.echo(f"Made {keys.folder}, valid until {until.not_after:%Y-%m-%d}.")
+
+
+def _copying(keys: HostKeys) -> str:
+    return (
+        f"  {keys.folder}/* -> {DEFAULT_FOLDER}/ (or the folder `keys` beside its robot.toml),\n"
+        "  readable by the user that runs Trolley: sudo chown -R trolley: /etc/trolley/keys"
+    )
+
+
+def _say_routers(routers: list[Certificate]) -> None:
+    if not routers:
+        click.echo("There is no router yet that lets it in: `trolley keys router`.")
+    for one in routers:
+        click.echo(
+            f"Copy {one.path.parent / ALLOWED} to the router {one.name} again, into the folder of "
+            "its keys, and restart it: sudo systemctl restart trolley-router"
+        )
+
+
+def _until(days: int) -> datetime:
+    return _now() + timedelta(days=days)
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)

@@ -1,0 +1,120 @@
+"""What each role may do: rules for Zenoh's access control, made from a list of certificates.
+
+What may not be done is refused where it enters a router; what left another host by right may go to
+everyone who was let in. A rule allows what it includes wholly: `trolley/*/**` allows subscribing to
+`trolley/*/pose`, and `**` never includes a chunk that begins with `@`.
+"""
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+from trolley import requests, topics
+from trolley.security.certificates import Certificate, as_role
+from trolley.topics import ROOT, Kind
+
+Rule = dict[str, Any]
+
+STREAMS, REQUESTS = f"{ROOT}/*/**", f"{ROOT}/*/@do/**"
+READING = ("declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query")
+WRITING = ("put", "delete")
+OWNING = (*WRITING, "declare_queryable", "reply", "liveliness_token")
+EVERYTHING = (*READING, *OWNING)
+VIEWER_SERVICE = "viz-$*"
+OWNED_FRAMES = ("odom", "laser", "base_link")
+"""Children in `tf/<child>` that base and localizer publish and nobody else."""
+_CLEARED = (topics.MARKER, topics.OVERLAY)
+
+
+@dataclasses.dataclass(frozen=True)
+class Grant:
+    """Messages that may (or may not, whatever else is allowed) enter with these keys."""
+
+    messages: tuple[str, ...]
+    keys: tuple[str, ...]
+    is_allowed: bool = True
+
+
+def grants(role: str, name: str) -> list[Grant]:
+    """What a certificate of this role and name may do.
+
+    Raises:
+        KeysError: There is no such role.
+    """
+    match as_role(role):
+        case "viewer":
+            return _viewer()
+        case "operator":
+            return _operator()
+        case "robot":
+            own = (f"{ROOT}/{name}/**", f"{ROOT}/{name}/@do/**")
+            return [Grant(READING, (STREAMS,)), Grant(EVERYTHING, own)]
+        case "router":  # it has checked its own clients already
+            return [Grant(EVERYTHING, (STREAMS, REQUESTS))]
+
+
+def access_control(certificates: Iterable[Certificate]) -> dict[str, Any]:
+    """Zenoh's `access_control` for a router that lets these certificates in over TLS.
+
+    Programs of the router's own host, which come over loopback without TLS, may do everything.
+    """
+    rules: list[Rule] = [
+        _rule("out", "egress", Grant(EVERYTHING, (STREAMS, REQUESTS))),
+        _rule("local-in", "ingress", Grant(EVERYTHING, ("**", REQUESTS))),
+        _rule("local-out", "egress", Grant(EVERYTHING, ("**", REQUESTS))),
+    ]
+    subjects: list[Rule] = [{"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]}]
+    policies: list[Rule] = [{"rules": ["local-in", "local-out"], "subjects": ["local"]}]
+    for certificate in certificates:
+        who = certificate.common_name
+        made = [
+            _rule(f"{who}-{i}", "ingress", grant)
+            for i, grant in enumerate(grants(certificate.role, certificate.name))
+        ]
+        rules += made
+        subjects.append({"id": who, "cert_common_names": [who]})
+        policies.append({"rules": [*(rule["id"] for rule in made), "out"], "subjects": [who]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _viewer() -> list[Grant]:
+    own = (
+        topics.CHOICE.key("*", "*"),
+        topics.HEALTH.key("*", VIEWER_SERVICE),
+        topics.ALIVE.key("*", VIEWER_SERVICE, "*"),
+    )
+    return [
+        Grant(READING, (STREAMS,)),
+        Grant(("query",), (requests.BASE_STOP.key("*"),)),
+        Grant(OWNING, own),
+    ]
+
+
+def _operator() -> list[Grant]:
+    # The stream `poses` itself is not among them, as it were in `poses/**`.
+    stored = [topic.key("*") for topic in topics.TOPICS if topic.kind is Kind.STORED]
+    cleared = [f"{ROOT}/*/{topic.chunks[0]}/**" for topic in _CLEARED]
+    driven = [topics.COMMAND.key("*", "teleop"), topics.TF.key("*", "*")]
+    owned = tuple(topics.TF.key("*", child) for child in OWNED_FRAMES)
+    return [
+        *_viewer(),
+        Grant(("query",), (REQUESTS,)),
+        Grant(WRITING, (*stored, *cleared, *driven)),
+        Grant(WRITING, owned, is_allowed=False),
+    ]
+
+
+def _rule(name: str, flow: str, grant: Grant) -> Rule:
+    return {
+        "id": name,
+        "permission": "allow" if grant.is_allowed else "deny",
+        "flows": [flow],
+        "messages": list(grant.messages),
+        "key_exprs": list(grant.keys),
+    }
