@@ -5,6 +5,7 @@ must not load Zenoh.
 """
 
 import importlib
+import os
 import sys
 from importlib.metadata import entry_points
 from typing import Any
@@ -117,6 +118,8 @@ def cli(ctx: click.Context) -> None:
     single robot on the network.
     """
     ctx.ensure_object(dict)
+    if os.environ.get("NO_COLOR"):  # no-color.org
+        ctx.color = False
 
 
 def main() -> None:

@@ -20,8 +20,12 @@ class Column:
 def table_lines(
     columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int
 ) -> tuple[str, list[str]]:
-    """The line of the heads, and a line for each row, none longer than `width`."""
-    shown = list(range(len(columns)))
+    """The line of the heads, and a line for each row, none longer than `width`.
+
+    Columns in which nothing stands are left out, too.
+    """
+    filled = [{row[i] for row in rows} - {"", "-"} for i in range(len(columns))]
+    shown = [i for i in range(len(columns)) if i == 0 or filled[i]]
     widths = [
         max(len(cell) for cell in column)
         for column in zip([one.head for one in columns], *rows, strict=True)

@@ -54,6 +54,7 @@ class Terminal:
         """The signal that asks this process to end."""
         self.wants_pause = False
         """Whether this process was asked to pause (SIGTSTP; Ctrl-Z arrives as a key)."""
+        self._has_colours = not os.environ.get("NO_COLOR")
         self._wants_keys = False
         self._whole_screen = whole_screen
         self._input, self._output = sys.stdin.fileno(), sys.stdout.fileno()
@@ -120,7 +121,7 @@ class Terminal:
         """
         width = shutil.get_terminal_size().columns - 1
         cut = [
-            click.style(text[:width], fg=colour) if colour else text[:width]
+            click.style(text[:width], fg=colour) if colour and self._has_colours else text[:width]
             for text, colour in lines
         ]
         if self._whole_screen:

@@ -115,12 +115,11 @@ def topic_views(
         if flow.age_s < GONE_S or wanted.low is not None:
             name = "/".join(key.split("/")[2:])
             found.append(TopicView(robot, name, flow, wanted))
-    keys = {
-        "bytes": lambda one: (-one.flow.bytes_per_s, one.robot, one.name),
-        "rate": lambda one: (-one.flow.hz, one.robot, one.name),
-        "name": lambda one: (one.robot, one.name),
-    }
-    return sorted(found, key=keys[order])
+    return sorted(found, key=lambda one: (_rank(one, order), one.robot, one.name))
+
+
+def _rank(one: TopicView, order: Order) -> float:
+    return {"bytes": -one.flow.bytes_per_s, "rate": -one.flow.hz, "name": 0.0}[order]
 
 
 def _times(wanted: Expected, rate: float) -> Expected:
