@@ -250,7 +250,7 @@ def _wanted(topic: Topic[Any], facts: RobotFacts) -> Expected:
         return Expected(low=None if scan is None else scan.hz)
     if topic in (topics.CLOCK, topics.TOUR):  # these count real seconds
         return wanted
-    if topic in ONLY_AT_WORK:
+    if topic in ONLY_AT_WORK and not _is_due(topic, facts):
         wanted = Expected(high=wanted.high)
     times = facts.rate
     return Expected(
