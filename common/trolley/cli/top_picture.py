@@ -143,7 +143,7 @@ def lines_of(picture: Picture, width: int, height: int | None) -> list[tuple[str
     """The lines with their colours; `height` None: as many as there are."""
     lines: list[tuple[str, str | None]] = []
     for robot, sentence in picture.sentences.items():
-        lines.append((printable(f"{robot}: {sentence}", width), "bright_white"))
+        lines.append((printable(f"{robot}: {sentence}", width), None))
     several = len(picture.sentences) > 1
     lines += [("", None), *_service_lines(picture.services, width, several=several)]
     lines += [("", None), *_topic_lines(picture.topics, width, several=several)]
