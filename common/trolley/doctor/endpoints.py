@@ -69,6 +69,8 @@ class Door:
     """Why there is no connection; "" if there is one."""
     owner: str = ""
     """Who listens at its port although it is no router."""
+    silent: tuple[Endpoint, ...] = ()
+    """Those of several addresses that do not answer."""
     is_wanted: bool = True
     """Whether it was asked for, or something here is set up to need it."""
 
@@ -77,7 +79,19 @@ def check_door(door: Door) -> list[Finding]:
     """Whether services and tools can meet."""
     where = ", ".join(door.endpoints)
     if not door.trouble:
-        return [ok("router", f"The router at {where} answers.")]
+        silent = [one.text for one in door.silent]
+        answering = ", ".join(one for one in door.endpoints if one not in silent)
+        return [
+            ok("router", f"The router at {answering or where} answers."),
+            *(
+                warning(
+                    "router",
+                    f"No router answers at {one.text}: {one.trouble}.",
+                    "Another one does; take this address out of [zenoh] connect if it is old.",
+                )
+                for one in door.silent
+            ),
+        ]
     if door.owner:
         return [
             problem(

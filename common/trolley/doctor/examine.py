@@ -31,7 +31,7 @@ from trolley.messages import SavedPose, Zone
 from trolley.runtime.state import state_root
 from trolley.security.host_keys import KEY
 
-UNIT_STATE, UNIT_CACHE = Path("/var/lib/trolley"), Path("/var/cache/trolley")
+UNIT_STATE = Path("/var/lib/trolley")
 SERVICE_USER = "trolley"
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 DEFAULT_PORT = 7447
@@ -161,13 +161,17 @@ def _check_saved(state: Path, grid: GridMap, file: Path) -> list[Finding]:
 @contextmanager
 def trying(place: Place) -> Generator[trial.Running]:
     """A trial of the services, which runs while other things are looked at."""
+    is_other = place.user.uid != os.geteuid()
+    may_change = os.geteuid() == 0
     environment: dict[str, str] = {}
-    for unit in place.units or []:
-        if CACHE_VARIABLE in unit.environment:
-            environment[CACHE_VARIABLE] = unit.environment[CACHE_VARIABLE].replace(
-                "%C/trolley", str(UNIT_CACHE)
-            )
-    running = trial.Running(place.config_path, environment)
+    if may_change or not is_other:  # what they keep is not for others to make
+        for unit in place.units or []:
+            if CACHE_VARIABLE in unit.environment:
+                environment[CACHE_VARIABLE] = unit.environment[CACHE_VARIABLE]
+    user = place.user if is_other and may_change else None
+    if user is not None:
+        environment["HOME"] = str(UNIT_STATE)
+    running = trial.Running(place.config_path, environment, user)
     try:
         yield running
     finally:
@@ -189,7 +193,9 @@ def examine_robots(
     is_needed = is_wanted or any(unit.enabled == "enabled" for unit in place.units or [])
     try:
         with Connection(where) as connection:
-            door = endpoints.Door(where, "")
+            knocked = [endpoints.knock(one) for one in where] if len(where) > 1 else []
+            silent = tuple(one for one in knocked if one is not None and one.trouble)
+            door = endpoints.Door(where, "", silent=silent)
             found = [("", endpoints.check_door(door))]
             names = [target.robot] if target.robot is not None else connection.robots()
             if not names:
@@ -202,5 +208,5 @@ def examine_robots(
         addresses = [endpoints.address_of(one) for one in where]
         local = [one[1] for one in addresses if one and one[0] in ("127.0.0.1", "localhost")]
         owner = next(filter(None, map(ports.owner, local)), "")
-        door = endpoints.Door(where, str(error), owner, is_needed)
+        door = endpoints.Door(where, str(error), owner, is_wanted=is_needed)
         return [("", endpoints.check_door(door))]

@@ -19,6 +19,7 @@ from typing import Any, cast
 
 from trolley.config import ConfigError, load_config
 from trolley.doctor.finding import Finding, note, ok, problem, warning
+from trolley.doctor.users import User
 
 SERVICES = "trolley.services"
 MARK = "from trolley.jit import"
@@ -43,24 +44,43 @@ class Trial:
 
 
 class Running:
-    """A trial that is under way; it is looked at when it has had some time."""
+    """A trial that is under way; it is looked at when it has had some time.
 
-    def __init__(self, config: Path | None, environment: Mapping[str, str]) -> None:
+    Args:
+        config: the robot.toml to try, None for none.
+        environment: what the services have in their environment.
+        user: as whom, for root to say; None: as whoever asks. The compiler makes folders for what
+            it keeps, which must not be root's.
+    """
+
+    def __init__(
+        self, config: Path | None, environment: Mapping[str, str], user: User | None = None
+    ) -> None:
         words = [sys.executable, "-m", "trolley.doctor.trial", *([str(config)] if config else [])]
-        self._process = subprocess.Popen(
-            words,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env={**os.environ, **environment},
-        )
+        self._process: subprocess.Popen[bytes] | None = None
+        self._trouble = ""
+        try:
+            self._process = subprocess.Popen(
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env={**os.environ, **environment},
+                user=None if user is None else user.uid,
+                group=None if user is None else user.group,
+                extra_groups=None if user is None else sorted(user.groups),
+            )
+        except OSError as error:  # such as: that user may not read where Trolley is installed
+            who = "" if user is None else f" as {user.name}"
+            self._trouble = f"it cannot be started{who}: {error.strerror}"
 
     def outcome(self) -> Trial:
         """Wait for its end."""
+        if self._process is None:
+            return Trial({}, (), trouble=self._trouble)
         try:
             said, errors = self._process.communicate(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
-            self.end()
             return Trial({}, (), trouble=f"it took over {PATIENCE_S:g} s")
         if self._process.returncode != 0:
             lines = errors.decode("utf-8", "replace").strip().splitlines()
@@ -70,8 +90,9 @@ class Running:
 
     def end(self) -> None:
         """End it, where nobody wants to know any more."""
-        self._process.kill()
-        self._process.communicate()
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+            self._process.communicate()
 
 
 def check_trial(trial: Trial) -> list[Finding]:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from trolley.doctor.computer_facts import Host
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 
-PATTERN = "trolley-*"
+PATTERN = "trolley-*.service"
+FOLDERS = ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system")
 OFTEN = 3
 """From so many restarts on something is wrong with a service."""
 CANNOT_USE_CONFIG = "2"
@@ -24,6 +25,8 @@ class Unit:
     active: str
     """`active`, `activating`, `failed`, `inactive`, ..."""
     enabled: str = ""
+    sub: str = ""
+    """`running`, `auto-restart`, ..."""
     restarts: int = 0
     result: str = "success"
     exit_status: str = "0"
@@ -41,9 +44,12 @@ def read_units(host: Host) -> list[Unit] | None:
     """Trolley's services; None where systemd does not run."""
     if not (host.root / "run/systemd/system").exists():
         return None
-    said = host.run(
-        ["systemctl", "show", "--all", f"--property={_PROPERTIES}", f"{PATTERN}.service"]
-    )
+    # By their files: systemd itself has forgotten those that have not run since the start.
+    files = [path for folder in FOLDERS for path in host.find(f"{folder}/{PATTERN}")]
+    names = sorted({path.name for path in files if "@" not in path.name})
+    if not names:
+        return []
+    said = host.run(["systemctl", "show", f"--property={_PROPERTIES}", *names])
     return [] if said is None else parse_units(said)
 
 
@@ -60,6 +66,7 @@ def parse_units(text: str) -> list[Unit]:
             Unit(
                 name=says["Id"],
                 active=says.get("ActiveState", ""),
+                sub=says.get("SubState", ""),
                 enabled=says.get("UnitFileState", ""),
                 restarts=int(restarts) if restarts.isdigit() else 0,
                 result=says.get("Result", ""),
@@ -102,6 +109,8 @@ def _check_unit(unit: Unit) -> Finding:
         return warning(
             "services", f"{unit.name} has been started again {unit.restarts} times.", f"{log}."
         )
+    if unit.sub == "auto-restart":
+        return problem("services", f"{unit.name} ends each time it is started.", f"{log}; {again}")
     if unit.active == "activating":
         return warning("services", f"{unit.name} is not ready yet.", f"Wait a little; {log}.")
     if unit.active != "active":

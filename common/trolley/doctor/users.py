@@ -16,6 +16,7 @@ class User:
 
     name: str
     uid: int
+    group: int
     groups: frozenset[int]
 
 
@@ -26,7 +27,7 @@ def this_user() -> User:
         name = pwd.getpwuid(uid).pw_name
     except KeyError:  # a container may run as a number without a name
         name = str(uid)
-    return User(name, uid, frozenset({os.getegid(), *os.getgroups()}))
+    return User(name, uid, os.getegid(), frozenset({os.getegid(), *os.getgroups()}))
 
 
 def find_user(name: str) -> User | None:
@@ -35,7 +36,7 @@ def find_user(name: str) -> User | None:
         entry = pwd.getpwnam(name)
     except KeyError:
         return None
-    return User(name, entry.pw_uid, frozenset(os.getgrouplist(name, entry.pw_gid)))
+    return User(name, entry.pw_uid, entry.pw_gid, frozenset(os.getgrouplist(name, entry.pw_gid)))
 
 
 def with_groups(user: User, names: list[str]) -> User:

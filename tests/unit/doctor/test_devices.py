@@ -4,7 +4,7 @@ import os
 import pty
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from trolley.doctor.units import Unit, check_units, parse_units, read_units
 from trolley.doctor.users import READ, WRITE, User, closed_at, this_user
 from trolley.serial_diagnosis import Holder
 
-STRANGER = User("trolley", 64_321, frozenset({64_321}))
+STRANGER = User("trolley", 64_321, 64_321, frozenset({64_321}))
 LIDAR = Port("base.lidar.port", "/dev/trolley-lidar", "/dev/ttyUSB1")
 BOARD = Port("base.chassis.port", "/dev/trolley-chassis", "/dev/ttyUSB0")
 
@@ -204,10 +204,23 @@ def test_units_are_read_as_systemctl_shows_them() -> None:
 
 
 def test_systemd_is_asked_only_where_it_runs(tmp_path: Path) -> None:
-    host = Host(tmp_path, lambda _: SHOWN)
+    asked: list[str] = []
+
+    def run(words: Sequence[str]) -> str:
+        asked.extend(words)
+        return SHOWN
+
+    host = Host(tmp_path, run)
     assert read_units(host) is None
     (tmp_path / "run/systemd/system").mkdir(parents=True)
+    assert read_units(host) == []
+    assert asked == []
+    folder = tmp_path / "etc/systemd/system"
+    folder.mkdir(parents=True)
+    for name in ("trolley-base.service", "trolley-tour.service", "trolley-retry@.service"):
+        (folder / name).touch()
     assert len(read_units(host) or []) == 2
+    assert asked[-2:] == ["trolley-base.service", "trolley-tour.service"]
     assert read_units(Host(tmp_path, lambda _: None)) == []
 
 
@@ -219,6 +232,11 @@ def test_systemd_is_asked_only_where_it_runs(tmp_path: Path) -> None:
         (Unit("trolley-base.service", "active", restarts=2), Level.NOTE, "2 times"),
         (Unit("trolley-base.service", "active", restarts=9), Level.WARNING, "9 times"),
         (Unit("trolley-base.service", "activating"), Level.WARNING, "not ready"),
+        (
+            Unit("trolley-base.service", "activating", sub="auto-restart"),
+            Level.PROBLEM,
+            "ends each time",
+        ),
         (Unit("trolley-base.service", "inactive", "enabled"), Level.PROBLEM, "should run"),
         (Unit("trolley-base.service", "failed", result="watchdog"), Level.PROBLEM, "watchdog"),
         (Unit("trolley-base.service", "failed", exit_status="2"), Level.PROBLEM, "robot.toml"),

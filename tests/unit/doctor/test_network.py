@@ -1,5 +1,6 @@
 """What doctor says of routers, certificates, and a trial of the services."""
 
+import os
 import socket
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -19,6 +20,7 @@ from trolley.doctor.endpoints import (
 )
 from trolley.doctor.finding import Finding, looked_at, note
 from trolley.doctor.trial import Running, Trial, check_trial
+from trolley.doctor.users import User
 from trolley.security.certificates import make_authority, make_certificate
 
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
@@ -57,6 +59,10 @@ def test_doors() -> None:
     assert [one.level for one in check_door(Door(where, ""))] == [Level.OK]
     assert [one.level for one in check_door(Door(where, "nobody"))] == [Level.PROBLEM]
     assert [one.level for one in check_door(Door(where, "nobody", is_wanted=False))] == [Level.NOTE]
+    two = Door(("tcp/a:1", "tcp/b:1"), "", silent=(Endpoint("tcp/b:1", trouble="no"),))
+    answers, silent = check_door(two)
+    assert answers.sentence == "The router at tcp/a:1 answers."
+    assert (silent.level, "tcp/b:1" in silent.sentence) == (Level.WARNING, True)
     (taken,) = check_door(Door(where, "nobody", owner="nginx (pid 7)"))
     assert "nginx (pid 7)" in taken.sentence
 
@@ -118,6 +124,13 @@ def test_a_trial_that_ends_badly_is_said_so(tmp_path: Path) -> None:
     trial = Running(None, {"PYTHONPATH": str(tmp_path), "PYTHONHOME": str(tmp_path)}).outcome()
     assert trial.trouble
     assert [one.level for one in check_trial(trial)] == [Level.NOTE]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else")
+def test_a_trial_that_cannot_begin_is_said_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.executable", "/nowhere/python")
+    trial = Running(None, {}, User("nobody", 65_534, 65_534, frozenset())).outcome()
+    assert "it cannot be started as nobody" in trial.trouble
 
 
 def test_a_fact_that_cannot_be_read_is_said_so() -> None:
