@@ -1,6 +1,7 @@
 """`trolley doctor`, `top` and `status` as a user runs them, with and without a robot."""
 
 import json
+import threading
 import time
 from collections.abc import Callable, Generator
 from pathlib import Path
@@ -24,11 +25,16 @@ def findings(text: str, level: str) -> list[str]:
 
 def test_doctor_needs_nothing_that_runs(port: int, trolley: Callable, tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
-    path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}"))
+    path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}") + '[base]\ndriver = "hardware"\n')
     done = trolley("doctor", "--config", str(path), "--json")
-    assert "No map is set, so the robot can drive nowhere." in findings(done.stdout, "problem")
+    problems = findings(done.stdout, "problem")
+    assert "No map is set, so the robot can drive nowhere." in problems
+    assert "[base.lidar.port] is not set." in problems
+    # Making the service itself, in a process of its own, finds what the checks do not know.
+    assert [one for one in problems if one.startswith("base cannot use robot.toml")]
+    assert not [one for one in problems if one.startswith("tour cannot use")]
     assert any("No robot runs on this computer" in one for one in findings(done.stdout, "note"))
-    assert any("can use robot.toml" in one for one in findings(done.stdout, "ok"))
+    assert any("functions are compiled" in one for one in findings(done.stdout, "ok"))
     assert done.returncode == 1
     # It was asked for, so now it is a problem that it is not there.
     asked = trolley("doctor", "--config", str(path), "--robot", "one", "--verbose")
@@ -79,6 +85,38 @@ def test_doctor_sees_two_services_of_one_name(
         bus.declare_token(topics.ALIVE.key("one", "base", "elsewhere-7-1700000000000"))
         done = trolley("doctor", "--connect", endpoint, "--json", "--seconds", "1")
     assert any("base runs 2 times" in one for one in findings(done.stdout, "problem"))
+
+
+def test_what_strangers_say_harms_nobody(
+    add_robot: Callable, endpoint: str, trolley: Callable
+) -> None:
+    add_robot("one")
+    evil = "\x1b[2Jevil"
+    with open_bus([endpoint], 5.0) as bus:
+        bus.declare_token(topics.ALIVE.key("*", "*", "1"))
+        bus.declare_token(topics.ALIVE.key("one", evil, "no run"))
+
+        def shout() -> None:
+            while not stop.wait(0.05):
+                for topic in topics.TOPICS:
+                    key = topic.key("one", *[evil] * topic.num_parts)
+                    for payload in (b"", b"\xc1", b"{" * 5000, b"x" * 200_000):
+                        bus.put(key, payload, "application/msgpack", topic.qos)
+
+        stop = threading.Event()
+        shouting = threading.Thread(target=shout)
+        shouting.start()
+        try:
+            for words in (["doctor", "--seconds", "1"], ["top", "--once"], ["status", "--all"]):
+                done = trolley(*words, "--connect", endpoint)
+                assert done.returncode in (0, 1), done.stderr
+                assert "\x1b" not in done.stdout
+                assert "Traceback" not in done.stderr
+                assert "*: " not in done.stdout  # a token's key with a wildcard is no robot
+                assert "\n* " not in done.stdout
+        finally:
+            stop.set()
+            shouting.join()
 
 
 def test_status_of_all_robots(add_robot: Callable, endpoint: str, trolley: Callable) -> None:

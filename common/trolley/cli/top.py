@@ -31,6 +31,7 @@ from trolley.connection import Connection, RobotUnreachable, find_target
 from trolley.doctor.computer_facts import Host
 from trolley.doctor.units import read_units
 from trolley.runtime import codec
+from trolley.runtime.bus import has_wildcard
 from trolley.topics import Topic
 from trolley.traffic import Flow, Tally, Traffic, flows
 
@@ -75,7 +76,7 @@ class Watcher:
 
     def _see(self, key: str, is_there: bool) -> None:
         row = topics.ALIVE.match(key)
-        if row is None:
+        if row is None or has_wildcard(key):
             return
         robot, (service, run) = row
         with self._lock:

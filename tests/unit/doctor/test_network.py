@@ -108,18 +108,6 @@ def test_trials() -> None:
     assert "2 of 9" in uncompiled.sentence
 
 
-def test_services_are_tried_in_a_process_of_their_own(tmp_path: Path) -> None:
-    path = tmp_path / "robot.toml"
-    path.write_text(
-        '[robot]\nname = "one"\nfootprint = { radius_m = 0.2 }\n[base]\ndriver = "hardware"\n'
-    )
-    trial = Running(path, {}).outcome()
-    assert trial.trouble == ""
-    assert "needs [base.lidar] model and port" in trial.refused["base"]
-    assert "tour" not in trial.refused
-    assert trial.kernels > 100
-
-
 def test_a_trial_that_ends_badly_is_said_so(tmp_path: Path) -> None:
     trial = Running(None, {"PYTHONPATH": str(tmp_path), "PYTHONHOME": str(tmp_path)}).outcome()
     assert trial.trouble
