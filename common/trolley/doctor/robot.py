@@ -78,7 +78,7 @@ def check_services(facts: RobotFacts) -> list[Finding]:
             found.append(
                 problem(
                     name,
-                    f"{name} is not running.",
+                    f"{name} is not running, or hangs.",
                     f"`sudo systemctl start trolley-{name}`, or `trolley run {name}`. {LOG}",
                 )
             )

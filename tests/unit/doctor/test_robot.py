@@ -105,7 +105,7 @@ def test_a_good_robot_is_fine() -> None:
 
 MISSING = {k: v for k, v in GOOD.runs.items() if k != "planner"}
 CASES: dict[str, tuple[RobotFacts, Level, str]] = {
-    "missing": (replace(GOOD, runs=MISSING), Level.PROBLEM, "planner is not running"),
+    "missing": (replace(GOOD, runs=MISSING), Level.PROBLEM, "planner is not running, or hangs"),
     "twins": (
         replace(GOOD, runs={**GOOD.runs, "tour": ["pi-1-1", "pc-2-2"]}),
         Level.PROBLEM,
