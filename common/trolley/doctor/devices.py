@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 
 from trolley.config import RobotConfig
-from trolley.doctor.finding import Finding, ok, problem, warning
+from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.doctor.users import READ, WRITE, User, closed_at, rights_in_words
 from trolley.serial_diagnosis import (
     Holder,
@@ -37,6 +37,8 @@ class Port:
     """How to let it in."""
     held_by: tuple[Holder, ...] = ()
     """Programs that have it open, those of Trolley's base left out."""
+    is_seen_whole: bool = True
+    """Whether it could be seen of every program what it has open."""
     others: str = ""
     """The ports that are there, in words."""
     modem_manager: str = ""
@@ -75,6 +77,7 @@ def read_ports(config: RobotConfig, user: User, proc: Path = Path("/proc")) -> l
                 else f"{user.name} may not use it ({closed} is {rights_in_words(closed)})",
                 remedy="" if closed is None else _way_in(closed, user),
                 held_by=_strangers(seen, proc),
+                is_seen_whole=seen.is_complete,
                 modem_manager=modem_manager_warning(path, proc) or "",
             )
         )
@@ -174,4 +177,12 @@ def _check_port(port: Port) -> list[Finding]:
                 "`trolley detect` tells a name that stays.",
             )
         )
+    if not found and not port.is_seen_whole:
+        return [
+            note(
+                "devices",
+                f"{port.path} ([{port.key}]) is there; who has it open you may not see.",
+                "Look again with `sudo`.",
+            )
+        ]
     return found or [ok("devices", f"{port.path} ([{port.key}]) is there and free to use.")]
