@@ -108,19 +108,24 @@ def _plain(found: list[Row], numbers: Counter[Level]) -> dict[str, Any]:
 
 def _print(found: list[Row], numbers: Counter[Level], *, verbose: bool) -> None:
     width = min(WIDEST, max(NARROWEST, shutil.get_terminal_size((80, 24)).columns))
+    several = len({row.robot for row in found if row.robot}) > 1
     shown = [row for row in found if verbose or row.finding.level > Level.OK]
-    for row in shown:
+    for row, following in zip(shown, [*shown[1:], None], strict=True):
         finding = row.finding
         word = _WORDS[finding.level]
-        robot = f"{row.robot}: " if row.robot and row.robot != finding.about else ""
+        robot = f"{row.robot}: " if row.robot and several else ""
         head = f"{word:<8} "
         text = f"{finding.about}: {robot}{finding.sentence}"
-        lines = textwrap.wrap(head + text, width, subsequent_indent=" " * len(head))
+        lines = textwrap.wrap(
+            head + text, width, subsequent_indent=" " * len(head), break_on_hyphens=False
+        )
         colour = _COLOURS[finding.level]
         click.echo(click.style(lines[0][: len(word)], fg=colour) + lines[0][len(word) :])
         for line in lines[1:]:
             click.echo(line)
-        if finding.remedy and finding.level > Level.OK:
+        # Several findings may have one remedy: it stands below the last of them.
+        is_said_below = following is not None and following.finding.remedy == finding.remedy
+        if finding.remedy and finding.level > Level.OK and not is_said_below:
             remedy = textwrap.fill(
                 finding.remedy,
                 width,

@@ -210,7 +210,7 @@ def check_rates(facts: RobotFacts) -> list[Finding]:
                 )
             )
         elif is_due and not names and topic.name not in facts.kept and _must_be_kept(topic, facts):
-            found.append(warning(owner, f"{owner} runs, but nobody knows a {topic.name}.", LOG))
+            found.append(warning(owner, f"{owner} runs, but has no {topic.name} to give.", LOG))
     return found
 
 
@@ -296,8 +296,9 @@ def check_counters(facts: RobotFacts) -> list[Finding]:
     found: list[Finding] = []
     for service, counted in facts.counted.items():
         for name, number in sorted(counted.items()):
-            text = f"{service} counted {name} {number} times in {facts.seconds:.0f} s"
+            times = "once" if number == 1 else f"{number} times"
+            text = f"{service} counted {name} {times} in {facts.seconds:.0f} s"
             is_often = number > facts.seconds
             make = warning if is_often else note
-            found.append(make("dropped", f"{text}.", f"Its log names the sender. {LOG}"))
+            found.append(make("dropped", f"{text}.", f"It drops or misses something. {LOG}"))
     return found

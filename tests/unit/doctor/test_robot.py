@@ -152,11 +152,15 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
     "fast scan": (with_flow("scan", 120.0), Level.WARNING, "50 would be the most"),
     "slow pose": (with_flow("pose", 3.0), Level.WARNING, "pose comes 3.0 times a second, 10"),
     "flood": (with_flow("tf/mine", 500.0), Level.WARNING, "tf/mine comes 500.0 times"),
-    "no map": (replace(GOOD, kept=GOOD.kept - {"map"}), Level.WARNING, "nobody knows a map"),
+    "no map": (replace(GOOD, kept=GOOD.kept - {"map"}), Level.WARNING, "no map to give"),
     "late": (replace(GOOD, late_s={"scan": 0.7}), Level.WARNING, "0.7 s old"),
     "too late": (replace(GOOD, late_s={"pose": 2.0}), Level.PROBLEM, "so the robot stops"),
     "dropped": (replace(GOOD, counted={"base": {"scan/x": 90}}), Level.WARNING, "scan/x 90 times"),
-    "dropped once": (replace(GOOD, counted={"base": {"scan/x": 1}}), Level.NOTE, "scan/x 1 times"),
+    "dropped once": (
+        replace(GOOD, counted={"base": {"scan/x": 1}}),
+        Level.NOTE,
+        "scan/x once in 3 s",
+    ),
 }
 
 
