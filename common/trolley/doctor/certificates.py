@@ -9,6 +9,7 @@ from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.security.host_keys import DEFAULT_FOLDER, KeysError
 
 SOON_DAYS = 30.0
+AUTHORITY_ROLE = "ca"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +58,8 @@ def check_certificates(found: list[Validity], now: datetime) -> list[Finding]:
             f"`trolley keys {one.role} {one.name} --replace` on the computer with the authority, "
             "then copy its files here."
         )
+        if one.role == AUTHORITY_ROLE:
+            new = "Make a new authority, and with it all certificates (docs/network.md)."
         days = (one.not_after - now).total_seconds() / 86_400.0
         if now < one.not_before:
             findings.append(

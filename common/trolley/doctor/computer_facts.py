@@ -144,11 +144,19 @@ def read_disk(path: Path) -> Disk:
 
 def read_wifi(host: Host) -> list[Wifi]:
     """Wireless interfaces that are connected."""
-    found: list[Wifi] = []
+    levels: dict[str, float] = {}
     for line in (host.text("proc/net/wireless") or "").splitlines()[2:]:
         name, _, rest = line.partition(":")
-        name = name.strip()
-        said = host.run(["iw", "dev", name, "get", "power_save"])
-        saves = None if said is None else said.strip().endswith("on")
-        found.append(Wifi(name, float(rest.split()[2].rstrip(".")), saves))
-    return found
+        levels[name.strip()] = float(rest.split()[2].rstrip("."))
+    for folder in host.find("sys/class/net/*/phy80211"):  # not every kernel has the table
+        name = folder.parent.name
+        said = host.run(["iw", "dev", name, "link"]) if name not in levels else None
+        signal = re.search(r"signal: (-?[0-9.]+) dBm", said or "")
+        if signal is not None:
+            levels[name] = float(signal[1])
+    return [Wifi(name, level_dbm, _saves_power(host, name)) for name, level_dbm in levels.items()]
+
+
+def _saves_power(host: Host, name: str) -> bool | None:
+    said = host.run(["iw", "dev", name, "get", "power_save"])
+    return None if said is None else said.strip().endswith("on")

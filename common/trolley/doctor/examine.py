@@ -91,12 +91,9 @@ def examine_host(place: Place) -> list[Finding]:
         ("permissions", lambda: _check_rights(place)),
         ("certificates", lambda: certificates.check_keys(config, _now())),
         ("services", lambda: units.check_units(place.units)),
+        ("devices", lambda: _check_devices(place)),
+        ("router", lambda: _check_uplinks(config)),
     ]
-    if config is not None:
-        reading = lambda: devices.check_ports(devices.read_ports(config, place.user))  # noqa: E731
-        checks.append(("devices", reading))
-        knocks = lambda: _check_uplinks(config)  # noqa: E731
-        checks.append(("router", knocks))
     return [finding for about, check in checks for finding in looked_at(about, check)]
 
 
@@ -111,14 +108,24 @@ def _check_memory(host: Host) -> list[Finding]:
     )
 
 
-def _check_uplinks(config: RobotConfig) -> list[Finding]:
+def _check_devices(place: Place) -> list[Finding]:
+    if place.config is None:
+        return []
+    return devices.check_ports(devices.read_ports(place.config, place.user))
+
+
+def _check_uplinks(config: RobotConfig | None) -> list[Finding]:
+    if config is None:
+        return []
     found = [endpoints.knock(one, is_uplink=True) for one in config.zenoh.uplink]
     return endpoints.check_uplinks([one for one in found if one is not None])
 
 
 def _check_rights(place: Place) -> list[Finding]:
-    found = rights.check_access(rights.read_access(place.user, place.config_path, place.state))
-    secrets = [certificates.keys_folder(place.config) / KEY]
+    key = certificates.keys_folder(place.config) / KEY
+    access = rights.read_access(place.user, place.config_path, place.state, key)
+    found = rights.check_access(access)
+    secrets = [key]
     if place.robot_state is not None:
         secrets.append(place.robot_state / "viewer_access.toml")
     modes = [(str(path), path.stat().st_mode) for path in secrets if path.exists()]

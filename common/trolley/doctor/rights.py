@@ -25,15 +25,18 @@ class Access:
     """What keeps it from writing there."""
     foreign: tuple[str, ...] = ()
     """Files of the state that it may not write."""
+    key_closed: str = ""
+    """What keeps it from reading this host's private key."""
 
 
-def read_access(user: User, config: Path | None, state: Path) -> Access:
-    """Look at the rights of configuration and state.
+def read_access(user: User, config: Path | None, state: Path, key: Path | None = None) -> Access:
+    """Look at the rights of configuration, state, and the private key where there is one.
 
     Raises:
         OSError: You may not even look.
     """
     closed = None if config is None or not config.exists() else closed_at(user, config, READ)
+    key_closed = None if key is None or not key.exists() else closed_at(user, key, READ)
     there = next(one for one in (state, *state.absolute().parents) if one.exists())
     state_closed = closed_at(user, there, READ | WRITE | ENTER)
     foreign: list[str] = []
@@ -48,6 +51,7 @@ def read_access(user: User, config: Path | None, state: Path) -> Access:
         str(state),
         "" if state_closed is None else f"{state_closed}: {rights_in_words(state_closed)}",
         tuple(foreign),
+        "" if key_closed is None else f"{key_closed}: {rights_in_words(key_closed)}",
     )
 
 
@@ -60,6 +64,14 @@ def check_access(facts: Access) -> list[Finding]:
                 "permissions",
                 f"{facts.user} may not read robot.toml ({facts.config_closed}).",
                 "`sudo chmod a+r` that file (a+rx where it is a folder).",
+            )
+        )
+    if facts.key_closed:
+        found.append(
+            problem(
+                "permissions",
+                f"{facts.user} may not read this computer's private key ({facts.key_closed}).",
+                f"`sudo chown {facts.user}` that file.",
             )
         )
     if facts.state_closed:

@@ -194,6 +194,18 @@ def test_the_firmware_is_asked_where_the_kernel_does_not_tell(tmp_path: Path) ->
     assert read_processor(host).throttled == 1
 
 
+def test_wifi_is_found_without_the_kernels_table(tmp_path: Path) -> None:
+    for name in ("wlan0", "wlan1"):
+        (tmp_path / "sys/class/net" / name / "phy80211").mkdir(parents=True)
+    said = {
+        ("iw", "dev", "wlan0", "link"): "Connected to 00:11:22\n\tsignal: -58 dBm\n",
+        ("iw", "dev", "wlan0", "get", "power_save"): "Power save: off\n",
+        ("iw", "dev", "wlan1", "link"): "Not connected.\n",
+    }
+    host = Host(tmp_path, lambda words: said.get(tuple(words)))
+    assert read_wifi(host) == [Wifi("wlan0", -58.0, saves_power=False)]
+
+
 def test_a_computer_that_tells_nothing_is_no_error(tmp_path: Path) -> None:
     host = Host(tmp_path, lambda _: None)
     processor = read_processor(host)

@@ -157,6 +157,18 @@ def test_a_closed_configuration_is_a_problem() -> None:
     assert [one.level for one in found] == [Level.PROBLEM]
 
 
+def test_a_private_key_of_somebody_else_is_a_problem(tmp_path: Path) -> None:
+    for folder in (tmp_path, *tmp_path.parents[:-2]):
+        folder.chmod(0o755)
+    key = tmp_path / "key.pem"
+    assert read_access(STRANGER, None, tmp_path, key).key_closed == ""
+    key.touch(mode=0o600)
+    assert read_access(this_user(), None, tmp_path, key).key_closed == ""
+    closed = read_access(STRANGER, None, tmp_path, key)
+    assert str(key) in closed.key_closed
+    assert any("private key" in one.sentence for one in check_access(closed))
+
+
 def test_secrets_are_for_their_owner_only() -> None:
     assert check_secrets([]) == []
     assert [one.level for one in check_secrets([("key.pem", 0o100600)])] == [Level.OK]

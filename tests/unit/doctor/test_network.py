@@ -2,6 +2,7 @@
 
 import os
 import socket
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -74,6 +75,8 @@ def validity(days: float, since: datetime = NOW - timedelta(days=9)) -> Validity
 def test_certificates_run_out() -> None:
     levels = [check_certificates([validity(days)], NOW)[0].level for days in (400.0, 10.0, -1.0)]
     assert levels == [Level.OK, Level.WARNING, Level.PROBLEM]
+    (authority,) = check_certificates([replace(validity(10.0), role="ca")], NOW)
+    assert "new authority" in authority.remedy
     (early,) = check_certificates([validity(400.0, NOW + timedelta(days=1))], NOW)
     assert (early.level, "clock" in early.remedy) == (Level.PROBLEM, True)
 
