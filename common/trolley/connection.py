@@ -22,7 +22,7 @@ from trolley.config import ConfigError, RobotConfig, find_config, load_config
 from trolley.messages import BaseState, Clock
 from trolley.requests import Request
 from trolley.runtime import codec
-from trolley.runtime.bus import Closer, Reply, Sample
+from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard
 from trolley.runtime.gathering import outcome
 from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
@@ -280,7 +280,7 @@ class Connection:
         found: dict[tuple[str, str], list[str]] = {}
         for key in self.bus.alive(topics.ALIVE.key(robot)):
             matched = topics.ALIVE.match(key)
-            if matched is not None:
+            if matched is not None and not has_wildcard(key):  # else it is no robot's
                 name, (service, run) = matched
                 found.setdefault((name, service), []).append(run)
         return found

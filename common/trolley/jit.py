@@ -48,6 +48,12 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", compiled)
 
 
+def is_kept(compiled: Callable[..., object]) -> bool | None:
+    """Say whether compiled code of a kernel is on disk; None where this is no kernel."""
+    files = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    return files.has_any() if isinstance(files, KernelFiles) else None
+
+
 def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
     """Give a dispatcher a cache on disk, where there is a folder to write to."""
     try:
@@ -116,6 +122,11 @@ class KernelFiles:
         for file in self._folder.glob(f"{self._prefix}.*.nbc"):
             if not file.name.startswith(f"{self._prefix}.{self._version}."):
                 file.unlink(missing_ok=True)
+
+    def has_any(self) -> bool:
+        """Say whether anything is kept of the kernel as it is now."""
+        pattern = f"{self._prefix}.{self._version}.*.nbc"
+        return any(True for folder in self._read_folders for _ in folder.glob(pattern))
 
     def flush(self) -> None:
         """Drop all that is kept of this kernel (numba's `recompile` asks for it)."""

@@ -5,6 +5,7 @@ must not load Zenoh.
 """
 
 import importlib
+import os
 import sys
 from importlib.metadata import entry_points
 from typing import Any
@@ -25,6 +26,8 @@ COMMANDS = {
     "run": ("trolley.cli.running", "Run one service in the foreground."),
     "init": ("trolley.cli.init", "Write a commented robot.toml."),
     "status": ("trolley.cli.status", "How the robot and its services are."),
+    "top": ("trolley.cli.top", "Watch services and topics live: rates, processor, memory."),
+    "doctor": ("trolley.cli.doctor", "Say what is wrong, and what to do about it."),
     "pose": ("trolley.cli.pose", "Where the robot is; saved poses."),
     "go": ("trolley.cli.go", "Drive to a place."),
     "cancel": ("trolley.cli.go", "Cancel the current goal."),
@@ -115,6 +118,8 @@ def cli(ctx: click.Context) -> None:
     single robot on the network.
     """
     ctx.ensure_object(dict)
+    if os.environ.get("NO_COLOR"):  # no-color.org
+        ctx.color = False
 
 
 def main() -> None:

@@ -1,39 +1,69 @@
 """`trolley status`: the robot and its services at a glance."""
 
+import shutil
+import time
 from typing import Any
 
 import click
 
 from trolley import topics
 from trolley.cli import exits
+from trolley.cli.columns import Column, table_lines
 from trolley.cli.options import json_option, where_options
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.robot_sentence import robot_sentence
+from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table, seconds_text
+from trolley.cli.top_picture import short_time, up_seconds
 from trolley.client import STALE_AFTER_S, Robot
 from trolley.connection import RobotUnreachable
+from trolley.doctor.computer_facts import Host
+from trolley.doctor.units import read_units
 from trolley.messages import BaseState, GoalStatus, Health, PoseEstimate, TourStatus
+from trolley.printable import printable
 
 EXPECTED = ("base", "localizer", "planner", "tour")
 """What a robot needs to drive tours."""
-_COLOURS = {"ok": "green", "starting": "yellow", "degraded": "yellow", "failed": "red"}
+COLUMNS = (
+    Column("SERVICE", is_number=False),
+    Column("STATE", 9, is_number=False),
+    Column("HEARD", 6),
+    Column("CPU", 8),
+    Column("MEMORY", 7),
+    Column("UP", 5),
+    Column("RESTARTS", 4),
+    Column("MESSAGE", 3, is_number=False),
+)
+_COLOURS = {"starting": "yellow", "degraded": "yellow", "failed": "red", "not running": "red"}
 
 
 @click.command(name="status")
+@click.option("--all", "everybody", is_flag=True, help="All robots of the network, a line each.")
 @where_options
 @json_option
 @reports_errors
-def status_command(as_json: bool) -> None:
-    """Say how the robot is: services, pose, goal, trip.
+def status_command(everybody: bool, as_json: bool) -> None:
+    """Say how the robot is: what it does, its services, pose, goal, trip.
 
     Exit code 1 where a service is missing or has failed, or the robot is stopped or lost.
     """
-    with one_robot() as robot:
-        found = read_status(robot)
-    if as_json:
-        print_json(found)
+    found: list[dict[str, Any]]
+    if everybody:
+        with connected() as connection:
+            names = connection.robots()
+            if not names:
+                where = ", ".join(connection.endpoints)
+                raise RobotUnreachable(f"no robot is on the network at {where}")
+            found = [read_status(Robot.over(connection, name)) for name in names]
     else:
-        _print(found)
-    if found["problems"]:
+        with one_robot() as robot:
+            found = [read_status(robot)]
+    if as_json:
+        print_json(found if everybody else found[0])
+    elif everybody:
+        _print_all(found)
+    else:
+        _print(found[0])
+    if any(one["problems"] for one in found):
         raise SystemExit(exits.FAILED)
 
 
@@ -54,22 +84,45 @@ def read_status(robot: Robot) -> dict[str, Any]:
     health = {parts[0]: message for parts, message in robot.get(topics.HEALTH).items()}
     pose = robot.latest(topics.POSE)
     now_ns = robot.connection.robot_now_ns(robot.name)
-    age_s = None if pose is None or now_ns is None else max(0.0, (now_ns - pose.stamp_ns) * 1e-9)
+    unix_ms = time.time_ns() // 1_000_000
+    restarts = {unit.service: unit.restarts for unit in read_units(Host()) or []}
     found: dict[str, Any] = {
         "name": robot.name,
         "robot": robot.latest(topics.ROBOT),
         "services": {
-            service: {"runs": runs.get(service, []), "health": health.get(service)}
+            service: {
+                "runs": runs.get(service, []),
+                "health": health.get(service),
+                "age_s": _age_s(health.get(service), now_ns),
+                "up_s": up_seconds(runs.get(service, []), unix_ms),
+                "restarts": restarts.get(service),
+            }
             for service in sorted({*EXPECTED, *runs, *health})
         },
         "base": robot.latest(topics.BASE),
         "pose": pose,
-        "pose_age": age_s,
+        "pose_age": _age_s(pose, now_ns),
         "goal": robot.latest(topics.GOAL),
         "trip": robot.latest(topics.TOUR),
     }
+    found["sentence"] = _sentence(found)
     found["problems"] = problems(found)
     return found
+
+
+def _age_s(message: Health | PoseEstimate | None, now_ns: int | None) -> float | None:
+    """How old a message is by the robot's clock; a stamp of 0 was made without it."""
+    if message is None or now_ns is None or not message.stamp_ns:
+        return None
+    return max(0.0, (now_ns - message.stamp_ns) * 1e-9)
+
+
+def _sentence(found: dict[str, Any]) -> str:
+    age_s: float | None = found["pose_age"]
+    is_stale = age_s is None or age_s > STALE_AFTER_S
+    # A latest value may have been left behind by a base that is gone.
+    base = found["base"] if found["services"]["base"]["runs"] else None
+    return robot_sentence(base, found["pose"], found["goal"], found["trip"], is_stale=is_stale)
 
 
 def problems(found: dict[str, Any]) -> list[str]:
@@ -93,24 +146,38 @@ def problems(found: dict[str, Any]) -> list[str]:
     return result
 
 
+def _print_all(found: list[dict[str, Any]]) -> None:
+    """A line for each robot; what is wrong with it below."""
+    print_table(("ROBOT", "NOW"), [(one["name"], printable(one["sentence"])) for one in found])
+    for one in found:
+        for problem in one["problems"]:
+            click.secho(printable(f"{one['name']}: {problem}"), fg="red")
+
+
 def _print(found: dict[str, Any]) -> None:
     robot = found["robot"]
     title = f" ({robot.title})" if robot is not None and robot.title else ""
     kind = ""
     if robot is not None:
         kind = f", {'simulated ' if robot.simulated else ''}{robot.drive}"
-    click.secho(f"{found['name']}{title}{kind}", bold=True)
-    click.echo(f"base   {_base_text(found['base'])}")
-    click.echo(f"pose   {_pose_text(found['pose'], found['pose_age'])}")
-    click.echo(f"goal   {_goal_text(found['goal'])}")
-    click.echo(f"trip   {_trip_text(found['trip'])}")
+    click.secho(printable(f"{found['name']}{title}{kind}"), bold=True)
+    click.echo(printable(found["sentence"]))
     click.echo()
+    click.echo(printable(f"base   {_base_text(found['base'])}"))
+    click.echo(printable(f"pose   {_pose_text(found['pose'], found['pose_age'])}"))
+    click.echo(printable(f"goal   {_goal_text(found['goal'])}"))
+    click.echo(printable(f"trip   {_trip_text(found['trip'])}"))
+    click.echo()
+    width = shutil.get_terminal_size().columns
     rows = [_service_row(name, service) for name, service in found["services"].items()]
-    print_table(("SERVICE", "STATE", "CPU", "MEMORY", "MESSAGE"), rows)
+    head, lines = table_lines(COLUMNS, rows, width)
+    click.secho(head, bold=True)
+    for line, row in zip(lines, rows, strict=True):
+        click.secho(line, fg=_COLOURS.get(row[1]))
     if found["problems"]:
         click.echo()
         for problem in found["problems"]:
-            click.secho(problem, fg="red")
+            click.secho(printable(problem), fg="red")
 
 
 def _base_text(base: BaseState | None) -> str:
@@ -152,8 +219,15 @@ def _trip_text(trip: TourStatus | None) -> str:
 def _service_row(name: str, service: dict[str, Any]) -> tuple[str, ...]:
     health: Health | None = service["health"]
     if not service["runs"]:
-        return name, click.style("not running", fg="red"), "", "", ""
-    if health is None:
-        return name, "starting", "", "", ""
-    state = click.style(health.state, fg=_COLOURS[health.state])
-    return name, state, f"{health.cpu:.1%}", f"{health.rss / 2**20:.0f} MiB", health.message
+        return printable(name), "not running", *[""] * (len(COLUMNS) - 2)
+    up_s, age_s, restarts = service["up_s"], service["age_s"], service["restarts"]
+    return (
+        printable(name),
+        "starting" if health is None else health.state,
+        "-" if age_s is None else short_time(age_s),
+        "-" if health is None else f"{health.cpu:.1%}",
+        "-" if health is None else f"{health.rss / 1e6:.0f} MB",
+        "-" if up_s is None else short_time(up_s),
+        "-" if restarts is None else str(restarts),
+        "" if health is None else printable(health.message),
+    )

@@ -21,6 +21,8 @@ from trolley.cli.teleop_keys import (
 
 ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _HIDE_CURSOR, _SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
+_OTHER_SCREEN, _FIRST_SCREEN = "\x1b[?1049h", "\x1b[?1049l"
+_HOME, _REST_OF_LINE, _REST_OF_SCREEN = "\x1b[H", "\x1b[K", "\x1b[J"
 _INPUT, _LOCAL = 0, 3
 """Where `termios.tcgetattr` has the flags of these kinds."""
 
@@ -34,11 +36,15 @@ class Terminal:
 
     Signals only set flags here, so that whoever drives ends, or pauses, in its own time.
 
+    Args:
+        whole_screen: show lines on a screen of their own from the top, as `top` does; else keys
+            tell when they are released, and lines stand where the cursor was.
+
     Raises:
         click.UsageError: On making it, where input or output is no terminal.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, whole_screen: bool = False) -> None:
         if not (sys.stdin.isatty() and sys.stdout.isatty()):
             raise click.UsageError(
                 "this is no terminal: keys can be held only where input and output are one "
@@ -48,7 +54,9 @@ class Terminal:
         """The signal that asks this process to end."""
         self.wants_pause = False
         """Whether this process was asked to pause (SIGTSTP; Ctrl-Z arrives as a key)."""
+        self._has_colours = not os.environ.get("NO_COLOR")
         self._wants_keys = False
+        self._whole_screen = whole_screen
         self._input, self._output = sys.stdin.fileno(), sys.stdout.fileno()
         self._found = termios.tcgetattr(self._input)
         self._shown: list[str] = []
@@ -79,7 +87,8 @@ class Terminal:
             TerminalGone: It was closed.
         """
         if self._wants_keys:  # after a stop that could not be seen coming
-            self.write(NO_MORE_RELEASES)
+            if not self._whole_screen:
+                self.write(NO_MORE_RELEASES)
             self._take_keys()
         ready, _, _ = select.select([self._input], [], [], max(0.0, timeout_s))
         if not ready:
@@ -112,10 +121,13 @@ class Terminal:
         """
         width = shutil.get_terminal_size().columns - 1
         cut = [
-            click.style(text[:width], fg=colour) if colour else text[:width]
+            click.style(text[:width], fg=colour) if colour and self._has_colours else text[:width]
             for text, colour in lines
         ]
-        if cut != self._shown:
+        if self._whole_screen:
+            ends = f"{_REST_OF_LINE}\n"
+            self.write(_HOME + ends.join(cut) + _REST_OF_LINE + _REST_OF_SCREEN)
+        elif cut != self._shown:
             up = f"\x1b[{len(self._shown)}A" if self._shown else ""
             self.write(f"{up}\r" + "".join(f"\x1b[2K{line}\n" for line in cut))
             self._shown = cut
@@ -136,11 +148,13 @@ class Terminal:
         mode[_INPUT] &= ~(termios.IXON | termios.ICRNL)
         mode[_LOCAL] &= ~(termios.ECHO | termios.ICANON | termios.ISIG | termios.IEXTEN)
         termios.tcsetattr(self._input, termios.TCSADRAIN, mode)
-        self.write(_HIDE_CURSOR + ASK_FOR_FOCUS + ASK_FOR_RELEASES)
+        asked = _OTHER_SCREEN if self._whole_screen else ASK_FOR_FOCUS + ASK_FOR_RELEASES
+        self.write(_HIDE_CURSOR + asked)
 
     def _give_back(self) -> None:
         with contextlib.suppress(TerminalGone):
-            self.write(NO_MORE_RELEASES + NO_MORE_FOCUS + _SHOW_CURSOR)
+            asked = _FIRST_SCREEN if self._whole_screen else NO_MORE_RELEASES + NO_MORE_FOCUS
+            self.write(asked + _SHOW_CURSOR)
         # What is still on its way, such as the release of the last key, is not for the shell.
         termios.tcsetattr(self._input, termios.TCSAFLUSH, self._found)
 

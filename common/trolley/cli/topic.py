@@ -2,7 +2,6 @@
 
 import itertools
 import statistics
-import threading
 import time
 from typing import Any
 
@@ -15,8 +14,8 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, as_json, describe, print_json, print_table
 from trolley.client import Robot
 from trolley.connection import Arrival
-from trolley.runtime.bus import Sample
 from trolley.topics import Kind, Topic
+from trolley.traffic import Traffic
 
 LISTEN_S = 2.0
 
@@ -52,18 +51,13 @@ def _resolve(robot: Robot, name: str) -> tuple[Topic[Any], tuple[str, ...]]:
 @reports_errors
 def list_topics(everything: bool, seconds: float, as_json: bool) -> None:
     """List what is published, with its rate."""
-    heard: dict[str, int] = {}
-    lock = threading.Lock()
-
-    def count(sample: Sample) -> None:
-        with lock:
-            heard[sample.key] = heard.get(sample.key, 0) + 1
-
+    traffic = Traffic()
     with one_robot() as robot:
-        closer = robot.connection.listen("/".join((topics.ROOT, robot.name, "**")), count)
+        closer = robot.connection.listen("/".join((topics.ROOT, robot.name, "**")), traffic.take)
         Progress().show(f"Listening for {seconds:g} s ...")
         time.sleep(seconds)
         closer.close()
+        heard = {key: tally.messages for key, tally in traffic.so_far().items()}
         rows = _rows(robot, heard, seconds, everything=everything)
     Progress().clear()
     if as_json:

@@ -4,6 +4,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from msgspec import Struct
@@ -51,29 +52,38 @@ def find_config(given: Path | None, environment: Mapping[str, str] = os.environ)
     return DEFAULT_PATH if DEFAULT_PATH.exists() else None
 
 
-def load_config(path: Path) -> RobotConfig:
-    """Read and validate a `robot.toml`.
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file without looking at what it says.
 
     Raises:
-        ConfigError: It cannot be read, or a key in it is unknown or not allowed.
+        ConfigError: It cannot be read.
     """
     try:
-        plain = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is no UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # a number of 5000 digits is a plain ValueError
         raise ConfigError(f"{path}: is no valid TOML: {error}") from error
+
+
+def load_config(path: Path) -> RobotConfig:
+    """Read and validate a `robot.toml`.
+
+    Raises:
+        ConfigError: It cannot be read, or a key in it is unknown or not allowed.
+    """
+    plain = read_toml(path)
     if "folder" in plain:
         raise ConfigError(f"{path}: unknown key `folder`")
     try:
         return msgspec.convert({**plain, "folder": str(path.resolve().parent)}, type=RobotConfig)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {_readable(str(error))}") from error
+        raise ConfigError(f"{path}: {in_words_of_the_file(str(error))}") from error
 
 
-def _readable(problem: str) -> str:
+def in_words_of_the_file(problem: str) -> str:
     """Turn msgspec's words into the file's: `$.planner.speed` is key `planner.speed`."""
     text, _, where = problem.partition(" - at `$")
     key = where.rstrip("`").lstrip(".")

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 from trolley.config import ConfigError, RobotConfig
 from trolley.config.hardware import ChassisConfig
+from trolley.serial_diagnosis import explain
 from trolley_base.device import Opened
 from trolley_base.drivers import CallSoon, DriverError
 from trolley_base.drivers.boards import BOARDS, make_board
-from trolley_base.drivers.diagnosis import explain
 from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.real import RealHardware
 from trolley_base.saved import SavedWorld

@@ -11,7 +11,7 @@ from trolley_localizer.kernels import beams as beam_kernels
 from trolley_localizer.kernels.elementary import exp_below_zero, sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines, Points
 from trolley_localizer.kernels.motion import move_particles, scatter_particles
-from trolley_localizer.kernels.random import normal, uniform
+from trolley_localizer.kernels.random import normal
 from trolley_localizer.kernels.refine import refine_pose, solve_spd
 from trolley_localizer.kernels.resample import (
     count_bins,
@@ -106,10 +106,6 @@ def test_random_numbers_are_normal_enough() -> None:
     assert abs(numbers.mean()) < 0.02
     assert abs(numbers.std() - 1.0) < 0.02
     assert abs(np.corrcoef(numbers[:-1], numbers[1:])[0, 1]) < 0.02
-    shares = np.array([uniform(np.uint64(i)) for i in range(20_000)])
-    assert shares.min() >= 0.0
-    assert shares.max() < 1.0
-    assert abs(shares.mean() - 0.5) < 0.01
 
 
 @given(

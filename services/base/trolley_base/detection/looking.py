@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import replace
 
+from trolley.serial_diagnosis import explain, holders, modem_manager_warning
 from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.ports import Port
 from trolley_base.detection.probe import Interrupted, Probe, ProbePort
-from trolley_base.drivers.diagnosis import explain, holders, modem_manager_warning
 
 MOST_AT_ONCE = 16
 

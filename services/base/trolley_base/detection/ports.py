@@ -12,7 +12,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from trolley_base.drivers.diagnosis import UDEV_DATA, udev_properties
+from trolley.serial_diagnosis import UDEV_DATA, udev_properties
 
 DEVICES = Path("/dev")
 CANDIDATES = ("serial/by-id/*", "serial/by-path/*", "ttyUSB*", "ttyACM*", "ttyAMA*", "serial0")

@@ -4,6 +4,7 @@ import numpy as np
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
+from trolley_base.world.scanner import Shots
 from trolley_base.world.simulation import OtherRobot, RobotBody, Simulation
 from trolley_base.world.spec import decode_world
 
@@ -27,3 +28,5 @@ def warm_up() -> None:
     simulation.set_others([OtherRobot("other", footprint + 1.2)])
     for _ in range(11):
         simulation.step(Twist2D(0.1, 0.0, 0.1))
+    some = np.full(2, 0.5)
+    simulation.measure(Pose2D.identity(), Shots(parts=some, bearings=some, draws=some, reach=1.0))

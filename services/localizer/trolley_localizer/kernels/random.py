@@ -19,13 +19,11 @@ _SHIFT_27 = np.uint64(27)
 _SHIFT_30 = np.uint64(30)
 _SHIFT_31 = np.uint64(31)
 _SHIFT_32 = np.uint64(32)
-_SHIFT_40 = np.uint64(40)
 _SHIFT_48 = np.uint64(48)
 
 # Four 16-bit lanes are uniform on 0 ... 65535: mean of their sum, and 1 / its deviation.
 _SUM_MEAN = 131070.0
 _SUM_SCALE = 1.0 / 37837.2272
-_UNIT_24 = 1.0 / 16777216.0
 
 
 @kernel
@@ -35,12 +33,6 @@ def random_bits(counter: np.uint64) -> np.uint64:
     z = (z ^ (z >> _SHIFT_30)) * _MIX_1
     z = (z ^ (z >> _SHIFT_27)) * _MIX_2
     return z ^ (z >> _SHIFT_31)
-
-
-@kernel
-def uniform(counter: np.uint64) -> float:
-    """Return a number in [0, 1) that belongs to a counter."""
-    return np.int32(random_bits(counter) >> _SHIFT_40) * _UNIT_24
 
 
 @kernel

@@ -9,8 +9,8 @@ from support.waiting import wait_until
 
 from trolley.config.hardware import LidarConfig
 from trolley.messages import Link
+from trolley.serial_diagnosis import explain
 from trolley_base.drivers.conversation import Conversation
-from trolley_base.drivers.diagnosis import explain
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.serial_device import SerialDevice

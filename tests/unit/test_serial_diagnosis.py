@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from trolley_base.drivers import diagnosis
-from trolley_base.drivers.diagnosis import explain, holders, modem_manager_warning, udev_properties
+from trolley import serial_diagnosis as diagnosis
+from trolley.serial_diagnosis import explain, holders, modem_manager_warning, udev_properties
 
 
 def error_of(code: int) -> OSError:

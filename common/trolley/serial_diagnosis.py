@@ -67,7 +67,7 @@ def explain(port: str, error: OSError) -> str:
     """
     code = error.errno
     if code in GONE or (code == errno.EIO and not Path(port).exists()):
-        return f"{port} is not there: is the device unplugged? {_ports_in_words()}"
+        return f"{port} is not there: is the device unplugged? {ports_in_words()}"
     if code in FORBIDDEN:
         return _explain_forbidden(port)
     if code == errno.EBUSY:
@@ -166,7 +166,7 @@ def _explain_forbidden(port: str) -> str:
     )
 
 
-def _ports_in_words() -> str:
+def ports_in_words() -> str:
     """Name some ports that are there."""
     places = ("serial/by-id/*", "ttyUSB*", "ttyACM*", "ttyAMA*")
     known: dict[str, str] = {}

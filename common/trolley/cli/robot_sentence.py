@@ -1,0 +1,74 @@
+"""What a robot does, in one plain sentence."""
+
+from trolley import codes
+from trolley.cli.show import seconds_text
+from trolley.messages import BaseState, GoalStatus, PoseEstimate, TourStatus
+
+LOST = {
+    "searching": "It searches its place on the map.",
+    "lost": "It does not know where it is.",
+}
+
+
+def robot_sentence(
+    base: BaseState | None,
+    pose: PoseEstimate | None,
+    goal: GoalStatus | None,
+    trip: TourStatus | None,
+    *,
+    is_stale: bool = False,
+) -> str:
+    """Say what a robot does, or what keeps it from doing anything.
+
+    Args:
+        base: what its base says, None if it says nothing.
+        pose: its newest pose; None for one that drives without a map.
+        goal: where it was sent last.
+        trip: its tour.
+        is_stale: whether the pose is too old to be true.
+    """
+    if base is None:
+        return "Nothing is heard of its base."
+    why = (base.message or codes.SENTENCES.get(base.reason, base.reason)).rstrip(".")
+    if base.mode != "ok":
+        begin = {"stopped": "It is stopped", "held": "It waits", "fault": "It cannot drive"}
+        return _sentence(begin[base.mode], why)
+    if pose is not None and is_stale:
+        return "Its pose is out of date."
+    if pose is not None and pose.state in LOST:
+        return LOST[pose.state]
+    return _on_its_way(base, goal, trip)
+
+
+def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | None) -> str:
+    left = "" if goal is None or goal.eta is None else f", {seconds_text(goal.eta)} left"
+    if trip is not None and trip.state in ("driving", "dwelling", "waiting", "paused"):
+        doing = {"driving": f"drives{left}", "dwelling": "is at a stop"}.get(
+            trip.state, "waits" if trip.state == "waiting" else "is paused"
+        )
+        stop = "" if trip.stop is None else f", stop {trip.stop + 1}"
+        name = f"tour {trip.name}" if trip.name else "a tour"
+        return _sentence(f"On {name}{stop} it {doing}", trip.message.rstrip("."))
+    if base.source not in (None, "planner"):
+        return f"It is driven by {base.source}."
+    match goal.state if goal is not None else "idle":
+        case "planning":
+            return "It looks for a way."
+        case "driving":
+            return f"It drives to its goal{left}."
+        case "recovering":
+            return _sentence("It tries to get free", goal.message.rstrip(".") if goal else "")
+        case "paused":
+            return _sentence("It is paused", goal.message.rstrip(".") if goal else "")
+        case "failed":
+            return _sentence(
+                "It stands; its last goal failed", goal.message.rstrip(".") if goal else ""
+            )
+        case "arrived":
+            return "It stands where it was sent."
+        case _:
+            return "It stands and is ready."
+
+
+def _sentence(begin: str, why: str) -> str:
+    return f"{begin}: {why}." if why else f"{begin}."

@@ -1,0 +1,102 @@
+"""Checks of this host's certificate and those it trusts."""
+
+import dataclasses
+from datetime import datetime
+from pathlib import Path
+
+from trolley.config import RobotConfig
+from trolley.doctor.finding import Finding, note, ok, problem, warning
+from trolley.security.host_keys import DEFAULT_FOLDER, KeysError
+
+SOON_DAYS = 30.0
+AUTHORITY_ROLE = "ca"
+
+
+@dataclasses.dataclass(frozen=True)
+class Validity:
+    """From when till when a certificate is good."""
+
+    role: str
+    name: str
+    path: str
+    not_before: datetime
+    not_after: datetime
+
+
+def keys_folder(config: RobotConfig | None) -> Path:
+    """Where this host's certificate lies."""
+    return DEFAULT_FOLDER if config is None else config.path(config.zenoh.keys)
+
+
+def needs_keys(config: RobotConfig | None) -> bool:
+    """Whether any connection of the configuration is over TLS."""
+    if config is None:
+        return False
+    return any(one.startswith("tls/") for one in (*config.zenoh.connect, *config.zenoh.uplink))
+
+
+def read_validities(folder: Path) -> list[Validity] | Finding:
+    """The certificates of a folder, or why they cannot be read."""
+    # Not at the top: few hosts have certificates, and their library takes memory and time.
+    from trolley.security.certificates import read_certificates
+
+    try:
+        found = read_certificates(folder)
+    except KeysError as error:
+        return problem("certificates", f"{error}.", "`trolley keys` makes them anew.")
+    return [
+        Validity(one.role, one.name, str(one.path), one.not_before, one.not_after) for one in found
+    ]
+
+
+def check_certificates(found: list[Validity], now: datetime) -> list[Finding]:
+    """Whether certificates are good today and for some time."""
+    findings: list[Finding] = []
+    for one in found:
+        who = f"The certificate {one.role} {one.name} ({one.path})"
+        new = (
+            f"`trolley keys {one.role} {one.name} --replace` on the computer with the authority, "
+            "then copy its files here."
+        )
+        if one.role == AUTHORITY_ROLE:
+            new = "Make a new authority, and with it all certificates (docs/network.md)."
+        days = (one.not_after - now).total_seconds() / 86_400.0
+        if now < one.not_before:
+            findings.append(
+                problem(
+                    "certificates",
+                    f"{who} is good from {one.not_before:%Y-%m-%d} on, and here it is "
+                    f"{now:%Y-%m-%d}.",
+                    "Set the clock of this computer.",
+                )
+            )
+        elif days < 0.0:
+            findings.append(
+                problem("certificates", f"{who} ran out on {one.not_after:%Y-%m-%d}.", new)
+            )
+        elif days < SOON_DAYS:
+            findings.append(warning("certificates", f"{who} runs out in {days:.0f} days.", new))
+        else:
+            findings.append(ok("certificates", f"{who} is good until {one.not_after:%Y-%m-%d}."))
+    return findings
+
+
+def check_keys(config: RobotConfig | None, now: datetime) -> list[Finding]:
+    """Whether the certificates that the configuration needs are there and good."""
+    folder = keys_folder(config)
+    if not folder.exists():
+        if needs_keys(config):
+            return [
+                problem(
+                    "certificates",
+                    f"robot.toml connects over TLS, but there is no folder {folder}.",
+                    "Make certificates with `trolley keys` (docs/network.md).",
+                )
+            ]
+        return [ok("certificates", "None are set up here, and none are needed.")]
+    found = read_validities(folder)
+    if isinstance(found, Finding):
+        return [found]
+    if not found:
+        return [note("certificates", f"{folder} holds no certificate.")]
+    return check_certificates(found, now)

@@ -1,0 +1,115 @@
+"""Checks of the routers that the configuration names: is anybody there?"""
+
+import dataclasses
+import socket
+from collections.abc import Sequence
+
+from trolley.doctor.finding import Finding, note, ok, problem, warning
+
+PATIENCE_S = 1.5
+WITH_PORT = ("tcp", "tls", "ws")
+
+
+@dataclasses.dataclass(frozen=True)
+class Endpoint:
+    """A router's address and what came of knocking there."""
+
+    text: str
+    is_uplink: bool = False
+    trouble: str = ""
+    """Why nobody answers; "" if somebody does."""
+
+
+def address_of(endpoint: str) -> tuple[str, int] | None:
+    """Host and port of an endpoint that is reached over TCP, None for another kind."""
+    protocol, _, rest = endpoint.partition("/")
+    host, _, port = rest.partition("?")[0].partition("#")[0].rpartition(":")
+    if protocol not in WITH_PORT or not port.isdigit():
+        return None
+    return host.removeprefix("[").removesuffix("]"), int(port)
+
+
+def knock(endpoint: str, *, is_uplink: bool = False) -> Endpoint | None:
+    """Connect and hang up; None for an endpoint of a kind that cannot be knocked at."""
+    address = address_of(endpoint)
+    if address is None:
+        return None
+    try:
+        with socket.create_connection(address, PATIENCE_S):
+            return Endpoint(endpoint, is_uplink)
+    except socket.gaierror:
+        return Endpoint(endpoint, is_uplink, f"the name {address[0]} is not known")
+    except TimeoutError:
+        return Endpoint(endpoint, is_uplink, "nothing comes back")
+    except OSError as error:
+        return Endpoint(endpoint, is_uplink, (error.strerror or str(error)).lower())
+
+
+def check_uplinks(endpoints: Sequence[Endpoint]) -> list[Finding]:
+    """Whether the home router can be reached. The robot drives without it, too."""
+    return [
+        warning(
+            "router",
+            f"The home router at {one.text} does not answer: {one.trouble}.",
+            "See that it is switched on and its address is right ([zenoh] uplink); the robot "
+            "itself goes on without it.",
+        )
+        if one.trouble
+        else ok("router", f"The home router at {one.text} answers.")
+        for one in endpoints
+    ]
+
+
+@dataclasses.dataclass(frozen=True)
+class Door:
+    """What is known about the router of this host."""
+
+    endpoints: tuple[str, ...]
+    trouble: str
+    """Why there is no connection; "" if there is one."""
+    owner: str = ""
+    """Who listens at its port although it is no router."""
+    silent: tuple[Endpoint, ...] = ()
+    """Those of several addresses that do not answer."""
+    is_wanted: bool = True
+    """Whether it was asked for, or something here is set up to need it."""
+
+
+def check_door(door: Door) -> list[Finding]:
+    """Whether services and tools can meet."""
+    where = ", ".join(door.endpoints)
+    if not door.trouble:
+        silent = [one.text for one in door.silent]
+        answering = ", ".join(one for one in door.endpoints if one not in silent)
+        return [
+            ok("router", f"The router at {answering or where} answers."),
+            *(
+                warning(
+                    "router",
+                    f"No router answers at {one.text}: {one.trouble}.",
+                    "Another one does; take this address out of [zenoh] connect if it is old.",
+                )
+                for one in door.silent
+            ),
+        ]
+    if door.owner:
+        return [
+            problem(
+                "router",
+                f"At {where} no router answers; the port is taken by {door.owner}.",
+                "End that program, or set another port in [zenoh] connect.",
+            )
+        ]
+    remedy = (
+        "Start the robot: `sudo systemctl start trolley-robot.target`, or `trolley up`; "
+        "--connect names a router elsewhere."
+    )
+    if door.is_wanted:
+        return [problem("router", f"No router answers at {where}, so nothing can run.", remedy)]
+    return [
+        note(
+            "router",
+            f"No robot runs on this computer (no router at {where}).",
+            "`trolley demo` shows one; --connect names a router elsewhere.",
+        )
+    ]

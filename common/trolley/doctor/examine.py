@@ -1,0 +1,219 @@
+"""Gathers the facts of all checks and puts the findings together."""
+
+import dataclasses
+import datetime
+import os
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from trolley import ports
+from trolley.config import ConfigError, RobotConfig, find_config, load_config
+from trolley.connection import Connection, RobotUnreachable, Target
+from trolley.doctor import (
+    certificates,
+    computer,
+    computer_facts,
+    devices,
+    endpoints,
+    rights,
+    settings,
+    trial,
+    units,
+    users,
+)
+from trolley.doctor.computer_facts import Host
+from trolley.doctor.finding import Finding, looked_at, note, problem
+from trolley.doctor.robot import check_robot
+from trolley.doctor.robot_facts import listen
+from trolley.gridmap import GridMap
+from trolley.messages import SavedPose, Zone
+from trolley.runtime.state import state_root
+from trolley.security.host_keys import KEY
+
+UNIT_STATE = Path("/var/lib/trolley")
+SERVICE_USER = "trolley"
+CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+DEFAULT_PORT = 7447
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """What is known of this host before anything is checked."""
+
+    host: Host
+    config_path: Path | None
+    config: RobotConfig | None
+    """None where there is none, or where it cannot be used."""
+    units: list[units.Unit] | None
+    user: users.User
+    """As whom the services run here."""
+    state: Path
+    """The state folder of all robots of this host."""
+
+    @property
+    def robot_state(self) -> Path | None:
+        """The state folder of the robot of robot.toml."""
+        return None if self.config is None else self.state / self.config.robot.name
+
+
+def look_around(given: Path | None, host: Host) -> Place:
+    """Find configuration, units, and as whom the services run."""
+    path = find_config(given)
+    try:
+        config = None if path is None else load_config(path)
+    except ConfigError:  # a check of its own says all that is wrong with it
+        config = None
+    installed = units.read_units(host)
+    base = next((unit for unit in installed or [] if unit.service == "base"), None)
+    named = None if base is None else users.find_user(base.user or "root")
+    if base is None and path is not None and path.is_relative_to("/etc/trolley"):
+        named = users.find_user(SERVICE_USER)
+    user = named or users.this_user()
+    if base is not None:
+        user = users.with_groups(user, list(base.groups))
+    is_set_up = base is not None and "TROLLEY_STATE" not in os.environ
+    return Place(host, path, config, installed, user, UNIT_STATE if is_set_up else state_root())
+
+
+def examine_host(place: Place) -> list[Finding]:
+    """All checks of this computer, whether a robot runs or not."""
+    host, config = place.host, place.config
+    checks: list[tuple[str, Callable[[], list[Finding]]]] = [
+        ("system", lambda: computer.check_system(computer_facts.read_system())),
+        ("clock", lambda: computer.check_clock(computer_facts.read_clock())),
+        ("processor", lambda: computer.check_processor(computer_facts.read_processor(host))),
+        ("memory", lambda: _check_memory(host)),
+        ("disk", lambda: computer.check_disk(computer_facts.read_disk(place.state))),
+        ("wi-fi", lambda: computer.check_wifi(computer_facts.read_wifi(host))),
+        ("settings", lambda: settings.check_file(place.config_path)),
+        ("map", lambda: _check_map(place)),
+        ("permissions", lambda: _check_rights(place)),
+        ("certificates", lambda: certificates.check_keys(config, _now())),
+        ("services", lambda: units.check_units(place.units)),
+        ("devices", lambda: _check_devices(place)),
+        ("router", lambda: _check_uplinks(config)),
+    ]
+    return [finding for about, check in checks for finding in looked_at(about, check)]
+
+
+def _now() -> datetime.datetime:
+    return datetime.datetime.now(datetime.UTC)
+
+
+def _check_memory(host: Host) -> list[Finding]:
+    memory = computer_facts.read_memory(host)
+    return (
+        [note("memory", "It is unknown here.")] if memory is None else computer.check_memory(memory)
+    )
+
+
+def _check_devices(place: Place) -> list[Finding]:
+    if place.config is None:
+        return []
+    return devices.check_ports(devices.read_ports(place.config, place.user))
+
+
+def _check_uplinks(config: RobotConfig | None) -> list[Finding]:
+    if config is None:
+        return []
+    found = [endpoints.knock(one, is_uplink=True) for one in config.zenoh.uplink]
+    return endpoints.check_uplinks([one for one in found if one is not None])
+
+
+def _check_rights(place: Place) -> list[Finding]:
+    key = certificates.keys_folder(place.config) / KEY
+    access = rights.read_access(place.user, place.config_path, place.state, key)
+    found = rights.check_access(access)
+    secrets = [key]
+    if place.robot_state is not None:
+        secrets.append(place.robot_state / "viewer_access.toml")
+    modes = [(str(path), path.stat().st_mode) for path in secrets if path.exists()]
+    return found + rights.check_secrets(modes)
+
+
+def _check_map(place: Place) -> list[Finding]:
+    config, state = place.config, place.robot_state
+    if config is None or state is None:
+        return []
+    named = config.map.file
+    file = settings.chosen_map(
+        state, place.state / "maps", None if named is None else config.path(named)
+    )
+    kept_aside = settings.check_kept_aside(state)
+    if file is None:
+        if config.planner.frame == "odom":
+            return kept_aside
+        text = "No map is set, so the robot can drive nowhere."
+        remedy = 'Name one in [map] file, or set [planner] frame = "odom" to drive without.'
+        return [*kept_aside, problem("map", text, remedy)]
+    grid = settings.read_map(file)
+    if isinstance(grid, Finding):
+        return [*kept_aside, grid]
+    found = settings.check_map(settings.facts_of(grid))
+    return [*found, *_check_saved(state, grid, file), *kept_aside]
+
+
+def _check_saved(state: Path, grid: GridMap, file: Path) -> list[Finding]:
+    poses = settings.read_list(state / "poses.toml", "poses", SavedPose)
+    stored = state / "zones" / f"{grid.name}.toml"
+    seeds = file.with_name(f"{file.stem}.zones.toml")
+    zones = settings.read_list(stored if stored.exists() else seeds, "zones", Zone)
+    return [
+        *([poses] if isinstance(poses, Finding) else settings.check_places(grid, poses)),
+        *([zones] if isinstance(zones, Finding) else settings.check_zones(grid, zones)),
+    ]
+
+
+@contextmanager
+def trying(place: Place) -> Generator[trial.Running]:
+    """A trial of the services, which runs while other things are looked at."""
+    is_other = place.user.uid != os.geteuid()
+    may_change = os.geteuid() == 0
+    environment: dict[str, str] = {}
+    if may_change or not is_other:  # what they keep is not for others to make
+        for unit in place.units or []:
+            if CACHE_VARIABLE in unit.environment:
+                environment[CACHE_VARIABLE] = unit.environment[CACHE_VARIABLE]
+    user = place.user if is_other and may_change else None
+    if user is not None:
+        environment["HOME"] = str(UNIT_STATE)
+    running = trial.Running(place.config_path, environment, user)
+    try:
+        yield running
+    finally:
+        running.end()
+
+
+def examine_robots(
+    place: Place, target: Target, seconds: float, *, is_wanted: bool
+) -> list[tuple[str, list[Finding]]]:
+    """All checks of the robots that run, by their names; "" for what is about the router.
+
+    Args:
+        place: this host.
+        target: which robot, through which router; all that are there where it names none.
+        seconds: how long to listen.
+        is_wanted: whether somebody said that a robot should be there.
+    """
+    where = target.endpoints
+    is_needed = is_wanted or any(unit.enabled == "enabled" for unit in place.units or [])
+    try:
+        with Connection(where) as connection:
+            knocked = [endpoints.knock(one) for one in where] if len(where) > 1 else []
+            silent = tuple(one for one in knocked if one is not None and one.trouble)
+            door = endpoints.Door(where, "", silent=silent)
+            found = [("", endpoints.check_door(door))]
+            names = [target.robot] if target.robot is not None else connection.robots()
+            if not names:
+                text = "The router is there, but no robot."
+                found.append(("", [note("router", text, "`trolley up` starts one.")]))
+            needs_map = place.config is None or place.config.planner.frame == "map"
+            heard = listen(connection, names, seconds, needs_map=needs_map) if names else []
+            return [*found, *((facts.name, check_robot(facts)) for facts in heard)]
+    except RobotUnreachable as error:
+        addresses = [endpoints.address_of(one) for one in where]
+        local = [one[1] for one in addresses if one and one[0] in ("127.0.0.1", "localhost")]
+        owner = next(filter(None, map(ports.owner, local)), "")
+        door = endpoints.Door(where, str(error), owner, is_wanted=is_needed)
+        return [("", endpoints.check_door(door))]

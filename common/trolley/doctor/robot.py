@@ -1,0 +1,304 @@
+"""Checks of a robot that runs, from what was heard of it for some seconds."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from trolley import codes, topics
+from trolley.doctor.finding import Finding, note, ok, problem, warning
+from trolley.messages import BaseState, Clock, GoalStatus, Health, PoseEstimate, Robot
+from trolley.messages.motion import PROTOCOL
+from trolley.topics import Kind, Topic
+from trolley.traffic import ONLY_AT_WORK, Expected, Flow, expected
+
+NEEDED = ("base", "localizer", "planner", "tour")
+SLOW, FAST = 0.7, 1.5
+"""Shares of the expected rate below and above which something is wrong."""
+LATE_S, TOO_LATE_S = 0.5, 1.0
+"""A pose over 1 s old is stale, and the robot stops."""
+BUSY = 0.9
+"""Share of a core from which on a service has no reserve."""
+LOW_BATTERY = 0.2
+GOAL_AT_WORK = ("planning", "driving", "recovering")
+LOG = "`journalctl -u 'trolley-*' -n 50`, or the terminal it was started in, says more."
+OVERLOADED = "Is the computer overloaded? `trolley top` shows which service needs how much."
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotFacts:
+    """What was heard of a robot; topics are named as below the robot, such as `tf/laser`."""
+
+    name: str
+    seconds: float
+    """How long was listened."""
+    runs: Mapping[str, Sequence[str]] = dataclasses.field(default_factory=dict[str, list[str]])
+    """The runs of each service that are alive."""
+    flows: Mapping[str, Flow] = dataclasses.field(default_factory=dict[str, Flow])
+    """What came."""
+    kept: frozenset[str] = frozenset()
+    """Of what the owner gave its latest value when asked."""
+    late_s: Mapping[str, float] = dataclasses.field(default_factory=dict[str, float])
+    """How old the newest message of a topic was when it arrived."""
+    health: Mapping[str, Health] = dataclasses.field(default_factory=dict[str, Health])
+    counted: Mapping[str, Mapping[str, int]] = dataclasses.field(
+        default_factory=dict[str, dict[str, int]]
+    )
+    """By how much the counters of each service grew."""
+    robot: Robot | None = None
+    clock: Clock | None = None
+    base: BaseState | None = None
+    pose: PoseEstimate | None = None
+    goal: GoalStatus | None = None
+    needs_map: bool = True
+    """Whether it drives on a map."""
+
+    @property
+    def rate(self) -> float:
+        """Seconds of the robot that pass in one real second."""
+        return 1.0 if self.clock is None else self.clock.rate
+
+
+def check_robot(facts: RobotFacts) -> list[Finding]:
+    """All checks of a running robot."""
+    return [
+        *check_services(facts),
+        *check_base(facts),
+        *check_pose(facts),
+        *check_rates(facts),
+        *check_lateness(facts),
+        *check_counters(facts),
+    ]
+
+
+def check_services(facts: RobotFacts) -> list[Finding]:
+    """Whether each service is there, once, and answers."""
+    found: list[Finding] = []
+    for name in NEEDED:
+        if name not in facts.runs and (name != "localizer" or facts.needs_map):
+            found.append(
+                problem(
+                    name,
+                    f"{name} is not running, or hangs.",
+                    f"`sudo systemctl start trolley-{name}`, or `trolley run {name}`. {LOG}",
+                )
+            )
+    for name, runs in facts.runs.items():
+        found += _check_service(name, runs, facts)
+    if facts.robot is not None and facts.robot.protocol != PROTOCOL:
+        found.append(
+            problem(
+                "base",
+                f"{facts.name} speaks version {facts.robot.protocol} of the protocol, this "
+                f"program version {PROTOCOL}.",
+                "Install the same version of Trolley on both computers.",
+            )
+        )
+    return found
+
+
+def _check_service(name: str, runs: Sequence[str], facts: RobotFacts) -> list[Finding]:
+    found: list[Finding] = []
+    if len(runs) > 1:
+        found.append(
+            problem(
+                name,
+                f"{name} runs {len(runs)} times (computer-process-start): "
+                f"{', '.join(sorted(runs))}.",
+                "End all but one of them.",
+            )
+        )
+    health = facts.health.get(name)
+    if health is None or f"health/{name}" not in facts.flows:
+        return [
+            *found,
+            problem(
+                name,
+                f"{name} runs, but has said nothing for {facts.seconds:.0f} s.",
+                f"It hangs, or has only just begun; if it stays so, start it again. {LOG}",
+            ),
+        ]
+    if health.state == "failed":
+        found.append(problem(name, f"{name} cannot work: {_message(health)}", LOG))
+    elif health.state == "degraded":
+        found.append(warning(name, f"{name} works only in part: {_message(health)}", LOG))
+    elif health.state == "starting":
+        found.append(note(name, f"{name} is still starting: {_message(health)}"))
+    if health.cpu > BUSY:
+        found.append(
+            warning(name, f"{name} keeps a whole core busy ({health.cpu:.0%}).", OVERLOADED)
+        )
+    usage = f"{health.cpu:.0%} of a core, {health.rss / 1e6:.0f} MB"
+    return found or [ok(name, f"{name} is fine ({usage}).")]
+
+
+def _message(health: Health) -> str:
+    return health.message or "it does not say why."
+
+
+def check_base(facts: RobotFacts) -> list[Finding]:
+    """What keeps the robot from driving: stop, hardware, battery."""
+    base = facts.base
+    if base is None:
+        return []
+    why = base.message or codes.SENTENCES.get(base.reason, base.reason)
+    found: list[Finding] = []
+    for link in base.links:
+        if link.state != "up":
+            text = f"The {link.name} is not connected ({link.state}). {link.message}"
+            found.append(problem("base", text.strip(), "See to its cable; `trolley detect` looks."))
+    if base.mode == "fault":
+        found.append(problem("base", f"The robot cannot drive: {why}", LOG))
+    elif base.mode == "stopped":
+        found.append(warning("base", f"The robot is stopped: {why}", "`trolley resume`"))
+    elif base.mode == "held":
+        found.append(warning("base", f"The robot is held: {why}", "It goes on when that is over."))
+    battery = base.battery
+    if battery is not None and battery.fraction is not None and not battery.charging:
+        text = f"The battery is at {battery.fraction:.0%}."
+        is_low = battery.fraction < LOW_BATTERY
+        found.append(warning("battery", text, "Charge it.") if is_low else ok("battery", text))
+    if base.mode == "ok":
+        found.append(ok("base", "The robot may drive."))
+    return found
+
+
+def check_pose(facts: RobotFacts) -> list[Finding]:
+    """Whether the robot knows where it is."""
+    pose = facts.pose
+    if "localizer" not in facts.runs or not facts.needs_map:
+        return []
+    if pose is None:
+        return [
+            problem(
+                "localizer",
+                "There is no pose at all.",
+                "The localizer needs a map, scan and odometry: see what is said of those.",
+            )
+        ]
+    help_it = "Show it in the viewer where it is, or `trolley pose find`."
+    if pose.state == "lost":
+        return [problem("localizer", f"The robot is lost. {pose.message}".strip(), help_it)]
+    if pose.state in ("searching", "unsure"):
+        text = "searches its place" if pose.state == "searching" else "is unsure where it is"
+        return [warning("localizer", f"The robot {text}. {pose.message}".strip(), help_it)]
+    return [
+        ok(
+            "localizer",
+            f"The robot knows where it is; the map explains {pose.match:.0%} of a scan.",
+        )
+    ]
+
+
+def check_rates(facts: RobotFacts) -> list[Finding]:
+    """Whether everything comes as often as it should, and nothing more often."""
+    found: list[Finding] = []
+    for topic in topics.TOPICS:
+        if topic.kind is not Kind.STREAM or topic is topics.HEALTH:
+            continue
+        owner = topic.owner.partition(",")[0]
+        names = [name for name in facts.flows if topic.match(_key(facts, name))]
+        wanted = _wanted(topic, facts)
+        for name in names:
+            found += _check_flow(name, facts.flows[name], wanted, facts)
+        is_due = owner in facts.runs and topic.num_parts == 0 and _is_due(topic, facts)
+        if is_due and not names and wanted.low is not None:
+            found.append(
+                problem(
+                    owner,
+                    f"{topic.name} does not come, though {owner} runs.",
+                    _silence_remedy(topic),
+                )
+            )
+        elif is_due and not names and topic.name not in facts.kept and _must_be_kept(topic, facts):
+            found.append(warning(owner, f"{owner} runs, but has no {topic.name} to give.", LOG))
+    return found
+
+
+def _key(facts: RobotFacts, name: str) -> str:
+    return "/".join((topics.ROOT, facts.name, name))
+
+
+def _is_due(topic: Topic[Any], facts: RobotFacts) -> bool:
+    """Whether a topic is to be expected from this robot, in what it does now."""
+    if topic is topics.SIM_TRUTH:
+        return facts.robot is not None and facts.robot.simulated
+    if topic is topics.GOAL:
+        return facts.goal is not None and facts.goal.state in GOAL_AT_WORK
+    if topic in ONLY_AT_WORK:
+        return False
+    return facts.needs_map or topic.owner != "localizer"
+
+
+def _must_be_kept(topic: Topic[Any], facts: RobotFacts) -> bool:
+    always = (topics.ROBOT, topics.POSES, topics.TOURS)
+    return topic in always or (facts.needs_map and topic in (topics.MAP, topics.ZONES))
+
+
+def _silence_remedy(topic: Topic[Any]) -> str:
+    if topic is topics.SCAN:
+        return "Is the lidar plugged in and turning? `trolley status` shows its connection."
+    if topic is topics.POSE:
+        return "The localizer needs a map, scan and odometry: see what is said of those."
+    return LOG
+
+
+def _wanted(topic: Topic[Any], facts: RobotFacts) -> Expected:
+    """The expected rate in real seconds: a simulation may run faster or slower."""
+    wanted = expected(topic)
+    if wanted.is_each_scan:
+        scan = facts.flows.get(topics.SCAN.name)
+        return Expected(low=None if scan is None else scan.hz)
+    if topic in (topics.CLOCK, topics.TOUR):  # these count real seconds
+        return wanted
+    if topic in ONLY_AT_WORK and not _is_due(topic, facts):
+        wanted = Expected(high=wanted.high)
+    times = facts.rate
+    return Expected(
+        None if wanted.low is None else wanted.low * times,
+        None if wanted.high is None else wanted.high * times,
+    )
+
+
+def _check_flow(name: str, flow: Flow, wanted: Expected, facts: RobotFacts) -> list[Finding]:
+    # At 1 Hz three seconds hold two to four messages: one more or less says nothing.
+    counted = flow.hz * facts.seconds
+    low, high = wanted.low, wanted.high
+    text = f"{name} comes {flow.hz:.1f} times a second"
+    if low is not None and counted + 1.0 < SLOW * low * facts.seconds:
+        return [warning("rates", f"{text}, {low:g} would be right.", OVERLOADED)]
+    if high is not None and counted - 1.0 > FAST * high * facts.seconds:
+        return [
+            warning(
+                "rates",
+                f"{text}, {high:g} would be the most.",
+                "Do two programs publish it? `trolley topic echo` shows what they say.",
+            )
+        ]
+    return [ok("rates", f"{text}.")] if low is not None else []
+
+
+def check_lateness(facts: RobotFacts) -> list[Finding]:
+    """Whether what comes is fresh."""
+    found: list[Finding] = []
+    for name, late_s in facts.late_s.items():
+        text = f"{name} is {late_s:.1f} s old when it comes"
+        if late_s > TOO_LATE_S * facts.rate:
+            found.append(problem("rates", f"{text}, so the robot stops.", OVERLOADED))
+        elif late_s > LATE_S * facts.rate:
+            found.append(warning("rates", f"{text}.", OVERLOADED))
+        else:
+            found.append(ok("rates", f"{name} is {max(0.0, late_s):.2f} s old when it comes."))
+    return found
+
+
+def check_counters(facts: RobotFacts) -> list[Finding]:
+    """What the services drop or miss now, as far as they count it."""
+    found: list[Finding] = []
+    for service, counted in facts.counted.items():
+        for name, number in sorted(counted.items()):
+            times = "once" if number == 1 else f"{number} times"
+            text = f"{service} counted {name} {times} in {facts.seconds:.0f} s"
+            is_often = number > facts.seconds
+            make = warning if is_often else note
+            found.append(make("dropped", f"{text}.", f"It drops or misses something. {LOG}"))
+    return found

@@ -1,0 +1,227 @@
+"""Checks of robot.toml, of the map that it names, and of what is saved about that map."""
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from trolley.config.problems import find_problems
+from trolley.doctor.finding import Finding, note, ok, problem, warning
+from trolley.gridmap import GridMap
+from trolley.gridmap.io import MapError, load_map
+from trolley.messages import SavedPose, Zone
+
+FINE_M, COARSE_M = 0.02, 0.1
+"""Cell edges that work well."""
+LARGE_CELLS = 25_000_000
+"""From here on the services need much memory: about 10 bytes a cell in two of them."""
+MOST_NAMED = 5
+
+
+def check_file(path: Path | None) -> list[Finding]:
+    """Whether robot.toml can be used."""
+    if path is None:
+        return [
+            note(
+                "settings",
+                "There is no robot.toml on this computer, which is fine where no robot is run.",
+                "`trolley init /etc/trolley/robot.toml` writes one; --config names another.",
+            )
+        ]
+    found = [
+        problem("settings", f"{text}.", "Correct that line; docs/configuration.md lists every key.")
+        for text in find_problems(path)
+    ]
+    return found or [ok("settings", f"{path} can be used.")]
+
+
+@dataclasses.dataclass(frozen=True)
+class MapFacts:
+    """What a map holds."""
+
+    name: str
+    resolution_m: float
+    size_m: tuple[float, float]
+    cells: int
+    unknown: float
+    """Share of cells that nobody has seen."""
+    occupied: float
+    """Share of cells with something in them."""
+
+
+def facts_of(grid: GridMap) -> MapFacts:
+    """Measure a map."""
+    return MapFacts(
+        grid.name,
+        grid.resolution,
+        grid.size_m,
+        int(grid.cells.size),
+        float(np.mean(grid.cells < 0)),
+        float(np.mean(grid.occupied_mask())),
+    )
+
+
+def check_map(facts: MapFacts) -> list[Finding]:
+    """Whether a robot can find its place and its way on a map."""
+    width_m, height_m = facts.size_m
+    found: list[Finding] = []
+    if facts.occupied == 0.0:
+        found.append(
+            problem(
+                "map",
+                f"The map {facts.name} shows no walls at all.",
+                "Look at `negate` and `occupied_thresh` in its YAML file.",
+            )
+        )
+    elif facts.occupied > 0.9:
+        found.append(
+            problem(
+                "map",
+                f"The map {facts.name} is walls nearly everywhere.",
+                "Look at `negate` and `free_thresh` in its YAML file: it may be inside out.",
+            )
+        )
+    if 1.0 - facts.unknown - facts.occupied < 0.01:
+        found.append(
+            problem(
+                "map",
+                f"The map {facts.name} has hardly any free floor ({facts.unknown:.0%} unknown).",
+                "Look at `free_thresh` in its YAML file, or map again.",
+            )
+        )
+    if not FINE_M <= facts.resolution_m <= COARSE_M:
+        found.append(
+            warning(
+                "map",
+                f"The map {facts.name} has cells of {facts.resolution_m:g} m; "
+                f"{FINE_M:g} to {COARSE_M:g} m work well.",
+                "Scale the image and set `resolution`, or map again with 0.05.",
+            )
+        )
+    if facts.cells > LARGE_CELLS:
+        found.append(
+            warning(
+                "map",
+                f"The map {facts.name} is {width_m:.0f} x {height_m:.0f} m in "
+                f"{facts.cells / 1e6:.0f} million cells, which takes much memory.",
+                "Cut off its empty margin, or use larger cells.",
+            )
+        )
+    return found or [
+        ok(
+            "map",
+            f"{facts.name}: {width_m:.1f} x {height_m:.1f} m, cells of {facts.resolution_m:g} m, "
+            f"{facts.unknown:.0%} unknown.",
+        )
+    ]
+
+
+def read_map(file: Path) -> GridMap | Finding:
+    """A map, or what is wrong with its files."""
+    try:
+        return load_map(file)
+    except MapError as error:
+        return problem("map", f"{file}: {error.problem}.", f"{_sentence(error.remedy)}")
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def check_places(grid: GridMap, poses: list[SavedPose]) -> list[Finding]:
+    """Whether the saved places of a map lie on its free floor."""
+    here = [pose for pose in poses if pose.map == grid.name]
+    if not here:
+        return [ok("places", f"No places are saved on the map {grid.name}.")]
+    points = np.array([[one.pose.x, one.pose.y] for one in here], dtype=np.float64)
+    off = [one.name for one, is_on in zip(here, grid.contains(points), strict=True) if not is_on]
+    values = grid.values_at(points)
+    inside = [one.name for one, value in zip(here, values, strict=True) if value >= 65]
+    found: list[Finding] = []
+    for names, where in ((off, "outside the map"), (inside, "in a wall")):
+        if names:
+            found.append(
+                warning(
+                    "places",
+                    f"{_listed(names)} {'lies' if len(names) == 1 else 'lie'} {where}.",
+                    "Drive there and save it again under the same name, or delete it.",
+                )
+            )
+    return found or [ok("places", f"{len(here)} places are saved on the map {grid.name}.")]
+
+
+def check_zones(grid: GridMap, zones: list[Zone]) -> list[Finding]:
+    """Whether the zones of a map lie on it."""
+    off = [
+        zone.name
+        for zone in zones
+        if not grid.contains(np.array(zone.points, dtype=np.float64).reshape(-1, 2)).any()
+    ]
+    if off:
+        return [
+            warning(
+                "zones",
+                f"{_listed(off)} {'lies' if len(off) == 1 else 'lie'} outside the map.",
+                "Were they drawn on another map? Delete them in the viewer.",
+            )
+        ]
+    return [ok("zones", f"{len(zones)} zones on the map {grid.name}.")]
+
+
+def _listed(names: list[str]) -> str:
+    some = ", ".join(names[:MOST_NAMED])
+    return some if len(names) <= MOST_NAMED else f"{some} and {len(names) - MOST_NAMED} more"
+
+
+def read_list(file: Path, field: str, kind: type[Any]) -> list[Any] | Finding:
+    """What a state file lists, or why it cannot be read; [] where there is none yet."""
+    try:
+        plain = tomllib.loads(file.read_text("utf-8"))
+        return msgspec.convert(plain.get(field, []), type=list[kind])
+    except FileNotFoundError:
+        return []
+    except (ValueError, msgspec.ValidationError, RecursionError) as error:
+        return problem(
+            "saved",
+            f"{file} cannot be read: {error}.",
+            "Its owner keeps it aside at the next start; restore it from a backup.",
+        )
+
+
+def chosen_map(state: Path, maps: Path, configured: Path | None) -> Path | None:
+    """The map file that the localizer begins with, None if there is none.
+
+    Args:
+        state: the robot's state folder.
+        maps: where this host's own maps lie.
+        configured: what `[map] file` names.
+    """
+    try:
+        said = tomllib.loads((state / "map.toml").read_text("utf-8"))
+    except (OSError, ValueError):  # nobody chose one; the localizer reports a broken file
+        said = {}
+    stem = None if configured is None else configured.stem
+    name = said.get("name")
+    if isinstance(name, str) and said.get("configured") == stem and name != stem:
+        own = maps / f"{Path(name).name}.yaml"
+        if own.exists():
+            return own
+    return configured
+
+
+def check_kept_aside(state: Path) -> list[Finding]:
+    """Whether files of the state had to be kept aside since they were broken."""
+    broken = [path.name for path in sorted(state.rglob("*.broken-*"))] if state.exists() else []
+    if not broken:
+        return []
+    return [
+        warning(
+            "saved",
+            f"{_listed(broken)} could not be read and {'was' if len(broken) == 1 else 'were'} "
+            f"kept aside in {state}.",
+            "Bring back a backup, or delete them when they are not missed.",
+        )
+    ]

@@ -1,0 +1,142 @@
+"""What doctor says of routers, certificates, and a trial of the services."""
+
+import os
+import socket
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from trolley.config import load_config
+from trolley.doctor import Level
+from trolley.doctor.certificates import Validity, check_certificates, check_keys
+from trolley.doctor.endpoints import (
+    Door,
+    Endpoint,
+    address_of,
+    check_door,
+    check_uplinks,
+    knock,
+)
+from trolley.doctor.finding import Finding, looked_at, note
+from trolley.doctor.trial import Running, Trial, check_trial
+from trolley.doctor.users import User
+from trolley.security.certificates import make_authority, make_certificate
+
+NOW = datetime(2026, 5, 1, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "address"),
+    [
+        ("tcp/127.0.0.1:7447", ("127.0.0.1", 7447)),
+        ("tls/[::1]:7448?x=1#y", ("::1", 7448)),
+        ("udp/10.0.0.1:7447", None),
+        ("unixsock-stream//tmp/x", None),
+    ],
+)
+def test_addresses(endpoint: str, address: tuple[str, int] | None) -> None:
+    assert address_of(endpoint) == address
+
+
+def test_knocking_tells_who_answers() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert knock(f"tcp/127.0.0.1:{port}") == Endpoint(f"tcp/127.0.0.1:{port}")
+    gone = knock(f"tcp/127.0.0.1:{port}", is_uplink=True)
+    assert gone is not None
+    assert gone.trouble == "connection refused"
+    assert [one.level for one in check_uplinks([gone])] == [Level.WARNING]
+    assert [one.level for one in check_uplinks([Endpoint("tcp/a:1")])] == [Level.OK]
+    assert knock("unixsock-stream//tmp/x") is None
+    unknown = knock("tcp/no-such-host.invalid:7447")
+    assert unknown is not None
+    assert unknown.trouble
+
+
+def test_doors() -> None:
+    where = ("tcp/127.0.0.1:7447",)
+    assert [one.level for one in check_door(Door(where, ""))] == [Level.OK]
+    assert [one.level for one in check_door(Door(where, "nobody"))] == [Level.PROBLEM]
+    assert [one.level for one in check_door(Door(where, "nobody", is_wanted=False))] == [Level.NOTE]
+    two = Door(("tcp/a:1", "tcp/b:1"), "", silent=(Endpoint("tcp/b:1", trouble="no"),))
+    answers, silent = check_door(two)
+    assert answers.sentence == "The router at tcp/a:1 answers."
+    assert (silent.level, "tcp/b:1" in silent.sentence) == (Level.WARNING, True)
+    (taken,) = check_door(Door(where, "nobody", owner="nginx (pid 7)"))
+    assert "nginx (pid 7)" in taken.sentence
+
+
+def validity(days: float, since: datetime = NOW - timedelta(days=9)) -> Validity:
+    return Validity("robot", "one", "/etc/cert.pem", since, NOW + timedelta(days=days))
+
+
+def test_certificates_run_out() -> None:
+    levels = [check_certificates([validity(days)], NOW)[0].level for days in (400.0, 10.0, -1.0)]
+    assert levels == [Level.OK, Level.WARNING, Level.PROBLEM]
+    (authority,) = check_certificates([replace(validity(10.0), role="ca")], NOW)
+    assert "new authority" in authority.remedy
+    (early,) = check_certificates([validity(400.0, NOW + timedelta(days=1))], NOW)
+    assert (early.level, "clock" in early.remedy) == (Level.PROBLEM, True)
+
+
+def test_certificates_are_read_from_the_folder_of_the_settings(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        '[robot]\nname = "one"\nfootprint = { radius_m = 0.2 }\n'
+        '[zenoh]\nuplink = ["tls/home:7448"]\n'
+    )
+    settings = load_config(path)
+    (missing,) = check_keys(settings, NOW)
+    assert (missing.level, "there is no folder" in missing.sentence) == (Level.PROBLEM, True)
+    folder = tmp_path / "keys"
+    folder.mkdir()
+    assert [one.level for one in check_keys(settings, NOW)] == [Level.NOTE]
+    authority = make_authority(NOW)
+    pair = make_certificate(authority, "robot", "one", (), NOW + timedelta(days=10))
+    (folder / "ca.pem").write_bytes(authority.certificate)
+    (folder / "cert.pem").write_bytes(pair.certificate)
+    levels = {one.sentence.split()[2]: one.level for one in check_keys(settings, NOW)}
+    assert levels == {"ca": Level.OK, "robot": Level.WARNING}
+    (folder / "cert.pem").write_bytes(b"-----BEGIN CERTIFICATE-----\ngarbage")
+    assert [one.level for one in check_keys(settings, NOW)] == [Level.PROBLEM]
+
+
+def test_trials() -> None:
+    assert [one.level for one in check_trial(Trial({}, ("base",), 9))] == [Level.OK] * 2
+    assert [one.level for one in check_trial(Trial({}, (), trouble="died"))] == [Level.NOTE]
+    refused, uncompiled = check_trial(Trial({"base": "no world"}, ("base",), 9, missing=2))
+    assert (refused.level, uncompiled.level) == (Level.PROBLEM, Level.WARNING)
+    assert "2 of 9" in uncompiled.sentence
+
+
+def test_a_trial_that_ends_badly_is_said_so(tmp_path: Path) -> None:
+    trial = Running(None, {"PYTHONPATH": str(tmp_path), "PYTHONHOME": str(tmp_path)}).outcome()
+    assert trial.trouble
+    assert [one.level for one in check_trial(trial)] == [Level.NOTE]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else")
+def test_a_trial_that_cannot_begin_is_said_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.executable", "/nowhere/python")
+    trial = Running(None, {}, User("nobody", 65_534, 65_534, frozenset())).outcome()
+    assert "it cannot be started as nobody" in trial.trouble
+
+
+def test_a_fact_that_cannot_be_read_is_said_so() -> None:
+    def closed() -> list[Finding]:
+        raise PermissionError(13, "Permission denied", "/etc/trolley/keys")
+
+    def broken() -> list[Finding]:
+        return [note("x", str(int("abc")))]
+
+    (found,) = looked_at("certificates", closed)
+    assert (found.level, "/etc/trolley/keys" in found.sentence) == (Level.NOTE, True)
+    (found,) = looked_at("memory", broken)
+    assert "could not be looked at" in found.sentence
+
+
+def test_findings_cannot_steer_a_terminal() -> None:
+    found = note("base", "\x1b]0;evil\x07 says\nso\u202e", "rm\r")
+    assert (found.sentence, found.remedy) == (" ]0;evil  says so ", "rm ")
