@@ -271,25 +271,17 @@ bring_up() {
     systemd is-active --quiet "trolley-$role.target" || run systemd start "trolley-$role.target"
 }
 
-services() { sed -n 's/^Wants=//p' "$units/trolley-$role.target" | tr ' ' '\n' | grep '\.service$'; }
-
-# Prints why not everything is up; nothing where it is.
+# Prints why not everything is up; nothing where it is. Argument: as for wait_until_up.
 what_is_missing() {
-    local one active status
-    for one in $(services); do
-        active=$(systemd is-active "$one" || true)
-        [[ $active == active ]] || { say "$one is $active"; return; }
+    local states status i
+    mapfile -t states < <(systemd is-active "${wanted[@]}")
+    for i in "${!wanted[@]}"; do
+        [[ ${states[i]:-} == active ]] || { say "${wanted[i]} is ${states[i]:-unknown}"; return; }
     done
     [[ $role == robot ]] || return 0
     # 1: the robot answers but has something to complain of, as before perhaps.
     status=$(trolley status 2>&1) && return
-    (($? <= ${1:-1})) || say "${status:-trolley status says nothing}"
-}
-
-# The restarts of all services so far: one that dies again and again is active in between.
-count_restarts() {
-    local one
-    for one in $(services); do systemd show -p NRestarts --value "$one"; done | tr '\n' ' '
+    (($? <= $1)) || say "${status:-trolley status says nothing}"
 }
 
 # Waits until all has been up for five looks in a row; else sets `missing`. Argument: the worst exit
@@ -297,9 +289,12 @@ count_restarts() {
 wait_until_up() {
     local deadline=$((SECONDS + patience_s)) looks=0 restarts="" now
     is_booted && ((!dry)) || return 0
+    mapfile -t wanted < <(sed -n 's/^Wants=//p' "$units/trolley-$role.target" | grep -o '[^ ]*\.service')
     say "Waiting for the services ..."
     while ((looks < 5)); do
-        missing=$(what_is_missing "$1") now=$(count_restarts)
+        missing=$(what_is_missing "$1")
+        # One that dies again and again is active in between.
+        now=$(systemd show -p NRestarts --value "${wanted[@]}")
         if [[ -z $missing && $now == "$restarts" ]]; then looks=$((looks + 1)); else looks=0; fi
         [[ -n $missing || $now == "$restarts" || -z $restarts ]] || missing="a service dies again and again"
         restarts=$now
@@ -450,7 +445,7 @@ uninstall() {
     else say "Trolley is removed. Settings ($etc) and state ($state) are kept."; fi
 }
 
-python="" release="" missing="" is_new=0
+python="" release="" missing="" is_new=0 wanted=()
 check_machine
 # Two at once would take each other's files away.
 if ((!dry)); then

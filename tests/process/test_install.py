@@ -39,11 +39,12 @@ STANDINS = {
             stop) rm -f "$FAKE/active" ;;
             is-active)
                 [ "$2" != --quiet ] || { [ -e "$FAKE/active" ]; exit; }
-                [ -e "$FAKE/active" ] || { echo inactive; exit 3; }
-                case "$*" in *.service)
-                    [ ! -e "$FAKE_ROOT/opt/trolley/current/common/BROKEN" ] ||
-                        { echo failed; exit 3; } ;; esac
-                echo active ;;
+                shift
+                for unit; do
+                    if [ ! -e "$FAKE/active" ]; then echo inactive
+                    elif [ -e "$FAKE_ROOT/opt/trolley/current/common/BROKEN" ]; then echo failed
+                    else echo active; fi
+                done ;;
             show) echo 0 ;;
         esac""",
 }
