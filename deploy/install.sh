@@ -301,6 +301,7 @@ wait_until_up() {
         if [[ -n $missing ]] && ((SECONDS >= deadline)); then return 1; fi
         sleep "$pause_s"
     done
+    is_up=1
     say "All services are up."
 }
 
@@ -398,7 +399,7 @@ install_all() {
 finish() {
     if ((changes == 0)); then say "Nothing was to do: Trolley $release is installed as a $role."; return; fi
     if ((dry)); then say "Nothing was done (--dry-run)."; return; fi
-    wait_until_up 1 || die "It is installed, but not all is up: $missing
+    ((is_up)) || wait_until_up 1 || die "It is installed, but not all is up: $missing
 What they say: journalctl -u 'trolley-*' -n 50"
     memory_note
     say "Trolley $release is installed as a $role."
@@ -445,7 +446,7 @@ uninstall() {
     else say "Trolley is removed. Settings ($etc) and state ($state) are kept."; fi
 }
 
-python="" release="" missing="" is_new=0 wanted=()
+python="" release="" missing="" is_new=0 is_up=0 wanted=()
 check_machine
 # Two at once would take each other's files away.
 if ((!dry)); then
