@@ -324,7 +324,7 @@ upgrade() {
 }
 
 switch_and_check() {
-    local old new backup worst
+    local old new backup worst unit
     read -r old new backup worst < "$opt/upgrading"
     use_release "$new"
     install_units
@@ -336,13 +336,15 @@ switch_and_check() {
         return
     fi
     warn "Trolley $new did not come up: $missing"
-    is_booted && journalctl --unit 'trolley-*' --priority warning --lines 15 --no-pager >&2 || true
+    unit=${missing%% *}
+    [[ $unit == trolley-*.service ]] || unit='trolley-*'
+    if is_booted; then journalctl --unit "$unit" --lines 20 --no-pager >&2 || true; fi
     warn "Going back to $old ..."
     systemd stop "trolley-$role.target"
     use_release "$old"
     install_units
     # New code may have changed what is saved.
-    trolley_of "$new" restore --state "$state" --state-only "$backup"
+    trolley_of "$new" restore --state "$state" --state-only "$backup" > /dev/null
     systemd reset-failed 'trolley-*' || true
     bring_up
     rm "$opt/upgrading"
