@@ -2,8 +2,8 @@
 
 python3 deploy/runtime_requirements.py   (nothing but Python itself is needed)
 
-With this as the requirements and the whole lock as constraints, `uv` installs what services need, by
-version and hash, and none of the developers' tools.
+With this as the requirements and the whole lock as constraints, `uv` installs what services need,
+by version and hash, and none of the developers' tools.
 """
 
 import re
