@@ -158,7 +158,7 @@ make_environment() {
         apt-get -q update && apt-get -q install -y --no-install-recommends "$(basename "$python")-venv" ||
             die "apt-get could not. Is the network there? Try: sudo apt install python3-venv"
     fi
-    say "Making the environment (about 450 MB; some minutes on a Raspberry Pi) ..."
+    say "Making the environment (about 500 MB; some minutes on a Raspberry Pi) ..."
     "$python" -m venv "$folder/.venv"
     local bin=$folder/.venv/bin
     awk '/^[^ ]/ { wanted = /^uv==/ } wanted' "$folder/requirements.lock" > "$folder/.venv/uv.txt"
@@ -430,6 +430,8 @@ uninstall() {
     done
     if [[ -e $opt/units ]]; then
         while IFS= read -r file; do
+            # One that was enabled by hand, as the viewer on a robot.
+            [[ $file != trolley-*.service || ! -e $units/$file ]] || run systemd disable --quiet "$file"
             [[ ! -e $units/$file ]] || run rm -f "$units/$file"
             [[ $file != */* || ! -d $units/${file%/*} ]] ||
                 run rmdir --ignore-fail-on-non-empty "$units/${file%/*}"

@@ -351,6 +351,7 @@ def test_uninstalling_keeps_what_people_made_unless_told(host: Host) -> None:
     override = host.root / "etc/systemd/system/trolley-base.service.d/mine.conf"
     override.parent.mkdir()
     override.write_text("")
+    (host.fake / "enabled-trolley-viz.service").touch()  # by hand
     host.install("--uninstall")
     left = {path for path, _ in host.snapshot().items() if (host.root / path).is_file()}
     assert left == {
