@@ -3,7 +3,10 @@
 import os
 import tempfile
 import time
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 READABLE_BY_ALL, SECRET = 0o644, 0o600
 
@@ -19,21 +22,37 @@ def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) ->
     Raises:
         OSError: It cannot be written; the old content stands.
     """
+    with written_atomically(path, mode) as file:
+        file.write(content)
+
+
+@contextmanager
+def written_atomically(path: Path, mode: int = READABLE_BY_ALL) -> Generator[BinaryIO]:
+    """A file to write to that takes the place of `path` when the context ends without an error.
+
+    Raises:
+        OSError: It cannot be written; the old content stands.
+    """
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
             os.fchmod(handle, mode)
-            file.write(content)
+            yield file
             file.flush()
             os.fsync(handle)
         Path(temporary).replace(path)
     finally:
         Path(temporary).unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """See to it that names in a folder survive a power cut, too."""
+    handle = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(folder)  # the new name itself must survive a power cut, too
+        os.fsync(handle)
     finally:
-        os.close(folder)
+        os.close(handle)
 
 
 def keep_aside(path: Path) -> Path:

@@ -1,8 +1,11 @@
-"""The systemd units and the example configuration."""
+"""The systemd units, the example configuration and the list of packages to install."""
 
+import json
 import os
+import re
 import shutil
 import subprocess
+import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -10,9 +13,18 @@ import pytest
 
 from trolley.config import load_config
 
-DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
-UNITS = sorted((DEPLOY / "systemd").iterdir())
-SERVICES = [unit for unit in UNITS if unit.suffix == ".service"]
+ROOT = Path(__file__).resolve().parents[2]
+DEPLOY = ROOT / "deploy"
+SYSTEMD = DEPLOY / "systemd"
+SERVICES = sorted(SYSTEMD.glob("trolley-*.service"))
+COMMON = SYSTEMD / "trolley-.service.d" / "trolley.conf"
+RETRY = SYSTEMD / "trolleyretry@.service"
+MOST_EXPOSURE = 2.0
+MB = {"M": 1, "G": 1024}
+
+needs_systemd = pytest.mark.skipif(
+    shutil.which("systemd-analyze") is None, reason="systemd is not installed"
+)
 
 
 def values(unit: Path, key: str) -> list[str]:
@@ -22,25 +34,58 @@ def values(unit: Path, key: str) -> list[str]:
     return " ".join(found).split()
 
 
-@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd is not installed")
-def test_units_pass_systemd_analyze_without_a_word(tmp_path: Path) -> None:
-    for unit in UNITS:
+def megabytes(unit: Path, key: str) -> int:
+    """A size that a unit gives."""
+    (value,) = values(unit, key)
+    return int(value[:-1]) * MB[value[-1]]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The units as systemd finds them, with a program that is there."""
+    folder = tmp_path_factory.mktemp("units")
+    shutil.copytree(SYSTEMD, folder, dirs_exist_ok=True)
+    for unit in folder.glob("*.service"):
         # The program is not installed here, and verify insists on one that is.
-        text = "\n".join(
-            "ExecStart=/bin/true" if line.startswith("ExecStart=") else line
-            for line in unit.read_text(encoding="utf-8").splitlines()
-        )
-        (tmp_path / unit.name).write_text(text + "\n", encoding="utf-8")
-    checked = subprocess.run(
-        ["systemd-analyze", "verify", "--man=no", *sorted(map(str, tmp_path.iterdir()))],
-        env={**os.environ, "SYSTEMD_UNIT_PATH": f"{tmp_path}:"},
+        text = re.sub(r"(?m)^ExecStart=/opt/.*$", "ExecStart=/bin/true", unit.read_text("utf-8"))
+        unit.write_text(text, encoding="utf-8")
+    template = folder / RETRY.name
+    shutil.copy(template, folder / "trolleyretry@trolley-base.service")
+    return folder
+
+
+def analyze(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Ask systemd about units in a folder and no others."""
+    return subprocess.run(
+        ["systemd-analyze", *arguments],
+        env={**os.environ, "SYSTEMD_UNIT_PATH": f"{folder}:"},
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
+
+
+@needs_systemd
+def test_units_pass_systemd_analyze_without_a_word(installed: Path) -> None:
+    units = [*installed.glob("*.target"), *installed.glob("*.service")]
+    names = sorted(str(unit) for unit in units if "@." not in unit.name)
+    checked = analyze(installed, "verify", "--man=no", *names)
     # It returns 0 for keys that it does not know and only says so.
     assert (checked.returncode, checked.stderr.strip()) == (0, "")
+
+
+@needs_systemd
+@pytest.mark.parametrize(
+    "name", [*(unit.name for unit in SERVICES), "trolleyretry@trolley-base.service"]
+)
+def test_a_unit_is_hardly_exposed(installed: Path, name: str) -> None:
+    path = str(installed / name)
+    checked = analyze(installed, "security", "--offline=true", "--no-pager", path)
+    (exposure,) = re.findall(r"Overall exposure level for \S+: ([0-9.]+)", checked.stdout)
+    assert float(exposure) <= MOST_EXPOSURE, checked.stdout
+    json_text = analyze(installed, "security", "--offline=true", "--json=short", path).stdout
+    assert json.loads(json_text)  # it was read, not skipped
 
 
 def test_every_service_and_the_router_has_a_unit() -> None:
@@ -49,15 +94,55 @@ def test_every_service_and_the_router_has_a_unit() -> None:
 
 
 @pytest.mark.parametrize("unit", SERVICES, ids=lambda unit: unit.stem)
-def test_a_unit_runs_its_service_and_comes_back(unit: Path) -> None:
+def test_a_unit_runs_its_service_and_says_what_it_may_use(unit: Path) -> None:
     name = unit.stem.removeprefix("trolley-")
     command = ["router"] if name == "router" else ["run", name]
-    assert values(unit, "ExecStart") == ["/opt/trolley/.venv/bin/trolley", *command]
+    assert values(unit, "ExecStart") == ["/opt/trolley/current/.venv/bin/trolley", *command]
     assert values(unit, "Type") == ["notify"]
-    assert values(unit, "Restart") == ["on-failure"]
-    assert values(unit, "StartLimitIntervalSec") == ["0"]
     assert values(unit, "WatchdogSec")
-    assert values(unit, "StateDirectory") == ["trolley"]
+    assert values(unit, "OnFailure") == ["trolleyretry@%N.service"]
+    assert megabytes(unit, "MemoryHigh") < megabytes(unit, "MemoryMax") <= 640
+    if name != "router":
+        assert "trolley-router.service" in values(unit, "After")
+    # What all have in common stands in one place and is not said again, or otherwise.
+    own = {line.partition("=")[0] for line in unit.read_text("utf-8").splitlines() if "=" in line}
+    shared = {line.partition("=")[0] for line in COMMON.read_text("utf-8").splitlines()}
+    assert own & shared <= {"Environment", "#"} | {key for key in own if key.startswith("#")}
+
+
+def test_all_units_come_back_for_ever_but_not_in_a_frenzy() -> None:
+    assert values(COMMON, "Restart") == ["on-failure"]
+    assert values(COMMON, "RestartSec") == ["1"]
+    (limit,), (burst,) = values(COMMON, "StartLimitIntervalSec"), values(COMMON, "StartLimitBurst")
+    assert int(limit) > int(burst)  # a second apart, so many starts fit into the interval
+    rest, *commands = values(RETRY, "ExecStart")
+    assert rest == "/bin/sleep"
+    assert "reset-failed" in commands
+    assert values(COMMON, "StateDirectory") == ["trolley"]
+
+
+def test_base_survives_its_devices_and_may_use_those_that_come_later() -> None:
+    base = SYSTEMD / "trolley-base.service"
+    devices = {r"dev-trolley\x2dchassis.device", r"dev-trolley\x2dlidar.device"}
+    assert devices == set(values(base, "Wants"))
+    assert devices < set(values(base, "After"))
+    for key in ("BindsTo", "Requires", "Requisite", "PrivateDevices"):
+        assert values(base, key) == []
+    for device in devices:
+        timeout = SYSTEMD / f"{device}.d" / "trolley.conf"
+        assert values(timeout, "JobRunningTimeoutSec") == ["2"]
+    # By number: a name is looked up when base starts, and its driver may be loaded later.
+    allowed = set(values(base, "DeviceAllow")) - {"rw"}
+    assert allowed == {f"char-{major}" for major in (188, 166, 204, 4)}
+
+
+@pytest.mark.parametrize("unit", SERVICES, ids=lambda unit: unit.stem)
+def test_only_services_with_kernels_may_make_code(unit: Path) -> None:
+    name = unit.stem.removeprefix("trolley-")
+    package = ROOT / "services" / name / f"trolley_{name}"
+    has_kernels = (package / "warmup.py").exists()
+    assert values(unit, "MemoryDenyWriteExecute") == ["no" if has_kernels else "yes"]
+    assert bool(values(unit, "Environment")) == has_kernels
 
 
 @pytest.mark.parametrize(
@@ -65,14 +150,36 @@ def test_a_unit_runs_its_service_and_comes_back(unit: Path) -> None:
     [
         ("robot", {"router", "base", "localizer", "planner", "tour"}),
         ("pc", {"router", "viz"}),
+        ("router", {"router"}),
     ],
 )
 def test_a_target_pulls_in_what_its_host_needs(target: str, services: set[str]) -> None:
-    wanted = values(DEPLOY / "systemd" / f"trolley-{target}.target", "Wants")
-    assert set(wanted) == {f"trolley-{name}.service" for name in services}
+    path = SYSTEMD / f"trolley-{target}.target"
+    assert set(values(path, "Wants")) == {f"trolley-{name}.service" for name in services}
+    for name in services:  # and takes it along when it is stopped
+        assert path.name in values(SYSTEMD / f"trolley-{name}.service", "PartOf")
+    assert path.name in values(RETRY, "PartOf")
 
 
 def test_the_example_configuration_loads() -> None:
     config = load_config(DEPLOY / "robot.toml")
     assert config.robot.name == "trolley"
     assert config.path(config.map.file or "") == DEPLOY / "maps" / "home.yaml"
+
+
+def test_what_is_installed_is_pinned_and_no_tool_of_developers() -> None:
+    printed = subprocess.run(
+        [sys.executable, str(DEPLOY / "runtime_requirements.py")],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    ).stdout
+    lock = (ROOT / "requirements.lock").read_text("utf-8")
+    entries = re.split(r"\n(?! )", printed.strip())
+    names = {entry.partition("==")[0] for entry in entries}
+    assert {"eclipse-zenoh", "msgspec", "numba", "viser", "pyserial", "hatchling"} <= names
+    assert not {"pytest", "ruff", "pyright", "playwright", "hypothesis", "uv"} & names
+    for entry in entries:
+        assert "--hash=sha256:" in entry
+        assert entry in lock

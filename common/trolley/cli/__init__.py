@@ -41,6 +41,8 @@ COMMANDS = {
     "teleop": ("trolley.cli.teleop", "Drive by hand, with the keys of this terminal."),
     "record": ("trolley.cli.record", "Record what a robot publishes into a file."),
     "replay": ("trolley.cli.replay", "Play a recording under another robot's name."),
+    "backup": ("trolley.cli.backup", "Save all that the robot knows in one file."),
+    "restore": ("trolley.cli.backup", "Put back what `trolley backup` saved."),
     "import": ("trolley.cli.importing", "Take over what another system's files say."),
     "completion": (
         "trolley.cli.completion",

@@ -8,18 +8,30 @@ from typing import Any, TypeVar, cast
 import msgspec
 import tomli_w
 
+from trolley.config.load import DEFAULT_PATH
 from trolley.files import READABLE_BY_ALL, SECRET, keep_aside, write_atomically
 from trolley.runtime.log import Log
 
 T = TypeVar("T")
 
 
-def state_root() -> Path:
-    """The host's state folder: `TROLLEY_STATE`, systemd's `STATE_DIRECTORY`, else as XDG says."""
+INSTALLED_STATE = Path("/var/lib/trolley")
+"""What systemd gives the services of an installed robot."""
+
+
+def state_root(config: Path | None = None) -> Path:
+    """The host's state folder: `TROLLEY_STATE`, systemd's `STATE_DIRECTORY`, else as XDG says.
+
+    Args:
+        config: for a command that looks at what services keep: the robot.toml that they run with.
+            That of an installed robot stands for the folder that its services have.
+    """
     for variable in ("TROLLEY_STATE", "STATE_DIRECTORY"):
         value = os.environ.get(variable, "").partition(":")[0]
         if value:
             return Path(value)
+    if config == DEFAULT_PATH:
+        return INSTALLED_STATE
     base = os.environ.get("XDG_STATE_HOME")
     return (Path(base) if base else Path.home() / ".local" / "state") / "trolley"
 

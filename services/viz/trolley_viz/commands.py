@@ -26,11 +26,12 @@ def viewer_link(as_json: bool) -> None:
     """Print the links that open the viewer from another host.
 
     One lets its holder do everything, the other only look and press Stop. They hold a token: treat
-    them as passwords. Run this on the viewer's host, as the user that it runs as. To make all links
-    worthless, delete viewer_access.toml in the state folder and restart the viewer.
+    them as passwords. Run this on the viewer's host, as the user that it runs as (installed:
+    by sudo). To make all links worthless, delete viewer_access.toml in the state folder and restart
+    the viewer.
     """
-    _, config = find_settings()
-    access = _read(state_root() / (given("robot") or config.robot.name) / FILE)
+    path, config = find_settings()
+    access = _read(state_root(path) / (given("robot") or config.robot.name) / FILE)
     page = _page(config.viz)
     links = {
         "operator": f"{page}/?token={access.operator}",

@@ -133,3 +133,15 @@ def test_the_state_folder_is_named_by_the_environment(
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert state_root() == Path(expected)
+
+
+def test_a_command_on_an_installed_robot_finds_the_state_of_its_services(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    for name in ("TROLLEY_STATE", "STATE_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    assert state_root(Path("/etc/trolley/robot.toml")) == Path("/var/lib/trolley")
+    monkeypatch.setenv("XDG_STATE_HOME", "/x")
+    assert state_root(Path("/home/me/robot.toml")) == Path("/x/trolley")
+    monkeypatch.setenv("TROLLEY_STATE", "/a")
+    assert state_root(Path("/etc/trolley/robot.toml")) == Path("/a")

@@ -24,7 +24,7 @@ HEAD = """\
 #   sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty
 """
 RULE = (
-    'SUBSYSTEM=="tty", {match}, SYMLINK+="{name}", GROUP="dialout", MODE="0660", '
+    'SUBSYSTEM=="tty", {match}, SYMLINK+="{name}", TAG+="systemd", GROUP="dialout", MODE="0660", '
     'ENV{{ID_MM_DEVICE_IGNORE}}="1", ENV{{ID_MM_PORT_IGNORE}}="1"'
 )
 

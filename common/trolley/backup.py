@@ -1,0 +1,365 @@
+"""A robot's state and settings as one file, and back: what `trolley backup` and `restore` do.
+
+The file is a `.tar.gz`: first `trolley-backup.toml` (what it is), then `state/...`, the host's
+state folder, and `config/...`, robot.toml with the files beside it that it names. Nothing of an
+archive is put to use before all of it has been read and found right.
+"""
+
+import gzip
+import os
+import re
+import shutil
+import sqlite3
+import stat
+import tarfile
+import tempfile
+import tomllib
+import zlib
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import datetime
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+from typing import IO
+
+import msgspec
+import tomli_w
+
+from trolley.config import ConfigError, RobotConfig, load_config
+from trolley.files import READABLE_BY_ALL, SECRET, sync_folder, write_atomically, written_atomically
+
+FORMAT = 1
+MANIFEST, STATE, CONFIG, CONFIG_FILE = "trolley-backup.toml", "state", "config", "robot.toml"
+MAX_FILES = 20_000
+MAX_BYTES = 4 << 30
+"""Of all files together, unpacked."""
+_STATE_FOLDER = re.compile(r"maps|[a-z0-9_-]{1,32}")
+# SQLite's own side files belong to the database at that moment, not to its copy.
+_SIDE_FILES = ("-wal", "-shm", "-journal")
+
+
+class BackupError(Exception):
+    """It cannot be saved or put back; the text says why, and nothing has been changed."""
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a backup says of itself."""
+
+    format: int
+    made_at: str
+    """The host's clock, which may have been wrong; ISO 8601."""
+    version: str
+    """Of the Trolley that made it."""
+
+
+class Saved(msgspec.Struct, frozen=True):
+    """What went into a backup."""
+
+    num_files: int
+    left_out: list[str]
+    """Files that were left out or could only be taken as they are, a sentence each."""
+
+
+def save(target: Path, state: Path, config: Path | None, manifest: Manifest) -> Saved:
+    """Write a backup of a state folder and a robot.toml; services may run meanwhile.
+
+    Raises:
+        BackupError: It cannot be written; there is no such file then.
+    """
+    left_out: list[str] = []
+    num_files = 0
+    try:
+        # It holds the viewer's tokens.
+        with (
+            written_atomically(target, SECRET) as file,
+            tarfile.open(fileobj=file, mode="w:gz", compresslevel=6) as archive,
+        ):
+            _add(archive, MANIFEST, tomli_w.dumps(msgspec.to_builtins(manifest)).encode())
+            for path in _files_of(state, left_out):
+                name = f"{STATE}/{path.relative_to(state).as_posix()}"
+                num_files += _add_file(archive, name, path, left_out)
+            if config is not None:
+                for name, path in _config_files(config, left_out):
+                    num_files += _add_file(archive, f"{CONFIG}/{name}", path, left_out)
+    except (OSError, tarfile.TarError) as error:
+        raise BackupError(f"{target} cannot be written: {error}") from error
+    return Saved(num_files, left_out)
+
+
+def _files_of(state: Path, left_out: list[str]) -> Iterator[Path]:
+    """All files to keep, in order; temporary ones are left out without a word."""
+    for folder, folders, names in os.walk(state):
+        folders.sort()
+        for name in sorted(names):
+            path = Path(folder) / name
+            if name.startswith(".") or name.endswith(_SIDE_FILES):
+                continue
+            if path.is_symlink() or not path.is_file():
+                left_out.append(f"{path} is no plain file and was left out")
+                continue
+            yield path
+
+
+def _config_files(config: Path, left_out: list[str]) -> Iterator[tuple[str, Path]]:
+    """robot.toml and the files that it names, by their names in the backup."""
+    yield CONFIG_FILE, config
+    try:
+        settings = load_config(config)
+    except ConfigError as error:
+        left_out.append(f"the files that robot.toml names were left out: {error}")
+        return
+    folder = config.resolve().parent
+    for path in _named_files(settings, left_out):
+        if path.is_relative_to(folder):
+            yield path.relative_to(folder).as_posix(), path
+        else:
+            left_out.append(f"{path} was left out: it does not lie below {folder}")
+
+
+def _named_files(settings: RobotConfig, left_out: list[str]) -> Iterator[Path]:
+    named = [settings.map.file, settings.robot.mesh]
+    for name in [one for one in named if one is not None]:
+        path = settings.path(name).resolve()
+        if not path.is_file():
+            left_out.append(f"{path}, which robot.toml names, is not there")
+            continue
+        yield path
+        if name == settings.map.file:
+            yield from _beside_map(path, left_out)
+
+
+def _beside_map(file: Path, left_out: list[str]) -> Iterator[Path]:
+    """The image of a map and the zones that come with it."""
+    from trolley.gridmap import MapError  # numba, which only this needs
+    from trolley.gridmap.description import read_description
+
+    try:
+        image = (file.parent / read_description(file).image).resolve()
+    except MapError as error:
+        left_out.append(f"the image of the map was left out: {error}")
+    else:
+        if image.is_file():
+            yield image
+    zones = file.with_name(f"{file.stem}.zones.toml")
+    if zones.is_file():
+        yield zones
+
+
+def _add_file(archive: tarfile.TarFile, name: str, path: Path, left_out: list[str]) -> bool:
+    """Put a file into the archive; False where it has gone meanwhile."""
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+        content = _database(path, left_out) if path.suffix == ".sqlite" else path.read_bytes()
+    except FileNotFoundError:
+        return False
+    _add(archive, name, content, _kept_mode(mode))
+    return True
+
+
+def _kept_mode(mode: int) -> int:
+    return READABLE_BY_ALL if mode & stat.S_IROTH else SECRET
+
+
+def _database(path: Path, left_out: list[str]) -> bytes:
+    """A database as it is between two changes, whoever writes to it meanwhile."""
+    try:
+        with (
+            closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as source,
+            closing(sqlite3.connect(":memory:")) as copy,
+        ):
+            source.backup(copy)
+            return copy.serialize()
+    except sqlite3.Error as error:
+        left_out.append(f"{path} was taken as it is: {error}")
+        return path.read_bytes()
+
+
+def _add(archive: tarfile.TarFile, name: str, content: bytes, mode: int = READABLE_BY_ALL) -> None:
+    entry = tarfile.TarInfo(name)
+    entry.size, entry.mode = len(content), mode
+    archive.addfile(entry, BytesIO(content))
+
+
+class Unpacked:
+    """A backup that has been read and found right, in a folder beside the state folder.
+
+    Raises:
+        BackupError: It is no backup, is damaged, or holds what no backup holds.
+    """
+
+    def __init__(self, source: Path, state: Path) -> None:
+        try:
+            state.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = Path(
+                tempfile.mkdtemp(prefix=f".{state.name}.restoring.", dir=state.parent)
+            )
+        except OSError as error:
+            raise BackupError(f"{state.parent} cannot be written: {error.strerror}") from error
+        try:
+            self.manifest = _unpack(source, self._folder)
+            if self.config is not None:
+                load_config(self.config)
+        except ConfigError as error:
+            self.close()
+            raise BackupError(f"{source}: its robot.toml cannot be used here: {error}") from error
+        except BackupError:
+            self.close()
+            raise
+
+    @property
+    def config(self) -> Path | None:
+        """Its robot.toml, None if it has none."""
+        path = self._folder / CONFIG / CONFIG_FILE
+        return path if path.is_file() else None
+
+    def put_state(self, state: Path, now: datetime) -> Path | None:
+        """Put its state in place of what is there, and return what that is called now.
+
+        Raises:
+            BackupError: What is there cannot be moved aside.
+        """
+        fresh = self._folder / STATE
+        fresh.mkdir(exist_ok=True)
+        aside: Path | None = None
+        try:
+            if state.exists():
+                _take_over_owner(state, fresh)
+                aside = _free_name(state, now)
+                state.rename(aside)
+            fresh.rename(state)
+            sync_folder(state.parent)
+        except OSError as error:
+            if aside is not None and aside.exists() and not state.exists():
+                aside.rename(state)
+            raise BackupError(f"{state} cannot be replaced: {error.strerror}") from error
+        return aside
+
+    def put_config(self, config: Path, now: datetime) -> list[Path]:
+        """Put its robot.toml and what belongs to it in place; what changes is kept beside.
+
+        Returns:
+            What the old files are called now.
+
+        Raises:
+            BackupError: It cannot be written.
+        """
+        source, kept = self._folder / CONFIG, list[Path]()
+        try:
+            for path in sorted(source.rglob("*")):
+                name = path.relative_to(source)
+                target = config if name == Path(CONFIG_FILE) else config.parent / name
+                if path.is_dir() or (target.is_file() and target.read_bytes() == path.read_bytes()):
+                    continue
+                target.parent.mkdir(parents=True, exist_ok=True)
+                if target.exists():
+                    kept.append(_free_name(target, now))
+                    shutil.copy2(target, kept[-1])
+                # The old file's owner and mode, else those that let services of its group read it.
+                example = kept[-1].stat() if target.exists() else target.parent.stat()
+                mode = example.st_mode if target.exists() else path.stat().st_mode | stat.S_IRGRP
+                write_atomically(target, path.read_bytes(), stat.S_IMODE(mode))
+                if os.geteuid() == 0:
+                    os.chown(target, example.st_uid, example.st_gid)
+        except OSError as error:
+            raise BackupError(f"{config.parent} cannot be written: {error.strerror}") from error
+        return kept
+
+    def close(self) -> None:
+        """Remove what was unpacked and not put in place."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _free_name(path: Path, now: datetime) -> Path:
+    first = path.with_name(f"{path.name}.before-{now:%Y%m%d-%H%M%S}")
+    aside, number = first, 1
+    while aside.exists():
+        number += 1
+        aside = first.with_name(f"{first.name}-{number}")
+    return aside
+
+
+def _take_over_owner(example: Path, folder: Path) -> None:
+    """Give all of a folder the owner of the one that it replaces, as only root can."""
+    if os.geteuid() != 0:
+        return
+    owner = example.stat()
+    folder.chmod(stat.S_IMODE(owner.st_mode))
+    for path in (folder, *folder.rglob("*")):
+        os.chown(path, owner.st_uid, owner.st_gid)
+
+
+def _unpack(source: Path, folder: Path) -> Manifest:
+    """Write all files of a backup into an empty folder.
+
+    Raises:
+        BackupError: At the first thing that is not right.
+    """
+    num_bytes, manifest = 0, None
+    try:
+        with (
+            gzip.open(source) as stream,
+            tarfile.open(fileobj=stream, mode="r:") as archive,
+        ):
+            for number, entry in enumerate(archive):
+                if number == 0:
+                    manifest = _read_manifest(source, archive, entry)
+                    continue
+                target = folder / _checked_name(source, entry)
+                num_bytes += entry.size
+                if number > MAX_FILES or num_bytes > MAX_BYTES:
+                    raise BackupError(f"{source}: larger than any backup")
+                if entry.isfile():
+                    _write(archive.extractfile(entry), target, entry.mode)
+            while stream.read(1 << 20):  # the checksum stands behind all of it
+                pass
+    except (tarfile.TarError, EOFError, zlib.error, ValueError) as error:
+        raise BackupError(f"{source} is no backup, or damaged: {error}") from error
+    except OSError as error:
+        raise BackupError(f"{source} cannot be unpacked: {error}") from error
+    if manifest is None:
+        raise BackupError(f"{source} is empty")
+    return manifest
+
+
+def _read_manifest(source: Path, archive: tarfile.TarFile, entry: tarfile.TarInfo) -> Manifest:
+    content = archive.extractfile(entry) if entry.name == MANIFEST and entry.isfile() else None
+    if content is None or entry.size > 1 << 16:
+        raise BackupError(f"{source} was not made by `trolley backup`")
+    try:
+        manifest = msgspec.convert(tomllib.loads(content.read().decode()), type=Manifest)
+    except (ValueError, msgspec.ValidationError, RecursionError) as error:
+        raise BackupError(f"{source} was not made by `trolley backup`: {error}") from error
+    if manifest.format != FORMAT:
+        raise BackupError(f"{source} was made by a newer Trolley ({manifest.version})")
+    return manifest
+
+
+def _checked_name(source: Path, entry: tarfile.TarInfo) -> PurePosixPath:
+    """Where an entry belongs.
+
+    Raises:
+        BackupError: It is something else than a file in a folder that a backup has.
+    """
+    name = PurePosixPath(entry.name)
+    parts = entry.name.split("/")
+    is_plain = (entry.isfile() or entry.isdir()) and all(
+        part not in ("", ".", "..") and "\0" not in part and len(part.encode()) <= 255
+        for part in parts
+    )
+    is_ours = parts[0] == CONFIG or (
+        parts[0] == STATE and (len(parts) < 2 or _STATE_FOLDER.fullmatch(parts[1]) is not None)
+    )
+    if not is_plain or not is_ours or len(entry.name) > 1024:
+        raise BackupError(f"{source} holds {entry.name[:80]!r}, which no backup holds")
+    return name
+
+
+def _write(content: IO[bytes] | None, target: Path, mode: int) -> None:
+    if content is None:
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with target.open("xb") as file:  # x: nothing is in an archive twice
+        os.fchmod(file.fileno(), _kept_mode(mode))
+        shutil.copyfileobj(content, file)
+        file.flush()
+        os.fsync(file.fileno())

@@ -1,0 +1,150 @@
+"""`trolley backup` and `trolley restore`: all that a robot knows, as one file."""
+
+import os
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import click
+
+from trolley.backup import FORMAT, BackupError, Manifest, Unpacked, save
+from trolley.cli.options import given, where_options
+from trolley.cli.robots import reports_errors
+from trolley.config import ConfigError, find_config
+from trolley.config.load import DEFAULT_PATH
+from trolley.connection import Connection, RobotUnreachable, find_target
+from trolley.runtime.clash import Run, host_name
+from trolley.runtime.state import state_root
+
+state_option = click.option(
+    "--state",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="The state folder; else that of the robot.toml in use.",
+)
+
+
+@click.command(name="backup")
+@click.argument("file", required=False, type=click.Path(path_type=Path))
+@state_option
+@where_options
+@reports_errors
+def backup_command(file: Path | None, state: Path | None) -> None:
+    """Save what the robot knows and robot.toml in FILE (a .tar.gz).
+
+    Saved places, tours, trips, zones, maps, the last pose, the viewer's links. The robot may go on
+    meanwhile. FILE may be a folder; without it the backup goes into this one. On an installed
+    robot use sudo. The certificates of the network are not in it.
+    """
+    config = find_config(given("config"))
+    root = state or state_root(config)
+    if config is None and not root.is_dir():
+        raise click.ClickException(f"there is nothing to save: no robot.toml, and no {root}")
+    now = datetime.now().astimezone()
+    target = _target(file, now)
+    manifest = Manifest(
+        format=FORMAT, made_at=now.isoformat(timespec="seconds"), version=version("trolley")
+    )
+    try:
+        _check_readable(root)
+        saved = save(target, root, config, manifest)
+    except BackupError as error:
+        raise click.ClickException(str(error)) from error
+    for sentence in saved.left_out:
+        click.secho(sentence, err=True, fg="yellow")
+    size_kb = target.stat().st_size / 1e3
+    click.echo(f"Saved {saved.num_files} files in {target} ({size_kb:.0f} kB).")
+
+
+def _target(file: Path | None, now: datetime) -> Path:
+    target = file or Path.cwd()
+    if target.is_dir():
+        target /= f"trolley-{host_name()}-{now:%Y%m%d-%H%M%S}.tar.gz"
+    if target.exists():
+        raise click.UsageError(f"{target} is there already and stays as it is")
+    return target
+
+
+def _check_readable(root: Path) -> None:
+    """Refuse half a backup.
+
+    Raises:
+        BackupError: Some file is not for this user.
+    """
+    hidden = [path for path in (root, *root.rglob("*")) if not os.access(path, os.R_OK)]
+    if root.exists() and hidden:
+        raise BackupError(f"{hidden[0]} cannot be read by you: use sudo")
+
+
+@click.command(name="restore")
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--state-only", is_flag=True, help="Leave robot.toml as it is.")
+@state_option
+@where_options
+@reports_errors
+def restore_command(file: Path, state_only: bool, state: Path | None) -> None:
+    """Put back what `trolley backup` saved in FILE.
+
+    All of FILE is checked first. What was there is kept beside it under another name. The services
+    must not run, since they would write over it; start them afterwards. On an installed robot use
+    sudo.
+    """
+    config = find_config(given("config")) or DEFAULT_PATH
+    root = (state or state_root(config)).absolute()
+    _refuse_while_running()
+    now = datetime.now().astimezone()
+    try:
+        unpacked = Unpacked(file, root)
+        try:
+            kept = _put_back(unpacked, root, None if state_only else config, now)
+        finally:
+            unpacked.close()
+    except BackupError as error:
+        raise click.ClickException(str(error)) from error
+    made = f"made {unpacked.manifest.made_at} by Trolley {unpacked.manifest.version}"
+    click.echo(f"Put back {file} ({made}).")
+    for path in kept:
+        click.echo(f"What was there before: {path}")
+    click.echo("Now start the services again.")
+
+
+def _put_back(unpacked: Unpacked, root: Path, config: Path | None, now: datetime) -> list[Path]:
+    wants_config = config is not None and unpacked.config is not None
+    if config is not None and wants_config:
+        folder = next(path for path in config.parents if path.exists())
+        if not os.access(folder, os.W_OK):
+            raise BackupError(f"{folder} cannot be written by you: use sudo, or --state-only")
+    aside = unpacked.put_state(root, now)
+    kept = [] if aside is None else [aside]
+    if config is not None and wants_config:
+        kept += unpacked.put_config(config, now)
+    return kept
+
+
+def _refuse_while_running() -> None:
+    """Refuse while a service of this host is alive.
+
+    Raises:
+        ClickException: Naming those that are.
+    """
+    try:
+        target = find_target(given("robot"), given("connect"), given("config"))
+    except ConfigError:
+        return  # no service runs with such a robot.toml
+    try:
+        with Connection(target.endpoints, 1.0) as connection:
+            services = connection.services()
+    except RobotUnreachable:
+        return
+    here = sorted(
+        {
+            service.removesuffix(f"-{host_name()}")
+            for (_, service), ids in services.items()
+            for run in map(Run.parse, ids)
+            if run is not None and run.host == host_name()
+        }
+    )
+    if here:
+        raise click.ClickException(
+            f"these services run on this host: {', '.join(here)}. Stop them first "
+            "(installed: sudo systemctl stop 'trolley-*'), else they write over it"
+        )

@@ -1,0 +1,225 @@
+"""Backups: whole, consistent, and nothing foreign put in place."""
+
+import io
+import sqlite3
+import tarfile
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from trolley.backup import MANIFEST, BackupError, Manifest, Unpacked, save
+
+NOW = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
+MADE = Manifest(format=1, made_at="2026-03-01T12:00:00+00:00", version="0.1.0")
+HEAD = 'format = 1\nmade_at = "2026-03-01"\nversion = "0.1.0"\n'
+ROBOT = '[robot]\nname = "anna"\nfootprint = {radius_m = 0.2}\n'
+MAP = "image: home.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+MAP += "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
+
+def fill(state: Path) -> None:
+    """The state of a robot that has been used."""
+    (state / "anna" / "zones").mkdir(parents=True)
+    (state / "maps").mkdir()
+    (state / "anna" / "poses.toml").write_text("[kitchen]\nx = 1.0\n")
+    (state / "anna" / "zones" / "home.toml").write_text("zones = []\n")
+    (state / "anna" / "viewer_access.toml").write_text('operator = "secret"\n')
+    (state / "anna" / "viewer_access.toml").chmod(0o600)
+    (state / "maps" / "shed.yaml").write_text(MAP)
+    (state / "anna" / ".poses.toml.x7").write_text("half written")
+    with closing(sqlite3.connect(state / "anna" / "history.sqlite")) as database:
+        database.execute("CREATE TABLE trips (name TEXT)")
+        database.execute("INSERT INTO trips VALUES ('evening')")
+        database.commit()
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """What lies in a folder."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def archive(path: Path, entries: dict[str, bytes | tarfile.TarInfo]) -> Path:
+    """An archive as somebody else might make it."""
+    with tarfile.open(path, "w:gz") as tar:
+        for name, content in entries.items():
+            entry = content if isinstance(content, tarfile.TarInfo) else tarfile.TarInfo(name)
+            data = b"" if isinstance(content, tarfile.TarInfo) else content
+            entry.size = len(data)
+            tar.addfile(entry, io.BytesIO(data))
+    return path
+
+
+def test_all_comes_back_as_it_was(tmp_path: Path) -> None:
+    state, config = tmp_path / "state", tmp_path / "etc" / "robot.toml"
+    fill(state)
+    (config.parent / "maps").mkdir(parents=True)
+    config.write_text(ROBOT + '[map]\nfile = "maps/home.yaml"\n')
+    (config.parent / "maps" / "home.yaml").write_text(MAP)
+    (config.parent / "maps" / "home.pgm").write_bytes(b"P5 1 1 255\n\0")
+    (config.parent / "maps" / "home.zones.toml").write_text("zones = []\n")
+    saved = save(tmp_path / "b.tar.gz", state, config, MADE)
+    assert (saved.num_files, saved.left_out) == (9, [])
+    assert (tmp_path / "b.tar.gz").stat().st_mode & 0o777 == 0o600
+
+    other, settings_file = tmp_path / "new" / "state", tmp_path / "new" / "etc" / "robot.toml"
+    unpacked = Unpacked(tmp_path / "b.tar.gz", other)
+    assert unpacked.put_state(other, NOW) is None
+    assert unpacked.put_config(settings_file, NOW) == []
+    unpacked.close()
+    before, after = files(state), files(other)
+    del before["anna/.poses.toml.x7"]
+    # A database is copied page by page; what counts is what it holds.
+    assert after.pop("anna/history.sqlite")
+    del before["anna/history.sqlite"]
+    assert after == before
+    assert files(settings_file.parent) == files(config.parent)
+    assert (other / "anna" / "viewer_access.toml").stat().st_mode & 0o777 == 0o600
+    with closing(sqlite3.connect(other / "anna" / "history.sqlite")) as database:
+        assert database.execute("SELECT name FROM trips").fetchall() == [("evening",)]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["etc", "state"]
+
+
+def test_a_database_that_is_being_written_is_saved_as_before_or_after(tmp_path: Path) -> None:
+    fill(tmp_path / "state")
+    history = tmp_path / "state" / "anna" / "history.sqlite"
+    with closing(sqlite3.connect(history)) as writer:
+        writer.execute("BEGIN IMMEDIATE")
+        writer.execute("INSERT INTO trips VALUES ('not yet')")
+        saved = save(tmp_path / "b.tar.gz", tmp_path / "state", None, MADE)
+        writer.commit()
+    assert saved.left_out == []
+    unpacked = Unpacked(tmp_path / "b.tar.gz", tmp_path / "other")
+    unpacked.put_state(tmp_path / "other", NOW)
+    with closing(sqlite3.connect(tmp_path / "other" / "anna" / "history.sqlite")) as database:
+        assert database.execute("SELECT name FROM trips").fetchall() == [("evening",)]
+
+
+def test_what_was_there_is_kept(tmp_path: Path) -> None:
+    state, config = tmp_path / "state", tmp_path / "robot.toml"
+    fill(state)
+    config.write_text(ROBOT)
+    save(tmp_path / "b.tar.gz", state, config, MADE)
+    (state / "anna" / "poses.toml").write_text("[cellar]\nx = 2.0\n")
+    config.write_text(ROBOT.replace("anna", "berta"))
+    config.chmod(0o640)
+    old_config = tmp_path / "robot.toml.before-20260301-120000"
+    for name, changed in [("20260301-120000", [old_config]), ("20260301-120000-2", [])]:
+        unpacked = Unpacked(tmp_path / "b.tar.gz", state)
+        assert unpacked.put_state(state, NOW) == tmp_path / f"state.before-{name}"
+        assert unpacked.put_config(config, NOW) == changed
+        unpacked.close()
+    assert "cellar" in (tmp_path / "state.before-20260301-120000/anna/poses.toml").read_text()
+    assert "kitchen" in (state / "anna" / "poses.toml").read_text()
+    assert "berta" in old_config.read_text()
+    assert config.stat().st_mode & 0o777 == 0o640
+
+
+def test_what_cannot_be_taken_along_is_told(tmp_path: Path) -> None:
+    state, config = tmp_path / "state", tmp_path / "etc" / "robot.toml"
+    fill(state)
+    config.parent.mkdir()
+    (tmp_path / "elsewhere.yaml").write_text(MAP)
+    config.write_text(ROBOT + f'mesh = "gone.glb"\n[map]\nfile = "{tmp_path}/elsewhere.yaml"\n')
+    (state / "anna" / "passwd").symlink_to("/etc/passwd")
+    (state / "anna" / "history.sqlite").write_bytes(b"no database at all, but kept anyway" * 40)
+    saved = save(tmp_path / "b.tar.gz", state, config, MADE)
+    said = "\n".join(saved.left_out)
+    assert len(saved.left_out) == 4
+    for part in ("passwd is no plain file", "elsewhere.yaml was left out", "gone.glb", "as it is"):
+        assert part in said
+    with tarfile.open(tmp_path / "b.tar.gz") as tar:
+        history = tar.extractfile("state/anna/history.sqlite")
+        assert history is not None
+        assert history.read().startswith(b"no database at all")
+        assert "state/anna/passwd" not in tar.getnames()
+
+
+def test_a_backup_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    fill(tmp_path / "state")
+    with pytest.raises(BackupError, match="cannot be written"):
+        save(tmp_path / "gone" / "b.tar.gz", tmp_path / "state", None, MADE)
+    (tmp_path / "state" / "anna" / "poses.toml").unlink()
+    (tmp_path / "state" / "anna" / "poses.toml").mkdir()
+    assert save(tmp_path / "b.tar.gz", tmp_path / "state", None, MADE).num_files == 4
+
+
+def link(kind: bytes) -> tarfile.TarInfo:
+    """An entry that points elsewhere."""
+    entry = tarfile.TarInfo("state/anna/poses.toml")
+    entry.type, entry.linkname = kind, "/etc/shadow"
+    return entry
+
+
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [
+        ({"state/anna/poses.toml": b""}, "not made by"),
+        ({MANIFEST: b"format = 9", "state/x": b""}, "not made by"),
+        ({MANIFEST: HEAD.replace("1\n", "2\n", 1).encode()}, "newer"),
+        ({MANIFEST: HEAD.encode(), "state/../../etc/passwd": b""}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "/etc/passwd": b""}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "state/Not A Robot/poses.toml": b""}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "photos/cat.jpg": b""}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "state//anna": b""}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "l": link(tarfile.SYMTYPE)}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "l": link(tarfile.LNKTYPE)}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "l": link(tarfile.CHRTYPE)}, "no backup holds"),
+        ({MANIFEST: HEAD.encode(), "state/a": b"", "state/a/b": b""}, "cannot be unpacked"),
+        ({MANIFEST: HEAD.encode(), "config/robot.toml": b"[robot]\nname = 7"}, "robot.toml"),
+        ({}, "is empty"),
+    ],
+)
+def test_what_is_no_backup_changes_nothing(
+    tmp_path: Path, entries: dict[str, bytes | tarfile.TarInfo], said: str
+) -> None:
+    fill(tmp_path / "state")
+    before = files(tmp_path / "state")
+    path = archive(tmp_path / "x.tar.gz", entries)
+    with pytest.raises(BackupError, match=said):
+        Unpacked(path, tmp_path / "state")
+    assert files(tmp_path / "state") == before
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["state", "x.tar.gz"]
+
+
+def test_the_same_file_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.tar.gz"
+    with tarfile.open(path, "w:gz") as tar:
+        for name, content in [(MANIFEST, HEAD), ("state/anna/a", "1"), ("state/anna/a", "2")]:
+            entry = tarfile.TarInfo(name)
+            entry.size = len(content)
+            tar.addfile(entry, io.BytesIO(content.encode()))
+    with pytest.raises(BackupError, match="exists"):
+        Unpacked(path, tmp_path / "state")
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_a_damaged_backup_is_refused_or_whole(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    folder = tmp_path_factory.mktemp("damaged")
+    fill(folder / "state")
+    save(folder / "b.tar.gz", folder / "state", None, MADE)
+    content = bytearray((folder / "b.tar.gz").read_bytes())
+    if data.draw(st.booleans(), "cut"):
+        del content[data.draw(st.integers(0, len(content) - 1)) :]
+    else:
+        content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
+    (folder / "b.tar.gz").write_bytes(content)
+    try:
+        unpacked = Unpacked(folder / "b.tar.gz", folder / "other")
+    except BackupError:
+        assert sorted(one.name for one in folder.iterdir()) == ["b.tar.gz", "state"]
+        return
+    unpacked.put_state(folder / "other", NOW)
+    unpacked.close()
+    poses = (folder / "other" / "anna" / "poses.toml").read_text()
+    assert poses == (folder / "state" / "anna" / "poses.toml").read_text()
