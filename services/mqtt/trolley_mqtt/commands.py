@@ -38,6 +38,8 @@ class Order:
     """A request to the robot, and how people call it."""
 
     title: str
+    done: str
+    """What is said when the robot has taken it."""
     request: Request[Any, Any]
     params: Any
 
@@ -63,7 +65,7 @@ def order_of(
     names: tuple[list[str], list[str]],
     new_id: str,
 ) -> Order:
-    """What a command asks the robot.
+    """What a command other than stop asks the robot.
 
     Args:
         verb: One of `VERBS`.
@@ -76,22 +78,21 @@ def order_of(
         Refused: There is no such place or tour, or nothing is under way.
     """
     places, tours = names
-    if verb == STOP:
-        return Order("Stop", requests.BASE_STOP, Nothing())
     if verb == GO:
         if name not in places:
             raise Refused(codes.UNKNOWN_NAME, f"There is no place {name!r} on this map.")
-        return Order(f"Go to {name}", requests.GOAL_SEND, SendGoal(id=new_id, name=name))
+        params = SendGoal(id=new_id, name=name)
+        return Order(f"Go to {name}", "it sets off", requests.GOAL_SEND, params)
     if verb == TOUR:
         if name not in tours:
             raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}.")
-        return Order(f"Tour {name}", requests.TOUR_START, StartTour(name=name))
+        return Order(f"Tour {name}", "it sets off", requests.TOUR_START, StartTour(name=name))
     goal, trip = known
     title = {PAUSE: "Pause", RESUME: "Go on", CANCEL: "Cancel"}[verb]
     if _is_trip_meant(goal, trip):
-        return Order(title, TRIP_REQUESTS[verb], Nothing())
+        return Order(title, "done", TRIP_REQUESTS[verb], Nothing())
     if goal is not None and goal.state in (*GOING, "paused"):
-        return Order(title, GOAL_REQUESTS[verb], WhichGoal(id=goal.id))
+        return Order(title, "done", GOAL_REQUESTS[verb], WhichGoal(id=goal.id))
     raise Refused(codes.NOT_DRIVING, "The robot is not on its way to anywhere.")
 
 

@@ -186,7 +186,7 @@ class MqttService(Service):
             self.count("command/refused")
             self._tell_answer(f"{order.title}: not done: {reply.message}")
         else:
-            self._tell_answer(f"{order.title}: done.")
+            self._tell_answer(f"{order.title}: {order.done}.")
 
     def _ask_stop(self) -> None:
         self.request(requests.BASE_STOP, Nothing(), self._hear_stopped, timeout_s=STOP_AGAIN_S)
