@@ -111,6 +111,7 @@ class BrokerLink:
         self._events: deque[Event] = deque()
         self._num_arrived = 0
         self._dropped = 0
+        self._was_refused = False
         self._wake: Callable[[], None] = lambda: None
         self._interests: Sequence[Interest] = ()
         client = self._client = Client(
@@ -183,6 +184,7 @@ class BrokerLink:
         reason: ReasonCode,
         _properties: Properties | None,
     ) -> None:
+        self._was_refused = reason.is_failure
         if reason.is_failure:
             self._store(Lost(f"The MQTT broker does not let the robot in: {reason}."))
             return
@@ -197,6 +199,7 @@ class BrokerLink:
             client.subscribe(one.topics, options=options)
 
     def _on_connect_fail(self, _client: Client, _data: Any) -> None:
+        self._was_refused = False
         self._store(Lost(f"Nobody answers at {self._broker.host}:{self._broker.port}."))
 
     def _on_disconnect(
@@ -207,7 +210,8 @@ class BrokerLink:
         reason: ReasonCode,
         _properties: Properties | None,
     ) -> None:
-        self._store(Lost(f"The connection to the MQTT broker was lost: {reason}."))
+        if not self._was_refused:  # else the better reason has been said
+            self._store(Lost(f"The connection to the MQTT broker was lost: {reason}."))
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         try:

@@ -61,7 +61,6 @@ class MqttService(Service):
         )
         self._announcements = Announcements(self._device)
         self._is_up = False
-        self._why = "The MQTT broker has not answered yet."
         self._answer: str | None = None
         self._said: dict[str, bytes] = {}
         self._num_under_way = 0
@@ -83,7 +82,7 @@ class MqttService(Service):
                 Interest(self._birth_topic),
                 Interest(self._device.all_topics, with_kept=True),
             ]
-        self.set_health("degraded", self._why)
+        self.set_health("degraded", "The MQTT broker has not answered yet.")
         self._link.start(interests, lambda: self.call_soon(self._hear_all, urgent=True))
 
     def stop(self) -> None:
@@ -104,7 +103,8 @@ class MqttService(Service):
                 case Connected():
                     self._greet()
                 case Lost(why):
-                    self._is_up, self._why = False, why
+                    self._is_up = False
+                    self.set_health("degraded", why)
                     self.log.limited("lost", "No connection to the MQTT broker", why=why)
                 case Arrived():
                     self._hear(event)
@@ -116,6 +116,7 @@ class MqttService(Service):
     def _greet(self) -> None:
         """Say everything anew: another broker, or one that forgot, may have answered."""
         self._is_up = True
+        self.set_health("ok")
         self._freshness.renew()
         self._said.clear()
         self._announcements.repeat()
@@ -218,9 +219,7 @@ class MqttService(Service):
         """Prove that the connection is alive, and say what is new."""
         self._hear_all()
         if not self._is_up:
-            self.set_health("degraded", self._why)
             return
-        self.set_health("ok")
         mark = self._freshness.mark(self.monotonic_ns)
         self._link.publish(self._topic("echo"), mark, keep=False)
         self._announce()
