@@ -28,7 +28,8 @@ class Homing(Travelling):
         self._way_home = WayHome()
         self._was_low = False
 
-    @every(0.2)
+    # Twice as often as trips move on, so that the end of a visit is not missed.
+    @every(0.1, clock="local")
     def _watch_battery(self) -> None:
         base, now_ns = self.base.latest, self.now_ns
         if base is None or now_ns is None:
@@ -65,7 +66,7 @@ class Homing(Travelling):
         home = self._home
         charge = self._gauge.charge or 0.0
         if home is None:
-            self.log.warning(f"{wording.charge(charge)}, and there is no place {HOME!r} to go to")
+            self.log.limited("no home", "The battery is low, and there is no place to go to")
             return
         pose = None if self.pose.latest is None else self.pose.latest.pose
         if pose is not None and math.hypot(pose.x - home.x, pose.y - home.y) <= AT_HOME_M:
