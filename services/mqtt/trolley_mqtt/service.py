@@ -49,7 +49,7 @@ class MqttService(Service):
     ) -> None:
         robot = config.robot
         self._config = config.mqtt
-        self._base_topic = config.mqtt.base_topic or f"trolley/{robot.name}"
+        self._base_topic = config.mqtt.base_topic or f"{topics.ROOT}/{robot.name}"
         will = (self._topic("bridge"), OFFLINE)
         self._link = connect(broker_of(config, will), self._topic("do", commands.STOP))
         self._device = Device(
