@@ -28,7 +28,7 @@ def test_an_endless_tour_goes_home_charges_and_can_be_resumed() -> None:
     with open_robot(config, 5) as lockstep:
         truths, tours = lockstep.record(topics.SIM_TRUTH), lockstep.record(topics.TOUR)
         poses, bases = lockstep.record(topics.POSE), lockstep.record(topics.BASE)
-        assert lockstep.run_until(lambda: poses and poses[-1].state == "localized", 30.0)
+        assert lockstep.run_until(lambda: bool(poses) and poses[-1].state == "localized", 30.0)
         home = SavedPose(name="home", map="apartment", pose=START)
         lockstep.ask(requests.POSES_PUT, home)
         stops = [Stop(pose=CORRIDOR), Stop(pose=KITCHEN)]

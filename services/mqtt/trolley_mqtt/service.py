@@ -22,8 +22,8 @@ from trolley_mqtt.link import Arrived, Broker, BrokerLink, Connected, Interest, 
 from trolley_mqtt.telling import Known, State, tell
 
 ONLINE, OFFLINE = b"online", b"offline"
-MAX_UNDER_WAY = 8
-"""Commands that wait for their answers; more are dropped."""
+MAX_EACH_SECOND = 8
+"""Commands that are looked at; more are dropped."""
 STOP_AGAIN_S = 0.5
 STOP_FOR_S = 60.0
 """A stop that nobody answers is repeated for so long."""
@@ -63,7 +63,7 @@ class MqttService(Service):
         self._is_up = False
         self._answer: str | None = None
         self._said: dict[str, bytes] = {}
-        self._num_under_way = 0
+        self._num_this_second = 0
         self._stop_until_ns: int | None = None
         self._born_ns: int | None = None
 
@@ -122,7 +122,7 @@ class MqttService(Service):
         self._announcements.repeat()
         self.log.info("Connected to the MQTT broker", base_topic=self._base_topic)
         self._send(self._topic("bridge"), ONLINE)
-        self._beat()
+        self._speak()
 
     def _hear(self, message: Arrived) -> None:
         if message.topic == self._topic("echo"):
@@ -150,17 +150,18 @@ class MqttService(Service):
         """Carry out a command, or drop it and say why."""
         if verb not in commands.VERBS:
             self._drop("unknown", verb[:40], "there is no such command")
-        elif message.is_retained:
-            # The broker would give it to the robot again and again, days later too.
-            self._drop("retained", verb, "a command must not be a retained message")
         elif verb == commands.STOP:
             self._stop_until_ns = self.monotonic_ns + int(STOP_FOR_S * 1e9)
             self._ask_stop()
+        elif message.is_retained:
+            # A broker could give it to the robot again and again, days later too.
+            self._drop("retained", verb, "a command must not be a retained message")
         elif not self._freshness.is_fresh(self.monotonic_ns):
             self._drop("stale", verb, "it may have waited for long on its way")
-        elif self._num_under_way >= MAX_UNDER_WAY:
+        elif self._num_this_second >= MAX_EACH_SECOND:
             self._drop("flood", verb, "too many commands at once")
         else:
+            self._num_this_second += 1
             self._ask(verb, message.payload)
 
     def _drop(self, reason: str, verb: str, why: str) -> None:
@@ -177,12 +178,10 @@ class MqttService(Service):
             self.count("command/refused")
             self._tell_answer(f"Not done: {refused.message}")
             return
-        self._num_under_way += 1
         self.log.info("Command", command=order.title)
         self.request(order.request, order.params, lambda reply: self._hear_reply(order, reply))
 
     def _hear_reply(self, order: Order, reply: object) -> None:
-        self._num_under_way -= 1
         if isinstance(reply, Refused):
             self.count("command/refused")
             self._tell_answer(f"{order.title}: not done: {reply.message}")
@@ -216,10 +215,13 @@ class MqttService(Service):
     # What the broker is told.
     @every(1.0, clock="local")
     def _beat(self) -> None:
-        """Prove that the connection is alive, and say what is new."""
+        self._num_this_second = 0
         self._hear_all()
-        if not self._is_up:
-            return
+        if self._is_up:
+            self._speak()
+
+    def _speak(self) -> None:
+        """Prove that the connection is alive, and say what is new."""
         mark = self._freshness.mark(self.monotonic_ns)
         self._link.publish(self._topic("echo"), mark, keep=False)
         self._announce()

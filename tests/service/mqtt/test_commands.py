@@ -68,9 +68,22 @@ def test_pause_is_for_the_trip_that_drives_or_else_for_the_goal(bridge: "Bridge"
 
 def test_a_retained_command_is_never_carried_out(bridge: "Bridge") -> None:
     bridge.do("go", "kitchen", is_retained=True)
-    bridge.do("stop", is_retained=True)
+    bridge.do("tour", "evening", is_retained=True)
     assert bridge.robot.asked == []
     assert bridge.counters["command/retained"] == 2
+    bridge.do("stop", is_retained=True)  # but a stop is never refused
+    assert bridge.robot.asked == [("base/stop", None)]
+
+
+def test_what_arrives_with_the_connection_keeps_its_order(bridge: "Bridge") -> None:
+    bridge.broker.lose()
+    bridge.run(3.0)
+    bridge.broker.connect()
+    bridge.run(1.5)
+    for name in ("kitchen", "hall", "kitchen"):
+        bridge.broker.send("trolley/robby/do/go", name)
+    bridge.run(0.5)
+    assert [name for _, name in bridge.robot.asked] == ["kitchen", "hall", "kitchen"]
 
 
 def test_a_command_that_waited_in_a_stalled_connection_is_dropped(bridge: "Bridge") -> None:
@@ -139,12 +152,13 @@ def test_the_robot_cannot_be_released_from_afar(bridge: "Bridge") -> None:
     assert bridge.counters["command/unknown"] == 1
 
 
-def test_a_flood_is_counted_and_waits_for_answers(bridge: "Bridge") -> None:
+def test_a_flood_is_counted_and_soon_over(bridge: "Bridge") -> None:
     for _ in range(100):
         bridge.broker.send("trolley/robby/do/go", "kitchen")
     bridge.broker.dropped = 9000
-    bridge.run(0.5)
+    bridge.run(0.4)
     assert len(bridge.robot.asked) == 8
+    bridge.run(1.1)
     assert bridge.counters["command/flood"] == 92 + 9000
     bridge.do("go", "hall")
     assert bridge.robot.asked[-1] == ("goal/send", "hall")
