@@ -45,6 +45,7 @@ OTHER_GOAL = "other_goal"
 NO_PLANNER = "no_planner"
 ABORTED = "aborted"
 SKIPPED = "skipped"
+LOW_BATTERY = "low_battery"
 # Base.
 BUTTON = "button"
 STOP_FIELD = "stop_field"
@@ -95,6 +96,7 @@ SENTENCES: dict[str, str] = {
     NO_PLANNER: "The planner is not running; the trip goes on when it is back.",
     ABORTED: "The trip was given up after a stop failed.",
     SKIPPED: "The stop was skipped.",
+    LOW_BATTERY: "The battery is low; charge it.",
     BUTTON: "The stop button was pressed.",
     STOP_FIELD: "Something is too close in the direction of travel.",
     SCAN_LOST: "The lidar is silent.",

@@ -91,19 +91,26 @@ def test_two_demos_run_side_by_side(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_up_runs_all_services_of_a_configuration(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("options", "services"),
+    [([], SERVICES), (["--mqtt", "127.0.0.1:1"], SERVICES | {"mqtt"})],  # nobody answers there
+    ids=["plain", "mqtt"],
+)
+def test_up_runs_all_services_of_a_configuration(
+    tmp_path: Path, options: list[str], services: set[str]
+) -> None:
     endpoint = f"tcp/127.0.0.1:{find_free_port()}"
     more = f'[map]\nfile = "{worlds.find("apartment.yaml")}"\n'
     config = write_config(tmp_path / "robot.toml", endpoint, "upper", more)
     up = Process(
-        ["-m", "trolley.cli", "up", "--no-viz", "--config", str(config)],
+        ["-m", "trolley.cli", "up", "--no-viz", "--config", str(config), *options],
         tmp_path / "up.log",
         {"TROLLEY_STATE": str(tmp_path / "state")},
     )
     try:
         with Connection([endpoint], 60.0) as connection:
             wait_until(
-                lambda: {service for _, service in connection.services("upper")} == SERVICES,
+                lambda: {service for _, service in connection.services("upper")} == services,
                 60.0,
                 "all services are alive",
             )

@@ -11,7 +11,7 @@ import pytest
 if TYPE_CHECKING:
     from .conftest import Source
 
-SERVICES = ("base", "localizer", "planner", "tour", "viz")
+SERVICES = ("base", "localizer", "mqtt", "planner", "tour", "viz")
 RUNTIME = Path("common/trolley/runtime")
 
 
@@ -49,6 +49,7 @@ def test_nobody_imports_a_service_but_itself(sources: list["Source"], service: s
         ("serial", Path("services/base/trolley_base")),
         ("viser", Path("services/viz/trolley_viz")),
         ("mcap", Path("common/trolley/recording")),
+        ("paho", Path("services/mqtt/trolley_mqtt")),
     ],
 )
 def test_library_is_imported_in_one_place_only(

@@ -32,6 +32,7 @@ from trolley.cli.demo_run import (
 )
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import (
+    MQTT,
     VIEWER,
     announce_viewer,
     check_port,
@@ -182,6 +183,7 @@ def _run(
     choices: Choices, environment: dict[str, str], config: Path, *, tour: bool, headless: bool
 ) -> None:
     modules = installed_services()
+    modules.pop(MQTT, None)
     if headless:
         modules.pop(VIEWER, None)
     settings = load_config(config)

@@ -14,6 +14,7 @@ from trolley import ports
 from trolley.cli.options import given, where_options
 from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, RobotConfig, ZenohSection, find_config, load_config
+from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
 from trolley.runtime.zenoh_bus import NotConnected, open_router
@@ -31,6 +32,7 @@ SERVICES = "trolley.services"
 VIEWER = "viz"
 FOR_OTHERS = "tls/0.0.0.0:7448"
 """Where a router with keys for it listens for other hosts."""
+MQTT = "mqtt"
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 CHECK_PERIOD_S = 0.2
 URL_PATIENCE_S = 30.0
@@ -146,13 +148,30 @@ def wait_for_interrupt() -> NoReturn:
         time.sleep(0.2)  # not `signal.pause`: it sleeps on when the signal came just before it
 
 
+def _broker_option(
+    _context: click.Context, _parameter: click.Parameter, broker: str | None
+) -> str | None:
+    try:
+        if broker is not None:
+            split_broker(broker)
+    except ValueError as problem:
+        raise click.BadParameter(str(problem)) from problem
+    return broker
+
+
 @click.command(name="up")
 @click.option("--no-viz", is_flag=True, help="Without the viewer.")
 @click.option("--no-router", is_flag=True, help="A router runs already.")
 @click.option("-q", "--quiet", is_flag=True, help="Show warnings only.")
+@click.option(
+    "--mqtt",
+    metavar="HOST[:PORT]",
+    callback=_broker_option,
+    help="Tell this MQTT broker, and so Home Assistant, what the robot does.",
+)
 @where_options
 @reports_errors
-def up_command(no_viz: bool, no_router: bool, quiet: bool) -> None:
+def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> None:
     """Run the router and all installed services of a robot until Ctrl-C.
 
     Needs a configuration file. A service that ends is started again.
@@ -170,6 +189,10 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool) -> None:
     if quiet:
         environment["TROLLEY_LOG"] = "warning"
     carried = None if router is None else _router_of(config, router)
+    if mqtt is not None:
+        environment[BROKER_VARIABLE] = mqtt
+    elif not config.mqtt.broker:
+        modules.pop(MQTT, None)
     click.echo(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
     try:
         with interruptible(), supervised(modules, environment, carried):
@@ -253,7 +276,7 @@ def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) 
 @where_options
 @reports_errors
 def run_command(service: str) -> None:
-    """Run one SERVICE (base, localizer, planner, tour, viz) in the foreground.
+    """Run one SERVICE (base, localizer, mqtt, planner, tour, viz) in the foreground.
 
     Needs a configuration file and a router. Exit code 3: it runs already somewhere.
     """

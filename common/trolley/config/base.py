@@ -11,6 +11,17 @@ Speed = Annotated[float, Meta(gt=0.0, le=5.0)]
 Rate = Annotated[float, Meta(gt=0.0, le=10.0)]
 
 
+class BatteryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.simulated.battery]`: a battery for a simulated robot, which has none without this."""
+
+    fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
+    """Its charge when base starts."""
+    minutes: Annotated[float, Meta(gt=0.0, le=100_000.0)] = 120.0
+    """How long a full one lasts; it charges four times as fast."""
+    charger: PoseConfig | None = None
+    """Where it is charged, within 0.3 m of there; nowhere if not given."""
+
+
 class SimulatedConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[base.simulated]`: the world that a simulated robot drives in."""
 
@@ -22,6 +33,7 @@ class SimulatedConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Simulated seconds per real second."""
     start: PoseConfig | None = None
     """Where the robot truly stands at first; the world's own start if not given."""
+    battery: BatteryConfig | None = None
 
 
 class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

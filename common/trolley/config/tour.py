@@ -14,3 +14,5 @@ class TourConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Wait before a failed stop is tried again; doubled at each failure, a minute at most."""
     history_days: Annotated[int, Meta(ge=1, le=3650)] = 365
     """How long past trips are kept."""
+    low_battery: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.2
+    """Charge below which a robot on its way drives to the place `home`; 0 never."""

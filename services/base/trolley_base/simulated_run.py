@@ -12,7 +12,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Truth
 from trolley_base.device import Opened
 from trolley_base.drivers import CallSoon
-from trolley_base.drivers.simulated import SimulatedHardware
+from trolley_base.drivers.simulated import SimulatedBattery, SimulatedHardware
 from trolley_base.drivers.world_file import load_world
 from trolley_base.saved import SavedWorld
 from trolley_base.stop_field import REACTION_S
@@ -31,6 +31,7 @@ class SimulatedDevice:
         self.base_T_laser = config.base.lidar.pose.as_pose()
         self.rate = settings.rate
         self._seed = settings.seed
+        self._battery = settings.battery
         self._start = None if settings.start is None else settings.start.as_pose()
         self._body = RobotBody(footprint, self.base_T_laser)
         name = settings.world if settings.world.endswith(".toml") else f"{settings.world}.toml"
@@ -60,7 +61,8 @@ class SimulatedDevice:
             simulation = self._simulate(start)
         except WorldError:  # the world has been changed, and there is a wall now
             simulation = self._simulate(self._start)
-        hardware = SimulatedHardware(simulation, start_ns)
+        battery = None if self._battery is None else SimulatedBattery(self._battery)
+        hardware = SimulatedHardware(simulation, start_ns, battery=battery)
         return Opened(hardware, simulated=SimulatedRun(hardware, self._world.name, self._start))
 
     def _refuse_outside(self, start: Pose2D) -> None:

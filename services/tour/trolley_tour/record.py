@@ -5,6 +5,7 @@ from typing import Literal
 
 from msgspec import Struct, structs
 
+from trolley import codes
 from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus
 from trolley.messages.touring import TripState
@@ -70,6 +71,10 @@ class TripRecord(Struct, kw_only=True):
     """The map on which it began."""
     visit_pose: Pose2D | None = None
     """Where the stop of this visit is, as far as its place was found."""
+    battery: float | None = None
+    """The charge because of which it drives home; null for a trip that somebody wanted."""
+    interrupted: "TripRecord | None" = None
+    """The trip that waits, paused, for the end of this one."""
 
     def __post_init__(self) -> None:
         """Refuse a file whose parts do not fit together."""
@@ -112,6 +117,20 @@ class TripRecord(Struct, kw_only=True):
     def title(self) -> str:
         """The stop in words."""
         return wording.stop_title(self.stop_index, self.stop)
+
+    @property
+    def driving_words(self) -> tuple[str, str]:
+        """The reason and the message while it drives."""
+        if self.battery is not None:
+            return codes.LOW_BATTERY, f"{wording.charge(self.battery)}: driving home."
+        return "", f"Driving to {self.title}."
+
+    @property
+    def done_words(self) -> tuple[str, str]:
+        """The reason and the message at its end."""
+        if self.battery is not None:
+            return codes.LOW_BATTERY, "At home, since the battery was low."
+        return "", wording.done(self.reached, self.missed)
 
     @property
     def via(self) -> list[Pose2D]:

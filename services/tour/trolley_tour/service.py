@@ -10,13 +10,13 @@ from trolley.messages.asking import AskOffer, SendGoal
 from trolley.runtime.service import Later, answers, gets, on, on_delete
 from trolley_tour.capturing import Capturing
 from trolley_tour.drawings import checked_marker, new_markers, new_overlays
-from trolley_tour.travelling import Travelling
+from trolley_tour.homing import Homing
 from trolley_tour.trip import ACTIVE
 
 PREVIEW_S = 1.5
 
 
-class TourService(Capturing, Travelling):
+class TourService(Capturing, Homing):
     """All of the tour service."""
 
     name = "tour"

@@ -10,7 +10,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PastTrip, Tour, TourStatus
 from trolley.messages.asking import AskHistory, Nothing, StartTour, WhichGoal
 from trolley.runtime.service import Later, Watch, answers, every
-from trolley_tour import history, store
+from trolley_tour import history, store, wording
 from trolley_tour.actions import Cancel, Limits, Pause, Send
 from trolley_tour.keeping import Keeping
 from trolley_tour.record import Moment, TripRecord
@@ -142,13 +142,23 @@ class Travelling(Keeping):
         """Where a saved pose is on the present map; raises `Refused`."""
         return store.find_place(self.poses.items, name, self.map_name)
 
-    def _begin(self, tour: Tour) -> TourStatus:
-        """Start a trip in place of the one under way."""
+    def _begin(self, tour: Tour, battery: float | None = None) -> TourStatus:
+        """Start a trip in place of the one under way; because of a `battery` so low, that waits."""
+        interrupted = None
         if self._trip is not None and not self._trip.record.is_over:
-            self._trip.stop(self._moment, codes.REPLACED, "Another trip was started.")
+            if battery is None:
+                self._trip.stop(self._moment, codes.REPLACED, "Another trip was started.")
+            else:
+                self._trip.pause(codes.LOW_BATTERY, wording.PAUSES[codes.LOW_BATTERY])
+                interrupted = self._trip.record.copy()
             self._carry_out()
         record = TripRecord(
-            trip=self.new_id(), tour=tour, tries=[0] * len(tour.stops), epoch_ns=self._epoch_ns
+            trip=self.new_id(),
+            tour=tour,
+            tries=[0] * len(tour.stops),
+            epoch_ns=self._epoch_ns,
+            battery=battery,
+            interrupted=interrupted,
         )
         trip = self._take_up(record)
         self.log.info("Trip begins", tour=tour.name, trip=record.trip, stops=len(tour.stops))

@@ -355,7 +355,7 @@ class Trip:
         record = self.record
         came = record.advance()
         if came == "end":
-            self._end("done", "", wording.done(record.reached, record.missed), at)
+            self._end("done", *record.done_words, at)
             return
         self._set_driving()
         self._wait_s = 0.0
@@ -380,7 +380,7 @@ class Trip:
             self.actions.append(action)
 
     def _set_driving(self) -> None:
-        self._set("driving", "", f"Driving to {self.record.title}.")
+        self._set("driving", *self.record.driving_words)
 
     def _set(self, state: TripState, reason: str, message: str) -> None:
         record = self.record

@@ -1,5 +1,7 @@
 """What a trip says to people, in plain words."""
 
+import math
+
 from trolley import codes
 from trolley.messages import Stop
 
@@ -9,6 +11,7 @@ PAUSES: dict[str, str] = {
     codes.OTHER_GOAL: codes.SENTENCES[codes.OTHER_GOAL],
     codes.RESTARTED: "The robot was restarted; resume the tour to go on.",
     codes.CANCELED: "The goal was canceled; resume the tour to go on.",
+    codes.LOW_BATTERY: "The battery was low; charge it, then resume the tour to go on.",
     codes.PAUSED: "The tour is paused; resume it to go on.",
 }
 """Why a trip stands, and what to do about it."""
@@ -37,6 +40,11 @@ def done(reached: int, missed: int) -> str:
     if missed == 0:
         return "The stop was reached." if visits == 1 else f"All {visits} stops were reached."
     return f"{reached} of {visits} stops were reached."
+
+
+def charge(fraction: float) -> str:
+    """A charge for people: "Battery at 18 %"."""
+    return f"Battery at {math.floor(100.0 * fraction)} %"
 
 
 def of(code: str) -> str:

@@ -25,6 +25,7 @@ PAUSE_REASONS = {
     codes.RESTARTED: "it was restarted",
     codes.OTHER_GOAL: "somebody sent it elsewhere",
     codes.CANCELED: "the way was canceled",
+    codes.LOW_BATTERY: "the battery was low; charge it first",
 }
 
 
@@ -114,6 +115,8 @@ def _trip(known: Known) -> Words | None:
     is_elsewhere = goal is not None and not (goal.id or "").startswith(f"tour-{trip.trip}-")
     if is_elsewhere and (is_over or (goal is not None and goal.state in DRIVING)):
         return None  # something else was driven since
+    if trip.reason == codes.LOW_BATTERY and trip.state in ("driving", "done"):
+        return Words(trip.message, "warn")
     match trip.state:
         case "paused":
             why = PAUSE_REASONS.get(trip.reason)
@@ -165,6 +168,8 @@ def _goal(known: Known) -> Words | None:
 
 
 def _idle(known: Known) -> Words | None:
+    if known.trip is not None and known.trip.reason == codes.LOW_BATTERY:
+        return Words(known.trip.message, "warn")
     if _is_unsure(known):
         return Words("It is not quite sure where it is, and drives slowly.", "warn")
     return READY

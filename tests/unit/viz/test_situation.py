@@ -200,6 +200,23 @@ CASES = [
         known(goal=goal("arrived"), trip=trip("failed", reason="aborted")),
         "It is at kitchen.",
     ),
+    (
+        known(
+            goal=TOUR_GOAL,
+            trip=trip("driving", reason="low_battery", message="Battery at 18 %: driving home."),
+        ),
+        "Battery at 18 %: driving home.",
+    ),
+    (
+        known(goal=goal("arrived", "tour-t2-0-0"), trip=trip("paused", reason="low_battery")),
+        "The tour is paused: the battery was low; charge it first. Press “Go on”.",
+    ),
+    (
+        known(
+            trip=trip("idle", reason="low_battery", message="Battery at 18 %: charge the robot.")
+        ),
+        "Battery at 18 %: charge the robot.",
+    ),
 ]
 
 

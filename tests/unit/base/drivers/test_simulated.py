@@ -4,8 +4,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from trolley.config.base import BatteryConfig
+from trolley.config.robot import PoseConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley_base.drivers.simulated import SimulatedHardware
+from trolley_base.drivers.simulated import SimulatedBattery, SimulatedHardware
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -80,3 +82,29 @@ def test_close_stops_the_wheels(hardware: SimulatedHardware) -> None:
     hardware.close()
     hardware.advance(START_NS + 800 * MS)
     assert hardware.truth().twist.is_zero
+
+
+def test_a_battery_empties_with_time_and_charges_at_its_charger() -> None:
+    charger = PoseConfig(x=1.0, y=1.0, yaw=0.0)
+    config = BatteryConfig(fraction=0.5, minutes=10.0, charger=charger)
+    battery = SimulatedBattery(config)
+    battery.step(Pose2D(5.0, 5.0, 0.0), 60_000 * MS)
+    read = battery.read()
+    assert (read.fraction, read.charging) == (pytest.approx(0.4), False)
+    battery.step(Pose2D(1.2, 1.0, 3.0), 60_000 * MS)
+    read = battery.read()
+    assert (read.fraction, read.charging) == (pytest.approx(0.8), True)
+    battery.step(Pose2D(1.2, 1.0, 3.0), 600_000 * MS)
+    assert battery.read().fraction == 1.0
+    battery.step(Pose2D(5.0, 5.0, 0.0), 60_000_000 * MS)
+    assert battery.read().fraction == 0.0
+
+
+def test_a_chassis_reports_its_battery_where_there_is_one(simulate: "MakeSimulation") -> None:
+    assert SimulatedHardware(simulate(), START_NS).chassis.read().battery is None
+    battery = SimulatedBattery(BatteryConfig(minutes=1.0))
+    hardware = SimulatedHardware(simulate(), START_NS, battery=battery)
+    hardware.advance(START_NS + 6_000 * MS)
+    read = hardware.chassis.read().battery
+    assert read is not None
+    assert read.fraction == pytest.approx(0.9, abs=0.001)

@@ -1,0 +1,64 @@
+"""`[mqtt]`: the bridge to an MQTT broker, as Home Assistant uses one."""
+
+import re
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+PORT, TLS_PORT = 1883, 8883
+BROKER = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.-]{1,253})(:(?P<port>[0-9]{1,5}))?")
+
+BROKER_VARIABLE = "TROLLEY_MQTT_BROKER"
+"""How `trolley up --mqtt` names a broker that robot.toml does not."""
+
+TopicName = Annotated[
+    str, Meta(pattern=r"\A([^+#$/\s\x00-\x1f][^+#\s\x00-\x1f]*)?\Z", max_length=200)
+]
+
+
+class MqttConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The MQTT broker that the robot tells its state and takes a few commands from."""
+
+    broker: str = ""
+    """`host` or `host:port` of the broker; empty: no bridge is run."""
+    username: str = ""
+    """Whom the broker knows the robot as; empty: it asks nobody."""
+    password_file: str = ""
+    """A file whose first line is the password, relative to this file."""
+    tls: bool = False
+    """Encrypt, and trust the certificate authorities that this computer trusts."""
+    tls_ca: str = ""
+    """Encrypt, and trust the certificate authority in this PEM file alone."""
+    base_topic: TopicName = ""
+    """What all topics of this robot begin with; `trolley/<robot>` if empty."""
+    discovery_prefix: TopicName = "homeassistant"
+    """Where Home Assistant looks for devices; empty: nothing is announced to it."""
+
+    def __post_init__(self) -> None:
+        """Refuse a broker that is no address."""
+        if self.broker:
+            split_broker(self.broker)
+
+    @property
+    def is_encrypted(self) -> bool:
+        """Whether TLS is spoken."""
+        return self.tls or bool(self.tls_ca)
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port of the broker."""
+        host, port = split_broker(self.broker)
+        return host, port or (TLS_PORT if self.is_encrypted else PORT)
+
+
+def split_broker(text: str) -> tuple[str, int | None]:
+    """Host and port of `host`, `host:port` or `[IPv6]:port`.
+
+    Raises:
+        ValueError: It is no address.
+    """
+    found = BROKER.fullmatch(text)
+    port = int(found["port"]) if found is not None and found["port"] else None
+    if found is None or port == 0 or (port or 0) > 65_535:
+        raise ValueError(f"{text!r} is no broker: write host or host:port, such as 192.168.1.5")
+    return found["host"].strip("[]"), port

@@ -1,0 +1,104 @@
+"""What may be asked for over MQTT, and what the robot is asked then.
+
+`<base topic>/do/go` and `…/do/tour` carry the name of a place or tour; the others mind no payload.
+"""
+
+import dataclasses
+import unicodedata
+from typing import Any
+
+from trolley import codes, requests
+from trolley.codes import Refused
+from trolley.messages import GoalStatus, TourStatus
+from trolley.messages.asking import Nothing, SendGoal, StartTour, WhichGoal
+from trolley.requests import Request
+from trolley_mqtt.telling import GOING
+
+GO, TOUR, STOP, PAUSE, RESUME, CANCEL = "go", "tour", "stop", "pause", "resume", "cancel"
+VERBS = (GO, TOUR, STOP, PAUSE, RESUME, CANCEL)
+NAMED = (GO, TOUR)
+MAX_PAYLOAD = 512
+"""A name has 64 characters of 4 bytes at most."""
+
+TRIP_REQUESTS: dict[str, Request[Any, Any]] = {
+    PAUSE: requests.TOUR_PAUSE,
+    RESUME: requests.TOUR_RESUME,
+    CANCEL: requests.TOUR_STOP,
+}
+GOAL_REQUESTS: dict[str, Request[Any, Any]] = {
+    PAUSE: requests.GOAL_PAUSE,
+    RESUME: requests.GOAL_RESUME,
+    CANCEL: requests.GOAL_CANCEL,
+}
+UNDER_WAY = ("driving", "dwelling", "waiting", "paused")
+
+
+@dataclasses.dataclass(frozen=True)
+class Order:
+    """A request to the robot, and how people call it."""
+
+    title: str
+    done: str
+    """What is said when the robot has taken it."""
+    request: Request[Any, Any]
+    params: Any
+
+
+def name_in(payload: bytes) -> str:
+    """The name that a payload carries.
+
+    Raises:
+        Refused: It is none.
+    """
+    if len(payload) > MAX_PAYLOAD:
+        raise Refused(codes.TOO_LARGE, "That name is too long.")
+    try:
+        return unicodedata.normalize("NFC", payload.decode())
+    except UnicodeDecodeError:
+        raise Refused(codes.BAD_REQUEST, "That is no name.") from None
+
+
+def order_of(
+    verb: str,
+    name: str,
+    known: tuple[GoalStatus | None, TourStatus | None],
+    names: tuple[list[str], list[str]],
+    new_id: str,
+) -> Order:
+    """What a command other than stop asks the robot.
+
+    Args:
+        verb: One of `VERBS`.
+        name: Of the place or tour.
+        known: The present goal and trip.
+        names: Of the places and tours that there are.
+        new_id: For a new goal.
+
+    Raises:
+        Refused: There is no such place or tour, or nothing is under way.
+    """
+    places, tours = names
+    if verb == GO:
+        if name not in places:
+            raise Refused(codes.UNKNOWN_NAME, f"There is no place {name!r} on this map.")
+        params = SendGoal(id=new_id, name=name)
+        return Order(f"Go to {name}", "it sets off", requests.GOAL_SEND, params)
+    if verb == TOUR:
+        if name not in tours:
+            raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}.")
+        return Order(f"Tour {name}", "it sets off", requests.TOUR_START, StartTour(name=name))
+    goal, trip = known
+    title = {PAUSE: "Pause", RESUME: "Go on", CANCEL: "Cancel"}[verb]
+    if _is_trip_meant(goal, trip):
+        return Order(title, "done", TRIP_REQUESTS[verb], Nothing())
+    if goal is not None and goal.state in (*GOING, "paused"):
+        return Order(title, "done", GOAL_REQUESTS[verb], WhichGoal(id=goal.id))
+    raise Refused(codes.NOT_DRIVING, "The robot is not on its way to anywhere.")
+
+
+def _is_trip_meant(goal: GoalStatus | None, trip: TourStatus | None) -> bool:
+    """Whether the trip is meant rather than a goal that somebody sent beside it."""
+    if trip is None or trip.state not in UNDER_WAY:
+        return False
+    is_going = goal is not None and goal.state in (*GOING, "paused")
+    return not is_going or (goal is not None and (goal.id or "").startswith("tour-"))

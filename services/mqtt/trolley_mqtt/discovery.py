@@ -1,0 +1,149 @@
+"""Home Assistant's MQTT discovery: one retained message per entity, all of one device.
+
+Single-component messages, since places and tours come and go: an empty message takes an entity
+away, and other programs than Home Assistant understand them, too.
+https://www.home-assistant.io/integrations/mqtt/#mqtt-discovery
+"""
+
+import dataclasses
+import hashlib
+import unicodedata
+from collections.abc import Sequence
+from typing import Any
+
+from trolley_mqtt import commands
+from trolley_mqtt.telling import ACTIVITIES, POSITIONS
+
+Payload = dict[str, Any]
+
+MAX_BUTTONS = 100
+"""Of places, and as many of tours; nobody presses more, and a broker keeps them all."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Device:
+    """What the entities say of the robot."""
+
+    robot: str
+    title: str
+    version: str
+    base_topic: str
+    prefix: str
+
+    @property
+    def node(self) -> str:
+        """Its part of every discovery topic."""
+        return f"trolley_{self.robot}"
+
+    def topic(self, component: str, object_id: str) -> str:
+        """The discovery topic of an entity."""
+        return f"{self.prefix}/{component}/{self.node}/{object_id}/config"
+
+    @property
+    def all_topics(self) -> str:
+        """Matches the discovery topics of all its entities."""
+        return f"{self.prefix}/+/{self.node}/+/config"
+
+
+def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[str, Payload]:
+    """Everything but places and tours: discovery topic to payload."""
+    sensor, binary, button = "sensor", "binary_sensor", "button"
+    found = {
+        (sensor, "activity"): _value("Activity", "activity", "mdi:robot")
+        | {"device_class": "enum", "options": list(ACTIVITIES)},
+        (sensor, "message"): _value("Message", "message", "mdi:message-text"),
+        (sensor, "place"): _value("Place", "place", "mdi:map-marker"),
+        (sensor, "destination"): _value("Destination", "destination", "mdi:map-marker-path"),
+        (sensor, "tour"): _value("Tour", "tour", "mdi:routes"),
+        (sensor, "position"): _value("Position", "position", "mdi:crosshairs-gps")
+        | {"device_class": "enum", "options": list(POSITIONS), "entity_category": "diagnostic"},
+        (sensor, "answer"): _value("Last answer", "answer", "mdi:message-alert")
+        | {"entity_category": "diagnostic"},
+        (binary, "problem"): _flag("Problem", "problem"),
+        # A stop is always worth a try, so it does not depend on the robot being heard of.
+        (button, "stop"): _button("Stop", commands.STOP, "mdi:hand-back-right")
+        | {"availability": [{"topic": "~/bridge"}]},
+        (button, "pause"): _button("Pause", commands.PAUSE, "mdi:pause"),
+        (button, "resume"): _button("Go on", commands.RESUME, "mdi:play"),
+        (button, "cancel"): _button("Cancel", commands.CANCEL, "mdi:cancel"),
+    }
+    if has_battery:
+        found[sensor, "battery"] = _value("Battery", "battery", None) | {
+            "device_class": "battery",
+            "state_class": "measurement",
+            "unit_of_measurement": "%",
+        }
+    if has_charging:
+        found[binary, "charging"] = _flag("Charging", "charging") | {
+            "device_class": "battery_charging"
+        }
+    return _addressed(device, found)
+
+
+def buttons(device: Device, places: Sequence[str], tours: Sequence[str]) -> dict[str, Payload]:
+    """A button per place and per tour: discovery topic to payload."""
+    found: dict[tuple[str, str], Payload] = {}
+    for verb, title, icon, names in (
+        (commands.GO, "Go to", "mdi:map-marker-right", places),
+        (commands.TOUR, "Tour", "mdi:routes", tours),
+    ):
+        for name in sorted(names)[:MAX_BUTTONS]:
+            found["button", f"{verb}_{slug(name)}"] = _button(f"{title} {name}", verb, icon) | {
+                "payload_press": name
+            }
+    return _addressed(device, found)
+
+
+def slug(name: str) -> str:
+    """A name as an object id: [a-z0-9_], and a sum that keeps "Küche" and "Kuche" apart."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    word = "_".join("".join(c if c.isalnum() else " " for c in plain).split())
+    digest = hashlib.sha256(unicodedata.normalize("NFC", name).encode()).hexdigest()[:8]
+    return f"{word[:40]}_{digest}".lstrip("_")
+
+
+def _value(name: str, field: str, icon: str | None) -> Payload:
+    # An unknown value is said as "None", which Home Assistant shows as unknown.
+    shown = {"name": name, "state_topic": "~/state", "value_template": _read(field)}
+    return shown if icon is None else shown | {"icon": icon}
+
+
+def _read(field: str) -> str:
+    words = {"place": "elsewhere", "destination": "nowhere", "tour": "none", "answer": "none"}
+    default = f" or '{words[field]}'" if field in words else ""
+    return f"{{{{ value_json.{field}{default} }}}}"
+
+
+def _flag(name: str, field: str) -> Payload:
+    return {
+        "name": name,
+        "state_topic": "~/state",
+        "value_template": f"{{{{ 'ON' if value_json.{field} else 'OFF' }}}}",
+        "device_class": "problem",
+    }
+
+
+def _button(name: str, verb: str, icon: str) -> Payload:
+    return {"name": name, "command_topic": f"~/do/{verb}", "icon": icon, "qos": 0, "retain": False}
+
+
+def _addressed(device: Device, found: dict[tuple[str, str], Payload]) -> dict[str, Payload]:
+    """With the device and the identity that every entity says again."""
+    common: Payload = {
+        "~": device.base_topic,
+        "availability": [{"topic": "~/bridge"}, {"topic": "~/robot"}],
+        "availability_mode": "all",
+        "origin": {"name": "Trolley", "sw_version": device.version},
+        "device": {
+            "identifiers": [device.node],
+            "name": device.title,
+            "manufacturer": "Trolley",
+            "sw_version": device.version,
+        },
+    }
+    return {
+        device.topic(component, object_id): common
+        | payload
+        | {"unique_id": f"{device.node}_{object_id}"}
+        for (component, object_id), payload in found.items()
+    }

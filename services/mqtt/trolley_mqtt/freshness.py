@@ -1,0 +1,55 @@
+"""How old what arrives from the broker may be at most.
+
+A broker delivers in order. The bridge sends a mark each second and hears it come back: whatever
+arrives after a mark left the broker after that mark was sent. So a command that waited in a
+connection that had stalled, or in this process, is known to be too old to be carried out.
+"""
+
+LONGEST_S = 3.0
+"""A command that may be older than this is dropped."""
+MAX_UNDER_WAY = 64
+
+
+class Freshness:
+    """Marks under way, and the newest one that came back.
+
+    Args:
+        run: Tells this run's marks from those of others.
+    """
+
+    def __init__(self, run: str) -> None:
+        self._run = run
+        self._number = 0
+        self._sent_ns: dict[bytes, int] = {}
+        self._proof_ns: int | None = None
+
+    def renew(self) -> None:
+        """Begin anew on a new connection."""
+        self._sent_ns.clear()
+        self._proof_ns = None
+
+    def mark(self, now_ns: int) -> bytes:
+        """The next mark to send."""
+        self._number += 1
+        mark = f"{self._run}-{self._number}".encode()
+        self._sent_ns[mark] = now_ns
+        while len(self._sent_ns) > MAX_UNDER_WAY:
+            del self._sent_ns[next(iter(self._sent_ns))]
+        return mark
+
+    def hear(self, mark: bytes) -> bool:
+        """Take a mark that came back; False where it is none of ours."""
+        sent_ns = self._sent_ns.pop(mark, None)
+        if sent_ns is None:
+            return False
+        self._proof_ns = max(sent_ns, self._proof_ns or sent_ns)
+        return True
+
+    def age_s(self, now_ns: int) -> float | None:
+        """How old what arrives now may be at most [s]; None where nothing is known."""
+        return None if self._proof_ns is None else (now_ns - self._proof_ns) * 1e-9
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Whether what arrives now is surely new enough to be carried out."""
+        age_s = self.age_s(now_ns)
+        return age_s is not None and age_s <= LONGEST_S

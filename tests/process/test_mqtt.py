@@ -1,0 +1,428 @@
+"""The bridge as a process, at a real broker (Debian's mosquitto)."""
+
+import json
+import logging
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion
+from support.processes import Process, find_free_port, write_config
+from support.waiting import wait_until
+
+from trolley import topics
+from trolley.messages import Health, Stop, Tour, Tours
+from trolley.runtime import codec
+from trolley.runtime.zenoh_bus import open_bus
+
+if TYPE_CHECKING:
+    from .conftest import ScriptedRobot
+
+MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
+LOG = logging.getLogger(__name__)
+pytestmark = pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not installed")
+
+
+class Mosquitto:
+    """A broker that can go away and come back, with nothing kept."""
+
+    def __init__(self, folder: Path, *lines: str) -> None:
+        self.port = find_free_port()
+        self._log = folder / "mosquitto.log"
+        self._config = folder / "mosquitto.conf"
+        who = [] if any("password_file" in line for line in lines) else ["allow_anonymous true"]
+        text = [f"listener {self.port} 127.0.0.1", "user root", "log_dest stderr", *who, *lines]
+        self._config.write_text("\n".join(text) + "\n", encoding="utf-8")
+        self.start()
+
+    def start(self) -> None:
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [str(MOSQUITTO), "-c", str(self._config)], stderr=log, stdout=log
+            )
+        wait_until(self._answers, 10.0, "the broker listens")
+
+    def stop(self) -> None:
+        self._process.terminate()
+        self._process.wait(10.0)
+
+    def _answers(self) -> bool:
+        assert self._process.poll() is None, self._log.read_text()
+        with socket.socket() as probe:
+            probe.settimeout(0.2)
+            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+class Home:
+    """A client as Home Assistant is one: it hears everything and presses buttons."""
+
+    def __init__(self, port: int, **account: str) -> None:
+        self.heard: dict[str, bytes] = {}
+        self.client = Client(CallbackAPIVersion.VERSION2, "home")
+        if account:
+            self.client.username_pw_set(account["username"], account["password"])
+        self.client.on_message = self._hear
+        self.client.on_connect = self._subscribe
+        self.client.connect("127.0.0.1", port)
+        self.client.loop_start()
+        wait_until(self.client.is_connected, 5.0, "the broker lets the client in")
+
+    def _subscribe(self, client: Client, *_: Any) -> None:
+        client.subscribe([("trolley/one/state", 0), ("trolley/one/bridge", 0)])
+        client.subscribe("homeassistant/#")
+
+    def _hear(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
+        self.heard[message.topic] = bytes(message.payload)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return json.loads(self.heard.get("trolley/one/state", b"{}"))
+
+    @property
+    def bridge(self) -> bytes | None:
+        return self.heard.get("trolley/one/bridge")
+
+    def press(self, name: str) -> None:
+        """Press the button of this name, as it was announced."""
+        for topic, payload in list(self.heard.items()):
+            if topic.startswith("homeassistant/button/") and payload:
+                button = json.loads(payload)
+                if button["name"] == name:
+                    do = button["command_topic"].replace("~", button["~"])
+                    self.client.publish(do, button.get("payload_press", "PRESS"))
+                    return
+        raise AssertionError(f"there is no button {name!r}")
+
+    def close(self) -> None:
+        self.client.disconnect()
+        self.client.loop_stop()
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    made = Mosquitto(tmp_path)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def home(broker: Mosquitto) -> Iterator[Home]:
+    made = Home(broker.port)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def robot(add_robot: Callable[..., "ScriptedRobot"]) -> "ScriptedRobot":
+    made = add_robot()
+    tours = Tours(stamp_ns=0, tours=[Tour(name="evening", stops=[Stop(name="kitchen")])])
+    made.call_soon(lambda: made.publish(topics.TOURS, tours))
+    return made
+
+
+@pytest.fixture
+def run_bridge(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., Process]]:
+    """Starts the bridge: `run_bridge(port, more)`."""
+    started: list[Process] = []
+
+    def run(port: int, more: str = "") -> Process:
+        text = f'[mqtt]\nbroker = "127.0.0.1:{port}"\n{more}'
+        config = write_config(tmp_path / "robot.toml", endpoint, "one", text)
+        process = Process(["-m", "trolley_mqtt", "--config", str(config)], tmp_path / "mqtt.log")
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()
+
+
+def health_of(endpoint: str) -> Health | None:
+    """What the bridge says of itself."""
+    found: list[Health] = []
+    done = threading.Event()
+    with open_bus([endpoint], 5.0) as bus:
+        bus.get(
+            topics.HEALTH.key("one", "mqtt") + "?format=msgpack",
+            b"",
+            "",
+            2.0,
+            lambda reply: found.append(codec.decode(Health, reply.payload, reply.encoding)),
+            done.set,
+        )
+        done.wait(3.0)
+    return found[0] if found else None
+
+
+def test_home_assistant_drives_and_stops_the_robot(
+    robot: "ScriptedRobot", home: Home, broker: Mosquitto, run_bridge: Callable[..., Process]
+) -> None:
+    bridge = run_bridge(broker.port)
+    wait_until(lambda: any("go_kitchen" in topic for topic in home.heard), 15.0, "announcements")
+    wait_until(lambda: home.state.get("activity") == "ready", 5.0, "a state")
+    time.sleep(1.2)  # a mark has come back
+    home.press("Go to kitchen")
+    wait_until(lambda: robot.sent, 2.0, "the robot is sent")
+    assert robot.sent[0].name == "kitchen"
+    began_s = time.monotonic()
+    home.press("Stop")
+    wait_until(lambda: robot.stopped, 1.0, "the robot is stopped")
+    assert time.monotonic() - began_s < 0.5
+    wait_until(lambda: home.state["activity"] == "stopped", 3.0, "the state says so")
+    assert bridge.terminate() == 0
+    wait_until(lambda: home.bridge == b"offline", 2.0, "the last word")
+
+
+def test_a_bridge_that_is_killed_is_unavailable(
+    robot: "ScriptedRobot", home: Home, broker: Mosquitto, run_bridge: Callable[..., Process]
+) -> None:
+    bridge = run_bridge(broker.port)
+    wait_until(lambda: home.bridge == b"online", 15.0, "the bridge")
+    bridge.kill()
+    wait_until(lambda: home.bridge == b"offline", 2.0, "the broker says it for the dead")
+
+
+def test_retained_commands_are_dropped_live_and_at_the_start(
+    robot: "ScriptedRobot", home: Home, broker: Mosquitto, run_bridge: Callable[..., Process]
+) -> None:
+    home.client.publish("trolley/one/do/go", "kitchen", retain=True)
+    bridge = run_bridge(broker.port)
+    wait_until(lambda: home.state.get("activity") == "ready", 15.0, "a state")
+    time.sleep(1.5)
+    home.client.publish("trolley/one/do/go", "kitchen", retain=True)
+    wait_until(lambda: "retained" in bridge.log, 3.0, "the drop in the log")
+    assert robot.sent == []
+
+
+def test_a_broker_that_restarts_is_found_again(
+    robot: "ScriptedRobot", broker: Mosquitto, run_bridge: Callable[..., Process], endpoint: str
+) -> None:
+    run_bridge(broker.port)
+    home = Home(broker.port)
+    wait_until(lambda: home.bridge == b"online", 15.0, "the bridge")
+    home.close()
+    broker.stop()
+    wait_until(lambda: is_degraded(endpoint), 5.0, "the bridge says what is wrong")
+    broker.start()
+    home = Home(broker.port)
+    wait_until(lambda: home.bridge == b"online", 10.0, "the bridge is back")
+    wait_until(lambda: any("go_kitchen" in topic for topic in home.heard), 5.0, "announcements")
+    time.sleep(1.2)
+    home.press("Go to kitchen")
+    wait_until(lambda: robot.sent, 2.0, "the robot is sent")
+    home.close()
+
+
+def is_degraded(endpoint: str) -> bool:
+    health = health_of(endpoint)
+    return health is not None and health.state == "degraded"
+
+
+def test_a_broker_that_talks_rubbish_does_no_harm(
+    robot: "ScriptedRobot", tmp_path: Path, run_bridge: Callable[..., Process], endpoint: str
+) -> None:
+    rubbish = [
+        b"\x20\x03\x00\x00\x00" + b"\x30\x02\x00\xff",  # a topic longer than its packet
+        b"\x20\x03\x00\x00\x00" + b"\x30\x00",  # an empty publish
+        b"\x20\x03\x00\x00\x00" + b"\x30\x05\x00\x02\xff\xfe\x00",  # a topic of no characters
+        b"\x20\x03\x00\x00\x00" + b"\x90\x01\x00" + b"\xff" * 50,
+        b"\x20\x00",
+        b"HTTP/1.1 400 Bad Request\r\n\r\n",
+    ]
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(20.0)
+        bridge = run_bridge(server.getsockname()[1])
+        for data in rubbish:
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(4096)
+                connection.sendall(data)
+                time.sleep(0.2)
+        connection, _ = server.accept()  # it still tries
+        connection.close()
+    assert bridge.is_running
+    assert is_degraded(endpoint)
+
+
+def test_a_flood_is_bounded_and_a_stop_comes_through(
+    robot: "ScriptedRobot",
+    home: Home,
+    broker: Mosquitto,
+    run_bridge: Callable[..., Process],
+    endpoint: str,
+) -> None:
+    bridge = run_bridge(broker.port)
+    wait_until(lambda: home.state.get("activity") == "ready", 15.0, "a state")
+    before = memory_of(bridge)
+    flood = threading.Thread(target=pour, args=(broker.port, 50, 1000))
+    flood.start()
+    time.sleep(3.0)
+    began_s = time.monotonic()
+    home.client.publish("trolley/one/do/stop", "")
+    wait_until(lambda: robot.stopped, 5.0, "the robot is stopped in the middle of it")
+    stopped_s = time.monotonic() - began_s
+    grown = memory_of(bridge) - before
+    flood.join()
+    assert grown < 10e6
+    health = health_of(endpoint)
+    assert health is not None
+    dropped = sum(n for name, n in health.counters.items() if name.startswith("command/"))
+    LOG.info("%s dropped, stopped in %s s, grown by %s bytes", dropped, stopped_s, grown)
+    assert dropped > 1000
+    assert robot.sent == []
+
+
+def pour(port: int, rounds: int, packets: int) -> None:
+    """Publish `packets` commands ten times a second, as plain MQTT 3.1.1."""
+    connect = b"\x10\x11\x00\x04MQTT\x04\x02\x00\x3c\x00\x05flood"
+    body = b"\x00\x11trolley/one/do/go" + b"x" * 90
+    publish = b"\x30" + bytes([len(body)]) + body
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(connect)
+        connection.recv(4)
+        for _ in range(rounds):
+            began_s = time.monotonic()
+            connection.sendall(publish * packets)
+            time.sleep(max(0.0, 0.1 - (time.monotonic() - began_s)))
+
+
+def memory_of(process: Process) -> float:
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+    return pages * float(os.sysconf("SC_PAGE_SIZE"))
+
+
+class StallingProxy:
+    """Passes TCP on, and holds back what the broker says while `is_stalled`."""
+
+    def __init__(self, port: int) -> None:
+        self._target = port
+        self.is_stalled = False
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port = self._server.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                near, _ = self._server.accept()
+            except OSError:
+                return
+            far = socket.create_connection(("127.0.0.1", self._target))
+            threading.Thread(target=self._pass, args=(near, far, False), daemon=True).start()
+            threading.Thread(target=self._pass, args=(far, near, True), daemon=True).start()
+
+    def _pass(self, source: socket.socket, sink: socket.socket, may_stall: bool) -> None:
+        with source, sink:
+            try:
+                while data := source.recv(4096):
+                    while may_stall and self.is_stalled:
+                        time.sleep(0.02)
+                    sink.sendall(data)
+            except OSError:
+                return
+
+    def close(self) -> None:
+        self._server.close()
+
+
+def test_what_waited_in_a_stalled_connection_is_not_carried_out(
+    robot: "ScriptedRobot",
+    home: Home,
+    broker: Mosquitto,
+    run_bridge: Callable[..., Process],
+) -> None:
+    proxy = StallingProxy(broker.port)
+    bridge = run_bridge(proxy.port)
+    wait_until(lambda: home.state.get("activity") == "ready", 15.0, "a state")
+    time.sleep(1.2)
+    proxy.is_stalled = True
+    home.press("Go to kitchen")
+    time.sleep(5.0)
+    proxy.is_stalled = False
+    wait_until(lambda: "waited" in bridge.log, 3.0, "the drop in the log")
+    time.sleep(2.0)
+    assert robot.sent == []
+    home.press("Go to kitchen")
+    wait_until(lambda: robot.sent, 2.0, "a new press is obeyed")
+    proxy.close()
+
+
+def test_a_broker_that_wants_a_password_gets_it_from_a_file(
+    robot: "ScriptedRobot", tmp_path: Path, run_bridge: Callable[..., Process], endpoint: str
+) -> None:
+    passwords = tmp_path / "passwords"
+    subprocess.run(["mosquitto_passwd", "-b", "-c", str(passwords), "robby", "secret"], check=True)
+    passwords.chmod(0o644)
+    broker = Mosquitto(tmp_path, f"password_file {passwords}")
+    (tmp_path / "password").write_text("wrong\n", encoding="utf-8")
+    account = 'username = "robby"\npassword_file = "password"\n'
+    bridge = run_bridge(broker.port, account)
+    wait_until(lambda: "does not let the robot in" in bridge.log, 15.0, "the reason in the log")
+    health = health_of(endpoint)
+    assert health is not None
+    assert "does not let the robot in" in health.message
+    bridge.terminate()
+    (tmp_path / "password").write_text("secret\n", encoding="utf-8")
+    run_bridge(broker.port, account)
+    home = Home(broker.port, username="robby", password="secret")
+    wait_until(lambda: home.bridge == b"online", 15.0, "the bridge")
+    home.close()
+    broker.stop()
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
+def test_tls_with_a_certificate_authority_of_ones_own(
+    robot: "ScriptedRobot", tmp_path: Path, run_bridge: Callable[..., Process]
+) -> None:
+    key, certificate = tmp_path / "key.pem", tmp_path / "ca.pem"
+    subject = ["-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]
+    subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
+            *("-keyout", str(key), "-out", str(certificate), *subject),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    broker = Mosquitto(tmp_path, f"certfile {certificate}", f"keyfile {key}")
+    plain = run_bridge(broker.port)
+    wait_until(lambda: "No connection" in plain.log, 15.0, "without TLS it is not let in")
+    plain.terminate()
+    bridge = run_bridge(broker.port, f'tls_ca = "{certificate}"\n')
+    wait_until(lambda: "Connected to the MQTT broker" in bridge.log, 15.0, "the connection")
+    broker.stop()
+
+
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        ("", "[mqtt] broker is not set"),
+        ('[mqtt]\nbroker = "b"\npassword_file = "no"\n', "password_file"),
+        ('[mqtt]\nbroker = "b"\ntls_ca = "no.pem"\n', "tls_ca"),
+        ('[mqtt]\nbroker = "mqtt://b"\n', "is no broker"),
+        ('[mqtt]\nbroker = "b"\nbase_topic = "a/#"\n', "base_topic"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, more: str, problem: str) -> None:
+    config = write_config(tmp_path / "robot.toml", "tcp/127.0.0.1:1", "one", more)
+    process = Process(["-m", "trolley_mqtt", "--config", str(config)], tmp_path / "log")
+    assert process.wait() == 2
+    assert problem in process.log
+
+
+def test_killing_the_bridge_by_signal_is_clean(
+    robot: "ScriptedRobot", run_bridge: Callable[..., Process]
+) -> None:
+    bridge = run_bridge(find_free_port())  # nobody answers there
+    wait_until(lambda: "Nobody answers" in bridge.log, 15.0, "the reason in the log")
+    bridge.send(signal.SIGINT)
+    assert bridge.wait(5.0) == 0

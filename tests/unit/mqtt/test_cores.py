@@ -1,0 +1,143 @@
+"""The bridge's pure parts: slugs, freshness, what is told, addresses."""
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trolley import codes
+from trolley.config import MqttConfig
+from trolley.config.mqtt import split_broker
+from trolley.geometry import Pose2D
+from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Stop, Tour, TourStatus
+from trolley_mqtt.discovery import slug
+from trolley_mqtt.freshness import Freshness
+from trolley_mqtt.telling import ACTIVITIES, MAX_TEXT, Known, tell
+
+KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
+
+
+@given(st.text(min_size=1, max_size=64))
+def test_a_slug_is_what_home_assistant_allows(name: str) -> None:
+    assert re.fullmatch(r"[a-z0-9_]{8,60}", slug(name))
+
+
+@pytest.mark.parametrize(("one", "other"), [("Küche", "Kuche"), ("a b", "a-b"), ("居間", "書斎")])
+def test_slugs_keep_names_apart(one: str, other: str) -> None:
+    assert slug(one) != slug(other)
+    assert slug(one) == slug(one)
+
+
+def test_freshness_is_the_age_of_the_newest_mark_that_came_back() -> None:
+    freshness = Freshness("run")
+    assert not freshness.is_fresh(0)
+    first = freshness.mark(1_000_000_000)
+    assert not freshness.is_fresh(1_000_000_000)
+    assert freshness.hear(first)
+    assert not freshness.hear(first)
+    assert freshness.is_fresh(4_000_000_000)
+    assert not freshness.is_fresh(4_100_000_000)
+    freshness.renew()
+    assert freshness.age_s(4_100_000_000) is None
+
+
+def test_marks_without_an_answer_are_bounded() -> None:
+    freshness = Freshness("run")
+    marks = [freshness.mark(index) for index in range(1000)]
+    assert not freshness.hear(marks[0])
+    assert freshness.hear(marks[-1])
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("broker", ("broker", 1883)),
+        ("192.168.1.5:1884", ("192.168.1.5", 1884)),
+        ("[fd00::1]:9", ("fd00::1", 9)),
+    ],
+)
+def test_a_broker_is_a_host_and_perhaps_a_port(text: str, address: tuple[str, int]) -> None:
+    assert MqttConfig(broker=text).address == address
+
+
+@pytest.mark.parametrize("text", ["mqtt://broker", "a b", "host:0", "host:70000", "fd00::1", ":1"])
+def test_what_is_no_broker_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="is no broker"):
+        split_broker(text)
+
+
+def test_tls_has_a_port_of_its_own() -> None:
+    assert MqttConfig(broker="b", tls=True).address == ("b", 8883)
+
+
+def known(**changes: object) -> Known:
+    estimate = PoseEstimate(
+        stamp_ns=0,
+        map="home",
+        pose=Pose2D(1.2, 1.0, 0.0),
+        covariance=[0.0] * 9,
+        state="localized",
+        match=1.0,
+        spread=0.0,
+    )
+    base = BaseState(stamp_ns=0, mode="ok")
+    facts = {"base": base, "estimate": estimate, "age_s": 0.1, "places": [KITCHEN]}
+    return Known(**{**facts, **changes})
+
+
+TRIP = TourStatus(
+    stamp_ns=0,
+    name="evening",
+    trip="t1",
+    state="driving",
+    message="Driving to stop 1 (kitchen).",
+    stop=0,
+    tour=Tour(stops=[Stop(name="kitchen")]),
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "activity", "words"),
+    [
+        ({}, "ready", "ready"),
+        ({"is_away": True}, "away", "out of reach"),
+        ({"base": BaseState(stamp_ns=0, mode="fault", reason=codes.LINK_LOST)}, "fault", "board"),
+        ({"base": BaseState(stamp_ns=0, mode="stopped", reason=codes.BUTTON)}, "stopped", "button"),
+        ({"base": BaseState(stamp_ns=0, mode="ok", source="teleop")}, "by_hand", "by hand"),
+        ({"age_s": 5.0}, "lost", "where it is"),
+        ({"age_s": None}, "lost", "where it is"),
+        ({"trip": TRIP}, "driving", "stop 1 (kitchen)"),
+        (
+            {"goal": GoalStatus(stamp_ns=0, id="a", state="driving", pose=KITCHEN.pose)},
+            "driving",
+            "Driving to kitchen.",
+        ),
+        ({"goal": GoalStatus(stamp_ns=0, id="a", state="failed")}, "failed", "No reason"),
+        ({"goal": GoalStatus(stamp_ns=0, id="a", state="paused")}, "paused", "pointed out"),
+    ],
+)
+def test_the_most_pressing_thing_is_told(changes: dict, activity: str, words: str) -> None:
+    state = tell(known(**changes))
+    assert (state.activity, state.activity in ACTIVITIES) == (activity, True)
+    assert words in state.message
+
+
+def test_place_and_destination_have_names() -> None:
+    state = tell(known(trip=TRIP))
+    assert (state.place, state.destination, state.tour) == ("kitchen", "kitchen", "evening")
+    far = known(places=[SavedPose(name="far", map="home", pose=Pose2D(9.0, 9.0, 0.0))])
+    assert tell(far).place is None
+
+
+def test_a_trip_that_failed_gives_way_to_what_was_driven_since() -> None:
+    failed = TourStatus(stamp_ns=0, name="x", trip="t1", state="failed", message="Given up.")
+    goal = GoalStatus(stamp_ns=0, id="later", state="driving")
+    assert tell(known(trip=failed)).activity == "failed"
+    assert tell(known(trip=failed, goal=goal)).activity == "driving"
+
+
+def test_texts_are_as_short_as_home_assistant_wants_them() -> None:
+    long = BaseState(stamp_ns=0, mode="fault", message="x" * 1000)
+    state = tell(known(base=long), "y" * 1000)
+    assert (len(state.message), len(state.answer or "")) == (MAX_TEXT, MAX_TEXT)
