@@ -221,7 +221,7 @@ def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Ite
 
         thread = threading.Thread(target=run)
         thread.start()
-        assert robot.is_up.wait(10.0)
+        assert robot.is_up.wait(60.0)
         try:
             yield node
         finally:
