@@ -76,7 +76,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
         pytest.skip(f"{CHROMIUM} is not installed")
     shown = Shown(tmp_path_factory.mktemp("viewer"))
     try:
-        wait_until(shown.is_ready, 90.0, "the demo's robot is localized")
+        wait_until(shown.is_ready, 180.0, "the demo's robot is localized")
         yield shown
     finally:
         shown.robot.close()
