@@ -57,7 +57,7 @@ def config_file(router: RouterProcess, tmp_path: Path) -> Path:
 @pytest.fixture
 def bus(router: RouterProcess) -> Generator[ZenohBus]:
     """A session of the test with the router."""
-    with open_bus([router.endpoint], timeout_s=10.0) as opened:
+    with open_bus([router.endpoint], timeout_s=60.0) as opened:
         yield opened
 
 

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 from support.demo import Demo
 from support.processes import find_free_port
 from support.waiting import wait_until
@@ -21,6 +22,32 @@ ARGUMENTS = [
     "--no-sandbox",
 ]
 PATIENCE_MS = 60_000.0
+# The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
+# processor has left for it beside the robot, and a tablet's graphics card does no better.
+SCENE = "?fixedDpr=0.5"
+SLOW_FRAMES = """(() => {
+  const draw = window.requestAnimationFrame.bind(window), period = 100;
+  const waiting = new Map();
+  let last = 0, number = 0, isDue = false;
+  window.requestAnimationFrame = (callback) => {
+    waiting.set(++number, callback);
+    if (!isDue) {
+      isDue = true;
+      const now = performance.now(), next = Math.max(last + period, now);
+      setTimeout(() => draw((time) => {
+        last = performance.now();
+        isDue = false;
+        const callbacks = [...waiting.values()];
+        waiting.clear();
+        for (const callback of callbacks) {
+          try { callback(time); } catch (error) { reportError(error); }
+        }
+      }), next - now);
+    }
+    return number;
+  };
+  window.cancelAnimationFrame = (number) => waiting.delete(number);
+})()"""
 
 
 class Shown:
@@ -33,7 +60,7 @@ class Shown:
 
     @property
     def url(self) -> str:
-        return f"http://127.0.0.1:{self.viz_port}"
+        return f"http://127.0.0.1:{self.viz_port}/{SCENE}"
 
     def is_ready(self) -> bool:
         """Localized, with its places saved and a planner that knows them."""
@@ -49,7 +76,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
         pytest.skip(f"{CHROMIUM} is not installed")
     shown = Shown(tmp_path_factory.mktemp("viewer"))
     try:
-        wait_until(shown.is_ready, 90.0, "the demo's robot is localized")
+        wait_until(shown.is_ready, 180.0, "the demo's robot is localized")
         yield shown
     finally:
         shown.robot.close()
@@ -57,16 +84,29 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
 
 
 @pytest.fixture(scope="module")
-def page(shown: Shown) -> Iterator[Page]:
+def browser() -> Iterator[Browser]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        page = browser.new_page(viewport={"width": 1000, "height": 640})
-        page.set_default_timeout(PATIENCE_MS)
         expect.set_options(timeout=PATIENCE_MS)
-        page.goto(shown.url)
-        page.get_by_text("Localized").wait_for()
-        yield page
+        yield browser
         browser.close()
+
+
+def open_page(browser: Browser, width: int, height: int, **options: Any) -> Page:
+    """A page of a context of its own, patient and drawn seldom."""
+    page = browser.new_page(viewport={"width": width, "height": height}, **options)
+    page.add_init_script(SLOW_FRAMES)
+    page.set_default_timeout(PATIENCE_MS)
+    return page
+
+
+@pytest.fixture(scope="module")
+def page(shown: Shown, browser: Browser) -> Iterator[Page]:
+    page = open_page(browser, 1000, 640)
+    page.goto(shown.url)
+    page.get_by_text("Localized").wait_for()
+    yield page
+    page.context.close()
 
 
 @pytest.fixture(scope="session")

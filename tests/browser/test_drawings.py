@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Marker, Overlay
 
-from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
+from .conftest import open_page
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -22,7 +22,7 @@ ATTACK = '<img src=x onerror="window.hacked = 1"><script>window.hacked = 2</scri
 
 
 @pytest.fixture(scope="module")
-def page(shown: "Shown") -> Iterator[Page]:
+def page(shown: "Shown", browser: Browser) -> Iterator[Page]:
     """A phone: the fewer pixels to draw in software, the more time for the rest."""
     robot = shown.robot
     robot.put_overlay("text", Overlay(kind="text", title=ATTACK, text=f"<b>Hello</b> you{ATTACK}"))
@@ -33,16 +33,12 @@ def page(shown: "Shown") -> Iterator[Page]:
     robot.put_overlay("gauge", Overlay(kind="gauge", source=bearing, unit="°", min=-180, max=180))
     robot.put_marker("test", "ball", Marker(kind="sphere", pose=Pose2D(2.0, 1.0, 0.0), z=0.2))
     robot.put_marker("test", "icon", Marker(kind="icon", icon="fa-robot", frame="base_link", z=0.5))
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        page = browser.new_page(viewport={"width": 390, "height": 844})
-        page.set_default_timeout(PATIENCE_MS)
-        expect.set_options(timeout=PATIENCE_MS)
-        page.goto(shown.url)
-        page.get_by_role("alert").get_by_role("button").click()  # viser's word on slow graphics
-        page.locator(".ov-card").first.wait_for()
-        yield page
-        browser.close()
+    page = open_page(browser, 390, 844)
+    page.goto(shown.url)
+    page.get_by_role("alert").get_by_role("button").click()  # viser's word on slow graphics
+    page.locator(".ov-card").first.wait_for()
+    yield page
+    page.context.close()
 
 
 def card(page: Page, name: str):

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 from support.waiting import wait_until
 
 from trolley import topics
 from trolley.geometry import Twist2D
 
-from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
+from .conftest import open_page
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -25,24 +25,14 @@ STANDS_WITHIN_S = 1.2
 UP, LEFT = (0.0, -1.0), (-1.0, 0.0)
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        expect.set_options(timeout=PATIENCE_MS)
-        yield browser
-        browser.close()
-
-
 @pytest.fixture
 def open_pad(shown: "Shown", browser: Browser) -> Iterator[Callable[[], Page]]:
     opened: list[Page] = []
 
     def open_it(width: int = 420, height: int = 560) -> Page:
         """A small page: the fewer pixels to draw in software, the more time for the rest."""
-        page = browser.new_page(viewport={"width": width, "height": height})
+        page = open_page(browser, width, height)
         opened.append(page)
-        page.set_default_timeout(PATIENCE_MS)
         page.goto(shown.url)
         page.get_by_text("Localized").wait_for()
         page.get_by_role("button", name="Drive by hand").click()

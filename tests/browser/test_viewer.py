@@ -23,6 +23,8 @@ from trolley_viz.camera import (
     stand,
 )
 
+from .conftest import open_page
+
 if TYPE_CHECKING:
     from .conftest import Shown
 
@@ -126,11 +128,8 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
     assert page.context.browser is not None
-    context = page.context.browser.new_context(
-        viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True
-    )
-    phone = context.new_page()
-    phone.set_default_timeout(60_000)
+    phone = open_page(page.context.browser, 390, 844, has_touch=True, is_mobile=True)
+    context = phone.context
     phone.goto(shown.url)
     phone.get_by_text("Localized").first.wait_for()
     fingers = context.new_cdp_session(phone)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, expect
 from support.waiting import wait_until
 
 from trolley import requests, topics
@@ -17,7 +17,7 @@ from trolley.messages import Path as Way
 from trolley.messages import Zone, floats_from_bytes
 from trolley.messages.asking import SendGoal
 
-from .conftest import ARGUMENTS, CHROMIUM, PATIENCE_MS
+from .conftest import open_page
 from .test_viewer import pixel_of
 
 if TYPE_CHECKING:
@@ -30,21 +30,10 @@ GOAL = Pose2D(2.4, 0.4, 0.0)
 ACROSS = [(1.4, 0.0), (1.7, 0.0), (1.7, 0.6), (1.4, 0.6)]
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        expect.set_options(timeout=PATIENCE_MS)
-        yield browser
-        browser.close()
-
-
 def open_map(browser: Browser, url: str, *, touch: bool) -> Page:
     """A page with the tab of the map open; small, as it is drawn in software."""
-    context = browser.new_context(viewport={"width": 1120, "height": 640}, has_touch=touch)
-    page = context.new_page()
+    page = open_page(browser, 1120, 640, has_touch=touch)
     page.bring_to_front()  # one in the background draws no frames
-    page.set_default_timeout(PATIENCE_MS)
     page.goto(url)
     page.get_by_text("Localized").first.wait_for()
     page.get_by_role("tab", name="Map").click()

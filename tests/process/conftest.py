@@ -221,7 +221,7 @@ def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Ite
 
         thread = threading.Thread(target=run)
         thread.start()
-        assert robot.is_up.wait(10.0)
+        assert robot.is_up.wait(60.0)
         try:
             yield node
         finally:
@@ -270,7 +270,7 @@ def add_robot(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., ScriptedR
 def trolley(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run the real command: `trolley("pose", "--json")`."""
 
-    def run(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
+    def run(*arguments: str, timeout: float = 180.0) -> subprocess.CompletedProcess[str]:
         environment = {**os.environ, "TROLLEY_STATE": str(tmp_path / "cli-state")}
         return subprocess.run(
             [str(Path(sys.executable).with_name("trolley")), *arguments],

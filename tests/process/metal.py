@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from support.processes import Process, write_config
-from support.waiting import wait_until
+from support.waiting import Lateness, wait_until
 
 from trolley import topics
 from trolley.client import Robot
@@ -107,6 +107,7 @@ class Metal:
         self._config = write_config(folder / "robot.toml", endpoint, NAME, text)
         mount = Mount(load_config(self._config).base.lidar.pose.as_pose())
         body = RobotInWorld(world, 3, footprint=footprint_from_box(0.4, 0.3), mount=mount)
+        self._lateness = Lateness()
         self.emulated = EmulatedRobot([board, lidar], body, self.ports)
         self.base: Process | None = None
         self._connection = Connection([endpoint])
@@ -120,7 +121,7 @@ class Metal:
 
     @contextmanager
     def running(self) -> Iterator["Metal"]:
-        with self.emulated, self._connection:
+        with self.emulated, self._connection, self._lateness:
             self.robot = Robot.over(self._connection, NAME)
             self.start_base()
             self.hand = Hand(self.robot)
@@ -153,13 +154,17 @@ class Metal:
     def start_driving(self, twist: Twist2D, at_least: float = 0.08) -> None:
         """Set off and return when it moves."""
         self.hand.drive(twist)
-        wait_until(lambda: self.speed > at_least, 10.0, f"it moves: {self.state}")
+        wait_until(lambda: self.speed > at_least, 30.0, f"it moves: {self.state}")
+        self._lateness.reset()
 
     def wait_for_standing(self, seconds: float = 5.0) -> None:
         wait_until(lambda: self.speed < 0.005, seconds, "it stands")
 
     def first_zero_after(self, cause_ns: int) -> float:
-        """Seconds from a cause until a zero command had come over the line, for good."""
+        """Seconds from a cause until a zero command had come over the line, for good.
+
+        Where this machine was late meanwhile, less that.
+        """
 
         def zero_ns() -> int | None:
             commands = [one for one in self.emulated.commands() if one.at_ns >= cause_ns]
@@ -170,4 +175,4 @@ class Metal:
 
         found = wait_until(zero_ns, 5.0, "a zero command")
         assert found is not None
-        return (found - cause_ns) * 1e-9
+        return (found - cause_ns) * 1e-9 - self._lateness.allowance_s

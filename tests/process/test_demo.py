@@ -58,8 +58,8 @@ def quiet_demo(tmp_path: Path) -> Generator[Demo]:
     demo = Demo(tmp_path, "--headless")
     try:
         with Robot(demo.name, [demo.endpoint]) as robot:
-            wait_until(lambda: has_kitchen(robot), 60.0, "the demo has saved its places")
-            wait_until(lambda: is_localized(robot), 30.0, "the robot is localized")
+            wait_until(lambda: has_kitchen(robot), 180.0, "the demo has saved its places")
+            wait_until(lambda: is_localized(robot), 60.0, "the robot is localized")
         yield demo
     finally:
         demo.end()
@@ -111,6 +111,6 @@ def test_recording_plays_as_real_processes(tmp_path: Path, recordings: Path) -> 
     )
     try:
         with Robot(demo.name, [demo.endpoint]) as robot:
-            wait_until(lambda: is_localized(robot), 60.0, "localized on the recording")
+            wait_until(lambda: is_localized(robot), 180.0, "localized on the recording")
     finally:
         demo.end()

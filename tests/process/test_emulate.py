@@ -13,6 +13,7 @@ import pytest
 import serial
 from support.processes import write_config
 from support.waiting import wait_until
+from support.wire import START_S
 
 from trolley import topics
 from trolley.config import load_config
@@ -42,7 +43,7 @@ class Emulator:
             assert self.process.poll() is None or text in self.log, self.log
             return text in self.log
 
-        wait_until(said, 30.0, f"{text!r} in the output")
+        wait_until(said, START_S, f"{text!r} in the output")
 
     def type(self, line: str) -> None:
         assert self.process.stdin is not None
@@ -129,7 +130,7 @@ def test_it_ends_cleanly(emulate, number: signal.Signals):
     with emulate("arduino_bridge", "rplidar_a1", "--world", "room") as one:
         assert sorted(os.listdir(one.ports)) == ["arduino_bridge", "rplidar_a1"]
         one.process.send_signal(number)
-        assert one.process.wait(10.0) == 0
+        assert one.process.wait() == 0
         assert os.listdir(one.ports) == []
         assert "The devices are gone." in one.log
         assert "Traceback" not in one.log

@@ -27,10 +27,8 @@ def test_robot_stands_within_half_a_second_of_a_killed_planner(demo: Demo) -> No
         latest = Latest(bus, demo.name)
         latest.wait_for_driving()
         demo.kill_service("planner")
-        killed_s = time.monotonic()
         # Commands are good for 0.5 s at most; then comes the way to brake from 0.5 m/s.
-        wait_until(lambda: latest.speed < 0.01, 3.0, "the robot stands")
-        assert time.monotonic() - killed_s < 0.5 + 0.6
+        wait_until(lambda: latest.speed < 0.01, 0.5 + 0.6, "the robot stands")
         status = latest.wait_for_trip("done", 90.0)
         assert [result.state for result in status.results] == ["reached"] * 3
         assert latest.truth is not None
@@ -44,7 +42,7 @@ def test_trip_goes_on_after_a_restart(demo: Demo, service: str) -> None:
         latest.wait_for_driving()
         old = demo.children()[service]
         demo.kill_service(service)
-        wait_until(lambda: demo.children().get(service, old) != old, 10.0, f"{service} is back")
+        wait_until(lambda: demo.children().get(service, old) != old, 60.0, f"{service} is back")
         status = latest.wait_for_trip("done", 120.0)
         assert [result.state for result in status.results] == ["reached"] * 3
         assert latest.truth is not None

@@ -77,7 +77,7 @@ def replayed(endpoint: str, name: str, process: Callable[[], Process]) -> dict[s
 
         closer = connection.listen(f"trolley/{name}/**", take)
         running = process()
-        code = running.wait(40.0)
+        code = running.wait(90.0)
         assert code == 0, running.log
         closer.close()
     return heard
@@ -190,7 +190,7 @@ def test_however_it_ends_what_was_heard_is_there(
     add_robot("one")
     file = tmp_path / "one.mcap"
     process = start("record", str(file))
-    wait_until(lambda: file.exists() and file.stat().st_size > 20_000, 40.0, "it records")
+    wait_until(lambda: file.exists() and file.stat().st_size > 20_000, 90.0, "it records")
     time.sleep(2.0)
     ended_ns = time.time_ns()
     process.send(number)

@@ -39,7 +39,7 @@ class Demo:
         )
 
         try:
-            with open_bus([self.endpoint], 60.0):  # its router is there
+            with open_bus([self.endpoint], 120.0):  # its router is there
                 pass
         except BaseException:
             self.process.kill()
@@ -92,7 +92,7 @@ class Latest:
         twist = self.truth.twist
         return abs(twist.vx) + 0.2 * abs(twist.wz)
 
-    def wait_for_driving(self, seconds: float = 60.0) -> None:
+    def wait_for_driving(self, seconds: float = 180.0) -> None:
         """Wait until the trip is under way and the robot moves."""
         wait_until(
             lambda: (

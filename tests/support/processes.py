@@ -55,7 +55,7 @@ class Process:
         """Send it a signal."""
         self._popen.send_signal(number)
 
-    def wait(self, seconds: float = 15.0) -> int:
+    def wait(self, seconds: float = 60.0) -> int:
         """Its exit code; fails with its output where it does not end in time."""
         try:
             return self._popen.wait(seconds)
@@ -64,7 +64,7 @@ class Process:
                 f"process {self.pid} did not end within {seconds} s:\n{self.log}"
             ) from None
 
-    def terminate(self, seconds: float = 15.0) -> int:
+    def terminate(self, seconds: float = 60.0) -> int:
         """Ask it to end (SIGTERM); its exit code."""
         self.send(signal.SIGTERM)
         return self.wait(seconds)

@@ -85,7 +85,7 @@ class Terminal:
         """Send keys."""
         os.write(self._master, text.encode())
 
-    def wait_for(self, text: str, seconds: float = 20.0) -> None:
+    def wait_for(self, text: str, seconds: float = 60.0) -> None:
         """Wait until something is written to it."""
         wait_until(lambda: text in self.output, seconds, f"{text!r} in {self.output!r}")
 
@@ -93,7 +93,7 @@ class Terminal:
         """Send the program a signal."""
         self._popen.send_signal(number)
 
-    def wait(self, seconds: float = 15.0) -> int:
+    def wait(self, seconds: float = 60.0) -> int:
         """Return the program's exit code."""
         return self._popen.wait(seconds)
 

@@ -6,7 +6,7 @@ from trolley.runtime import codec
 from trolley.runtime.bus import Reply
 from trolley.runtime.zenoh_bus import ZenohBus
 
-START_S = 40.0  # a process on a busy machine
+START_S = 90.0  # a process on a busy machine
 
 
 def read(bus: ZenohBus, selector: str, payload: bytes = b"", encoding: str = "") -> list[Reply]:

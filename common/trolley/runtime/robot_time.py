@@ -57,7 +57,6 @@ class FollowedTime:
         self.epoch = 0
         self.rate: float = 1.0
         self._heard: deque[_Heard] = deque()
-        self._best = _Heard(0, 0)
         self._heard_ns: int | None = None
         self._last: int | None = None
 
@@ -75,8 +74,11 @@ class FollowedTime:
         self.epoch, self.rate = clock.epoch, clock.rate
         while self._heard and arrived_ns - self._heard[0].arrived_ns > WINDOW_NS:
             self._heard.popleft()
+        # What an older message says less than a newer one is never the maximum again, so the first
+        # of those that are left always is.
+        while self._heard and self._heard[-1].extended(self.rate, arrived_ns) < clock.stamp_ns:
+            self._heard.pop()
         self._heard.append(_Heard(arrived_ns, clock.stamp_ns))
-        self._best = max(self._heard, key=lambda heard: heard.extended(self.rate, arrived_ns))
         self._heard_ns = arrived_ns
         return began
 
@@ -84,6 +86,6 @@ class FollowedTime:
         """Robot time [ns] at local `monotonic_ns`, None without a message in the last second."""
         if self._heard_ns is None or monotonic_ns - self._heard_ns > SILENCE_NS:
             return None
-        now = self._best.extended(self.rate, monotonic_ns)
+        now = self._heard[0].extended(self.rate, monotonic_ns)
         self._last = now if self._last is None else max(self._last, now)
         return self._last

@@ -83,6 +83,8 @@ def open_server(config: VizConfig, gate: Gate, sockets: Mapping[str, Serve] = {}
     configure_look(server.gui, dark=False)
     server.gui.set_panel_label("Trolley")
     server.gui.main_panel.dock_right()
+    # Drawing the shadows would be most of the work for each picture, and nothing here needs one.
+    server.scene.configure_default_lights(cast_shadow=False)
     # Set from the beginning: the first change moves the cameras that are there, later ones do not.
     camera.set_initial(server, camera.UNKNOWN_MAP)
     server.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering

@@ -1,5 +1,7 @@
 """Commands as far as they need no robot."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -42,6 +44,29 @@ def test_every_command_explains_itself(runner: CliRunner, path: tuple[str, ...])
 def test_the_table_of_commands_has_the_words_of_the_help() -> None:
     context = click.Context(cli)
     assert [name for name in COMMANDS if cli.get_command(context, name) is None] == []
+
+
+def test_what_services_bring_along_is_listed_in_its_own_words(runner: CliRunner) -> None:
+    context = click.Context(cli)
+    listed = " ".join(runner.invoke(cli, ["--help"], terminal_width=300).output.split())
+    for name in cli.list_commands(context):
+        if name not in COMMANDS:
+            command = cli.get_command(context, name)
+            assert command is not None
+            assert f"{name} {command.get_short_help_str(limit=100)}" in listed
+
+
+def test_the_list_of_commands_imports_none_of_them() -> None:
+    program = """
+import sys
+from click.testing import CliRunner
+from trolley.cli import cli
+assert "emulate" in CliRunner().invoke(cli, ["--help"]).output
+print({"numpy", "numba", "zenoh", "viser"} & sys.modules.keys())
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "set()"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
