@@ -11,6 +11,7 @@ from trolley.runtime.service import Service
 from trolley_viz import camera
 from trolley_viz.actions import Actions
 from trolley_viz.aiming import Aiming
+from trolley_viz.drags import Drags
 from trolley_viz.drawing.board import Board
 from trolley_viz.drawing.editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.suspects import SuspectLines
@@ -126,17 +127,27 @@ class Session:
         """Whether it was moved to where every page begins anyway."""
         self._settled_ns: int | None = None
         """When to see whether the page is laid out as it was thought to be [ns]."""
+        self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
-        self.pointing = Pointing(client, self._post_while_open)
+        post = self._post_while_open
+        self.drags = Drags(post, lambda: hub.monotonic_ns, self._tell_unheard)
+        self.pointing = Pointing(client, post, self.drags)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
         self.places = PlaceActions(self.actions, self.aiming, lambda: self.view)
         self.zones = ZoneEditor(
-            Board(client, self._post_while_open),
-            ZoneWishes(service, lambda: self._robot, lambda: stored_zones(self.view), self.tell),
+            Board(client, post, self.drags),
+            ZoneWishes(
+                service,
+                lambda: self._robot,
+                lambda: stored_zones(self.view),
+                self._map_name,
+                self.actions.history,
+                self.tell,
+            ),
             lambda: self.view,
             self.tell,
             self.aiming.put_away,
@@ -190,6 +201,12 @@ class Session:
         return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
 
     # What the panels ask for.
+    def folder(self, title: str, *, is_open: bool = False) -> viser.GuiFolderHandle:
+        """Add a folder of controls: as its person left it, else open or not as is said here."""
+        is_open = self._choices.folders.get(title, is_open)
+        folder = self._folders[title] = self.client.gui.add_folder(title, expand_by_default=is_open)
+        return folder
+
     def post(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread."""
         self._hub.call_soon(fn)
@@ -218,7 +235,6 @@ class Session:
         """Show another robot."""
         if robot != self._robot:
             self.put_tools_away()
-            self.zones.wishes.forget()
             self.actions.forget()
             self._hub.let_go(self.client.client_id)
             self._robot = robot
@@ -243,6 +259,14 @@ class Session:
             dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
             self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
 
+    def remember_folder(self, title: str, *, is_open: bool) -> None:
+        """Take note that its person opened or closed a folder, and remember it."""
+        folder = self._folders.get(title)
+        if folder is not None:  # a page may say anything
+            folder.expand_by_default = is_open  # as the page makes it anew with its tab
+            folders = {**self._choices.folders, title: is_open}
+            self._choose(msgspec.structs.replace(self._choices, folders=folders))
+
     def set_dark(self, *, is_dark: bool) -> None:
         """Change the look, and remember it."""
         configure_look(self.client.gui, dark=is_dark)
@@ -264,6 +288,7 @@ class Session:
         layers = self.layers()
         for key, is_on in layers.items():
             self._shadow(self._robot, f"/{key}", is_on=is_on)
+        self.drags.tick()
         self.aiming.look_ahead()
         self._preview.draw(self.aiming.preview, self.view.placement)
         self._pins.draw(self.actions.errands.items, self.view.placement)
@@ -285,16 +310,21 @@ class Session:
 
     # Inside.
     def _post_while_open(self, fn: Callable[[], None]) -> None:
-        """Call on the service's thread what a pointer did, unless its browser is gone.
-
-        When a connection is lost in mid-drag, viser tells of a release that nobody made.
-        """
+        """Call on the service's thread what a pointer did, unless its browser is gone."""
 
         def call() -> None:
             if self._hub.is_open(self.client.client_id):
                 fn()
 
         self._hub.call_soon(call)
+
+    def _map_name(self) -> str:
+        grid = self.view.map
+        return "" if grid is None else grid.name
+
+    def _tell_unheard(self) -> None:
+        """Own up to a release that was seen by viser alone."""
+        self.tell("Nothing done", "The page is slow to answer. Point once more.", "warn")
 
     def _choose(self, choices: Choices) -> None:
         self._choices = choices
