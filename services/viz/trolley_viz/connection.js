@@ -1,6 +1,6 @@
 // A connection of a piece of the page to the viewer: made again when it is lost, and given up for
 // good with `left` when the piece is not in the page any more.
-function trolleyConnection(root, path, client, { heard, lost, left }) {
+function trolleyConnection(root, path, client, { opened, heard, lost, left }) {
   const RETRY_MS = 1000;
   let socket = null, retry = null;
 
@@ -18,6 +18,7 @@ function trolleyConnection(root, path, client, { heard, lost, left }) {
     url.search = `?client=${client}`;
     url.hash = "";
     const mine = (socket = new WebSocket(url));
+    mine.onopen = () => mine === socket && opened();
     mine.onmessage = (event) => {
       if (!isGone() && mine === socket) heard(JSON.parse(event.data));
     };

@@ -6,6 +6,7 @@ from typing import Protocol
 import msgspec
 import viser
 
+from trolley import topics
 from trolley.messages import SuspectLine
 from trolley.runtime.service import Service
 from trolley_viz import camera
@@ -26,6 +27,8 @@ from trolley_viz.scene.errands import Pins
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.scene.icons import Icons
 from trolley_viz.scene.layer import View
+from trolley_viz.scene.names import Eye, Names
+from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT, shown_layers
 from trolley_viz.server import configure_look
@@ -33,7 +36,7 @@ from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
 from trolley_viz.stage import Stage
 from trolley_viz.stopping import StopPresses
 from trolley_viz.visitors import Visitor
-from trolley_viz.words import Tone
+from trolley_viz.words import Tone, goal_name
 
 FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""
@@ -158,6 +161,9 @@ class Session:
         self._preview = PreviewLine(client.scene)
         self._pins = Pins(client.scene)
         self._icons = Icons(client.scene)
+        self._names = Names(client.scene)
+        self.picture_size: tuple[float, float] | None = None
+        """Width and height of the picture [px of the page], once the page has told."""
         self.console = Console(client.gui, self)
 
     # What the panels read.
@@ -295,6 +301,7 @@ class Session:
         markers = self._hub.stage(self._robot).markers
         icons = markers.icons if layers[markers.key] else []
         self._icons.show(icons, self.client.camera.wxyz)
+        self._show_names(is_on=layers[PlaceLayer.key])
         if self.pointing.tool is not None and self.zones.mode != "idle":
             self.zones.leave()  # one tool at a time
         self.zones.update()
@@ -317,6 +324,17 @@ class Session:
                 fn()
 
         self._hub.call_soon(call)
+
+    def _show_names(self, *, is_on: bool) -> None:
+        """Write the names of the places, as many as there is room for."""
+        camera, view = self.client.camera, self.view
+        goal = view.feeds.latest(topics.GOAL)
+        size = self.picture_size or (camera.image_width, camera.image_height)
+        self._names.show(
+            place_names(view) if is_on else [],
+            "" if goal is None else goal_name(goal, current_places(view)),
+            Eye(camera.position, camera.wxyz, camera.fov, size),
+        )
 
     def _map_name(self) -> str:
         grid = self.view.map

@@ -1,5 +1,6 @@
-// Tells the viewer where a pointer was let go, and which folders are opened and closed. What is
-// pressed counts as let go only if its own pointer comes up, alone, while the page has the focus.
+// Tells the viewer where a pointer was let go, how large the picture is, and which folders are
+// opened and closed. What is pressed counts as let go only if its own pointer comes up, alone, while
+// the page has the focus.
 function startGestures(root, client) {
   if (root.dataset.started) return; // an image may be loaded twice
   root.dataset.started = "yes";
@@ -11,11 +12,18 @@ function startGestures(root, client) {
     else if (event.button === 0) held = { id: event.pointerId, kind: event.pointerType };
   }
 
+  const picture = () => document.querySelector("canvas[data-engine]");
+
+  function tellSize() {
+    const canvas = picture();
+    if (canvas !== null) connection.say({ size: [canvas.clientWidth, canvas.clientHeight] });
+  }
+
   // Shares of the picture as viser counts them: to the middle of the pixel.
   function letGo(event) {
     if (held === null || event.pointerId !== held.id) return;
     held = null;
-    const canvas = document.querySelector("canvas[data-engine]");
+    const canvas = picture();
     if (canvas === null) return;
     const box = canvas.getBoundingClientRect();
     const u = (event.clientX - box.left + 0.5) / canvas.clientWidth;
@@ -39,9 +47,16 @@ function startGestures(root, client) {
     connection.say({ folder: title.textContent, is_open: isOpen });
   }
 
+  function end() {
+    sizes.disconnect();
+    ending.abort();
+  }
+
   const connection = trolleyConnection(root, "gestures", client, {
-    heard: () => {}, lost: () => {}, left: () => ending.abort(),
+    opened: tellSize, heard: () => {}, lost: () => {}, left: end,
   });
+  const sizes = new ResizeObserver(tellSize);
+  if (picture() !== null) sizes.observe(picture());
   const on = (target, name, action) =>
     target.addEventListener(name, action, { signal: ending.signal, capture: true });
   on(window, "pointerdown", press);

@@ -9,16 +9,19 @@ from trolley_viz.drags import Drags
 from trolley_viz.panels.control import Post
 from trolley_viz.sockets import Sockets
 
+Pixels = Annotated[float, Meta(ge=1.0, le=100_000.0)]
 Share = Annotated[float, Meta(ge=-100.0, le=100.0)]
 
 
 class Gesture(Struct, frozen=True, kw_only=True):
-    """What a browser says: one of these three."""
+    """What a browser says: one of these four."""
 
     released: tuple[Share, Share] | None = None
     """Where a pointer was let go, as shares of the picture."""
     cancelled: bool = False
     """That what was pressed is not meant any more."""
+    size: tuple[Pixels, Pixels] | None = None
+    """Width and height of the picture."""
     folder: str = ""
     """The title of a folder of controls."""
     is_open: bool = False
@@ -28,15 +31,16 @@ class Gesture(Struct, frozen=True, kw_only=True):
 class Page(Protocol):
     """The session of a browser, as far as it is told of gestures."""
 
+    picture_size: tuple[float, float] | None
+    """Width and height of its picture [px], None until it is told."""
+
     @property
     def may_drive(self) -> bool:
         """Whether its person may do more than look."""
         ...
 
-    @property
-    def drags(self) -> Drags:
-        """The drags on its map."""
-        ...
+    drags: Drags
+    """The drags on its map."""
 
     def remember_folder(self, title: str, *, is_open: bool) -> None:
         """Keep whether a folder is open."""
@@ -63,5 +67,7 @@ class Gestures:
             page.drags.released(gesture.released)
         elif gesture.cancelled:
             page.drags.cancelled()
+        elif gesture.size is not None:
+            page.picture_size = gesture.size
         elif gesture.folder:
             page.remember_folder(gesture.folder, is_open=gesture.is_open)

@@ -113,7 +113,7 @@ function startPad(root, client) {
   }
 
   const connection = trolleyConnection(root, "joystick", client, {
-    heard: take, lost: lose, left: end,
+    opened: () => {}, heard: take, lost: lose, left: end,
   });
   const on = (target, name, action) =>
     target.addEventListener(name, action, { signal: ending.signal });

@@ -89,7 +89,7 @@ function startOverlays(root, client) {
   }
 
   const connection = trolleyConnection(root, "overlays", client, {
-    heard: take, lost: lose, left: () => ending.abort(),
+    opened: () => {}, heard: take, lost: lose, left: () => ending.abort(),
   });
   const on = (target, name, action) =>
     target.addEventListener(name, action, { signal: ending.signal });
