@@ -42,7 +42,9 @@ FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""
 SETTLE_NS = 2_000_000_000
 SAME_ASPECT = 0.03
-NOTICE_S = 8.0
+NOTICE_S: dict[Tone, float] = {"good": 4.0, "busy": 4.0, "idle": 5.0, "warn": 8.0, "bad": 8.0}
+MAX_NOTICES = 2
+"""They lie over the map."""
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
     "busy": (47, 111, 224),
@@ -130,6 +132,7 @@ class Session:
         """Whether it was moved to where every page begins anyway."""
         self._settled_ns: int | None = None
         """When to see whether the page is laid out as it was thought to be [ns]."""
+        self._notices: list[viser.NotificationHandle] = []
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
@@ -219,9 +222,12 @@ class Session:
 
     def tell(self, title: str, text: str, tone: Tone) -> None:
         """Show its person a title and a sentence."""
-        self.client.add_notification(
-            title, text, auto_close_seconds=NOTICE_S, color=NOTICE_COLOURS[tone]
+        notice = self.client.add_notification(
+            title, text, auto_close_seconds=NOTICE_S[tone], color=NOTICE_COLOURS[tone]
         )
+        self._notices.append(notice)
+        while len(self._notices) > MAX_NOTICES:
+            self._notices.pop(0).remove()
 
     def press_stop(self) -> None:
         """Stop the robot."""

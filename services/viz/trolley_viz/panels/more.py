@@ -55,7 +55,7 @@ class MorePanel:
             gui, session.folder, post, lambda: session.hub.readings(session.robot)
         )
         self._notes = gui.add_html("")
-        self._markers = lambda: session.hub.stage(session.robot).markers
+        self._stage = lambda: session.hub.stage(session.robot)
 
     def update(self, view: View) -> None:
         """Say what is: what is for reading once a second."""
@@ -69,7 +69,7 @@ class MorePanel:
         show(self._position, content=table(position_rows(view)))
         self._frames.update(view)
         self._streams.update(view)
-        show(self._notes, content="".join(map(note, self._markers().notes)))
+        show(self._notes, content="".join(map(note, self._stage().notes)))
 
     def close_plot(self) -> None:
         """Stop following what is plotted, as for another robot."""
