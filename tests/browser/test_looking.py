@@ -97,7 +97,9 @@ def test_markers_are_in_the_picture_until_they_are_deleted(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
     before = num_magenta(page)
-    cube = Marker(kind="cube", pose=Pose2D(2.0, 0.0, 0.0), z=0.3, size=(1.0, 1.0, 0.6), color=MAGENTA)
+    cube = Marker(
+        kind="cube", pose=Pose2D(2.0, 0.0, 0.0), z=0.3, size=(1.0, 1.0, 0.6), color=MAGENTA
+    )
     shown.robot.put_marker("seen", "cube", cube)
     poll(page, lambda: num_magenta(page) > before + 500, "the cube is seen")
     page.screenshot(path=pictures / "cube.png", timeout=60_000)

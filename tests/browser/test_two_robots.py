@@ -11,6 +11,8 @@ import trimesh
 from playwright.sync_api import Page, expect
 from support.processes import Process
 from support.waiting import wait_until
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 from trolley import topics
 from trolley.cli.demo_robot import Choices, settings
@@ -65,7 +67,8 @@ def body() -> bytes:
     ):
         box = trimesh.creation.box(size)
         box.apply_translation(middle)
-        box.visual.vertex_colors = colour
+        material = PBRMaterial(baseColorFactor=colour, metallicFactor=0.0)
+        box.visual = TextureVisuals(material=material)
         scene.add_geometry(box)
     glb = scene.export(file_type="glb")
     assert isinstance(glb, bytes)
