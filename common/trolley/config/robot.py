@@ -57,7 +57,7 @@ class RobotSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     drive: Drive = "differential"
     """How it is driven."""
     mesh: str | None = None
-    """A glb file with the robot's body, 1 MiB at most."""
+    """A glb file with the robot's body, 1 MiB at most, in metres, +y up, +z ahead."""
 
 
 class MapSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -21,4 +21,6 @@ class VizConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     foxglove_port: Annotated[int, Meta(ge=1, le=65_535)] | None = None
     """The port for Foxglove, which looks on and commands nothing; usual is 8765."""
     foxglove_host: str = "127.0.0.1"
-    """The address for Foxglove; anything but loopback lets the whole network look on."""
+    """The address for Foxglove; anything but loopback also needs `foxglove_open`."""
+    foxglove_open: bool = False
+    """Let everybody look on who reaches `foxglove_host`: Foxglove asks for no password."""

@@ -179,9 +179,11 @@ class Aiming:
         # After a restart of the base its odometry begins anew.
         return Step("Set pose", undo, lambda: self._service.time_of(robot).epoch == epoch)
 
-    def _look_ahead(self, pointed: Pointed) -> None:
+    def _look_ahead(self, pointed: Pointed | None) -> None:
         """Take note that the way to where the pointer is is wanted."""
         self._wanted = pointed
+        if pointed is None:
+            self._asked, self.preview, self.hint = None, None, GOAL_HINT
         self.look_ahead()
 
     def _show_way(self, asked: Pointed, reply: Path | Refused) -> None:
@@ -196,7 +198,7 @@ class Aiming:
             self.hint = preview_text(reply)
 
 
-def ignore(_: Pointed) -> None:
+def ignore(_: Pointed | None) -> None:
     """Nothing is drawn ahead but the arrow."""
 
 

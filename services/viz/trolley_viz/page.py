@@ -25,15 +25,23 @@ def overlays_html(client_id: int) -> str:
     return _piece("overlays", "overlays", call)
 
 
+def gestures_html(client_id: int) -> str:
+    """Return what tells of the gestures in one browser."""
+    call = f"startGestures(document.getElementById('trolley-gestures'), {client_id});"
+    return _piece("gestures", "gestures", call)
+
+
 @functools.cache
 def _files(folder: str, name: str) -> tuple[str, str, str]:
     """The style, the markup and the script of a piece, read once for all browsers."""
-    files = resources.files("trolley_viz").joinpath(folder)
+    all_files = resources.files("trolley_viz")
+    files = all_files.joinpath(folder)
     style, markup, script = (
         files.joinpath(f"{name}.{kind}").read_text(encoding="utf-8")
         for kind in ("css", "html", "js")
     )
-    return style, markup, script
+    connection = all_files.joinpath("connection.js").read_text(encoding="utf-8")
+    return style, markup, f"{connection}\n{script}"
 
 
 def _piece(folder: str, name: str, call: str) -> str:

@@ -5,7 +5,6 @@ the drags that else would turn the camera. viser gives the end of a drag on a pl
 the camera; the line of sight through it is followed down to the floor.
 """
 
-import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,18 +13,15 @@ from typing import Any
 import numpy as np
 import viser
 
+from trolley_viz.drags import Drags
+from trolley_viz.panels.control import Post
 from trolley_viz.shapes import meet_floor
 
 FLOOR_HALF_SIZE_M = 500.0
 MIN_DRAG_SCREEN = 0.012
 """A shorter drag (share of the screen) is a click: nobody means a direction by it."""
-LEAVING_S = 0.3
-"""A page that is closed is gone within this time."""
 ARROW_COLOUR = (0, 140, 40)
 Z_ARROW = 0.17
-
-Post = Callable[[Callable[[], None]], None]
-"""Hands a call to the service's thread."""
 
 
 @dataclass(frozen=True)
@@ -42,18 +38,25 @@ class Tool:
     """What pointing is for."""
 
     name: str
-    moved: Callable[[Pointed], None]
-    """Called while the pointer is dragged."""
+    moved: Callable[[Pointed | None], None]
+    """Called while the pointer is dragged; with None where it points at nothing any more."""
     done: Callable[[Pointed], None]
     """Called at the release."""
 
 
 class Pointing:
-    """The tool of one browser, armed for one gesture."""
+    """The tool of one browser, armed for one gesture.
 
-    def __init__(self, client: viser.ClientHandle, post: Post) -> None:
+    Args:
+        client: the browser.
+        post: hands a call to the service's thread.
+        drags: tells which ends of drags are meant.
+    """
+
+    def __init__(self, client: viser.ClientHandle, post: Post, drags: Drags) -> None:
         self._client = client
         self._post = post
+        self._drags = drags
         self._plane: viser.MeshHandle | None = None
         self._arrow: viser.ArrowsHandle | None = None
         self.tool: Tool | None = None
@@ -66,10 +69,12 @@ class Pointing:
 
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
-            await let_leave(event)
-            pointed = pointed_by_drag(event, event.client.camera.position)
-            if pointed is not None or event.phase == "end":
-                self._post(lambda: self._dragged(tool, pointed, event.phase))
+            pointed, phase = pointed_by_drag(event, event.client.camera.position), event.phase
+            self._drags.take(
+                event,
+                lambda: self._dragged(tool, pointed, phase),
+                lambda: self._dragged(tool, None, phase),
+            )
 
         async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
             met = meet_floor(event.ray_origin, event.ray_direction)
@@ -116,9 +121,8 @@ class Pointing:
             return
         if pointed is None or phase != "end":
             self.show_arrow(pointed)
-            if pointed is not None:
-                tool.moved(pointed)
-            return  # where it ends beside the floor, the tool waits for another try
+            tool.moved(pointed)
+            return  # where it ends nowhere, the tool waits for another try
         self.disarm()
         tool.done(pointed)
 
@@ -135,16 +139,6 @@ def add_floor(scene: viser.SceneApi, path: str) -> viser.MeshHandle:
         cast_shadow=False,
         receive_shadow=False,
     )
-
-
-async def let_leave(event: viser.SceneNodeDragEvent[Any]) -> None:
-    """Wait a moment at the end of a drag.
-
-    A page that is closed in the middle of a drag lets go of it first, as if its person had. By the
-    end of the moment it is gone, and what it let go of means nothing.
-    """
-    if event.phase == "end":
-        await asyncio.sleep(LEAVING_S)
 
 
 def pointed_by_drag(

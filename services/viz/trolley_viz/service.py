@@ -20,6 +20,7 @@ from trolley_viz.fleet import Fleet
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.gate import FILE as ACCESS_FILE
 from trolley_viz.gate import Access, Gate, is_loopback_host
+from trolley_viz.gestures.in_pages import Gestures
 from trolley_viz.joystick.by_hand import ByHand
 from trolley_viz.overlays.cards import Moment
 from trolley_viz.overlays.in_pages import InPages, Shown
@@ -38,7 +39,7 @@ from trolley_viz.visitors import Visitor
 LOOK_PERIOD_S = 0.025
 """A scan waits for half of it on average."""
 PANEL_PERIOD_NS = 200_000_000
-JOYSTICK_PATH, OVERLAYS_PATH = "/joystick", "/overlays"
+JOYSTICK_PATH, OVERLAYS_PATH, GESTURES_PATH = "/joystick", "/overlays", "/gestures"
 EVERY_MESSAGE_S = 0.05
 """A watch that keeps the last of a stream, however little, is told of every message."""
 
@@ -72,9 +73,11 @@ class VizService(Service):
         """Open the web page."""
         self._by_hand = ByHand(self, self._robots, self.robot_ns, self._driven_by)
         self._overlays = InPages(self, self._shown)
+        self._gestures = Gestures(self.call_soon, self._sessions.get)
         sockets = {
             JOYSTICK_PATH: self._by_hand.sockets.serve,
             OVERLAYS_PATH: self._overlays.sockets.serve,
+            GESTURES_PATH: self._gestures.sockets.serve,
         }
         try:
             server = self._server = open_server(self._config, self._gate(), sockets)

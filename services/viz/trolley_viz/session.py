@@ -6,11 +6,13 @@ from typing import Protocol
 import msgspec
 import viser
 
+from trolley import topics
 from trolley.messages import SuspectLine
 from trolley.runtime.service import Service
 from trolley_viz import camera
 from trolley_viz.actions import Actions
 from trolley_viz.aiming import Aiming
+from trolley_viz.drags import Drags
 from trolley_viz.drawing.board import Board
 from trolley_viz.drawing.editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.suspects import SuspectLines
@@ -25,6 +27,8 @@ from trolley_viz.scene.errands import Pins
 from trolley_viz.scene.ground import map_bounds
 from trolley_viz.scene.icons import Icons
 from trolley_viz.scene.layer import View
+from trolley_viz.scene.names import Eye, Names
+from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT, shown_layers
 from trolley_viz.server import configure_look
@@ -32,13 +36,15 @@ from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
 from trolley_viz.stage import Stage
 from trolley_viz.stopping import StopPresses
 from trolley_viz.visitors import Visitor
-from trolley_viz.words import Tone
+from trolley_viz.words import Tone, goal_name
 
 FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""
 SETTLE_NS = 2_000_000_000
 SAME_ASPECT = 0.03
-NOTICE_S = 8.0
+NOTICE_S: dict[Tone, float] = {"good": 4.0, "busy": 4.0, "idle": 5.0, "warn": 8.0, "bad": 8.0}
+MAX_NOTICES = 2
+"""They lie over the map."""
 NOTICE_COLOURS: dict[Tone, tuple[int, int, int]] = {
     "good": (30, 158, 80),
     "busy": (47, 111, 224),
@@ -126,17 +132,28 @@ class Session:
         """Whether it was moved to where every page begins anyway."""
         self._settled_ns: int | None = None
         """When to see whether the page is laid out as it was thought to be [ns]."""
+        self._notices: list[viser.NotificationHandle] = []
+        self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
-        self.pointing = Pointing(client, self._post_while_open)
+        post = self._post_while_open
+        self.drags = Drags(post, lambda: hub.monotonic_ns, self._tell_unheard)
+        self.pointing = Pointing(client, post, self.drags)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
         self.places = PlaceActions(self.actions, self.aiming, lambda: self.view)
         self.zones = ZoneEditor(
-            Board(client, self._post_while_open),
-            ZoneWishes(service, lambda: self._robot, lambda: stored_zones(self.view), self.tell),
+            Board(client, post, self.drags),
+            ZoneWishes(
+                service,
+                lambda: self._robot,
+                lambda: stored_zones(self.view),
+                self._map_name,
+                self.actions.history,
+                self.tell,
+            ),
             lambda: self.view,
             self.tell,
             self.aiming.put_away,
@@ -147,6 +164,9 @@ class Session:
         self._preview = PreviewLine(client.scene)
         self._pins = Pins(client.scene)
         self._icons = Icons(client.scene)
+        self._names = Names(client.scene)
+        self.picture_size: tuple[float, float] | None = None
+        """Width and height of the picture [px of the page], once the page has told."""
         self.console = Console(client.gui, self)
 
     # What the panels read.
@@ -190,15 +210,24 @@ class Session:
         return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
 
     # What the panels ask for.
+    def folder(self, title: str, *, is_open: bool = False) -> viser.GuiFolderHandle:
+        """Add a folder of controls: as its person left it, else open or not as is said here."""
+        is_open = self._choices.folders.get(title, is_open)
+        folder = self._folders[title] = self.client.gui.add_folder(title, expand_by_default=is_open)
+        return folder
+
     def post(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread."""
         self._hub.call_soon(fn)
 
     def tell(self, title: str, text: str, tone: Tone) -> None:
         """Show its person a title and a sentence."""
-        self.client.add_notification(
-            title, text, auto_close_seconds=NOTICE_S, color=NOTICE_COLOURS[tone]
+        notice = self.client.add_notification(
+            title, text, auto_close_seconds=NOTICE_S[tone], color=NOTICE_COLOURS[tone]
         )
+        self._notices.append(notice)
+        while len(self._notices) > MAX_NOTICES:
+            self._notices.pop(0).remove()
 
     def press_stop(self) -> None:
         """Stop the robot."""
@@ -218,7 +247,6 @@ class Session:
         """Show another robot."""
         if robot != self._robot:
             self.put_tools_away()
-            self.zones.wishes.forget()
             self.actions.forget()
             self._hub.let_go(self.client.client_id)
             self._robot = robot
@@ -243,6 +271,14 @@ class Session:
             dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
             self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
 
+    def remember_folder(self, title: str, *, is_open: bool) -> None:
+        """Take note that its person opened or closed a folder, and remember it."""
+        folder = self._folders.get(title)
+        if folder is not None:  # a page may say anything
+            folder.expand_by_default = is_open  # as the page makes it anew with its tab
+            folders = {**self._choices.folders, title: is_open}
+            self._choose(msgspec.structs.replace(self._choices, folders=folders))
+
     def set_dark(self, *, is_dark: bool) -> None:
         """Change the look, and remember it."""
         configure_look(self.client.gui, dark=is_dark)
@@ -264,12 +300,14 @@ class Session:
         layers = self.layers()
         for key, is_on in layers.items():
             self._shadow(self._robot, f"/{key}", is_on=is_on)
+        self.drags.tick()
         self.aiming.look_ahead()
         self._preview.draw(self.aiming.preview, self.view.placement)
         self._pins.draw(self.actions.errands.items, self.view.placement)
         markers = self._hub.stage(self._robot).markers
         icons = markers.icons if layers[markers.key] else []
         self._icons.show(icons, self.client.camera.wxyz)
+        self._show_names(is_on=layers[PlaceLayer.key])
         if self.pointing.tool is not None and self.zones.mode != "idle":
             self.zones.leave()  # one tool at a time
         self.zones.update()
@@ -285,16 +323,32 @@ class Session:
 
     # Inside.
     def _post_while_open(self, fn: Callable[[], None]) -> None:
-        """Call on the service's thread what a pointer did, unless its browser is gone.
-
-        When a connection is lost in mid-drag, viser tells of a release that nobody made.
-        """
+        """Call on the service's thread what a pointer did, unless its browser is gone."""
 
         def call() -> None:
             if self._hub.is_open(self.client.client_id):
                 fn()
 
         self._hub.call_soon(call)
+
+    def _show_names(self, *, is_on: bool) -> None:
+        """Write the names of the places, as many as there is room for."""
+        camera, view = self.client.camera, self.view
+        goal = view.feeds.latest(topics.GOAL)
+        size = self.picture_size or (camera.image_width, camera.image_height)
+        self._names.show(
+            place_names(view) if is_on else [],
+            "" if goal is None else goal_name(goal, current_places(view)),
+            Eye(camera.position, camera.wxyz, camera.fov, size),
+        )
+
+    def _map_name(self) -> str:
+        grid = self.view.map
+        return "" if grid is None else grid.name
+
+    def _tell_unheard(self) -> None:
+        """Own up to a release that was seen by viser alone."""
+        self.tell("Nothing done", "The page is slow to answer. Point once more.", "warn")
 
     def _choose(self, choices: Choices) -> None:
         self._choices = choices

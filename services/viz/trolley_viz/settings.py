@@ -27,6 +27,8 @@ class Choices(Struct, frozen=True, kw_only=True):
     """Dark background."""
     dismissed: list[Dismissed] = []
     """Mirrors that are not suspected here any more."""
+    folders: dict[str, bool] = {}
+    """Title of a folder of controls to open or not."""
 
 
 class ViewerSettings(Struct, frozen=True, kw_only=True):

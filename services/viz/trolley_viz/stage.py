@@ -16,6 +16,7 @@ from trolley_viz.overlays.layer import OverlayLayer
 from trolley_viz.overlays.readings import Readings
 from trolley_viz.past_trips import Answered, PastTrips
 from trolley_viz.placement import Placement
+from trolley_viz.scene.body import RobotLayer
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.markers import MarkerLayer
 from trolley_viz.scene.scene import Scene
@@ -102,6 +103,12 @@ class Stage:
     def markers(self) -> MarkerLayer:
         """The layer of markers, whose icons each browser draws."""
         return cast("MarkerLayer", self.scene.layer(MarkerLayer.key))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is not shown as it was meant, and why."""
+        body = cast("RobotLayer", self.scene.layer(RobotLayer.key))
+        return [*([body.problem] if body.problem else []), *self.markers.notes]
 
     def has_new_map(self) -> bool:
         """Whether there is another map than at the last call."""

@@ -207,15 +207,19 @@ class Browser:
         # An API of its own, as viser gives each browser; what goes there is kept and not sent.
         self.scene = cast(Any, OwnScene(server.scene, f"/own{client_id}"))
         self.gui = server.gui
-        self.camera = SimpleNamespace(image_width=1200, image_height=800, position=None)
+        self.camera = SimpleNamespace(image_width=1200, image_height=800, fov=0.7)
+        self.camera.position = np.array([0.0, 0.0, 10.0])
         self.camera.wxyz = np.array([0.0, 1.0, 0.0, 0.0])  # looks straight down
         self.notices: list[tuple[str, str]] = []
+        self.shown_notices: list[str] = []
 
     def atomic(self) -> contextlib.AbstractContextManager[None]:
         return contextlib.nullcontext()
 
-    def add_notification(self, title: str, body: str, **_: Any) -> None:
+    def add_notification(self, title: str, body: str, **_: Any) -> SimpleNamespace:
         self.notices.append((title, body))
+        self.shown_notices.append(title)
+        return SimpleNamespace(remove=lambda: self.shown_notices.remove(title))
 
 
 class Stage:

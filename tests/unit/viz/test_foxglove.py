@@ -175,3 +175,17 @@ def test_a_taken_port_is_told_and_the_viewer_goes_on(tmp_path: Path) -> None:
 def test_without_the_setting_there_is_none(tmp_path: Path) -> None:
     with Lockstep(state=tmp_path) as runtime:
         assert runtime.add(Host(VizConfig())).bridge is None
+
+
+@pytest.mark.parametrize(("is_open", "is_served"), [(False, False), (True, True)])
+def test_it_is_open_to_the_network_only_where_that_is_said(
+    tmp_path: Path, *, is_open: bool, is_served: bool
+) -> None:
+    runtime = Lockstep(state=tmp_path)
+    config = VizConfig(foxglove_port=free_port(), foxglove_host="0.0.0.0", foxglove_open=is_open)
+    healths = runtime.record(topics.HEALTH, "viz")
+    host = runtime.add(Host(config))
+    runtime.run(1.5)
+    assert (host.bridge is not None) is is_served
+    assert ("asks for no password" in healths[-1].message) is not is_served
+    runtime.close()

@@ -1,4 +1,4 @@
-"""A browser whose connection is lost while something is dragged: nobody let go of it."""
+"""What is dragged and not let go of: the page goes, or says that it was not meant."""
 
 import socket
 import time
@@ -10,6 +10,9 @@ import pytest
 import viser
 from viser._messages import Message, SceneNodeDragMessage, ViewerCameraMessage
 from websockets.sync.client import ClientConnection, connect
+
+from trolley_viz.aiming import GOAL_HINT
+from trolley_viz.gestures.in_pages import Gesture
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -46,6 +49,7 @@ class Page:
         url = f"ws://127.0.0.1:{stage.config.viz.port}"
         self.socket = connect(url, subprotocols=[protocol], max_size=None)
         self.socket.recv()
+        self.gestures = connect(f"{url}/gestures?client=0")
         say(
             self.socket,
             ViewerCameraMessage(
@@ -75,6 +79,12 @@ class Page:
         for phase in ("start", "update"):
             say(self.socket, drag(phase, node, owner))  # type: ignore[arg-type]
 
+    def end_drag(self, node: str) -> None:
+        say(self.socket, drag("end", node, self.stage.session.client.scene._owner_id))  # type: ignore[arg-type]
+
+    def tell(self, **gesture: object) -> None:
+        self.gestures.send(msgspec.json.encode(gesture))
+
     def leave(self) -> None:
         self.socket.socket.shutdown(socket.SHUT_RDWR)
         self.wait(lambda: not self.stage.viz._sessions)
@@ -85,6 +95,7 @@ class Page:
 def page(stage: "Stage") -> Iterator[Page]:
     page = Page(stage)
     yield page
+    page.gestures.close()
     page.socket.socket.close()
 
 
@@ -97,12 +108,80 @@ def test_no_goal_is_sent(page: Page, stage: "Stage") -> None:
     assert stage.robot.goals == []
 
 
-def test_a_goal_is_sent_when_it_is_let_go(page: Page, stage: "Stage") -> None:
+@pytest.mark.parametrize("is_word_first", [True, False])
+def test_a_goal_is_sent_when_it_is_let_go(
+    page: Page, stage: "Stage", *, is_word_first: bool
+) -> None:
+    stage.session.aiming.point_goal()
+    page.begin_drag("/pointing")
+    page.wait(lambda: stage.session.pointing._arrow is not None)
+    if is_word_first:
+        page.tell(released=(0.6, 0.5))
+        page.wait(lambda: stage.session.drags._released is not None)
+        page.end_drag("/pointing")
+    else:
+        page.end_drag("/pointing")
+        page.wait(lambda: stage.session.drags._end is not None)
+        assert stage.robot.goals == []
+        page.tell(released=(0.6, 0.5))
+    page.wait(lambda: len(stage.robot.goals) == 1)
+
+
+@pytest.mark.parametrize("is_word_first", [True, False])
+def test_no_goal_is_sent_when_the_phone_takes_the_touch(
+    page: Page, stage: "Stage", *, is_word_first: bool
+) -> None:
     session = stage.session
     session.aiming.point_goal()
     page.begin_drag("/pointing")
-    say(page.socket, drag("end", "/pointing", session.client.scene._owner_id))
-    page.wait(lambda: len(stage.robot.goals) == 1)
+    page.wait(lambda: session.pointing._arrow is not None)
+    if is_word_first:
+        page.tell(cancelled=True)
+        page.wait(lambda: session.drags._is_cancelled)
+        page.end_drag("/pointing")
+    else:
+        page.end_drag("/pointing")
+        page.wait(lambda: session.drags._end is not None)
+        page.tell(cancelled=True)
+    page.wait(lambda: session.pointing._arrow is not None and not session.pointing._arrow.visible)
+    assert session.aiming.hint == GOAL_HINT
+    stage.runtime.run(3.0)
+    assert stage.robot.goals == []
+    assert session.pointing.tool is not None  # for another try
+
+
+def test_an_end_of_which_the_page_says_nothing_is_none(page: Page, stage: "Stage") -> None:
+    session = stage.session
+    session.aiming.point_goal()
+    page.tell(released=(0.3, 0.5))  # something else was let go of, elsewhere
+    page.begin_drag("/pointing")
+    page.end_drag("/pointing")
+    page.wait(lambda: session.drags._end is not None)
+    stage.runtime.run(3.0)
+    assert session.drags._end is None
+    page.tell(released=(0.6, 0.5))  # too late
+    page.wait(lambda: session.drags._released is not None)
+    stage.runtime.run(0.5)
+    assert stage.robot.goals == []
+
+
+def test_who_only_looks_speaks_for_no_operator(page: Page, stage: "Stage") -> None:
+    gestures = stage.viz._gestures
+    gestures.sockets._operators.clear()
+    gestures._said(0, 0, Gesture(released=(0.6, 0.5)))
+    assert stage.session.drags._released is None
+
+
+def test_folders_stay_as_they_were_left(page: Page, stage: "Stage") -> None:
+    assert stage.session.choices.folders == {}
+    page.tell(folder="Keys", is_open=True)
+    page.tell(folder="no such", is_open=True)
+    page.tell(folder="Places", is_open=False)
+    page.wait(lambda: len(stage.session.choices.folders) == 2)
+    assert stage.session.choices.folders == {"Keys": True, "Places": False}
+    assert stage.session.folder("Keys").expand_by_default
+    assert not stage.session.folder("Places", is_open=True).expand_by_default
+    assert not stage.session.folder("State").expand_by_default
 
 
 def test_no_zone_is_moved(page: Page, stage: "Stage") -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,6 +16,9 @@ from trolley_viz.robots import Robots
 from trolley_viz.scene.sensing import weight_colours
 from trolley_viz.stopping import StopLine, StopPresses
 from trolley_viz.words import Words
+
+if TYPE_CHECKING:
+    from .conftest import Stage
 
 EVIL = "<img src=x onerror=alert(1)>"
 
@@ -97,3 +101,10 @@ def test_the_whole_map_is_in_the_picture(
         depth = ray @ forward
         assert abs(ray @ up) / depth <= tangent
         assert abs(ray @ right) / depth <= tangent * aspect
+
+
+def test_notices_do_not_pile_up_over_the_map(stage: "Stage") -> None:
+    browser = stage.browse()
+    for title in "abc":
+        stage.session.tell(title, "", "warn")
+    assert browser.shown_notices == ["b", "c"]

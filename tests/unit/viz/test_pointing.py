@@ -1,6 +1,7 @@
 """Pointing at the floor."""
 
 import asyncio
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import viser
 
+from trolley_viz.drags import Drags
 from trolley_viz.pointing import Pointed, Pointing, Tool, pointed_by_drag
 
 CAMERA = np.array([0.0, -4.0, 8.0])
@@ -30,13 +32,23 @@ class Gesture:
     """A tool that notes what it is told."""
 
     def __init__(self) -> None:
-        self.moved: list[Pointed] = []
+        self.moved: list[Pointed | None] = []
         self.done: list[Pointed] = []
         self.tool = Tool("test", self.moved.append, self.done.append)
 
 
+class Meant(Drags):
+    """Takes every end as meant."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda call: call(), lambda: 0, lambda: None)
+
+    def take(self, event: Any, act: Callable[[], None], cancel: Callable[[], None]) -> None:
+        act()
+
+
 def arm(server: viser.ViserServer, gesture: Gesture) -> tuple[Pointing, Any]:
-    pointing = Pointing(server, lambda call: call())  # type: ignore[arg-type]
+    pointing = Pointing(server, lambda call: call(), Meant())  # type: ignore[arg-type]
     pointing.arm(gesture.tool)
     return pointing, pointing._plane
 
@@ -65,7 +77,7 @@ def test_press_drag_and_release_are_one_gesture(server: viser.ViserServer) -> No
     drag = plane._impl.drag_cb[0].callback
     for phase, end in (("start", (1.0, 1.0)), ("update", (2.0, 1.0)), ("end", (1.0, 3.0))):
         asyncio.run(drag(event(phase, (1.0, 1.0), end, 0.1 if phase != "start" else 0.0)))
-    assert [one.yaw for one in gesture.moved] == [None, pytest.approx(0.0)]
+    assert gesture.moved == [Pointed(1.0, 1.0), Pointed(1.0, 1.0, pytest.approx(0.0))]
     assert len(gesture.done) == 1
     assert gesture.done[0].yaw == pytest.approx(np.pi / 2)
     assert pointing.tool is None

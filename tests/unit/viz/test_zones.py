@@ -14,6 +14,7 @@ from trolley.messages.asking import Named
 from trolley.runtime.service import Service, answers
 from trolley_localizer.zone_store import check_zone, with_zone, without_zone
 from trolley_viz.settings import Dismissed
+from trolley_viz.undo import History
 from trolley_viz.visitors import Visitor
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ class Hand:
             phase=phase,
             start_position=(*start, 0.0),
             end_position=(*end, 0.0),
+            end_screen_pos=(0.5, 0.5),
             instance_index=None,
             client=SimpleNamespace(camera=SimpleNamespace(position=np.array([0.0, -4.0, 8.0]))),
         )
@@ -103,6 +105,12 @@ class Hand:
             event.instance_index = handle
             asyncio.run(drag(event))
             self.wait()
+        self.stage.session.drags.released((0.5, 0.5))
+        self.wait()
+
+    @property
+    def history(self) -> History:
+        return self.stage.session.actions.history
 
     def wait(self) -> None:
         self.stage.runtime.run(0.3)
@@ -211,12 +219,12 @@ def test_a_zone_is_tapped_and_its_corner_dragged(hand: Hand, keeper: ZoneKeeper)
     np.testing.assert_allclose(keeper["hall mirror"].points, [(1.0, 1.0), (2.0, 0.5)], atol=1e-9)
     hand.drag((1.5, 0.75), (1.0, 0.75), handle=2)
     np.testing.assert_allclose(keeper["hall mirror"].points, [(0.5, 1.0), (1.5, 0.5)], atol=1e-9)
-    hand.editor.undo()
+    hand.history.undo()
     hand.wait()
-    hand.editor.undo()
+    hand.history.undo()
     hand.wait()
     assert keeper["hall mirror"] == MIRROR
-    assert hand.editor.wishes.last == ""
+    assert hand.history.last is None
 
 
 def test_handles_keep_their_size_on_the_screen(hand: Hand) -> None:
@@ -234,7 +242,7 @@ def test_a_refused_move_goes_back(hand: Hand, keeper: ZoneKeeper) -> None:
     keeper.refuse = "The disk is full."
     hand.drag((1.5, 1.0), (1.0, 0.0), handle=2)
     assert hand.editor.sketch.points == ((1.0, 1.0), (2.0, 1.0))
-    assert hand.editor.wishes.last == ""
+    assert hand.history.last is None
 
 
 def test_rename_delete_and_undo(hand: Hand, keeper: ZoneKeeper) -> None:
@@ -248,7 +256,7 @@ def test_rename_delete_and_undo(hand: Hand, keeper: ZoneKeeper) -> None:
     assert keeper.names == []
     assert hand.editor.mode == "idle"
     for names in (["big mirror"], ["hall mirror"], ["hall mirror"]):
-        hand.editor.undo()
+        hand.history.undo()
         hand.wait()
         assert keeper.names == names
     assert keeper["hall mirror"] == MIRROR
@@ -261,7 +269,7 @@ def test_undo_does_not_undo_what_somebody_else_did(hand: Hand, keeper: ZoneKeepe
     keeper.put(theirs)
     hand.wait()
     assert hand.editor.sketch.points == ((0.0, 0.0), (0.0, 1.0))
-    hand.editor.undo()
+    hand.history.undo()
     hand.wait()
     assert keeper["hall mirror"] == theirs
     assert hand.browser.notices[-1][0] == "Not undone"

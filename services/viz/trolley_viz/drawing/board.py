@@ -13,9 +13,10 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from trolley_viz.drags import Drags
 from trolley_viz.drawing.sketch import Point, Sketch
 from trolley_viz.panels.control import Post
-from trolley_viz.pointing import add_floor, let_leave
+from trolley_viz.pointing import add_floor
 from trolley_viz.scene.layer import WALL_HEIGHT
 from trolley_viz.shapes import closed_segments, meet_floor, open_segments
 
@@ -54,11 +55,18 @@ class Strokes:
 
 
 class Board:
-    """The scene of one browser, as far as drawing goes; on the service's thread."""
+    """The scene of one browser, as far as drawing goes; on the service's thread.
 
-    def __init__(self, client: viser.ClientHandle, post: Post) -> None:
+    Args:
+        client: the browser.
+        post: hands a call to that thread.
+        drags: tells which ends of drags are meant.
+    """
+
+    def __init__(self, client: viser.ClientHandle, post: Post, drags: Drags) -> None:
         self._client = client
         self._post = post
+        self._drags = drags
         self._floor: viser.MeshHandle | None = None
         self._line: viser.LineSegmentsHandle | None = None
         self._dots: viser.BatchedMeshHandle | None = None
@@ -83,11 +91,14 @@ class Board:
 
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
-            await let_leave(event)
             x, y, _ = event.start_position
-            now = floor_under(event)
+            now, phase = floor_under(event), event.phase
             if math.isfinite(x) and math.isfinite(y):  # a page may send anything
-                self._post(lambda: dragged(event.phase, (x, y), now))
+                self._drags.take(
+                    event,
+                    lambda: dragged(phase, (x, y), now),
+                    lambda: dragged(phase, (x, y), None),
+                )
 
         floor.on_drag("left")(drag)
 
@@ -147,17 +158,20 @@ class Board:
         begun: dict[int, Point] = {}
 
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
-            await let_leave(event)
-            index, now = event.instance_index, floor_under(event)
+            index, now, phase = event.instance_index, floor_under(event), event.phase
             if index is None or not 0 <= index < len(places):  # a page may send anything
                 return
-            if event.phase == "start" and now is not None:
+            if phase == "start" and now is not None:
                 begun[index] = now
             start = begun.get(index)
             if start is None:
                 return
             by = (0.0, 0.0) if now is None else (now[0] - start[0], now[1] - start[1])
-            self._post(lambda: moved(event.phase, first + index, by))
+            self._drags.take(
+                event,
+                lambda: moved(phase, first + index, by),
+                lambda: moved(phase, first + index, (0.0, 0.0)),
+            )
 
         handles.on_drag("left")(drag)
 

@@ -153,11 +153,6 @@ class ZoneEditor:
         if self.selected is not None:
             self.wishes.ask(Change(self.selected, None), lambda _: self.leave())
 
-    def undo(self) -> None:
-        """Take the last change back; what is being drawn is left."""
-        self.leave()
-        self.wishes.undo()
-
     def accept(self, suspect: SuspectLine) -> None:
         """Store a suspected mirror as one."""
         name = free_name("mirror", {zone.name for zone in self.zones})
@@ -178,7 +173,6 @@ class ZoneEditor:
         name = "" if zones is None else zones.map
         if name != self._map:
             self._map = name
-            self.wishes.forget()
             self.leave()
         if self.mode != "edit" or self.selected is None:
             return

@@ -10,9 +10,8 @@ from trolley.messages import Zone
 from trolley.messages.asking import Named
 from trolley.requests import Request
 from trolley.runtime.service import Service
+from trolley_viz.undo import History, Step
 from trolley_viz.words import Tone
-
-MAX_UNDO = 50
 
 Tell = Callable[[str, str, Tone], None]
 
@@ -30,6 +29,12 @@ class Change:
         zone = self.after or self.before
         return "" if zone is None else zone.name
 
+    @property
+    def title(self) -> str:
+        """What it does, for people."""
+        what = "Add" if self.before is None else "Delete" if self.after is None else "Change"
+        return f"{what} “{self.name}”"
+
     def reversed(self) -> "Change":
         """The change that takes this one back."""
         return Change(self.after, self.before)
@@ -42,6 +47,8 @@ class ZoneWishes:
         service: asks.
         robot: whom.
         zones: what is stored now.
+        map_name: of the map that the zones belong to; "" while it is not known.
+        history: what the person can take back.
         tell: tells the person.
     """
 
@@ -50,24 +57,18 @@ class ZoneWishes:
         service: Service,
         robot: Callable[[], str],
         zones: Callable[[], Sequence[Zone]],
+        map_name: Callable[[], str],
+        history: History,
         tell: Tell,
     ) -> None:
         self._service = service
         self._robot = robot
         self._zones = zones
+        self._map_name = map_name
+        self._history = history
         self._tell = tell
-        self._undo: list[Change] = []
         self.is_busy = False
         """Whether an answer is awaited."""
-
-    @property
-    def last(self) -> str:
-        """The name of the zone that undo would change back; "" where there is nothing to undo."""
-        return self._undo[-1].name if self._undo else ""
-
-    def forget(self) -> None:
-        """Forget what could be undone, as on another map."""
-        self._undo.clear()
 
     def ask(
         self,
@@ -81,22 +82,29 @@ class ZoneWishes:
         def made(saved: Zone) -> None:
             after = None if change.after is None else saved
             if robot == self._robot():
-                self._undo.append(Change(change.before, after))
-                del self._undo[:-MAX_UNDO]
+                self._remember(Change(change.before, after))
             done(after)
 
         self._make(change, made, refused)
 
-    def undo(self) -> None:
-        """Take the last change back, unless somebody changed that zone again."""
-        if not self._undo or self.is_busy:
-            return
-        change = self._undo[-1]
-        if self._stored(change.name if change.after is not None else "") != change.after:
-            self._undo.pop()
+    # Inside.
+    def _remember(self, change: Change) -> None:
+        """Let the person take a change back, as long as there is the same map."""
+        map_name = self._map_name()
+
+        def undo() -> None:
+            self._take_back(change, step)
+
+        step = Step(change.title, undo, lambda: self._map_name() in ("", map_name))
+        self._history.add(step)
+
+    def _take_back(self, change: Change, step: Step) -> None:
+        """Take a change back, unless somebody changed that zone again."""
+        if not self.is_busy and self._stored(change.name) != change.after:
             self._tell("Not undone", f"Somebody else changed “{change.name}” since.", "warn")
             return
-        self._make(change.reversed(), lambda _: self._undo.remove(change), lambda: None)
+        # What is refused can be tried again.
+        self._make(change.reversed(), lambda _: None, lambda: self._history.add(step))
 
     def _stored(self, name: str) -> Zone | None:
         return next((zone for zone in self._zones() if zone.name == name), None)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from trolley.config.viz import VizConfig
 from trolley.runtime.service import Service
+from trolley_viz.gate import is_loopback_host
 
 if TYPE_CHECKING:
     from trolley_viz.foxglove.bridge import FoxgloveBridge
@@ -13,6 +14,14 @@ def open_bridge(service: Service, config: VizConfig) -> "FoxgloveBridge | None":
     """Let Foxglove connect where the configuration says so; without it the viewer goes on."""
     if config.foxglove_port is None:
         return None
+    if not (config.foxglove_open or is_loopback_host(config.foxglove_host)):
+        why = (
+            f"Foxglove asks for no password, and {config.foxglove_host} is open to the network: "
+            "set [viz] foxglove_open = true if that is meant, or leave foxglove_host out and "
+            "reach the port through ssh"
+        )
+        _say_why(service, why)
+        return None
     try:
         from trolley_viz.foxglove.bridge import FoxgloveBridge
 
@@ -21,6 +30,10 @@ def open_bridge(service: Service, config: VizConfig) -> "FoxgloveBridge | None":
         why = f"the extra trolley[foxglove] is not installed ({error})"
     except RuntimeError as error:
         why = f"{config.foxglove_host}, port {config.foxglove_port}, cannot be had ({error})"
+    _say_why(service, why)
+    return None
+
+
+def _say_why(service: Service, why: str) -> None:
     service.log.error("Foxglove cannot connect", why=why)
     service.set_health("degraded", f"Foxglove cannot connect: {why}.")
-    return None

@@ -3,13 +3,13 @@
 function startPad(root, client) {
   if (root.dataset.started) return; // an image may be loaded twice
   root.dataset.started = "yes";
-  const BEAT_MS = 100, RETRY_MS = 1000, SILENCE_MS = 1500, MAX_WAITING_BYTES = 1000;
+  const BEAT_MS = 100, SILENCE_MS = 1500, MAX_WAITING_BYTES = 1000;
   const find = (name) => root.querySelector(name);
   const toggle = find(".hand-open"), card = find(".hand-card"), pad = find(".hand-pad");
   const knob = find(".hand-knob"), slider = find("input"), speed = find("output");
   const say = find(".hand-say");
   const ending = new AbortController();
-  let socket = null, pointer = null, beat = null, retry = null;
+  let pointer = null, beat = null;
   let x = 0, y = 0, can = false, heardMs = 0;
 
   function show(text, tone) {
@@ -23,16 +23,11 @@ function startPad(root, client) {
     speed.textContent = `${Number(slider.value).toFixed(2)} m/s`;
   }
 
-  function isOpen() {
-    return socket !== null && socket.readyState === WebSocket.OPEN;
-  }
-
   function send() {
     const held = pointer !== null;
+    const said = { x, y, held, speed: Number(slider.value), sent_ms: performance.now() };
     // On a connection that does not get rid of what it has, more would only come late.
-    if (!isOpen() || (held && socket.bufferedAmount > MAX_WAITING_BYTES)) return;
-    const sent_ms = performance.now();
-    socket.send(JSON.stringify({ x, y, held, speed: Number(slider.value), sent_ms }));
+    connection.say(said, held ? MAX_WAITING_BYTES : Infinity);
   }
 
   function release() {
@@ -68,7 +63,7 @@ function startPad(root, client) {
   }
 
   function tick() {
-    if (!root.isConnected) return end();
+    if (connection.isGone()) return;
     if (performance.now() - heardMs > SILENCE_MS) return lose();
     send();
   }
@@ -90,31 +85,9 @@ function startPad(root, client) {
     showState();
   }
 
-  function connect() {
-    if (!root.isConnected) return end();
-    const url = new URL("joystick", location.href);
-    url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
-    url.search = `?client=${client}`;
-    url.hash = "";
-    const mine = (socket = new WebSocket(url));
-    mine.onmessage = (event) => {
-      if (!root.isConnected) return end();
-      if (mine === socket) take(JSON.parse(event.data));
-    };
-    mine.onclose = () => {
-      if (mine !== socket) return;
-      socket = null;
-      lose();
-      retry = setTimeout(connect, RETRY_MS);
-    };
-  }
-
   function disconnect() {
     release();
-    clearTimeout(retry);
-    const closed = socket;
-    socket = null;
-    if (closed !== null) closed.close();
+    connection.close();
     can = false;
   }
 
@@ -124,7 +97,7 @@ function startPad(root, client) {
     disconnect();
     show("", "idle");
     showState();
-    if (wanted) connect();
+    if (wanted) connection.open();
   }
 
   function typed(event) {
@@ -139,6 +112,9 @@ function startPad(root, client) {
     ending.abort();
   }
 
+  const connection = trolleyConnection(root, "joystick", client, {
+    opened: () => {}, heard: take, lost: lose, left: end,
+  });
   const on = (target, name, action) =>
     target.addEventListener(name, action, { signal: ending.signal });
   on(toggle, "click", () => setOpen(card.hidden));

@@ -3,10 +3,9 @@
 function startOverlays(root, client) {
   if (root.dataset.started) return; // an image may be loaded twice
   root.dataset.started = "yes";
-  const RETRY_MS = 1000;
   const ending = new AbortController();
   const cards = new Map(); // by the overlay's name: its elements
-  let socket = null, retry = null, isPressed = false, waiting = null;
+  let isPressed = false, waiting = null;
 
   function newCard(name) {
     const card = document.createElement("div");
@@ -69,16 +68,12 @@ function startOverlays(root, client) {
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   }
 
-  function say(said) {
-    if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(said));
-  }
-
   function clicked(event) {
     const card = event.target.closest(".ov-card");
     if (card === null) return;
     const id = card.dataset.name, item = event.target.closest("[data-index]");
-    if (item !== null) say({ id, index: Number(item.dataset.index) });
-    else if (event.target.closest(".ov-csv") !== null) say({ id, csv: true });
+    if (item !== null) connection.say({ id, index: Number(item.dataset.index) });
+    else if (event.target.closest(".ov-csv") !== null) connection.say({ id, csv: true });
   }
 
   function released() {
@@ -89,37 +84,17 @@ function startOverlays(root, client) {
     if (late !== null) setTimeout(() => take(late), 0);
   }
 
-  function connect() {
-    if (!root.isConnected) return end();
-    const url = new URL("overlays", location.href);
-    url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
-    url.search = `?client=${client}`;
-    url.hash = "";
-    const mine = (socket = new WebSocket(url));
-    mine.onmessage = (event) => {
-      if (!root.isConnected) return end();
-      if (mine === socket) take(JSON.parse(event.data));
-    };
-    mine.onclose = () => {
-      if (mine !== socket) return;
-      socket = null;
-      for (const { card } of cards.values()) card.classList.add("ov-troubled");
-      retry = setTimeout(connect, RETRY_MS);
-    };
+  function lose() {
+    for (const { card } of cards.values()) card.classList.add("ov-troubled");
   }
 
-  function end() {
-    ending.abort();
-    clearTimeout(retry);
-    const closed = socket;
-    socket = null;
-    if (closed !== null) closed.close();
-  }
-
+  const connection = trolleyConnection(root, "overlays", client, {
+    opened: () => {}, heard: take, lost: lose, left: () => ending.abort(),
+  });
   const on = (target, name, action) =>
     target.addEventListener(name, action, { signal: ending.signal });
   on(root, "click", clicked);
   on(root, "pointerdown", () => (isPressed = true));
   for (const name of ["pointerup", "pointercancel", "blur"]) on(window, name, released);
-  connect();
+  connection.open();
 }

@@ -6,7 +6,7 @@ import viser
 
 from trolley import topics
 from trolley.messages import Health
-from trolley_viz.page import overlays_html, pad_html
+from trolley_viz.page import gestures_html, overlays_html, pad_html
 from trolley_viz.panels.control import show
 from trolley_viz.panels.go import GoPanel
 from trolley_viz.panels.markup import row
@@ -41,7 +41,9 @@ class Console:
         hub, post = session.hub, session.post
         gui.add_html(STYLE)
         self._status = StatusPanel(gui, session.follow, post)
-        self._robots = RobotsPanel(gui, session.follow, session.press_stop_all, post)
+        self._robots = RobotsPanel(
+            gui, session.folder, session.follow, session.press_stop_all, post
+        )
         self._go: GoPanel | None = None
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
@@ -53,14 +55,14 @@ class Console:
             self._tours = TourTab(gui, session)
         if session.may_drive:
             with tabs.add_tab("Map", viser.Icon.MAP_2):
-                with gui.add_folder("Places"):
+                with session.folder("Places", is_open=True):
                     self._places = PlacePanel(gui, session)
-                self._zones = ZonePanel(gui, session.zones, session.dismiss, post)
+                self._zones = ZonePanel(gui, session)
         with tabs.add_tab("More", viser.Icon.DOTS):
             self._more = MorePanel(gui, session)
-            with gui.add_folder("State", expand_by_default=False):
+            with session.folder("State"):
                 self._state = gui.add_html("")
-            with gui.add_folder("Keys", expand_by_default=False):
+            with session.folder("Keys"):
                 gui.add_html(add_shortcuts(gui, session))
         self._stop_bar = StopBar(
             gui,
@@ -70,6 +72,7 @@ class Console:
         if session.may_drive:
             gui.add_html(pad_html(session.client.client_id))
         gui.add_html(overlays_html(session.client.client_id))
+        gui.add_html(gestures_html(session.client.client_id))
 
     def update(self, view: View) -> None:
         """Say what is."""

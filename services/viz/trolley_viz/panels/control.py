@@ -13,6 +13,9 @@ GREEN, TEAL, GREY, STOP_RED = (26, 138, 66), (14, 122, 128), (100, 108, 120), (2
 PURPLE, AMBER = (92, 62, 158), (166, 96, 0)
 """Button colours on which white text can be read, on light and dark."""
 
+AddFolder = Callable[[str], viser.GuiFolderHandle]
+"""Adds a folder that is open or closed as its person left it."""
+
 Post = Callable[[Callable[[], None]], None]
 """Hands a call to the service's thread."""
 
@@ -49,9 +52,9 @@ def set_options(dropdown: viser.GuiDropdownHandle[str], options: list[str], empt
     dropdown.disabled = not options
 
 
-def show_undo(button: viser.GuiButtonHandle, history: History) -> None:
+def show_undo(button: viser.GuiButtonHandle, history: History, *, is_offered: bool = True) -> None:
     """Offer to take the last step back, naming it."""
-    last = history.last
+    last = history.last if is_offered else None
     button.visible = last is not None
     if last is not None:
         button.label = f"Undo: {last.title}"

@@ -49,7 +49,7 @@ class GoPanel:
         self._set.on_click(handler(post, lambda _, __: aiming.toggle(SET_POSE)))
         self._find.on_click(handler(post, lambda _, __: actions.find()))
         self._undo.on_click(handler(post, lambda _, __: actions.history.undo()))
-        with gui.add_folder("Several places in a row", expand_by_default=False):
+        with session.folder("Several places in a row"):
             self._errands = ErrandPanel(gui, actions, aiming, post)
 
     def update(self, view: View) -> None:

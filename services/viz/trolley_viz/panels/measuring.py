@@ -14,7 +14,7 @@ from trolley_viz.overlays.cards import written
 from trolley_viz.overlays.figures import plot_columns, plot_svg
 from trolley_viz.overlays.readings import Reading, Readings
 from trolley_viz.overlays.source import fields_of
-from trolley_viz.panels.control import GREY, Post, handler, set_options
+from trolley_viz.panels.control import GREY, AddFolder, Post, handler, set_options
 from trolley_viz.panels.markup import note, table
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.places import current_places
@@ -34,9 +34,9 @@ PLOT_STYLE = (
 class FramesPanel:
     """Distance, bearing, translation, rotation and age of two frames, or the missing link."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
+    def __init__(self, gui: viser.GuiApi, folder: AddFolder) -> None:
         frames: list[str] = [BASE, MAP]
-        with gui.add_folder("Distance and angle", expand_by_default=False):
+        with folder("Distance and angle"):
             self._parent = gui.add_dropdown("From", frames, initial_value=BASE)
             self._child = gui.add_dropdown("To", frames, initial_value=MAP)
             self._said = gui.add_html("")
@@ -62,16 +62,23 @@ class PlotPanel:
 
     Args:
         gui: where it is added.
+        folder: adds its folder.
         post: hands a call to the service's thread.
         new_readings: follows values of the robot of this browser.
     """
 
-    def __init__(self, gui: viser.GuiApi, post: Post, new_readings: Callable[[], Readings]) -> None:
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        folder: AddFolder,
+        post: Post,
+        new_readings: Callable[[], Readings],
+    ) -> None:
         self._new_readings = new_readings
         self._readings: Readings | None = None
         self._text = ""
         none: list[str] = [NO_TOPIC]
-        with gui.add_folder("Plot", expand_by_default=False):
+        with folder("Plot"):
             names = (NO_TOPIC, *(one.name for one in topics.TOPICS if one.kind is Kind.STREAM))
             topic = gui.add_dropdown("Topic", names, initial_value=NO_TOPIC)
             self._fields = gui.add_dropdown("Field", none, disabled=True)

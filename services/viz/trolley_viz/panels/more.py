@@ -44,16 +44,18 @@ class MorePanel:
         look = gui.add_checkbox("Dark background", session.choices.dark)
         look.on_update(handler(post, lambda _, is_dark: session.set_dark(is_dark=bool(is_dark))))
         self._layers = {group: LayerPanel(gui, session, group) for group in GROUPS}
-        with gui.add_folder("Position", expand_by_default=False):
+        with session.folder("Position"):
             self._position = gui.add_html("")
-        with gui.add_folder("Frames", expand_by_default=False):
+        with session.folder("Frames"):
             self._frames = FrameTreePanel(gui, session)
-        with gui.add_folder("Services and streams", expand_by_default=False):
+        with session.folder("Services and streams"):
             self._streams = StreamPanel(gui)
-        self._relation = FramesPanel(gui)
-        self._plot = PlotPanel(gui, post, lambda: session.hub.readings(session.robot))
+        self._relation = FramesPanel(gui, session.folder)
+        self._plot = PlotPanel(
+            gui, session.folder, post, lambda: session.hub.readings(session.robot)
+        )
         self._notes = gui.add_html("")
-        self._markers = lambda: session.hub.stage(session.robot).markers
+        self._stage = lambda: session.hub.stage(session.robot)
 
     def update(self, view: View) -> None:
         """Say what is: what is for reading once a second."""
@@ -67,7 +69,7 @@ class MorePanel:
         show(self._position, content=table(position_rows(view)))
         self._frames.update(view)
         self._streams.update(view)
-        show(self._notes, content="".join(map(note, self._markers().notes)))
+        show(self._notes, content="".join(map(note, self._stage().notes)))
 
     def close_plot(self) -> None:
         """Stop following what is plotted, as for another robot."""
@@ -81,7 +83,7 @@ class LayerPanel:
         self._session = session
         self._boxes: dict[type[Layer], viser.GuiCheckboxHandle] = {}
         shown = session.layers()
-        with gui.add_folder(f"Layers: {group}", expand_by_default=False):
+        with session.folder(f"Layers: {group}"):
             for kind in LAYERS:
                 if kind.group == group:
                     self._boxes[kind] = gui.add_checkbox(kind.title, shown[kind.key])

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import viser
 
 from trolley_viz.fleet import Member
-from trolley_viz.panels.control import STOP_RED, Post, handler, show
+from trolley_viz.panels.control import STOP_RED, AddFolder, Post, handler, show
 from trolley_viz.panels.markup import row
 from trolley_viz.words import AWAY, Words, base_words, goal_words, percent, position_words
 
@@ -16,6 +16,7 @@ class RobotsPanel:
     def __init__(
         self,
         gui: viser.GuiApi,
+        folder: AddFolder,
         follow: Callable[[str], None],
         stop_all: Callable[[], None],
         post: Post,
@@ -23,7 +24,8 @@ class RobotsPanel:
         self._gui = gui
         self._follow = follow
         self._post = post
-        self._folder = gui.add_folder("All robots", visible=False, expand_by_default=False)
+        self._folder = folder("All robots")
+        self._folder.visible = False
         self._rows: dict[str, tuple[viser.GuiHtmlHandle, viser.GuiButtonHandle]] = {}
         with self._folder:
             stop = gui.add_button("Stop all robots", color=STOP_RED, icon=viser.Icon.HAND_STOP)

@@ -48,7 +48,13 @@ STYLE = """<style>
  [id="{stop}"]{{width:160px;font-size:27px}}
  [id="{resume}"]{{left:180px;width:124px;font-size:17px}}
  #trolley-stop{{top:76px;bottom:auto;max-width:80vw}}
- .mantine-Notifications-root{{margin-top:70px}}
+ .mantine-Notifications-root{{margin-top:60px;left:10px!important;max-width:none!important;
+  width:calc(100vw - 20px)!important}}
+ .mantine-Notification-root{{padding:5px 4px 5px 18px}}
+ .mantine-Notification-body{{font-size:14px;line-height:1.25}}
+ .mantine-Notification-title,.mantine-Notification-description{{display:inline;font-size:inherit;
+  line-height:inherit;white-space:normal}}
+ .mantine-Notification-title::after{{content:". "}}
  .mantine-Paper-root[style*="width: 20em"]{{width:100%!important;border-radius:14px 14px 0 0}}
  .mantine-ScrollArea-content>div[style*="width: 20em"]{{width:100%!important}}
  div[style*="cursor: pointer"][style*="height: 3.5em"]{{pointer-events:none;height:2.6em!important}}

@@ -16,13 +16,13 @@ STYLE = """<style>
 div:has(>div>.trolley-tiles){display:grid;grid-template-columns:1fr 1fr;padding:0 8px}
 div:has(>div>.trolley-tiles)>*{grid-column:1/-1;min-width:0}
 div:has(>div>.trolley-tiles)>div:has(>button){grid-column:auto;margin:0 4px!important;
- padding-bottom:8px}
-div:has(>div>.trolley-tiles)>div>button{height:100%!important;min-height:58px;border-radius:10px;
+ padding-bottom:8px;display:grid}
+div:has(>div>.trolley-tiles)>div>button{height:auto!important;min-height:58px;border-radius:10px;
  padding:6px 10px}
 div:has(>div>.trolley-tiles)>div:has(>.trolley-small)~div>button{min-height:44px}
 div:has(>div>.trolley-tiles) button .mantine-Button-label{white-space:normal;line-height:1.3;
  overflow-wrap:anywhere;font-size:15px;height:auto;display:-webkit-box;-webkit-line-clamp:3;
- -webkit-box-orient:vertical;overflow:hidden}
+ -webkit-box-orient:vertical;overflow:hidden;text-box-trim:none}
 div:has(>div>.trolley-tiles) button .mantine-Button-section>div{width:1.5em;height:1.5em;
  margin-right:.4em}
 div:has(>div>.trolley-tiles) button svg{width:100%;height:100%}

@@ -71,7 +71,9 @@ class TourEditor:
                 )
             self._add_controls(gui)
             self._option_controls(gui)
-            self._times = TimesEditor(gui, lambda times: self._edit(times=times), post)
+            self._times = TimesEditor(
+                gui, session.folder, lambda times: self._edit(times=times), post
+            )
             self._problems = gui.add_html("")
             self._whose = gui.add_button_group("", (KEEP_MINE, TAKE_THEIRS), visible=False)
             self._save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
@@ -84,7 +86,7 @@ class TourEditor:
         self._add_other = gui.add_button_group("or add", (HERE, POINT_OUT))
 
     def _option_controls(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("How often", expand_by_default=False):
+        with self._session.folder("How often"):
             self._repeat = gui.add_number("Rounds", 1, min=1, max=1000, step=1)
             self._endless = gui.add_checkbox("Again and again", False)
             self._back = gui.add_checkbox("There and back", False)

@@ -6,7 +6,7 @@ import viser
 
 from trolley.messages import ScheduleEntry
 from trolley.messages.touring import Day
-from trolley_viz.panels.control import GREY, Post, handler
+from trolley_viz.panels.control import GREY, AddFolder, Post, handler
 from trolley_viz.panels.markup import note, row
 from trolley_viz.tour_draft import DAYS, Draft, days_text, time_entry
 from trolley_viz.words import Words
@@ -25,6 +25,7 @@ class TimesEditor:
 
     Args:
         gui: where it is added.
+        folder: adds its folder.
         change: called with the times as they shall be.
         post: hands calls to the service's thread.
     """
@@ -32,6 +33,7 @@ class TimesEditor:
     def __init__(
         self,
         gui: viser.GuiApi,
+        folder: AddFolder,
         change: Callable[[tuple[ScheduleEntry, ...]], None],
         post: Post,
     ) -> None:
@@ -40,7 +42,7 @@ class TimesEditor:
         self._post = post
         self._times: tuple[ScheduleEntry, ...] = ()
         self._rows: list[viser.GuiButtonHandle] = []
-        with gui.add_folder("Starts by itself", expand_by_default=False):
+        with folder("Starts by itself"):
             self._list = gui.add_folder(None)
             self._none = gui.add_html("")
             self._at = gui.add_text("At", "", hint="A time of day such as 08:30.")

@@ -1,15 +1,18 @@
 """Zones: draw, change and delete them, and answer whether a suspected mirror is one."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
 from trolley.messages import SuspectLine
 from trolley.messages.mapping import ZoneKind
-from trolley_viz.drawing.editor import Mode, ZoneEditor
-from trolley_viz.panels.control import GREEN, GREY, Post, handler, show
+from trolley_viz.drawing.editor import Mode
+from trolley_viz.panels.control import GREEN, GREY, handler, show, show_undo
 from trolley_viz.panels.markup import note
+
+if TYPE_CHECKING:
+    from trolley_viz.session import Session
 
 LINE_KINDS: dict[str, ZoneKind] = {"Mirror": "mirror", "Glass": "glass"}
 AREA_KINDS: dict[str, ZoneKind] = {"No-go": "keepout", "Slow": "speed"}
@@ -19,31 +22,19 @@ SUSPECT_TEXT = "A mirror seems to hang where “mirror?” stands on the map."
 
 
 class ZonePanel:
-    """The zones of the map.
+    """The zones of the map, and the editor that it steers."""
 
-    Args:
-        gui: where the controls are added.
-        editor: what they steer.
-        dismiss: called when a suspect is none.
-        post: hands a call to the service's thread.
-    """
-
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        editor: ZoneEditor,
-        dismiss: Callable[[SuspectLine], None],
-        post: Post,
-    ) -> None:
+    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
         self._gui = gui
-        self._editor = editor
-        self._post = post
-        self._dismiss = dismiss
+        self._editor = session.zones
+        self._post = session.post
+        self._dismiss = session.dismiss
+        self._history = session.actions.history
         self._offer: SuspectLine | None = None
         self._filled = -1
         self._mode: Mode = "idle"
         self._commands: list[viser.CommandHandle] = []
-        with gui.add_folder("Zones"):
+        with session.folder("Zones", is_open=True):
             self._suspect = gui.add_html(note(SUSPECT_TEXT), visible=False)
             self._answer = gui.add_button_group("Mirror?", ("Yes, add it", "No"), visible=False)
             self._lines = gui.add_button_group("Draw a line", tuple(LINE_KINDS))
@@ -65,7 +56,7 @@ class ZonePanel:
             )
             self._leave = gui.add_button("Cancel", icon=viser.Icon.X, color=GREY, visible=False)
             self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
-        self._bind(editor, post)
+        self._bind()
 
     def update(self, suspects: list[SuspectLine]) -> None:
         """Show what there is to choose, and what is under way."""
@@ -91,13 +82,7 @@ class ZonePanel:
             visible=editor.mode != "idle",
             label="Close" if editor.mode == "edit" else "Cancel",
         )
-        last = editor.wishes.last
-        show(
-            self._undo,
-            visible=not is_open,
-            disabled=not last,
-            label=f"Undo “{last}”" if last else "Undo",
-        )
+        show_undo(self._undo, self._history, is_offered=not is_open)
         if self._filled != editor.filled:
             self._filled = editor.filled
             show(self._name, value=editor.form.name)
@@ -111,7 +96,8 @@ class ZonePanel:
         if chosen in self._choice.options:
             show(self._choice, value=chosen)
 
-    def _bind(self, editor: ZoneEditor, post: Post) -> None:
+    def _bind(self) -> None:
+        editor, post = self._editor, self._post
         self._answer.on_click(handler(post, lambda _, answer: self._answered(answer)))
         self._lines.on_click(handler(post, lambda _, label: self._start(label)))
         self._areas.on_click(handler(post, lambda _, label: self._start(label)))
@@ -123,7 +109,7 @@ class ZonePanel:
         self._back.on_click(handler(post, lambda _, __: editor.take_back()))
         self._delete.on_click(handler(post, lambda _, __: editor.delete()))
         self._leave.on_click(handler(post, lambda _, __: editor.leave()))
-        self._undo.on_click(handler(post, lambda _, __: editor.undo()))
+        self._undo.on_click(handler(post, lambda _, __: self._history.undo()))
 
     def _start(self, label: str) -> None:
         kind = KINDS.get(label)

@@ -8,6 +8,7 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import BASE
 from trolley.messages import PoseState, Robot
+from trolley_viz.robot_mesh import mesh_problem
 from trolley_viz.scene.layer import Z_FOOTPRINT, Layer, View
 from trolley_viz.shapes import arrow_outline, closed_segments, flat, place, prism
 
@@ -20,6 +21,8 @@ BODY_COLOURS: dict[PoseState, tuple[int, int, int]] = {
 }
 AWAY_COLOUR = (110, 112, 118)
 OUTLINE = (20, 70, 160)
+GLTF_UPRIGHT = (0.5, 0.5, 0.5, 0.5)
+"""Turns what has +y up and looks along +z, as glTF has it, to +z up and +x ahead (REP-103)."""
 
 
 class RobotLayer(Layer):
@@ -35,6 +38,8 @@ class RobotLayer(Layer):
         self._frame = self.scene.add_frame(self.path("base_link"), show_axes=False, visible=False)
         self._body: viser.MeshHandle | None = None
         self._parts: list[viser.SceneNodeHandle] = []
+        self.problem = ""
+        """Why the robot's own body is not shown."""
 
     def draw(self, view: View) -> None:
         """Move the body; build it anew when the robot says that it is another."""
@@ -68,10 +73,14 @@ class RobotLayer(Layer):
             thickness_units="screen",
         )
         self._parts.append(outline)
-        if robot.mesh is not None:
-            self._parts.append(self.scene.add_glb(self.path("base_link/mesh"), robot.mesh))
-        else:
+        self.problem = "" if robot.mesh is None else mesh_problem(robot.mesh)
+        if robot.mesh is None or self.problem:
             self._build_body(robot, view)
+            return
+        mesh = self.scene.add_glb(
+            self.path("base_link/mesh"), robot.mesh, wxyz=GLTF_UPRIGHT, cast_shadow=False
+        )
+        self._parts.append(mesh)
 
     def _build_body(self, robot: Robot, view: View) -> None:
         """Raise the footprint, with an arrow on top and the lidar's drum where it is mounted."""

@@ -9,6 +9,7 @@ from trolley import topics
 from trolley.messages import SavedPose, Zone
 from trolley_viz.pictures import badge
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL, Z_PLACE, Z_ZONE, Layer, View
+from trolley_viz.scene.names import Name
 from trolley_viz.shapes import arrow_outline, closed_segments, flat, open_segments, quaternion
 
 PLACE_COLOUR = (92, 24, 150)
@@ -32,8 +33,20 @@ def current_places(view: View) -> list[SavedPose]:
     return [one for one in saved.poses if grid is None or one.map == grid.name]
 
 
+def place_names(view: View) -> list[Name]:
+    """The names of the places, above their icons."""
+    world_T_map = view.placement.world_T("map")
+    if world_T_map is None:
+        return []
+    spots = [(one.name, world_T_map @ one.pose) for one in current_places(view)]
+    return [Name(name, pose.x, pose.y + 0.5 * ICON_SIZE) for name, pose in spots]
+
+
 class PlaceLayer(Layer):
-    """Saved poses: the icon of the place, an arrow for its heading, and the name."""
+    """Saved poses: the icon of the place and an arrow for its heading.
+
+    The names are `place_names`; which of them can be read differs from browser to browser.
+    """
 
     key, title = "places", "Saved poses"
     group = "Map"
@@ -81,13 +94,6 @@ class PlaceLayer(Layer):
             position=(0.0, 0.0, Z_PLACE + 0.002),
             cast_shadow=False,
             receive_shadow=False,
-        )
-        self.scene.add_label(
-            f"{spot}/name",
-            one.name,
-            position=(0.0, 0.5 * ICON_SIZE, Z_LABEL),
-            anchor="bottom-center",
-            depth_test=False,
         )
         return frame, arrow
 
