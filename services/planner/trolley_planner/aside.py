@@ -17,8 +17,10 @@ REACH_M = 4.0
 """No place is looked for farther away than this."""
 STEP_M = 0.1
 """How far apart the places lie that are looked at."""
-CLEAR_M = 0.05
+CLEAR_M, WALL_M = 0.15, 0.05
 """Room that is left between who waits and who passes, and to walls."""
+SPARE_M = 0.05
+"""A new place is better by so much than where the robot may stay."""
 SHORT_PRICE, NARROW_PRICE = 8.0, 3.0
 """What a metre too near to a way counts as a way to drive, and what waiting where it is narrow."""
 STAYS_M = 0.15
@@ -54,9 +56,9 @@ def place_aside(
     price = lengths_m + NARROW_PRICE * passages.hold(points)
     inner = np.minimum(cells * step + step // 2, np.array(costmap.shape[::-1]) - 1)
     room_m = costmap.static_distance_m[inner[:, 1], inner[:, 0]]
-    price += SHORT_PRICE * np.maximum(0.0, radius_m + CLEAR_M - room_m)
+    price += SHORT_PRICE * np.maximum(0.0, radius_m + WALL_M - room_m)
     for other in others:
-        apart_m = radius_m + other.radius_m + CLEAR_M
+        apart_m = radius_m + other.radius_m + CLEAR_M + SPARE_M
         if other.is_going and not other.is_waiting:
             price += SHORT_PRICE * np.maximum(0.0, apart_m - _gaps(points, other.path))
         else:
@@ -76,7 +78,7 @@ def is_clear(
     if passages.hold(place)[0]:
         return False
     return all(
-        float(_gaps(place, other.path)[0]) > radius_m + other.radius_m
+        float(_gaps(place, other.path)[0]) > radius_m + other.radius_m + CLEAR_M
         for other in others
         if other.is_going and not other.is_waiting
     )

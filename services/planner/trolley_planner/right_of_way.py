@@ -3,8 +3,8 @@
 Both see the same: the map, where each of them is, the way that each is about to drive, and whether
 one has said that it waits. So both come to the same answer without asking each other. Only one
 robot at a time is in a narrow place. First comes who is in it already, then who has not said that
-it waits, then who is nearer to it, in steps of half a metre, and of two as near the one whose name
-comes first. That is a total order, so no ring of robots waits for each other. Who has no goal
+it waits, then who is nearer to it, in steps of half a metre; of two as near, and of two that both
+wait, the one whose name comes first. That is a total order, so no ring of robots waits for each other. Who has no goal
 claims nothing, and nobody makes way by setting off by itself.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.gridmap.distance import distance_transform
+from trolley_planner.kernels.passages import label_parts
 from trolley_planner.others import Neighbour
 from trolley_planner.path import SPACING_M
 
@@ -51,7 +52,9 @@ class Claim(NamedTuple):
     @property
     def rank(self) -> tuple[bool, bool, int, str]:
         """The lower goes first; no two robots have the same."""
-        return not self.is_inside, self.is_waiting, math.floor(self.left_m / STEP_M), self.name
+        # Of two that wait already each might take the other for nearer: their names do not change.
+        steps = 0 if self.is_waiting else math.floor(self.left_m / STEP_M)
+        return not self.is_inside, self.is_waiting, steps, self.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +89,14 @@ class Passages:
         centres = static_distance_m >= min(half_m, float(static_distance_m.max()))
         away = distance_transform(centres, resolution_m, 2.0 * half_m)
         self._narrow = away > half_m - 0.5 * resolution_m
+        # In a thin wall such discs reach through a door from both sides, but do not get through.
+        labels = np.empty(centres.shape, dtype=np.int32)
+        if label_parts(labels, centres, static_distance_m > 0.0) > 1:
+            doors = np.zeros(centres.shape, dtype=np.bool_)
+            doors[1:] |= (labels[1:] != labels[:-1]) & (labels[1:] > 0) & (labels[:-1] > 0)
+            doors[:, 1:] |= (labels[:, 1:] != labels[:, :-1]) & (labels[:, 1:] * labels[:, :-1] > 0)
+            near = distance_transform(doors, resolution_m, 2.0 * half_m) < half_m
+            self._narrow |= near & ~centres
 
     def hold(self, points: Floats) -> NDArray[np.bool_]:
         """Say of points (n, 2) in `grid` whether they are in a narrow place."""
