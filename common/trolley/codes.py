@@ -45,6 +45,9 @@ OTHER_GOAL = "other_goal"
 NO_PLANNER = "no_planner"
 ABORTED = "aborted"
 SKIPPED = "skipped"
+# Offers.
+BUSY = "busy"
+CHARGING = "charging"
 # Base.
 BUTTON = "button"
 STOP_FIELD = "stop_field"
@@ -95,6 +98,8 @@ SENTENCES: dict[str, str] = {
     NO_PLANNER: "The planner is not running; the trip goes on when it is back.",
     ABORTED: "The trip was given up after a stop failed.",
     SKIPPED: "The stop was skipped.",
+    BUSY: "The robot is on its way already.",
+    CHARGING: "The robot is charging.",
     BUTTON: "The stop button was pressed.",
     STOP_FIELD: "Something is too close in the direction of travel.",
     SCAN_LOST: "The lidar is silent.",

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from support.flatland import BEAMS, BOX, Flatland
 
+from support.flatland import BEAMS, BOX, Flatland
 from trolley import requests, topics
 from trolley.config import FootprintConfig, PlannerConfig, RobotConfig, RobotSection
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
-from trolley.messages import Clock, GoalStatus, VelocityCommand
+from trolley.messages import BaseState, Battery, Clock, GoalStatus, VelocityCommand
 from trolley.messages.asking import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every, on
@@ -82,6 +82,14 @@ class FlatRobot(Service):
         self.publish(topics.ZONES, self.world.zone_list())
         self.publish(topics.TF, self.world.correction(self.monotonic_ns), "odom")
 
+    def say(self, **state: object) -> None:
+        """Publish a state of the base."""
+        self.publish(topics.BASE, BaseState(stamp_ns=self.monotonic_ns, **state))  # pyright: ignore[reportArgumentType]
+
+    def charge(self) -> None:
+        """Stand at the charger."""
+        self.say(mode="ok", battery=Battery(charging=True))
+
     @every(0.1, clock="local")
     def tell_time(self) -> None:
         self.publish(topics.CLOCK, Clock(stamp_ns=self.monotonic_ns, rate=1.0, epoch=0))
@@ -113,14 +121,16 @@ class Household:
         self.lockstep = Lockstep("a", seed=3, state=folder)
         self.worlds = [SharedFlat(grid, start) for start in starts]
         self.said: dict[str, list[GoalStatus]] = {}
+        self.robots: dict[str, FlatRobot] = {}
+        self.configs: list[RobotConfig] = []
         settings = PlannerConfig(rollouts=64, control_rate_hz=10.0)
         for name, world in zip(self.names, self.worlds, strict=True):
             world.others = [other for other in self.worlds if other is not world]
             section = RobotSection(name=name, footprint=FootprintConfig(polygon_m=list(BOX)))
             self.said[name] = self.lockstep.record(topics.GOAL, robot=name)
-            self.lockstep.add(FlatRobot(world), name)
-            config = RobotConfig(robot=section, planner=settings)
-            self.lockstep.add(PlannerService(config), name)
+            self.robots[name] = self.lockstep.add(FlatRobot(world), name)
+            self.configs.append(RobotConfig(robot=section, planner=settings))
+            self.lockstep.add(PlannerService(self.configs[-1]), name)
         self.lockstep.run(0.5)
 
     def send(self, name: str, x: float, y: float) -> None:
@@ -131,7 +141,9 @@ class Household:
     def run_until_ended(self, seconds: float) -> dict[str, str]:
         """Let time pass until no goal is under way; return how each of them ended."""
         ends = ("arrived", "failed", "canceled", "idle")
-        self.lockstep.run_until(lambda: all(s[-1].state in ends for s in self.said.values()), seconds)
+        self.lockstep.run_until(
+            lambda: all(s[-1].state in ends for s in self.said.values()), seconds
+        )
         return {name: said[-1].state for name, said in self.said.items()}
 
     def messages(self, name: str) -> list[str]:

@@ -29,8 +29,8 @@ from trolley_planner.movers import Mover, discs_of
 from trolley_planner.navigator import Navigator
 from trolley_planner.people import People
 from trolley_planner.pursuit import Pursuit
-from trolley_planner.right_of_way import Passages
 from trolley_planner.rig import Rig
+from trolley_planner.right_of_way import Passages
 
 CELLS = 60
 EDGE_M = 0.05
