@@ -4,8 +4,8 @@ Both see the same: the map, where each of them is, the way that each is about to
 one has said that it waits. So both come to the same answer without asking each other. Only one
 robot at a time is in a narrow place. First comes who is in it already, then who has not said that
 it waits, then who is nearer to it, in steps of half a metre; of two as near, and of two that both
-wait, the one whose name comes first. That is a total order, so no ring of robots waits for each other. Who has no goal
-claims nothing, and nobody makes way by setting off by itself.
+wait, the one whose name comes first. That is a total order, so no ring of robots waits for each
+other. Who has no goal claims nothing, and nobody makes way by setting off by itself.
 """
 
 import math
