@@ -13,8 +13,10 @@ import dataclasses
 import math
 import pstats
 import random
+import signal
 import time
 from collections import Counter
+from collections.abc import Iterator
 
 import msgspec
 from drives import WORLDS, make_config
@@ -48,6 +50,13 @@ CHEAP = "[planner]\nrollouts = 96\ncontrol_rate_hz = 10.0\n"
 """Fewer drives in thought and commands than usual, so that ten robots take one core and no more."""
 STUCK_S = 180.0
 """Nothing else than a deadlock keeps a robot standing with a goal for so long."""
+
+
+class Hermit(PlannerService):
+    """A planner that hears of nobody else."""
+
+    def _watch_others(self) -> None:
+        """Hear nobody."""
 
 
 @dataclasses.dataclass
@@ -97,7 +106,8 @@ class House:
         for index, visitor in enumerate(self.visitors):
             config = _config(visitor, seed + index)
             for service in (BaseService, LocalizerService, PlannerService, TourService):
-                self.lockstep.add(service(config), visitor.name)
+                made = Hermit if service is PlannerService and not sees_others else service
+                self.lockstep.add(made(config), visitor.name)
             self._listen(visitor)
 
     def _listen(self, visitor: Visitor) -> None:
@@ -189,13 +199,23 @@ def report(house: House, minutes: float, cpu_s: float) -> None:
     )
 
 
+def _interruptible(count: int) -> Iterator[int]:
+    """Count up; a Ctrl-C ends that early, and what was driven until then is reported."""
+    asked: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    for index in range(count):
+        if asked:
+            return
+        yield index
+
+
 def main() -> None:
     """Drive and report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", type=int, default=3)
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--alone", action="store_true", help="planners do not hear of each other")
+    parser.add_argument("--alone", action="store_true", help="robots do not hear of each other")
     parser.add_argument("--profile", action="store_true")
     options = parser.parse_args()
     house = House(options.robots, options.seed, sees_others=not options.alone)
@@ -204,8 +224,10 @@ def main() -> None:
     started_s, began = time.process_time(), time.monotonic()
     if options.profile:
         profile.enable()
-    for second in range(round(60.0 * options.minutes)):
+    seconds = 0
+    for second in _interruptible(round(60.0 * options.minutes)):
         house.step()
+        seconds = second + 1
         if second % 60 == 59:
             used_s = time.process_time() - started_s
             print(
@@ -217,7 +239,7 @@ def main() -> None:
     profile.disable()
     if options.profile:
         pstats.Stats(profile).sort_stats("tottime").print_stats(25)
-    report(house, options.minutes, time.process_time() - started_s)
+    report(house, seconds / 60.0, time.process_time() - started_s)
     house.lockstep.close()
 
 
