@@ -1,10 +1,11 @@
 """Several robots in one house, in lock-step: goals, waits, collisions, judged by the truth.
 
-    python bench/robots.py [--robots 10] [--minutes 30] [--seed 1] [--alone]
+    python bench/robots.py [--robots 10] [--minutes 30] [--seed 1] [--alone] [--hearing]
 
 Each robot drives to one random place after the other; no place is given to two robots at once. All
 services but the viewer are the real ones. `--alone` hides the robots from each other's planners,
-which then know only what their lidars see; `--profile` prints where the time goes.
+which then know only what their lidars see; `--profile` prints where the time goes. `--hearing` prints
+instead what hearing nine others costs a planner.
 """
 
 import argparse
@@ -16,20 +17,23 @@ import random
 import signal
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
+import numpy as np
 from drives import WORLDS, make_config
 from figures import at_least, at_most, show
 
 from trolley import codes, requests, topics
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, Truth
+from trolley.messages import GoalStatus, Path, PoseEstimate, Truth
 from trolley.messages.asking import SendGoal
+from trolley.messages.types import floats_to_bytes
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 from trolley.runtime.lockstep import Lockstep
+from trolley.runtime.service import Service, every
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
@@ -50,6 +54,62 @@ CHEAP = "[planner]\nrollouts = 96\ncontrol_rate_hz = 10.0\n"
 """Fewer drives in thought and commands than usual, so that ten robots take one core and no more."""
 STUCK_S = 180.0
 """Nothing else than a deadlock keeps a robot standing with a goal for so long."""
+
+
+class Crowd(Service):
+    """As many robots as are wanted that say what robots say, as often, and drive up and down."""
+
+    name = "base"
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        way = np.linspace((6.0, 4.9, 0.0), (12.0, 4.9, 0.0), 121)
+        self._path = Path(stamp_ns=0, frame="map", poses=floats_to_bytes(way))
+
+    @every(0.1, clock="local")
+    def tell(self) -> None:
+        """Publish pose and trajectory of each, half as often the goal, and now and then the path."""
+        tenth = self.monotonic_ns // 100_000_000
+        for index in range(self._count):
+            name, x = f"crowd{index}", 6.0 + 0.05 * ((tenth + 9 * index) % 120)
+            poses = np.linspace((x, 4.9, 0.0), (x + 1.2, 4.9, 0.0), 25)
+            estimate = PoseEstimate(
+                stamp_ns=self.monotonic_ns, map="house", pose=Pose2D(x, 4.9, 0.0),
+                covariance=[0.0] * 9, state="localized", match=1.0, spread=0.0,
+            )  # fmt: skip
+            self.publish(topics.POSE, estimate, robot=name)
+            ahead = Path(stamp_ns=0, frame="map", poses=floats_to_bytes(poses), dt=0.1)
+            self.publish(topics.TRAJECTORY, ahead, robot=name)
+            if tenth % 2 == 0:
+                status = GoalStatus(stamp_ns=0, id="g", state="driving")
+                self.publish(topics.GOAL, status, robot=name)
+            if tenth % 30 == 0:
+                self.publish(topics.PATH, self._path, robot=name)
+
+
+def hearing(counts: Sequence[int], seconds: float) -> None:
+    """Print what of a core a planner takes that drives while it hears so many others."""
+    for count in counts:
+        house = House(1, 1, sees_others=True)
+        house.lockstep.add(Crowd(count), "crowd")
+        house.lockstep.run(4.0)
+        node, used_s = house.lockstep.nodes["planner"], 0.0
+        step = node.step
+
+        def timed(step: Callable[[], bool] = step) -> bool:
+            nonlocal used_s
+            began_s = time.process_time()
+            did = step()
+            used_s += time.process_time() - began_s
+            return did
+
+        node.step = timed
+        for _ in range(round(seconds)):
+            house.step()
+        print(
+            f"planner with {count} others: {100.0 * used_s / seconds:.1f} % of a core", flush=True
+        )
+        house.lockstep.close()
 
 
 class Hermit(PlannerService):
@@ -217,7 +277,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--alone", action="store_true", help="robots do not hear of each other")
     parser.add_argument("--profile", action="store_true")
+    parser.add_argument("--hearing", action="store_true", help="the cost of hearing nine others")
     options = parser.parse_args()
+    if options.hearing:
+        hearing((0, 9), 20.0)
+        return
     house = House(options.robots, options.seed, sees_others=not options.alone)
     house.lockstep.run(4.0)
     profile = cProfile.Profile()

@@ -1,4 +1,4 @@
-"""Three robots as real processes in one house: a router, and base, localizer and planner of each."""
+"""Three robots as real processes in one house: a router, and three services of each."""
 
 import time
 from collections.abc import Iterator
@@ -61,7 +61,7 @@ def house(tmp_path: Path) -> Iterator[Connection]:
                     TROLLEY_STATE=str(tmp_path / "state"),
                 )
         with Connection([endpoint], 30.0) as connection:
-            wait_until(lambda: all(is_ready(connection, name) for name in STARTS), 120.0)
+            wait_until(lambda: all(is_ready(connection, name) for name in STARTS), 120.0, "pose")
             yield connection
 
 
@@ -82,7 +82,7 @@ def send(connection: Connection, name: str, place: tuple[float, float]) -> bool:
 @pytest.mark.slow
 def test_three_robots_pass_each_other_at_a_door(house: Connection) -> None:
     for name, place in GOALS.items():
-        wait_until(lambda name=name, place=place: send(house, name, place), 60.0)
+        wait_until(lambda name=name, place=place: send(house, name, place), 60.0, name)
     ended: dict[str, str] = {}
     deadline = time.monotonic() + 180.0
     while len(ended) < len(GOALS) and time.monotonic() < deadline:
