@@ -4,8 +4,8 @@
 
 Each robot drives to one random place after the other; no place is given to two robots at once. All
 services but the viewer are the real ones. `--alone` hides the robots from each other's planners,
-which then know only what their lidars see; `--profile` prints where the time goes. `--hearing` prints
-instead what hearing nine others costs a planner.
+which then know only what their lidars see; `--profile` prints where the time goes. `--hearing`
+prints instead what hearing nine others costs a planner.
 """
 
 import argparse
@@ -68,7 +68,7 @@ class Crowd(Service):
 
     @every(0.1, clock="local")
     def tell(self) -> None:
-        """Publish pose and trajectory of each, half as often the goal, and now and then the path."""
+        """Publish pose and trajectory of each, less often the goal, and seldom the path."""
         tenth = self.monotonic_ns // 100_000_000
         for index in range(self._count):
             name, x = f"crowd{index}", 6.0 + 0.05 * ((tenth + 9 * index) % 120)
