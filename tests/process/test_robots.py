@@ -60,7 +60,7 @@ def house(tmp_path: Path) -> Iterator[Connection]:
                     TROLLEY_CONFIG=str(config),
                     TROLLEY_STATE=str(tmp_path / "state"),
                 )
-        with Connection([endpoint], 30.0) as connection:
+        with Connection([endpoint], 120.0) as connection:
             wait_until(lambda: all(is_ready(connection, name) for name in STARTS), 300.0, "pose")
             yield connection
 
