@@ -133,7 +133,50 @@ ROOM = Plan(
     furniture={"column": [(1.5, 1.8, 1.0, 1.3)], "cupboard": [(-3.0, -2.5, -2.5, -1.5)]},
 )
 
-PLANS = (APARTMENT, OFFICE, ROOM)
+# For several robots: two of them do not fit through a door side by side, nor past the cupboards.
+HOUSE = Plan(
+    name="house",
+    extent=(-0.5, 14.5, -0.5, 10.0),
+    rooms={
+        "corridor": (0.1, 13.9, 4.2, 5.3),
+        "kitchen": (0.1, 3.9, 0.1, 4.1),
+        "dining room": (4.0, 7.4, 0.1, 4.1),
+        "office": (7.5, 10.4, 0.1, 4.1),
+        "bedroom": (10.5, 13.9, 0.1, 4.1),
+        "living room": (0.1, 5.4, 5.4, 9.4),
+        "bathroom": (5.5, 7.4, 5.4, 9.4),
+        "study": (7.5, 10.4, 5.4, 9.4),
+        "guest room": (10.5, 13.9, 5.4, 9.4),
+    },
+    doors={
+        "kitchen": (2.0, 2.8, 4.1, 4.2),
+        "dining room": (4.6, 5.4, 4.1, 4.2),
+        "kitchen to dining room": (3.9, 4.0, 1.4, 2.2),
+        "office": (8.6, 9.4, 4.1, 4.2),
+        "bedroom": (11.0, 11.8, 4.1, 4.2),
+        "living room": (3.2, 4.0, 5.3, 5.4),
+        "bathroom": (5.8, 6.5, 5.3, 5.4),
+        "study": (8.0, 8.8, 5.3, 5.4),
+        "guest room": (12.2, 13.0, 5.3, 5.4),
+    },
+    furniture={
+        "cupboards in the corridor": [(6.7, 8.0, 4.2, 4.6)],
+        "kitchen counter": [(0.1, 0.7, 0.1, 3.0)],
+        "sideboard": [(4.4, 6.4, 0.1, 0.5)],
+        "desks": [(7.5, 8.1, 0.1, 1.5), (9.8, 10.4, 7.0, 8.6)],
+        "beds": [(12.2, 13.9, 0.9, 2.5), (10.5, 12.1, 8.0, 9.4)],
+        "sofa": [(0.1, 0.9, 6.2, 8.2)],
+        "bathtub": [(6.6, 7.4, 7.6, 9.4)],
+        "coffee table's legs": [
+            (2.0, 2.05, 7.0, 7.05),
+            (2.0, 2.05, 7.5, 7.55),
+            (2.7, 2.75, 7.0, 7.05),
+            (2.7, 2.75, 7.5, 7.55),
+        ],
+    },
+)
+
+PLANS = (APARTMENT, OFFICE, ROOM, HOUSE)
 
 
 def draw(plan: Plan) -> GridMap:

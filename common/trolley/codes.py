@@ -46,6 +46,9 @@ NO_PLANNER = "no_planner"
 ABORTED = "aborted"
 SKIPPED = "skipped"
 LOW_BATTERY = "low_battery"
+# Offers.
+BUSY = "busy"
+CHARGING = "charging"
 # Base.
 BUTTON = "button"
 STOP_FIELD = "stop_field"
@@ -97,6 +100,8 @@ SENTENCES: dict[str, str] = {
     ABORTED: "The trip was given up after a stop failed.",
     SKIPPED: "The stop was skipped.",
     LOW_BATTERY: "The battery is low; charge it.",
+    BUSY: "The robot is on its way already.",
+    CHARGING: "The robot is charging.",
     BUTTON: "The stop button was pressed.",
     STOP_FIELD: "Something is too close in the direction of travel.",
     SCAN_LOST: "The lidar is silent.",

@@ -1,14 +1,17 @@
 """`trolley go` and `trolley cancel`."""
 
 import math
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import Any
 
 import click
 
 from trolley import requests
 from trolley.cli import exits
-from trolley.cli.options import NumbersCommand, as_number, json_option, where_options
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.any_robot import ask_offers, in_order
+from trolley.cli.options import NumbersCommand, as_number, given, json_option, where_options
+from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, seconds_text
 from trolley.client import Place, Robot, goal_to
 from trolley.codes import Refused
@@ -31,6 +34,7 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 @click.option("--deg", is_flag=True, help="YAW is in degrees.")
 @click.option("--speed", type=click.FloatRange(min=0.0, min_open=True), help="At most, in m/s.")
 @click.option("--frame", help="The frame of X and Y (else the planner's own).")
+@click.option("--any", "anyone", is_flag=True, help="Send the robot that is free and there first.")
 @click.option("--preview", is_flag=True, help="Only say how long it would take.")
 @click.option("--no-wait", is_flag=True, help="Send the goal and return.")
 @click.option("--timeout", type=float, help="Seconds after which to give up and cancel.")
@@ -40,6 +44,7 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 def go_command(
     where: tuple[str, ...],
     deg: bool,
+    anyone: bool,
     preview: bool,
     no_wait: bool,
     timeout: float | None,
@@ -50,9 +55,9 @@ def go_command(
 
     Follows until the robot is there; Ctrl-C cancels the goal.
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    goal = goal_to(_place(where, deg=deg), **given)
-    with one_robot() as robot:
+    fields = {name: value for name, value in options.items() if value is not None}
+    goal = goal_to(_place(where, deg=deg), **fields)
+    with _whoever_is_first(goal) if anyone else one_robot() as robot:
         if preview:
             _preview(robot, goal, as_json=as_json)
             return
@@ -67,6 +72,17 @@ def go_command(
         click.echo(_ending(status))
     if not no_wait and status.state != "arrived":
         raise SystemExit(exits.FAILED)
+
+
+@contextmanager
+def _whoever_is_first(goal: asking.SendGoal) -> Generator[Robot]:
+    """The robot that is free and would be at the goal first; its name is said on stderr."""
+    if given("robot"):
+        raise click.UsageError("--any asks all robots: leave out --robot")
+    with connected() as connection:
+        name = in_order(ask_offers(connection, goal))[0]
+        click.echo(f"{name} goes", err=True)
+        yield Robot.over(connection, name)
 
 
 def _preview(robot: Robot, goal: asking.SendGoal, *, as_json: bool) -> None:

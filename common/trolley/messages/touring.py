@@ -169,8 +169,8 @@ class PastTrip(Struct, frozen=True, kw_only=True):
 class Offer(Struct, frozen=True, kw_only=True):
     """How soon this robot could be there.
 
-    `seconds` is null where it cannot, with the code in `reason`; `free` says that nothing is under
-    way that a goal would interrupt.
+    `seconds` is null where it cannot; `free` says that nothing is under way that a goal would
+    interrupt, nor is it charging. `reason` is the code of why it cannot, or else is not free.
     """
 
     free: bool

@@ -1,7 +1,8 @@
 """The lock-step runtime: any services in one process on an in-memory bus, in simulated time.
 
-Time starts at 0 and advances to the next thing due once everybody has answered, so thousands of
-simulated seconds pass as fast as they can be computed, and the same seed gives the same bytes.
+One robot, or several on the same bus. Time starts at 0 and advances to the next thing due once
+everybody has answered, so thousands of simulated seconds pass as fast as they can be computed, and
+the same seed gives the same bytes.
 """
 
 import functools
@@ -33,6 +34,7 @@ R = TypeVar("R")
 
 ID_CHARACTERS = "abcdefghijklmnopqrstuvwxyz0123456789"
 MAX_ROUNDS = 1000
+MAX_ROUTES = 1 << 14
 
 _matches = functools.lru_cache(maxsize=1 << 14)(matches)  # the same keys all the time
 
@@ -41,16 +43,22 @@ class _Declared:
     """A subscription or queryable of the memory bus."""
 
     def __init__(
-        self, key_expr: str, callback: Callable[[Any], None], owner: "list[_Declared]"
+        self,
+        key_expr: str,
+        callback: Callable[[Any], None],
+        owner: "list[_Declared]",
+        routes: "dict[str, tuple[_Declared, ...]]",
     ) -> None:
         self.key_expr = key_expr
         self.callback = callback
         self._owner = owner
+        self._routes = routes
 
     def close(self) -> None:
         """Take it back."""
         if self in self._owner:
             self._owner.remove(self)
+            self._routes.clear()
 
 
 class _MemoryQuery:
@@ -84,6 +92,7 @@ class MemoryBus:
     def __init__(self) -> None:
         self._subscribers: list[_Declared] = []
         self._queryables: list[_Declared] = []
+        self._routes: dict[str, tuple[_Declared, ...]] = {}  # who gets a key, while nobody comes
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         """Publish."""
@@ -96,13 +105,14 @@ class MemoryBus:
 
     def subscribe(self, key_expr: str, callback: Callable[[Sample], None]) -> _Declared:
         """Call back for each put and delete that matches."""
-        declared = _Declared(key_expr, callback, self._subscribers)
+        declared = _Declared(key_expr, callback, self._subscribers, self._routes)
         self._subscribers.append(declared)
+        self._routes.clear()
         return declared
 
     def serve(self, key_expr: str, callback: Callable[[Query], None]) -> _Declared:
         """Call back for each get that matches."""
-        declared = _Declared(key_expr, callback, self._queryables)
+        declared = _Declared(key_expr, callback, self._queryables, self._routes)
         self._queryables.append(declared)
         return declared
 
@@ -126,19 +136,24 @@ class MemoryBus:
             on_done()
 
     def _deliver(self, sample: Sample) -> None:
-        for one in tuple(self._subscribers):
-            if _matches(one.key_expr, sample.key):
-                one.callback(sample)
+        routed = self._routes.get(sample.key)
+        if routed is None:
+            if len(self._routes) >= MAX_ROUTES:
+                self._routes.clear()
+            routed = tuple(one for one in self._subscribers if _matches(one.key_expr, sample.key))
+            self._routes[sample.key] = routed
+        for one in routed:
+            one.callback(sample)
 
 
 class _LockstepHost:
     """Simulated time, seeded ids, work done at once."""
 
-    def __init__(self, runtime: "Lockstep", seed: int) -> None:
+    def __init__(self, runtime: "Lockstep", seed: int, robot: str) -> None:
         self._runtime = runtime
         self._random = random.Random(seed)
         log = Log("state")
-        self.state = StateFolder(runtime.state / runtime.robot, log)
+        self.state = StateFolder(runtime.state / robot, log)
         self.maps = StateFolder(runtime.state / "maps", log)
 
     def monotonic_ns(self) -> int:
@@ -164,7 +179,7 @@ class Lockstep:
     """Services run together in simulated time.
 
     Args:
-        robot: The robot's name in every key.
+        robot: The robot's name in every key where no other is given.
         seed: What all ids come from.
         state: The state folder; a fresh temporary one if not given.
     """
@@ -184,12 +199,13 @@ class Lockstep:
         """Simulated seconds since the start."""
         return self.now_ns * 1e-9
 
-    def add(self, service: S) -> S:
-        """Start a service now."""
-        host = _LockstepHost(self, _service_seed(self._seed, service.name, self._num_added))
+    def add(self, service: S, robot: str | None = None) -> S:
+        """Start a service now; that of another robot stands in `nodes` as `<robot>/<service>`."""
+        name = self.robot if robot is None else robot
+        seed = _service_seed(self._seed, service.name, self._num_added)
         self._num_added += 1  # a restarted service must not give its old ids again
-        node = Node(service, self.robot, self.bus, host)
-        self.nodes[service.name] = node
+        node = Node(service, name, self.bus, _LockstepHost(self, seed, name))
+        self.nodes[service.name if name == self.robot else f"{name}/{service.name}"] = node
         node.open()
         self._settle()
         return service
@@ -215,11 +231,10 @@ class Lockstep:
                 return happened()
         return True
 
-    def publish(self, topic: Topic[M], message: M, *parts: str) -> None:
+    def publish(self, topic: Topic[M], message: M, *parts: str, robot: str | None = None) -> None:
         """Put a message on the bus, as a program outside would."""
-        self.put(
-            topic.key(self.robot, *parts), codec.encode(message, "msgpack"), codec.MIME["msgpack"]
-        )
+        key = topic.key(robot or self.robot, *parts)
+        self.put(key, codec.encode(message, "msgpack"), codec.MIME["msgpack"])
 
     def put(self, key: str, payload: bytes, encoding: str = "") -> None:
         """Put raw bytes on the bus and let everybody react."""
@@ -231,7 +246,7 @@ class Lockstep:
         self.bus.delete(key)
         self._settle()
 
-    def record(self, topic: Topic[M], *parts: str) -> list[M]:
+    def record(self, topic: Topic[M], *parts: str, robot: str | None = None) -> list[M]:
         """A list that grows by every message of the topic published from now on."""
         messages: list[M] = []
 
@@ -239,7 +254,7 @@ class Lockstep:
             if not sample.is_delete:
                 messages.append(codec.decode(topic.message, sample.payload, sample.encoding))
 
-        self.bus.subscribe(topic.key(self.robot, *parts), take)
+        self.bus.subscribe(topic.key(robot or self.robot, *parts), take)
         return messages
 
     def get(
@@ -254,14 +269,22 @@ class Lockstep:
         self.run_until(lambda: bool(done), seconds)
         return replies
 
-    def ask(self, request: Request[P, R], params: P | None = None, seconds: float = 2.0) -> R:
+    def ask(
+        self,
+        request: Request[P, R],
+        params: P | None = None,
+        seconds: float = 2.0,
+        robot: str | None = None,
+    ) -> R:
         """Ask a service and return its reply.
 
         Raises:
             Refused: It refused, or nobody answered.
         """
         payload = codec.encode(Nothing() if params is None else params, "msgpack")
-        replies = self.get(request.key(self.robot), payload, codec.MIME["msgpack"], seconds)
+        replies = self.get(
+            request.key(robot or self.robot), payload, codec.MIME["msgpack"], seconds
+        )
         result = outcome(request, replies, timed_out=False)
         if isinstance(result, Refused):
             raise result

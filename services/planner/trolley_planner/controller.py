@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.kernels.robots import would_meet_robots
 from trolley_planner.kernels.rollout import DELAY_S, Limits, Target, stopping_clearance
 from trolley_planner.kernels.walkers import would_meet
 from trolley_planner.window import Window
@@ -100,6 +101,8 @@ def safe_command(
         start[3], start[4] = share * wanted.vx, share * wanted.wz
         now, smallest = stopping_clearance(start, field, window.body, limits)
         if would_meet(start, field.walkers, window.body, limits.deceleration, DELAY_S):
+            continue
+        if would_meet_robots(start, field.robots, window.body, limits.deceleration, DELAY_S):
             continue
         if smallest >= min(limits.clearance_m, now - give_m):
             return wanted.scaled(share)

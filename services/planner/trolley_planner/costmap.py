@@ -13,7 +13,7 @@ from trolley.gridmap.distance import distance_transform
 from trolley.messages import Zone
 from trolley_planner.echoes import Echoes, Sweep
 from trolley_planner.footprint import Footprint
-from trolley_planner.kernels.clearance import NOBODY
+from trolley_planner.kernels.clearance import NO_ROBOTS, NOBODY
 from trolley_planner.kernels.layers import (
     LETHAL,
     UNKNOWN,
@@ -23,6 +23,7 @@ from trolley_planner.kernels.layers import (
     compose_into,
     weigh_into,
 )
+from trolley_planner.kernels.walkers import ROBOT_DT_S
 from trolley_planner.layers import (
     disc_mask,
     draw_segments,
@@ -46,6 +47,8 @@ SQUEEZE_WEIGHT = 60 * WEIGHT_UNIT
 """Price of cells where the robot fits only if all lies well in its cells."""
 BESIDE_M = 0.15
 """Who walks nearer to the robot's outline than this is an obstacle as well."""
+SAME_M = 0.15
+"""Who walks this near to where a robot says it is, is that robot."""
 MOST_AGE_S = 0.5
 """Nobody is known to walk on for longer than this after the last scan."""
 CLOSED_S = 60.0
@@ -83,8 +86,8 @@ class Costmap:
         self._watch = MoverWatch()
         self.movers: list[Mover] = []
         """Who moves by the newest scan, in `grid`."""
-        self._walkers = NOBODY
-        self._scanned_ns = 0
+        self._walkers, self._robots = NOBODY, NO_ROBOTS
+        self._scanned_ns = self._robots_ns = 0
         self._closed = np.zeros(self.shape, dtype=np.uint8)
         self._closed_until_ns: int | None = None
         self._suspects = np.empty((0, 4))
@@ -169,10 +172,32 @@ class Costmap:
 
     def walkers_at(self, now_ns: int) -> NDArray[np.float64]:
         """Return who walks by the newest scan, where they are now; see `Field.walkers`."""
-        walkers = self._walkers.copy()
+        walkers = self._walkers[~self._are_robots(self._walkers)]
         age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MOST_AGE_S)
         walkers[:, :2] += age_s * walkers[:, 2:4]
         return walkers
+
+    def set_robots(self, tracks: Sequence[NDArray[np.float64]], now_ns: int) -> None:
+        """Take what other robots that drive say of where they will be.
+
+        Args:
+            tracks: (discs, steps, 3) of each, in `grid`: x, y, radius [m] at each `ROBOT_DT_S`.
+            now_ns: robot time of the first step.
+        """
+        self._robots = np.concatenate(tracks) if tracks else NO_ROBOTS
+        self._robots_ns = now_ns
+
+    def robots_at(self, now_ns: int) -> NDArray[np.float64]:
+        """Return the discs of other robots from now on; see `Field.robots`."""
+        age_s = min(max((now_ns - self._robots_ns) * 1e-9, 0.0), MOST_AGE_S)
+        passed = min(round(age_s / ROBOT_DT_S), self._robots.shape[1] - 1)
+        return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
+
+    def _are_robots(self, walkers: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Say of who walks (n, 5) whether it is a robot, which says better where it will be."""
+        gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
+        near = self._robots[None, :, 0, 2] + SAME_M
+        return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""

@@ -93,6 +93,11 @@ class Drive:
         """Plan anew at the next opportunity, as after a jump of the pose."""
         self._replan_now = True
 
+    def go_on(self, waited_ns: int) -> None:
+        """Drive on after the robot gave way: that time does not count, and the way may be new."""
+        self.recovery.excuse(waited_ns)
+        self._end_try()
+
     @property
     def path_key(self) -> str:
         """What changes whenever the path does."""

@@ -3,26 +3,24 @@
 from collections.abc import Sequence
 
 import msgspec
-import numpy as np
 
 from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley.messages import BaseState, GoalStatus, OccupancyGrid, Odometry, Path, Scan
+from trolley.messages import BaseState, GoalStatus, Odometry, Path, Scan
 from trolley.messages.asking import SendGoal, WhichGoal
-from trolley.messages.types import floats_to_bytes
 from trolley_planner import wire
 from trolley_planner.admission import Admitted, admit, check_ready, check_state, goal_pose
 from trolley_planner.approach import Tolerances
+from trolley_planner.arrival import Situation
 from trolley_planner.drive import Drive
+from trolley_planner.giving_way import GivingWay
 from trolley_planner.goal import Goal
-from trolley_planner.helm import Helm
 from trolley_planner.looking import LookRound
+from trolley_planner.others import Others
+from trolley_planner.report import Report
 from trolley_planner.rig import Rig
-from trolley_planner.senses import Senses
-from trolley_planner.status import StatusBoard
-from trolley_planner.surroundings import Surroundings
 from trolley_planner.timing import seconds_along, timed_poses
 
 SETTLED_S = 1.5
@@ -34,7 +32,7 @@ IDLE_SCAN_S = 0.2
 OWN_SOURCE = "planner"
 
 
-class Navigator:
+class Navigator(Report):
     """Takes goals and drives to them.
 
     Robot time is an argument everywhere, and requests come in as messages; nothing here knows of
@@ -45,13 +43,10 @@ class Navigator:
     """
 
     def __init__(self, config: PlannerConfig) -> None:
-        self._config = config
-        self.senses = Senses(config)
-        self.board = StatusBoard(config.frame)
-        self.surroundings = Surroundings(config, self.senses)
-        self.drive: Drive | None = None
+        super().__init__(config)
+        self.others = Others()
+        self._giving_way = GivingWay(config)
         self._look_round = LookRound(config)
-        self._helm = Helm(config, self.senses, self.surroundings)
         self._over_ns: int | None = None
         self._trouble_since_ns: int | None = None
         self._scanned_ns = 0
@@ -75,11 +70,26 @@ class Navigator:
         self._scanned_ns = now_ns
         if not self.surroundings.add_scan(scan, history, now_ns):
             return False
-        motion = self._helm.motion()
+        motion = self.helm.motion()
         if motion is None or self.drive is None:
             return False
-        self.drive.look(motion, now_ns)
+        if self.board.state in ("driving", "recovering"):
+            self._giving_way.decide(self.others.own_name, self.drive, motion, now_ns)
+        if not self._giving_way.look(motion, now_ns):
+            self.drive.look(motion, now_ns)
         return True
+
+    def meet(self, now_ns: int, monotonic_ns: int) -> None:
+        """Take where the other robots of the house are, before a scan is taken.
+
+        Args:
+            now_ns: robot time.
+            monotonic_ns: local time, by which the others' messages are as old as they are.
+        """
+        rig, grid = self.surroundings.rig, self.senses.map
+        if rig is not None and grid is not None:
+            others = self.others.present(grid.name, monotonic_ns)
+            self._giving_way.meet(rig, others, now_ns)
 
     def take_base(self, base: BaseState, now_ns: int) -> None:
         """Take what the base does: a stop or somebody else's hand pauses the goal."""
@@ -104,7 +114,7 @@ class Navigator:
         """Take note that the base began anew: what was measured before counts no more."""
         self.senses.begin_epoch()
         self.surroundings.forget()
-        self._helm.note_command(None, now_ns)
+        self.helm.note_command(None, now_ns)
         if self.board.is_active and self.board.state != "paused":
             self._pause(
                 codes.RESTARTED, now_ns, "The base was restarted; resume the goal to go on."
@@ -145,10 +155,10 @@ class Navigator:
         check_ready(self.senses, now_ns)
         now = now_ns or 0
         admitted, rig = self._admit(params, "preview", now)
-        motion = self._helm.motion()
+        motion = self.helm.motion()
         if motion is None:
             raise Refused(codes.NOT_LOCALIZED)
-        limits = self._helm.limits(admitted.goal.speed)
+        limits = self.helm.limits(admitted.goal.speed)
         points = admitted.path.points
         seconds = seconds_along(points, motion.pose.yaw, rig.costmap, limits)
         free = admitted.goal.tolerances.any_heading
@@ -190,25 +200,15 @@ class Navigator:
         check_state(self.senses, now)
         rig, here = self._place(now)
         left = goal if self.drive is None else self.drive.rest()
-        self._set_off(admit(left, rig, here, self._config), rig, now)
+        self._set_off(admit(left, rig, here, self.config), rig, now)
         return self.status(now)
-
-    def status_of(self, goal_id: str, now_ns: int) -> GoalStatus | None:
-        """Return the status of one of the last goals, None if it is not known."""
-        if self.board.goal is not None and goal_id == self.board.goal.id:
-            return self.status(now_ns)
-        return self.board.book.read(goal_id)
-
-    def status(self, now_ns: int) -> GoalStatus:
-        """Return the status of the current goal."""
-        return self.board.snapshot(now_ns, self._details(now_ns))
 
     # What is driven.
 
     def command(self, now_ns: int) -> Twist2D | None:
         """Return the velocity to command now, None for silence."""
-        twist = self._choose(now_ns, self._helm.elapsed_s(now_ns))
-        self._helm.note_command(twist, now_ns)
+        twist = self._choose(now_ns, self.helm.elapsed_s(now_ns))
+        self.helm.note_command(twist, now_ns)
         return twist
 
     def maintain(self, now_ns: int) -> None:
@@ -216,53 +216,23 @@ class Navigator:
         self.surroundings.maintain(now_ns)
         if self.drive is None or self.board.state not in ("driving", "recovering"):
             return
-        now = self._helm.situation(self.drive.goal.speed, now_ns, 0.0)
+        now = self.helm.situation(self.drive.goal.speed, now_ns, 0.0)
         if now is None or self.surroundings.trouble(now_ns) is not None:
             return
         if self._num_jumps != self.senses.num_jumps:
             self._num_jumps = self.senses.num_jumps
             self.drive.replan()
         self.surroundings.note_position(self.senses.base_pose())
-        self.drive.maintain(now)
-
-    @property
-    def path_key(self) -> str:
-        """What changes whenever the path does."""
-        if self.drive is None or not self.board.is_active:
-            return ""
-        return self.drive.path_key
-
-    def costmaps(self, now_ns: int) -> tuple[OccupancyGrid | None, OccupancyGrid | None]:
-        """Return the whole costmap and the part around the robot, as far as they are known."""
-        rig, here = self.surroundings.rig, self.senses.base_pose()
-        if rig is None:
-            return None, None
-        rig.costmap.refresh()
-        whole = wire.costmap_message(rig, self.senses.frame, now_ns)
-        if here is None:
-            return whole, None
-        return whole, wire.window_message(whole, rig.costmap.to_grid(here), rig.half_m)
-
-    @property
-    def trajectory(self) -> Path | None:
-        """What the newest command leads to, None while nothing is driven."""
-        if self.drive is None or self.board.state != "driving":
-            return None
-        return wire.trajectory_message(self.drive.rig, self.senses.frame, self._helm.commanded_ns)
-
-    def path(self, now_ns: int) -> Path:
-        """Return the path that is left, an empty one without a goal."""
-        if self.drive is None or not self.board.is_active:
-            return Path(
-                stamp_ns=now_ns, frame=self.senses.frame, poses=floats_to_bytes(np.empty(0))
-            )
-        return wire.route_message(self.drive, self.senses.frame, now_ns)
+        if self._giving_way.wait is not None:
+            self._giving_way.maintain(self.drive.rig, now)
+        else:
+            self.drive.maintain(now)
 
     # Inside.
 
     def _choose(self, now_ns: int, elapsed_s: float) -> Twist2D | None:
         """Return what to command: the drive's wish, zero while it may not, None for silence."""
-        turn = self._look_round.command(self.senses, self._helm.turn_limits(), now_ns)
+        turn = self._look_round.command(self.senses, self.helm.turn_limits(), now_ns)
         if turn is not None:
             return turn
         drive = self.drive
@@ -271,22 +241,42 @@ class Navigator:
             return Twist2D.zero() if is_over else None
         if self._must_wait(now_ns):
             return Twist2D.zero()
-        now = self._helm.situation(drive.goal.speed, now_ns, elapsed_s)
+        now = self.helm.situation(drive.goal.speed, now_ns, elapsed_s)
         if now is None:
             return Twist2D.zero()
+        if self._giving_way.wait is not None:
+            return self._give_way(now)
+        waited_ns = self._giving_way.take_waited_ns()
+        if waited_ns > 0:
+            drive.go_on(waited_ns)
         twist = drive.command(now)
         if drive.outcome == "arrived":
             self._end("arrived", "", now_ns, "The robot has arrived.")
         elif drive.outcome == "failed":
-            why = wire.TAKEN if drive.is_waiting else None
+            why = wire.TAKEN if drive.is_waiting else wire.blocked_by(self._blocker(drive))
             self._end("failed", drive.trouble, now_ns, why)
         elif drive.recovery.current is not None or drive.is_waiting:
-            self.board.set(
-                "recovering", drive.trouble, now_ns, wire.trying(drive), self._details(now_ns)
-            )
+            why = wire.trying(drive, self._blocker(drive))
+            self.board.set("recovering", drive.trouble, now_ns, why, self.details(now_ns))
         else:
-            self.board.set("driving", "", now_ns, None, self._details(now_ns))
+            self.board.set("driving", "", now_ns, None, self.details(now_ns))
         return twist
+
+    def _give_way(self, now: Situation) -> Twist2D:
+        """Return the velocity while the robot waits for another; fail if that lasts too long."""
+        wait, now_ns = self._giving_way.wait, now.now_ns
+        if wait is None or self._giving_way.has_waited_enough(now_ns):
+            name = "another" if wait is None else wait.name
+            self._end("failed", codes.BLOCKED, now_ns, f"Robot {name} does not drive on.")
+            return Twist2D.zero()
+        details = self.details(now_ns)
+        self.board.set("recovering", codes.WAITING, now_ns, wait.sentence, details)
+        return self._giving_way.command(now)
+
+    def _blocker(self, drive: Drive) -> str | None:
+        """Return the name of a robot that stands in the way, where that is the trouble."""
+        is_blocked = drive.trouble == codes.BLOCKED
+        return self._giving_way.in_the_way(drive) if is_blocked else None
 
     def _must_wait(self, now_ns: int) -> bool:
         """Say whether the robot must stand because it does not know enough; fail if that lasts."""
@@ -296,10 +286,10 @@ class Navigator:
             return False
         if self._trouble_since_ns is None:
             self._trouble_since_ns = now_ns
-        if now_ns - self._trouble_since_ns > self._config.give_up_s * 1e9:
+        if now_ns - self._trouble_since_ns > self.config.give_up_s * 1e9:
             self._end("failed", trouble.code, now_ns, trouble.message)
         else:
-            details = self._details(now_ns)
+            details = self.details(now_ns)
             self.board.set("recovering", trouble.code, now_ns, trouble.message, details)
         return True
 
@@ -320,7 +310,7 @@ class Navigator:
             params.speed,
             now_ns,
         )
-        return admit(goal, rig, here, self._config), rig
+        return admit(goal, rig, here, self.config), rig
 
     def _place(self, now_ns: int) -> tuple[Rig, Pose2D]:
         """Return the costmap and where the robot is.
@@ -336,13 +326,14 @@ class Navigator:
 
     def _set_off(self, admitted: Admitted, rig: Rig, now_ns: int) -> None:
         """Begin to drive along a first path."""
-        self.drive = Drive(admitted.goal, rig, self._config, admitted.path, now_ns)
+        self.drive = Drive(admitted.goal, rig, self.config, admitted.path, now_ns)
+        self._giving_way.forget()
         self._over_ns = None
         self._trouble_since_ns = None
-        motion = self._helm.motion()
+        motion = self.helm.motion()
         if motion is not None:
             self.drive.look(motion, now_ns)
-        self.board.set("driving", "", now_ns, None, self._details(now_ns))
+        self.board.set("driving", "", now_ns, None, self.details(now_ns))
 
     def _rebuild(self, now_ns: int) -> None:
         """Make the costmap anew if map, zones or robot changed, and plan on it."""
@@ -361,17 +352,18 @@ class Navigator:
             self._end("failed", codes.WRONG_MAP, now_ns, "Another map was loaded.")
         elif here is not None:
             try:
-                admitted = admit(drive.rest(), rig, here, self._config)
+                admitted = admit(drive.rest(), rig, here, self.config)
             except Refused as refusal:
                 places = refusal.details.get("blocked", [])
                 self._end("failed", refusal.code, now_ns, refusal.message, places)
             else:
-                self.drive = Drive(admitted.goal, rig, self._config, admitted.path, now_ns)
+                self.drive = Drive(admitted.goal, rig, self.config, admitted.path, now_ns)
+                self._giving_way.forget()
 
     def _pause(self, reason: str, now_ns: int, message: str | None = None) -> None:
         self._over_ns = now_ns
         self._look_round.stop()
-        self.board.set("paused", reason, now_ns, message, self._details(now_ns))
+        self.board.set("paused", reason, now_ns, message, self.details(now_ns))
 
     def _end(
         self,
@@ -382,16 +374,9 @@ class Navigator:
         blocked: Sequence[tuple[float, float]] = (),
     ) -> None:
         """Close the current goal; `blocked` are places that it ended for."""
-        details = self._details(now_ns)
+        details = self.details(now_ns)
         if details is not None and blocked:
             details = msgspec.structs.replace(details, blocked=list(blocked))
         self.board.set(state, reason, now_ns, message, details)
         self._over_ns = now_ns
         self.drive = None
-
-    def _details(self, now_ns: int) -> GoalStatus | None:
-        """Return distance, time and obstacles of the drive for a status."""
-        motion = self._helm.motion()
-        if self.drive is None or motion is None or self.board.goal is None:
-            return None
-        return wire.details(self.drive, motion, self._helm.limits(self.drive.goal.speed))

@@ -59,6 +59,8 @@ class PlannerService(Service):
     def start(self) -> None:
         """Watch what is sensed, and say that there is no goal."""
         self._odometry = self.watch(topics.ODOM, seconds=ODOMETRY_S, then=self._take_odometry)
+        if self._config.frame == "map":
+            self._watch_others()
         self.publish(topics.GOAL, self._navigator.status(self.stamp_ns))
 
     def epoch_began(self) -> None:
@@ -122,6 +124,7 @@ class PlannerService(Service):
             return
         self._scan_period_ns = min(now_ns - self._scan_ns, MAX_SCAN_PERIOD_NS)
         self._scan_ns = now_ns
+        self._navigator.meet(now_ns, self.monotonic_ns)
         if self._navigator.take_scan(scan, list(self._odometry.history), now_ns):
             self._command(now_ns, scan.stamp_ns)
         self._navigator.maintain(now_ns)
@@ -150,6 +153,25 @@ class PlannerService(Service):
             stamp_ns=stamp_ns, twist=twist, valid_for=VALID_S, scan_ns=scan_ns
         )
         self.publish(topics.COMMAND, command, OWN_SOURCE)
+
+    # The other robots of the house.
+
+    def _watch_others(self) -> None:
+        """Hear who they are, where they are and where they drive."""
+        others = self._navigator.others
+        others.own_name = self.robot
+
+        def hear_pose(pose: PoseEstimate, name: str) -> None:
+            others.hear_pose(pose, name, self.arrived_ns)
+
+        def hear_trajectory(trajectory: Path, name: str) -> None:
+            others.hear_trajectory(trajectory, name, self.arrived_ns)
+
+        self.watch(topics.ROBOT, robot="*", then=others.hear_robot)
+        self.watch(topics.POSE, robot="*", then=hear_pose)
+        self.watch(topics.GOAL, robot="*", then=others.hear_goal)
+        self.watch(topics.PATH, robot="*", then=others.hear_path)
+        self.watch(topics.TRAJECTORY, robot="*", then=hear_trajectory)
 
     # What is asked.
 

@@ -30,6 +30,7 @@ from trolley_planner.navigator import Navigator
 from trolley_planner.people import People
 from trolley_planner.pursuit import Pursuit
 from trolley_planner.rig import Rig
+from trolley_planner.right_of_way import Passages
 
 CELLS = 60
 EDGE_M = 0.05
@@ -65,6 +66,7 @@ def warm_up() -> None:
     rig.costmap.echoes.lift(discs_of([walker]))
     People(rig.costmap.shape, EDGE_M, 0.1).note([walker], rig.costmap.echoes.layer)
     rig.planner.hopeful_weights()
+    Passages(rig.costmap.static_distance_m, EDGE_M, 0.4)
     _squeeze()
     _pursue(rig)
 

@@ -11,7 +11,7 @@ from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley_planner.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.footprint import Footprint
-from trolley_planner.kernels.clearance import NOBODY, Field
+from trolley_planner.kernels.clearance import NO_ROBOTS, NOBODY, Field
 from trolley_planner.kernels.layers import LETHAL, UNKNOWN, WEIGHT_UNIT, soften_disc, weigh_into
 from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.kernels.window import (
@@ -96,17 +96,19 @@ class Window:
         self._robot_cell = 0
         self._narrow_m = footprint.inscribed_m + NARROW_M
         self._price_of_path = 1.0
-        self._walkers = NOBODY
+        self._walkers, self._robots = NOBODY, NO_ROBOTS
         self.body = footprint.body
 
     def watch(self, now_ns: int) -> None:
-        """Move those who walk on to where they are now."""
+        """Move those who walk, and other robots, on to where they are now."""
         self._walkers = self._costmap.walkers_at(now_ns)
+        self._robots = self._costmap.robots_at(now_ns)
 
     def sees_somebody(self, pose: Pose2D, within_m: float) -> bool:
-        """Say whether somebody walks this near to a place [m]."""
-        walkers = self._walkers
-        away = np.hypot(walkers[:, 0] - pose.x, walkers[:, 1] - pose.y) - walkers[:, 4]
+        """Say whether somebody walks, or another robot drives, this near to a place [m]."""
+        now = self._robots[:, 0]
+        moving = np.concatenate([self._walkers[:, [0, 1, 4]], now]) if len(now) else self._walkers
+        away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, -1]
         return bool((away < within_m).any())
 
     def look(self, x: float, y: float, is_tight: bool = False) -> None:
@@ -226,6 +228,7 @@ class Window:
             self.coarse_m,
             costmap.resolution_m,
             self._walkers,
+            self._robots,
         )
 
 

@@ -53,10 +53,17 @@ def trajectory_message(rig: Rig, frame: str, stamp_ns: int) -> Path | None:
     return path_message(poses.astype(np.float64), rig.costmap.frame_T_grid, frame, stamp_ns, DT_S)
 
 
-def trying(drive: Drive) -> str:
-    """Return the sentence of what the robot tries to get free."""
+def blocked_by(robot: str | None) -> str | None:
+    """Return the sentence for a robot that stands in the way, None without one."""
+    return None if robot is None else f"Robot {robot} stands in the way."
+
+
+def trying(drive: Drive, robot: str | None = None) -> str:
+    """Return the sentence of what the robot tries to get free, `robot` being in its way."""
     if drive.is_waiting:
         return f"{TAKEN} The robot waits for it to go."
+    if robot is not None and drive.recovery.current in (Try.WAIT, Try.WAIT_LONGER):
+        return f"{blocked_by(robot)} The robot waits for it to go."
     return "" if drive.recovery.current is None else SENTENCES_OF_TRIES[drive.recovery.current]
 
 
@@ -77,6 +84,26 @@ def details(drive: Drive, motion: Motion, limits: Limits) -> GoalStatus:
         recoveries=drive.recovery.count,
         blocked=blocked,
     )
+
+
+def path_left(drive: Drive | None, frame: str, stamp_ns: int) -> Path:
+    """Return the path that is left of a drive, an empty one without a drive."""
+    if drive is None:
+        return Path(stamp_ns=stamp_ns, frame=frame, poses=floats_to_bytes(np.empty(0)))
+    return route_message(drive, frame, stamp_ns)
+
+
+def costmap_messages(
+    rig: Rig | None, here: Pose2D | None, frame: str, stamp_ns: int
+) -> tuple[OccupancyGrid | None, OccupancyGrid | None]:
+    """Return the whole costmap and the part around the robot, as far as they are known."""
+    if rig is None:
+        return None, None
+    rig.costmap.refresh()
+    whole = costmap_message(rig, frame, stamp_ns)
+    if here is None:
+        return whole, None
+    return whole, window_message(whole, rig.costmap.to_grid(here), rig.half_m)
 
 
 def costmap_message(rig: Rig, frame: str, stamp_ns: int) -> OccupancyGrid:

@@ -2,7 +2,7 @@
 
 from msgspec import structs
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import Marker, Offer, Overlay, Path
@@ -29,9 +29,8 @@ class TourService(Capturing, Homing):
     # Which robot is the nearest?
     @answers(requests.TOUR_OFFER)
     def _offer(self, params: AskOffer) -> Offer | Later[Offer]:
-        goal = self.goal.latest
-        drives = goal is not None and goal.state in ACTIVE
-        free = not drives and not self.is_under_way
+        occupied = self._occupied
+        free = not occupied
         try:
             pose = params.pose if params.name is None else self.find_place(params.name)
         except Refused as refused:
@@ -43,12 +42,22 @@ class TourService(Capturing, Homing):
                 later.reply(Offer(free=free, reason=path.code))
             else:
                 num_poses = len(path.poses) // 12  # three float32 each
-                later.reply(Offer(free=free, seconds=max(0, num_poses - 1) * path.dt))
+                seconds = max(0, num_poses - 1) * path.dt
+                later.reply(Offer(free=free, seconds=seconds, reason=occupied))
 
         self.request(
             requests.GOAL_PREVIEW, SendGoal(pose=pose, frame="map"), answer, timeout_s=PREVIEW_S
         )
         return later
+
+    @property
+    def _occupied(self) -> str:
+        """The code of why the robot is not free, "" if it is."""
+        goal, base = self.goal.latest, self.base.latest
+        if self.is_under_way or (goal is not None and goal.state in ACTIVE):
+            return codes.BUSY
+        battery = None if base is None else base.battery
+        return codes.CHARGING if battery is not None and battery.charging else ""
 
     # Drawings.
     @on(topics.MARKER)

@@ -13,6 +13,8 @@ from trolley.jit import kernel
 
 NOBODY = np.empty((0, 5))
 """Nobody walks."""
+NO_ROBOTS = np.empty((0, 1, 3))
+"""No other robot drives."""
 
 
 class Field(NamedTuple):
@@ -35,6 +37,8 @@ class Field(NamedTuple):
     """Edge of a cell of the costmap."""
     walkers: NDArray[np.float64] = NOBODY
     """(n, 5) who walks: x, y now [m], velocity [m/s], radius [m]; they are not in the distances."""
+    robots: NDArray[np.float64] = NO_ROBOTS
+    """(n, steps, 3) discs of other robots that drive: x, y, radius [m], 0.1 s apart from now on."""
 
 
 class Body(NamedTuple):

@@ -18,6 +18,7 @@ from trolley_planner.kernels.clearance import (
     clearance_turned,
     outline_clearance,
 )
+from trolley_planner.kernels.robots import company_of_robots
 from trolley_planner.kernels.walkers import company
 
 
@@ -268,7 +269,7 @@ def rollout(
     distance_m, outline = field.distance_m, (body.few_points, body.edge_points)
     scale, half = 1.0 / field.fine_m, 0.5 * field.fine_m
     inscribed, far = body.inscribed_m, body.circumscribed_m + enough
-    walkers = field.walkers
+    walkers, robots = field.walkers, field.robots
     walked = body.few_points, inscribed, body.circumscribed_m
     price = 0.0
     for step in range(controls.shape[0]):
@@ -290,6 +291,9 @@ def rollout(
         clearance, near = min(clearance, enough), 0.0
         if walkers.shape[0] > 0:
             near = company(walkers, walked, (x, y), (cos, sin), v, (step + 1) * limits.dt)
+        if robots.shape[0] > 0:
+            time_s = (step + 1) * limits.dt
+            near += company_of_robots(robots, walked, (x, y), (cos, sin), v, time_s)
         if clearance < floor or near == math.inf:
             return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
         price += prices.company * near * limits.dt

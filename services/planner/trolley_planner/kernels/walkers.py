@@ -29,6 +29,8 @@ STANDS_MPS = 0.05
 """Who is not faster than this cannot run into anybody."""
 LEAVING = -0.5
 """Nor who drives away from them: the cosine of the angle between."""
+ROBOT_DT_S = 0.1
+"""What robots say of where they will be is kept in such steps."""
 FARTHEST = 1.5
 """What somebody counts at most, where 1 is touching: an overlap of half of `NEAR_M`."""
 

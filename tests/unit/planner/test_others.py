@@ -1,0 +1,105 @@
+"""What is known of other robots: who counts, where they will be, and what is not believed."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from support.flatland import BOX, Flatland, empty_room
+
+from trolley.geometry import Pose2D
+from trolley.messages import GoalStatus, Path, PoseEstimate
+from trolley.messages.types import floats_to_bytes
+from trolley_planner.others import MOST_ROBOTS, Others, discs_of
+
+SECOND_NS = 1_000_000_000
+
+
+def estimate(x: float, **changes: object) -> PoseEstimate:
+    pose = Flatland(empty_room(), Pose2D(x, 1.0, 0.0)).estimate(0)
+    return msgspec.structs.replace(pose, **changes)
+
+
+def path(points: list[tuple[float, float]], dt: float = 0.0, frame: str = "map") -> Path:
+    poses = np.array([(x, y, 0.0) for x, y in points])
+    return Path(stamp_ns=0, frame=frame, poses=floats_to_bytes(poses), dt=dt)
+
+
+@pytest.fixture
+def others() -> Others:
+    made = Others()
+    made.own_name = "me"
+    made.hear_pose(estimate(1.0), "b", SECOND_NS)
+    made.hear_path(path([(1.0, 1.0), (3.0, 1.0)]), "b")
+    made.hear_goal(GoalStatus(stamp_ns=0, id="x", state="driving"), "b")
+    return made
+
+
+def test_a_robot_on_the_way_has_the_rest_of_its_path(others: Others) -> None:
+    (b,) = others.present("room", SECOND_NS)
+    assert (b.name, b.is_going, b.is_waiting) == ("b", True, False)
+    assert b.path[-1].tolist() == [3.0, 1.0]
+    others.hear_pose(estimate(2.0), "b", SECOND_NS)
+    (b,) = others.present("room", SECOND_NS)
+    assert b.path[0] == pytest.approx([2.0, 1.0], abs=0.05)
+
+
+@pytest.mark.parametrize("state", ["idle", "paused", "arrived", "failed", "canceled"])
+def test_without_a_goal_under_way_it_has_none(others: Others, state: str) -> None:
+    others.hear_goal(GoalStatus(stamp_ns=0, id="x", state=state), "b")  # pyright: ignore[reportArgumentType]
+    assert not others.present("room", SECOND_NS)[0].is_going
+
+
+def test_only_who_is_sure_heard_of_and_on_this_map_counts(others: Others) -> None:
+    assert others.present("other map", SECOND_NS) == []
+    assert others.present("room", 4 * SECOND_NS) == []
+    others.hear_pose(estimate(1.0, state="lost"), "b", SECOND_NS)
+    assert others.present("room", SECOND_NS) == []
+    others.hear_pose(estimate(1.0), "me", SECOND_NS)
+    assert others.present("room", SECOND_NS) == []
+
+
+def test_where_it_will_be_is_read_from_its_trajectory(others: Others) -> None:
+    ahead = [(1.0 + 0.05 * step, 1.0) for step in range(25)]
+    others.hear_trajectory(path(ahead, dt=0.1), "b", SECOND_NS)
+    track = others.present("room", SECOND_NS)[0].track
+    middle = track[:, 10, :2].mean(axis=0)
+    assert middle == pytest.approx([1.5, 1.0], abs=0.02)
+    # Half a second later it is half a second farther on, and then it is not believed any more.
+    others.hear_pose(estimate(1.25), "b", 3 * SECOND_NS // 2)
+    later = others.present("room", 3 * SECOND_NS // 2)[0].track
+    assert later[:, 5, :2].mean(axis=0) == pytest.approx([1.5, 1.0], abs=0.02)
+    assert len(others.present("room", 2 * SECOND_NS)[0].track) == 0
+
+
+def test_who_stands_is_left_to_the_lidar(others: Others) -> None:
+    others.hear_trajectory(path([(1.0, 1.0)] * 25, dt=0.1), "b", SECOND_NS)
+    assert len(others.present("room", SECOND_NS)[0].track) == 0
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        path([(math.nan, 1.0), (2.0, 1.0)]),
+        path([(1.0, 1.0), (2.0, 1.0)], frame="odom"),
+        path([]),
+    ],
+)
+def test_a_path_that_cannot_be_used_is_none(others: Others, bad: Path) -> None:
+    others.hear_path(bad, "b")
+    assert not others.present("room", SECOND_NS)[0].is_going
+    others.hear_trajectory(msgspec.structs.replace(bad, dt=0.1), "b", SECOND_NS)
+    assert len(others.present("room", SECOND_NS)[0].track) == 0
+
+
+def test_no_more_robots_are_remembered_than_live_in_a_house(others: Others) -> None:
+    for index in range(10 * MOST_ROBOTS):
+        others.hear_pose(estimate(1.0), f"r{index}", SECOND_NS)
+    assert len(others.present("room", SECOND_NS)) == MOST_ROBOTS
+
+
+def test_discs_hold_the_outline() -> None:
+    corners = np.array(BOX)
+    discs = discs_of(corners)
+    gaps = np.hypot(*np.moveaxis(corners[:, None] - discs[None, :, :2], -1, 0)) - discs[:, 2]
+    assert (gaps.min(axis=1) < 1e-9).all()
