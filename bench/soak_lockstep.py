@@ -190,6 +190,7 @@ class Soak:
         """Let one service die without a word and come back."""
         name = self._random.choice(list(SERVICES))
         self.lockstep.kill(name)
+        gc.collect()  # what a process that dies gives back at once
         self.lockstep.run(self._random.uniform(*AWAY_S))
         self.lockstep.add(SERVICES[name](self._config))
         self.restarts[name] += 1

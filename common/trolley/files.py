@@ -29,9 +29,26 @@ def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) ->
         Path(temporary).replace(path)
     finally:
         Path(temporary).unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
+    _sync_folder(path.parent)  # the new name itself must survive a power cut, too
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder that survives a power cut, and those above it; nothing if it is there.
+
+    Raises:
+        OSError: It cannot be made.
+    """
+    if path.is_dir():
+        return
+    make_folder(path.parent)
+    path.mkdir(exist_ok=True)
+    _sync_folder(path.parent)
+
+
+def _sync_folder(path: Path) -> None:
+    folder = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(folder)  # the new name itself must survive a power cut, too
+        os.fsync(folder)
     finally:
         os.close(folder)
 
