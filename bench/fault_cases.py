@@ -4,7 +4,6 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 
 from fault_rig import STANDS_MPS, Missing, Rig, describe
 from fault_saved import lost
@@ -154,9 +153,7 @@ def _killed() -> list[Fault]:
         if service == "router":
             continue
         apply = _signal(service, signal.SIGKILL)
-        faults.append(
-            Fault(f"kill -9 of {service}", happens, apply, stands_s=stands_s, asks=asks)
-        )
+        faults.append(Fault(f"kill -9 of {service}", happens, apply, stands_s=stands_s, asks=asks))
     return faults
 
 
@@ -179,12 +176,8 @@ def _frozen() -> list[Fault]:
         if service != "router":  # in the terminal it is no child of the supervisor
             happens = f"the watchdog starts it again; {happens}"
             name = f"{service} frozen for good"
-            faults.append(Fault(name, happens, partial(_freeze_for_good, service), None, 0.0, stands_s, asks))
+            faults.append(Fault(name, happens, stop, stands_s=stands_s, asks=asks))
     return faults
-
-
-def _freeze_for_good(service: str, rig: Rig) -> None:
-    rig.signal(service, signal.SIGSTOP)
 
 
 def _without_router() -> list[Fault]:
@@ -255,7 +248,7 @@ def _devices() -> list[Fault]:
     ]
 
 
-GROUPS: dict[str, Callable[[], list[Fault]]] = {
+FAULTS: dict[str, Callable[[], list[Fault]]] = {
     "killed": _killed,
     "frozen": _frozen,
     "router": _without_router,

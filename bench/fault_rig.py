@@ -5,6 +5,7 @@ dies. Where it truly is comes over a router of its own, so whatever happens to t
 the judge sees on.
 """
 
+import contextlib
 import json
 import os
 import signal
@@ -19,7 +20,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from drives import CORRIDOR, ENTRANCE, KITCHEN
 from fault_proxy import Proxy
@@ -30,16 +31,26 @@ from trolley.cli.demo_robot import Choices, write_settings
 from trolley.codes import Refused
 from trolley.connection import Connection, RobotUnreachable
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, Health, PoseEstimate, SavedPose, Stop, Tour, TourStatus
-from trolley.messages import Truth, Zone
+from trolley.messages import (
+    BaseState,
+    Clock,
+    Health,
+    PoseEstimate,
+    SavedPose,
+    Stop,
+    Tour,
+    TourStatus,
+    Truth,
+    Zone,
+)
 from trolley.messages.asking import Nothing, StartTour
 from trolley.ports import first_free
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
-from trolley.runtime.zenoh_bus import open_bus, open_router
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus, open_router
 from trolley.supervisor import Supervisor
-from trolley.topics import Topic
+from trolley.topics import Qos, Topic
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -138,9 +149,12 @@ class Rig:
         self.supervisor = Supervisor(modules, environment, self._note)
         self._stack.enter_context(self.supervisor)
         threading.Thread(target=self._keep_nice, daemon=True).start()
-        self._stack.callback(self._end.set)
         eye = self._stack.enter_context(open_bus([self.judge], 20.0))
         eye.subscribe(topics.SIM_TRUTH.key(ROBOT), self._see)
+        clock = threading.Thread(target=self._tell_time, args=(eye,))
+        clock.start()
+        self._stack.callback(clock.join)
+        self._stack.callback(self._end.set)
         self.connection = self._stack.enter_context(Connection([self.endpoint], 20.0))
         for topic, name in ((topics.TOUR, "tour"), (topics.BASE, "base"), (topics.POSE, "pose")):
             self._follow(topic, name)
@@ -196,12 +210,19 @@ class Rig:
                 known = pid
 
     # Seeing.
+    def _tell_time(self, eye: ZenohBus) -> None:
+        """The truth is published by a clock; this one does not end with base."""
+        while not self._end.wait(0.1):
+            clock = Clock(stamp_ns=time.monotonic_ns(), rate=1.0, epoch=0)
+            payload = codec.encode(clock, "msgpack")
+            eye.put(topics.CLOCK.key(ROBOT), payload, codec.MIME["msgpack"], Qos.SENSOR)
+
     def _see(self, sample: Sample) -> None:
         truth = codec.decode(Truth, sample.payload, sample.encoding)
         speed = abs(truth.twist.vx) + 0.2 * abs(truth.twist.wz)
         self.seen.append(Seen(time.monotonic(), speed, truth))
 
-    def _follow(self, topic: Topic[T], name: str) -> None:  # pyright: ignore
+    def _follow(self, topic: Topic[Any], name: str) -> None:
         def take(sample: Sample) -> None:
             try:
                 setattr(self, name, codec.decode(topic.message, sample.payload, sample.encoding))
@@ -257,17 +278,22 @@ class Rig:
         """How often each service was started again."""
         return {name: child.restarts for name, child in self.supervisor.children.items()}
 
+    def kill(self, pid: int) -> None:
+        """Kill a service's process; nothing where it has ended by itself."""
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
     def signal(self, service: str, number: signal.Signals) -> None:
         """Send a signal to a service, or to the router."""
         os.kill(self.router_pid if service == "router" else self.pid(service), number)
 
     # Asking.
-    def ask(self, request: Request[Nothing, R], params: object = None) -> R:
+    def ask(self, request: Request[Any, R], params: object = None) -> R:
         """Ask the robot."""
         given = Nothing() if params is None else params
-        return self.connection.ask(ROBOT, request, given)  # pyright: ignore[reportArgumentType]
+        return self.connection.ask(ROBOT, request, given)
 
-    def ask_patiently(self, request: Request[Nothing, R], params: object = None) -> R:
+    def ask_patiently(self, request: Request[Any, R], params: object = None) -> R:
         """Ask until it is answered, but not refused for good."""
         end_s = time.monotonic() + START_S
         while True:
@@ -280,11 +306,10 @@ class Rig:
 
     def prepare(self) -> None:
         """Save something of everything, and start a tour without an end."""
+        self.wait(lambda: self.seen, START_S, "the truth")
         self.wait(lambda: self.pose and self.pose.state == "localized", START_S, "localized")
         for name, pose in (("corridor", CORRIDOR), ("kitchen", KITCHEN)):
-            self.ask_patiently(
-                requests.POSES_PUT, SavedPose(name=name, map="apartment", pose=pose)
-            )
+            self.ask_patiently(requests.POSES_PUT, SavedPose(name=name, map="apartment", pose=pose))
         tour = Tour(name="evening", stops=[Stop(name="kitchen")])
         self.ask_patiently(requests.TOURS_PUT, tour)
         zone = Zone(name="well", kind="keepout", points=FAR_AWAY)

@@ -1,6 +1,6 @@
 """Sends the same message again and again, many thousand times a second: `faults.py` starts it.
 
-    python bench/flood_client.py ENDPOINT KEY put|get RATE SECONDS < payload
+python bench/flood_client.py ENDPOINT KEY put|get RATE SECONDS < payload
 """
 
 import sys
@@ -27,9 +27,7 @@ def main() -> None:
                     # As a stranger does: it is dropped where the network is full.
                     bus.put(key, payload, "application/msgpack", Qos.SENSOR)
                 else:
-                    bus.get(
-                        key, payload, "application/msgpack", 1.0, lambda _: None, lambda: None
-                    )
+                    bus.get(key, payload, "application/msgpack", 1.0, lambda _: None, lambda: None)
             sent += due
             time.sleep(TICK_S)
     print(sent, flush=True)

@@ -11,7 +11,6 @@ just being saved, and nothing else.
 """
 
 import argparse
-import contextlib
 import re
 import shutil
 import subprocess
@@ -22,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from figures import table
-from power_cut_readers import HISTORY, Reading, folders_of, read_all
+from power_cut_readers import HISTORY, Reading, check_all_is_read, read_all
 
 BENCH = Path(__file__).parent
 CALLS = (
@@ -229,22 +228,7 @@ def _folders_touched(operation: Operation) -> set[str]:
 
 def crash_states(done: list[Operation]) -> Iterator[tuple[str, Disk]]:
     """All disks that may be found after these operations and a cut of the power."""
-    synced: dict[int, int] = {}
-    pending: list[int] = []
-    for index, operation in enumerate(done):
-        if operation.kind == "sync":
-            synced[operation.inode] = index
-        elif operation.kind == "sync_folder":
-            pending = [
-                one for one in pending if operation.path not in _folders_touched(done[one])
-            ]
-        elif operation.kind in _OF_NAMES:
-            pending.append(index)
-    unsynced = [
-        index
-        for index, operation in enumerate(done)
-        if operation.kind in ("write", "truncate") and index > synced.get(operation.inode, -1)
-    ]
+    pending, unsynced = _not_synced(done)
 
     def disk(lost_names: set[int], lost_data: set[int], torn: int | None = None) -> Disk:
         found = Disk()
@@ -265,6 +249,25 @@ def crash_states(done: list[Operation]) -> Iterator[tuple[str, Disk]]:
     for count, index in enumerate(pending):
         yield "names lost from one on", disk(set(pending[count:]), set())
         yield "one name lost", disk({index}, set())
+
+
+def _not_synced(done: list[Operation]) -> tuple[list[int], list[int]]:
+    """The changes of names, and of contents, that a cut of the power may undo."""
+    synced: dict[int, int] = {}
+    pending: list[int] = []
+    for index, operation in enumerate(done):
+        if operation.kind == "sync":
+            synced[operation.inode] = index
+        elif operation.kind == "sync_folder":
+            pending = [one for one in pending if operation.path not in _folders_touched(done[one])]
+        elif operation.kind in _OF_NAMES:
+            pending.append(index)
+    unsynced = [
+        index
+        for index, operation in enumerate(done)
+        if operation.kind in ("write", "truncate") and index > synced.get(operation.inode, -1)
+    ]
+    return pending, unsynced
 
 
 @dataclass
@@ -333,15 +336,11 @@ class _KernelViews:
         self._marks.append(len(operations))
         self.whats = sorted({what for reading in self._readings for what in reading.values})
 
-    def allowed(
-        self, count: int
-    ) -> tuple[dict[str, list[object]], frozenset[str], frozenset[str]]:
+    def allowed(self, count: int) -> tuple[dict[str, list[object]], frozenset[str], frozenset[str]]:
         """What may be found after `count` operations, and the least and most of the history."""
         since = max(mark for mark in self._marks if mark <= count)
         until = min(mark for mark in self._marks if mark >= count)
-        views = [
-            reading for reading in self._readings[since : count + 1] if reading is not None
-        ]
+        views = [reading for reading in self._readings[since : count + 1] if reading is not None]
         values: dict[str, list[object]] = {
             what: [view.values.get(what) for view in views if what not in view.broken]
             for what in self.whats
@@ -361,9 +360,18 @@ def record(folder: Path) -> list[Operation]:
     with log.open(encoding="ascii") as lines:
         for line in lines:
             parser.take(line)
-    with contextlib.suppress(ValueError):
-        folders_of(state)
+    check_all_is_read(state)
     return parser.operations
+
+
+def cut_everywhere() -> tuple[int, list[str]]:
+    """How many disks were looked at, and what was lost or broken on them."""
+    if shutil.which("strace") is None:
+        return 0, []
+    with tempfile.TemporaryDirectory() as folder:
+        verdicts = judge(record(Path(folder)))
+    faults = [f"{what}: {fault}" for what, one in verdicts.items() for fault in one.faults]
+    return max(one.states for one in verdicts.values()), faults
 
 
 def main() -> int:

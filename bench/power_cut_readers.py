@@ -68,15 +68,17 @@ def read_all(root: Path) -> Reading:
     return found
 
 
-def folders_of(root: Path) -> list[Path]:
-    """The files that a run has left, those of no known kind too: these are an error.
+def check_all_is_read(root: Path) -> None:
+    """See that nothing is saved that nobody here reads.
 
     Raises:
-        ValueError: Something was saved that nothing here reads.
+        ValueError: There is such a file.
     """
     known = {root / ROBOT / name for name in (*TYPES, history.FILE)}
-    files = [path for path in root.rglob("*") if path.is_file()]
-    strange = [path for path in files if path not in known and path.parent.name != "maps"]
+    strange = [
+        path
+        for path in root.rglob("*")
+        if path.is_file() and path not in known and path.parent.name != "maps"
+    ]
     if strange:
         raise ValueError(f"nothing reads {strange}")
-    return files

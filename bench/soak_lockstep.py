@@ -40,7 +40,7 @@ BETWEEN_RESTARTS_S, AWAY_S = (60.0, 240.0), (0.5, 5.0)
 BETWEEN_STOPS_S = 600.0
 # A stop that was pressed must end all motion within this time [s] ...
 STANDS_WITHIN_S = 1.5
-STANDS_MPS = 0.01
+STANDS_MPS, DRIVES_MPS = 0.01, 0.2
 # ... and somebody lets the robot go on after this one [s].
 PERSON_COMES_AFTER_S = 5.0
 # A tour whose next stop takes longer than all tries to drive there is stuck [s].
@@ -197,7 +197,9 @@ class Soak:
         self._next_restart_s = self.lockstep.now_s + self._random.uniform(*BETWEEN_RESTARTS_S)
 
     def _press_stop(self) -> None:
-        """Stop the robot wherever it is, and see that it stands."""
+        """Stop the robot while it drives, and see that it stands."""
+        if not self._drives():
+            return
         began_s = self.lockstep.now_s
         self._next_stop_s = began_s + BETWEEN_STOPS_S
         self.lockstep.ask(requests.BASE_STOP)
@@ -209,6 +211,9 @@ class Soak:
         if not self._stands():
             self._note("moved while it was stopped")
         self.lockstep.ask(requests.BASE_RESUME)
+
+    def _drives(self) -> bool:
+        return self._truth is not None and abs(self._truth.twist.vx) > DRIVES_MPS
 
     def _stands(self) -> bool:
         twist = None if self._truth is None else self._truth.twist
