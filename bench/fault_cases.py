@@ -60,6 +60,7 @@ class Fault:
         lasts_s: between the two [s].
         stands_s: the robot must stand so long after `apply` [s]; None: it may drive on.
         asks: whether the trip waits for a person afterwards.
+        restarts: the service that must be started again.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Fault:
     lasts_s: float = 0.0
     stands_s: float | None = None
     asks: bool = False
+    restarts: str | None = None
 
 
 def disturb(rig: Rig, fault: Fault) -> Outcome:
@@ -84,6 +86,7 @@ def disturb(rig: Rig, fault: Fault) -> Outcome:
 def _disturb(rig: Rig, fault: Fault, outcome: Outcome) -> None:
     rig.wait_for_driving()
     before, collisions = rig.saved(), rig.collisions
+    restarts = rig.restarts
     began_s = time.monotonic()
     fault.apply(rig)
     if fault.stands_s is not None:
@@ -93,9 +96,11 @@ def _disturb(rig: Rig, fault: Fault, outcome: Outcome) -> None:
         if outcome.stood_s is not None and outcome.stood_s > limit_s:
             outcome.wrong.append(f"stood only after {outcome.stood_s:.2f} s, {limit_s:.2f} allowed")
     time.sleep(max(0.0, fault.lasts_s - (time.monotonic() - began_s)))
-    mended_s = time.monotonic()
+    mended_s = time.monotonic() if fault.lasts_s > 0.0 else began_s
     if fault.undo is not None:
         fault.undo(rig)
+    if (name := fault.restarts) is not None:
+        rig.wait(lambda: rig.restarts[name] > restarts[name], BACK_WITHIN_S, f"{name} is back")
     if fault.asks:
         _let_it_go_on(rig, outcome)
     rig.wait_for_driving(BACK_WITHIN_S)
@@ -176,7 +181,9 @@ def _frozen() -> list[Fault]:
         if service != "router":  # in the terminal it is no child of the supervisor
             happens = f"the watchdog starts it again; {happens}"
             name = f"{service} frozen for good"
-            faults.append(Fault(name, happens, stop, stands_s=stands_s, asks=asks))
+            faults.append(
+                Fault(name, happens, stop, stands_s=stands_s, asks=asks, restarts=service)
+            )
     return faults
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from drives import KITCHEN
 from fault_cases import COMMAND_LOST_S, GRAIN_S, Fault, Outcome, disturb
@@ -23,6 +24,7 @@ from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.messages import SavedPose, Zone
 from trolley.messages.asking import Named
+from trolley.requests import Request
 
 SQUARE = [(-7.0, -9.0), (-6.0, -9.0), (-6.0, -8.0)]
 DISK_BYTES = 4 << 20
@@ -100,10 +102,11 @@ def _on_bad_disk(
         driving.wrong.append(f"{missing} ({describe(rig)})")
     if rig.restarts != restarts:
         driving.wrong.append(f"services ended: {rig.restarts}")
-    for request, thing in (
+    things: tuple[tuple[Request[Any, Any], object], ...] = (
         (requests.POSES_PUT, SavedPose(name="lost", map="apartment", pose=KITCHEN)),
         (requests.ZONES_PUT, Zone(name="lost", kind="keepout", points=SQUARE)),
-    ):
+    )
+    for request, thing in things:
         try:
             rig.ask(request, thing)
             saving.wrong.append(f"{request.name} was answered as if it were saved")
@@ -113,7 +116,10 @@ def _on_bad_disk(
     saving.lost = lost(before, rig.saved())
     _stop_and_go_on(rig, stopping)
     killed = [
-        disturb(rig, Fault(f"{name}: kill -9 of {one}", "comes back with all it had", kill))
+        disturb(
+            rig,
+            Fault(f"{name}: kill -9 of {one}", "comes back with all it had", kill, restarts=one),
+        )
         for one in ("localizer", "tour", "planner")
         for kill in (partial(_kill, one),)
     ]
@@ -265,6 +271,13 @@ def starving() -> list[Fault]:
         "tour": ("is ended and started again; the trip is taken up", None, False),
     }
     return [
-        Fault(f"{service} out of memory", words, partial(_starve, service), None, 0.0, stands, asks)
+        Fault(
+            f"{service} out of memory",
+            words,
+            partial(_starve, service),
+            stands_s=stands,
+            asks=asks,
+            restarts=service,
+        )
         for service, (words, stands, asks) in happens.items()
     ]

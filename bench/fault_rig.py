@@ -44,7 +44,6 @@ from trolley.messages import (
     Zone,
 )
 from trolley.messages.asking import Nothing, StartTour
-from trolley.ports import first_free
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
@@ -59,9 +58,10 @@ SERVICES = ("base", "localizer", "planner", "tour", "viz")
 DEVICES = ("linorobot", "ld19")
 STANDS_MPS, DRIVES_MPS = 0.01, 0.12
 FAR_AWAY = [(-9.0, -9.0), (-8.0, -9.0), (-8.0, -8.0)]
+STANDS_FOR_S = 0.3
 # The unit of base asks for this; without root it stays as it is.
 BASE_NICE = -10
-START_S = 120.0
+START_S = 240.0
 TROLLEY = [sys.executable, "-m", "trolley.cli"]
 
 
@@ -98,7 +98,7 @@ class Rig:
         self.base: BaseState | None = None
         self.pose: PoseEstimate | None = None
         self.reports: list[str] = []
-        self._ports = [first_free(port) for port in (17510, 17610, 17710, 18910)]
+        self._ports = [_free_port() for _ in range(4)]
         self.endpoint, self.judge, self.cut_endpoint = (
             f"tcp/127.0.0.1:{port}" for port in self._ports[:3]
         )
@@ -242,10 +242,17 @@ class Rig:
         return self.seen[-1].truth.collisions if self.seen else 0
 
     def stood_after(self, since_s: float) -> float | None:
-        """Seconds from then until the robot first stood; None: not yet."""
+        """Seconds from then until the robot first stood, and did so for a while; None: not yet."""
+        stands_since_s: float | None = None
         for seen in tuple(self.seen):
-            if seen.at_s > since_s and seen.speed < STANDS_MPS:
-                return seen.at_s - since_s
+            if seen.at_s <= since_s:
+                continue
+            if seen.speed >= STANDS_MPS:
+                stands_since_s = None
+            elif stands_since_s is None:
+                stands_since_s = seen.at_s
+            elif seen.at_s - stands_since_s >= STANDS_FOR_S:
+                return stands_since_s - since_s
         return None
 
     def fastest_between(self, from_s: float, to_s: float) -> float:
@@ -271,7 +278,9 @@ class Rig:
 
     def pid(self, service: str) -> int:
         """The process of a service."""
-        return self.wait(lambda: self.supervisor.children[service].pid, 30.0, f"{service} runs")
+        child = self.supervisor.children[service]
+        self.wait(lambda: child.pid is not None, 30.0, f"{service} runs")
+        return child.pid or 0
 
     @property
     def restarts(self) -> dict[str, int]:
@@ -344,6 +353,12 @@ def _be_nice(pid: int) -> None:
             os.setpriority(os.PRIO_PROCESS, pid, BASE_NICE)
         except ProcessLookupError:
             return  # it has ended already
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def _answers(port: int) -> bool:

@@ -135,9 +135,7 @@ def _kill(rig: Rig, victim: str) -> None:
         rig.kill(pid)
 
 
-def _read_memory(
-    rig: Rig, ages: dict[str, tuple[int, float]], now_s: float
-) -> dict[str, Any]:
+def _read_memory(rig: Rig, ages: dict[str, tuple[int, float]], now_s: float) -> dict[str, Any]:
     """What each service holds [MB], with how long it has run [s]."""
     found: dict[str, Any] = {"at_s": round(now_s, 1)}
     for name, child in rig.supervisor.children.items():
