@@ -10,6 +10,7 @@ need root, the clock Debian's libfaketime, the power cut strace; what cannot be 
 """
 
 import argparse
+import signal
 import sys
 import tempfile
 import time
@@ -85,6 +86,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", choices=[*GROUPS], default=[*GROUPS])
     parser.add_argument("--write", action="store_true", help="write docs/faults.md, too")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing is left behind
     outcomes: list[Outcome] = []
     for name in options.only:
         began_s = time.monotonic()

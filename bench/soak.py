@@ -10,6 +10,7 @@ same drive. With `processes` it is the real thing at real time. Both keep their 
 """
 
 import argparse
+import signal
 import sys
 import tempfile
 import time
@@ -58,6 +59,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--write", action="store_true", help="only write docs/soak.md")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing is left behind
     if options.write:
         write_page(OUT)
         return 0
