@@ -6,7 +6,7 @@ The robot is the whole stack as real processes on an emulated board and lidar, a
 without an end. For each fault: what happened, how long until the robot stood, how long until it
 drove again, and what was lost of what is saved, which must be nothing. Exits with 1 when something
 is not as it must be; `--write` puts the table into docs/faults.md. Disks, memory and priorities
-need root, the clock Debian's libfaketime, the power cut strace; what cannot be tried is said.
+need root, the clock a C compiler, the power cut strace; what cannot be tried is said.
 """
 
 import argparse
