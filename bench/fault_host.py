@@ -34,6 +34,14 @@ DRIVES_S = 10.0
 YEAR_S = 365 * 86_400
 CLOCK_SHIFT = Path(__file__).with_name("clock_shift.c")
 CGROUP = Path("/sys/fs/cgroup/memory")
+# Requests that are refused, whatever they hold, and what they hold.
+BALLAST: dict[str, Request[Any, Any]] = {
+    "base": requests.BASE_RESUME,
+    "localizer": requests.MAP_LIST,
+    "planner": requests.GOAL_CANCEL,
+    "tour": requests.TOUR_HISTORY,
+}
+BALLAST_BYTES, BALLAST_AT_ONCE = 1_000_000, 20
 BUSY = "while True: pass"
 
 
@@ -252,6 +260,10 @@ def cpus() -> list[Outcome]:
 
 
 # Memory.
+def _ignore(_: object) -> None:
+    """An answer that nobody waits for."""
+
+
 def _starve(service: str, rig: Rig) -> None:
     """Let a service get no more memory than it has."""
     pid = rig.pid(service)
@@ -264,7 +276,17 @@ def _starve(service: str, rig: Rig) -> None:
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
         limit = pages * resource.getpagesize()
         resource.prlimit(pid, resource.RLIMIT_AS, (limit, limit))
-    rig.wait(lambda: not Path(f"/proc/{pid}").exists(), 60.0, f"{service} ends for want of memory")
+
+    def has_ended() -> bool:
+        # What it has is enough for what it does; so it is given something to hold.
+        for _ in range(BALLAST_AT_ONCE):
+            rig.connection.bus.get(
+                BALLAST[service].key(ROBOT), bytes(BALLAST_BYTES), "", 1.0, _ignore, lambda: None
+            )
+        time.sleep(0.5)
+        return not Path(f"/proc/{pid}").exists()
+
+    rig.wait(has_ended, 60.0, f"{service} ends for want of memory")
     with contextlib.suppress(OSError):
         group.rmdir()
 

@@ -27,8 +27,9 @@ PARTS = {
     "service": "base",
     "run": "host-1-1",
 }
-# Structs that want one of two fields.
-EITHER = {
+# Structs that want one of two fields, or whose fields depend on each other.
+SPECIAL: dict[str, dict[str, Any]] = {
+    "OccupancyGrid": {"cells": b"\0"},
     "SendGoal": {"name": "kitchen"},
     "AskOffer": {"name": "kitchen"},
     "Stop": {"name": "kitchen"},
@@ -110,7 +111,7 @@ def _struct(shape: inspect.StructType) -> dict[str, Any]:
         for field in shape.fields
         if field.required
     }
-    return made | EITHER.get(shape.cls.__name__, {})
+    return made | SPECIAL.get(shape.cls.__name__, {})
 
 
 def broken(target: Target, seed: int = 1) -> Iterator[tuple[str, bytes]]:
