@@ -43,6 +43,19 @@ def written_atomically(path: Path, mode: int = READABLE_BY_ALL) -> Generator[Bin
         Path(temporary).replace(path)
     finally:
         Path(temporary).unlink(missing_ok=True)
+    sync_folder(path.parent)  # the new name itself must survive a power cut, too
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder that survives a power cut, and those above it; nothing if it is there.
+
+    Raises:
+        OSError: It cannot be made.
+    """
+    if path.is_dir():
+        return
+    make_folder(path.parent)
+    path.mkdir(exist_ok=True)
     sync_folder(path.parent)
 
 

@@ -1,4 +1,4 @@
-"""Runs services as child processes and starts those again that end: `trolley up` and `demo`.
+"""Runs services as child processes and starts those again that end or hang: `trolley up`, `demo`.
 
 On a robot systemd does this; here it is for a terminal.
 """
@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from trolley.runtime import parent
+from trolley.runtime.watchdog import Watchdog
 
 EXIT_CONFIG = 2
 """A service's exit code for settings that cannot be used: starting it again would not help."""
@@ -23,6 +24,8 @@ SETTLED_AFTER_S = 20.0
 """A service that ran for so long is started again without delay."""
 GRACE_S = 5.0
 PERIOD_S = 0.05
+AWAY_S = 2.0
+"""A supervisor that did not turn for so long was stopped itself."""
 
 
 class Child:
@@ -33,6 +36,7 @@ class Child:
         self.restarts = 0
         self.is_held = is_held
         """Whether its first start waits to be released."""
+        self.watchdog = Watchdog()
         self._command = list(command)
         self._process: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
@@ -53,9 +57,13 @@ class Child:
 
     def start(self, environment: Mapping[str, str]) -> None:
         """Start it."""
+        self.watchdog.begin()
         # A group of its own: Ctrl-C is for the supervisor, which ends its children in order.
         self._process = subprocess.Popen(
-            self._command, env=environment, stdin=subprocess.DEVNULL, process_group=0
+            self._command,
+            env={**environment, **self.watchdog.environment},
+            stdin=subprocess.DEVNULL,
+            process_group=0,
         )
         self._started_s = time.monotonic()
 
@@ -143,13 +151,22 @@ class Supervisor:
         self._thread.join()
 
     def _run(self) -> None:
+        turned_s = time.monotonic()
         while not self._stop.wait(PERIOD_S):
+            now_s = time.monotonic()
+            was_away, turned_s = now_s - turned_s > AWAY_S, now_s
             for child in self.children.values():
                 code = child.collect()
                 if code is not None:
                     self._note_end(child, code)
                 if child.is_due:
                     child.start(self._environment)
+                elif was_away:
+                    child.watchdog.pardon(now_s)
+                elif child.watchdog.is_silent(now_s) and child.pid is not None:
+                    self._report(f"{child.name} hangs; killing it")
+                    child.signal(signal.SIGKILL)
+                    child.watchdog.begin()
         self._end_all()
 
     def _note_end(self, child: Child, code: int) -> None:
@@ -171,6 +188,7 @@ class Supervisor:
                 self._report(f"{child.name} does not end; killing it")
                 child.signal(signal.SIGKILL)
                 child.wait(GRACE_S)
+            child.watchdog.close()
 
 
 def _command(module: str | Sequence[str]) -> list[str]:

@@ -114,7 +114,7 @@ def _grid(kind: type[msgspec.Struct]) -> st.SearchStrategy[Any]:
         cells = st.binary(min_size=width * height, max_size=width * height).map(memoryview)
         return _built(kind, width=st.just(width), height=st.just(height), cells=cells)
 
-    return st.tuples(st.integers(0, 4), st.integers(0, 4)).flatmap(sized)
+    return st.tuples(st.integers(1, 4), st.integers(1, 4)).flatmap(sized)
 
 
 def _scan(kind: type[msgspec.Struct]) -> st.SearchStrategy[Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from trolley.runtime.watchdog import Watchdog
 from trolley.supervisor import Supervisor
 
 OBEDIENT = "import time\nwhile True: time.sleep(1)\n"
@@ -23,7 +24,8 @@ def module(tmp_path: Path) -> Callable[[str, str], dict[str, str]]:
 
     def write(name: str, text: str) -> dict[str, str]:
         (tmp_path / f"{name}.py").write_text(text)
-        return {"PYTHONPATH": str(tmp_path)}
+        paths = [str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
+        return {"PYTHONPATH": os.pathsep.join(paths)}
 
     return write
 
@@ -120,3 +122,76 @@ def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_pat
     supervisor.wait()
     supervisor.stdout.close()
     wait_for(lambda: not is_running(child))
+
+
+HANGS = """
+import time
+from trolley.runtime.systemd import Supervision
+supervision = Supervision()
+supervision.ready()
+for _ in range(5):
+    supervision.alive()
+    time.sleep(supervision.period_s)
+time.sleep(100.0)
+"""
+FROZEN = """
+import os, signal, time
+from trolley.runtime.systemd import Supervision
+supervision = Supervision()
+supervision.ready()
+while True:
+    supervision.alive()
+    time.sleep(supervision.period_s)
+"""
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trolley.supervisor.Watchdog", lambda: Watchdog(0.9))
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_child_that_hangs_is_killed_and_comes_back(module: Callable) -> None:
+    said: list[str] = []
+    with Supervisor({"one": "hangs"}, module("hangs", HANGS), said.append) as supervisor:
+        began_s = time.monotonic()
+        wait_for(lambda: supervisor.children["one"].restarts == 1)
+        assert time.monotonic() - began_s > 1.5  # not before it fell silent
+    assert said[:2] == ["one hangs; killing it", "one was killed by SIGKILL; starting it again"]
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_frozen_child_is_killed_but_a_silent_program_is_left_alone(module: Callable) -> None:
+    said: list[str] = []
+    module("obedient", OBEDIENT)
+    environment = module("frozen", FROZEN)
+    both = {"one": "frozen", "two": "obedient"}
+    with Supervisor(both, environment, said.append) as supervisor:
+        one, two = supervisor.children.values()
+        wait_for(lambda: one.watchdog._heard_s is not None)
+        assert one.pid is not None
+        os.kill(one.pid, signal.SIGSTOP)
+        wait_for(lambda: one.restarts == 1)
+        assert two.restarts == 0
+
+
+def test_a_child_does_not_wait_for_a_watchdog_that_is_frozen_itself(module: Callable) -> None:
+    watchdog = Watchdog(0.9)
+    environment = {**os.environ, **module("frozen", FROZEN), **watchdog.environment}
+    child = subprocess.Popen([sys.executable, "-m", "frozen"], env=environment)
+    try:
+        wait_for(lambda: not watchdog.is_silent(0.0) and watchdog._is_ready)
+        os.kill(child.pid, signal.SIGSTOP)
+        time.sleep(0.1)
+        watchdog.is_silent(0.0)
+        watchdog.pardon(100.0)
+        assert not watchdog.is_silent(100.5)
+        assert watchdog.is_silent(101.0)
+        os.kill(child.pid, signal.SIGCONT)
+        time.sleep(6.0)  # nobody reads, and the queue is full
+        assert Path(f"/proc/{child.pid}/wchan").read_text() != "unix_wait_for_peer"
+        assert not watchdog.is_silent(200.0)
+    finally:
+        child.kill()
+        child.wait()
+        watchdog.close()

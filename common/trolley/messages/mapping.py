@@ -19,6 +19,9 @@ from trolley.messages.types import (
 MapName = Annotated[str, Meta(pattern=r"\A(?!\.)[A-Za-z0-9_.-]{1,64}\Z")]
 """A map's name: the stem of its file."""
 
+Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]
+"""Columns or rows of a grid: one without any is none."""
+
 ZoneKind = Literal["mirror", "glass", "keepout", "speed"]
 PoseState = Literal["searching", "localized", "unsure", "lost", "mapping"]
 
@@ -35,8 +38,8 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
     name: str
     frame: str
     resolution: Positive
-    width: Count
-    height: Count
+    width: Size
+    height: Size
     origin: Pose2D
     cells: memoryview
 

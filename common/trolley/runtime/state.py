@@ -9,7 +9,7 @@ import msgspec
 import tomli_w
 
 from trolley.config.load import DEFAULT_PATH
-from trolley.files import READABLE_BY_ALL, SECRET, keep_aside, write_atomically
+from trolley.files import READABLE_BY_ALL, SECRET, keep_aside, make_folder, write_atomically
 from trolley.runtime.log import Log
 
 T = TypeVar("T")
@@ -70,7 +70,7 @@ class StateFolder:
         """
         plain = _without_none(msgspec.to_builtins(value))
         path = self.path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         mode = SECRET if is_secret else READABLE_BY_ALL
         write_atomically(path, tomli_w.dumps(plain).encode(), mode)
 

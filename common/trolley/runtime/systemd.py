@@ -31,17 +31,19 @@ class Supervision:
 
     def alive(self) -> None:
         """The service's thread still turns."""
-        self._notify("WATCHDOG=1")
+        self._notify("WATCHDOG=1", socket.MSG_DONTWAIT)
 
     def stopping(self) -> None:
         """The service is on its way out."""
         self._notify("STOPPING=1")
 
-    def _notify(self, text: str) -> None:
+    def _notify(self, text: str, flags: int = 0) -> None:
         if not self._address:
             return
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as channel:
             try:
-                channel.sendto(text.encode(), self._address)
+                channel.sendto(text.encode(), flags, self._address)
             except (ConnectionRefusedError, FileNotFoundError):
                 return  # whoever listened has gone; there is nobody left to tell
+            except BlockingIOError:
+                return  # whoever listens is stopped itself, and this thread must not wait for it

@@ -57,6 +57,7 @@ SAVE_TIME_S = 60.0
 SAVE_WORLD_S = 1.0
 # A stop is answered after this long even where the disk is slower.
 LONGEST_SAVE_NS = 1_000_000_000
+SAVE_AGAIN_S = 5.0
 
 
 class BaseService(Service):
@@ -92,6 +93,7 @@ class BaseService(Service):
         self._odometry_beat, self._command_beat = Beat(ODOMETRY_S), Beat(COMMAND_S)
         self._state_beat, self._time_beat = Beat(STATE_S), Beat(SAVE_TIME_S)
         self._stops: list[tuple[int, Later[BaseState], BaseState]] = []
+        self._latch_is_saved = True
 
     def start(self) -> None:
         """Begin a run: the latch, robot time, the hardware."""
@@ -212,6 +214,12 @@ class BaseService(Service):
             if self.monotonic_ns >= until_ns:
                 later.reply(state)
         self._stops = [stop for stop in self._stops if stop[1].is_open]
+
+    @every(SAVE_AGAIN_S, clock="local")
+    def save_latch_again(self) -> None:
+        """Try again what the disk did not take: it may have room by now."""
+        if not self._latch_is_saved:
+            self._save_latch()
 
     # Reading.
     def _read_chassis(self, now_ns: int) -> None:
@@ -378,6 +386,8 @@ class BaseService(Service):
             return None
 
         def written(problem: str | None) -> None:
+            if name == LATCH_FILE:
+                self._latch_is_saved = problem is None
             if problem is not None:
                 self.count("state/not_saved")
                 self.log.limited("not_saved", codes.SENTENCES[codes.NOT_SAVED], why=problem)

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from trolley.files import keep_aside
+from trolley.files import keep_aside, make_folder
 from trolley.messages import PastTrip
 from trolley_tour.store import parse_utc
 
@@ -93,8 +93,10 @@ def _done(path: Path, act: Callable[[Path], Done]) -> Done:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Generator[sqlite3.Connection]:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with contextlib.closing(sqlite3.connect(path, timeout=BUSY_S)) as connection, connection:
+        # The end of a transaction is the deletion of its journal, and that is synced by this only.
+        connection.execute("PRAGMA synchronous = EXTRA")
         connection.execute(_CREATE)
         yield connection
 

@@ -85,6 +85,22 @@ def test_a_stop_is_answered_when_no_crash_can_undo_it(
     assert rig.state.mode == "stopped"
 
 
+def test_a_stop_is_saved_later_where_the_disk_was_full(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr("trolley.runtime.state.write_atomically", fail)
+        assert rig.lockstep.ask(requests.BASE_STOP).mode == "stopped"
+        rig.run(6.0)
+    rig.run(6.0)
+    rig.restart()
+    rig.run(0.1)
+    assert rig.state.mode == "stopped"
+
+
 def test_a_stop_is_answered_though_the_disk_hangs(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -87,3 +87,19 @@ def bad_robot() -> Robot:
 def test_what_does_not_fit_is_refused(make, told: str):
     with pytest.raises(ValueError, match=told):
         make()
+
+
+@pytest.mark.parametrize(("width", "height"), [(0, 0), (0, 3), (3, 0), (-1, -1)])
+def test_a_grid_without_cells_is_refused(width: int, height: int) -> None:
+    grid = OccupancyGrid(
+        stamp_ns=0,
+        name="home",
+        frame="map",
+        resolution=0.1,
+        width=width,
+        height=height,
+        origin=Pose2D.identity(),
+        cells=memoryview(bytes(max(0, width * height))),
+    )
+    with pytest.raises(codec.BadPayload):
+        codec.decode(OccupancyGrid, codec.encode(grid, "msgpack"))
