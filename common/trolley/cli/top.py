@@ -19,6 +19,7 @@ from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, print_json
 from trolley.cli.terminal import Terminal, TerminalGone
 from trolley.cli.top_picture import (
+    SILENT_S,
     Order,
     Picture,
     ServiceView,
@@ -100,7 +101,7 @@ class Watcher:
         robots = sorted({one.robot for one in services})
         clocks = {robot: _newest(tallies, topics.CLOCK, robot) for robot in robots}
         rates = {robot: clock.rate for robot, clock in clocks.items() if clock is not None}
-        sentences = {robot: _sentence(tallies, robot, now_s) for robot in robots}
+        sentences = {robot: sentence_of(tallies, robot, now_s) for robot in robots}
         return Picture(sentences, services, topic_views(flowing, rates, order))
 
     def _services(
@@ -134,11 +135,14 @@ def _newest(tallies: Mapping[str, Tally], topic: Topic[M], robot: str, *parts: s
         return None
 
 
-def _sentence(tallies: Mapping[str, Tally], robot: str, now_s: float) -> str:
+def sentence_of(tallies: Mapping[str, Tally], robot: str, now_s: float) -> str:
+    """What a robot does, by what was heard of it until `now_s` (local monotonic clock)."""
     pose_tally = tallies.get(topics.POSE.key(robot))
     is_stale = pose_tally is not None and now_s - pose_tally.last_s > STALE_AFTER_S
+    base_tally = tallies.get(topics.BASE.key(robot))
+    is_heard = base_tally is not None and now_s - base_tally.last_s < SILENT_S
     return robot_sentence(
-        _newest(tallies, topics.BASE, robot),
+        _newest(tallies, topics.BASE, robot) if is_heard else None,
         _newest(tallies, topics.POSE, robot),
         _newest(tallies, topics.GOAL, robot),
         _newest(tallies, topics.TOUR, robot),

@@ -1,6 +1,7 @@
 """Checks of this host's certificate and those it trusts."""
 
 import dataclasses
+import os
 from datetime import datetime
 from pathlib import Path
 
@@ -94,6 +95,10 @@ def check_keys(config: RobotConfig | None, now: datetime) -> list[Finding]:
                 )
             ]
         return [ok("certificates", "None are set up here, and none are needed.")]
+    if not os.access(folder, os.R_OK | os.X_OK):  # else it would look empty
+        return [
+            note("certificates", f"{folder} may not be read by you.", "Look again with `sudo`.")
+        ]
     found = read_validities(folder)
     if isinstance(found, Finding):
         return [found]

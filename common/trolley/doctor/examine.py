@@ -5,6 +5,7 @@ import datetime
 import os
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from trolley import ports
@@ -210,7 +211,8 @@ def examine_robots(
                 found.append(("", [note("router", text, "`trolley up` starts one.")]))
             needs_map = place.config is None or place.config.planner.frame == "map"
             heard = listen(connection, names, seconds, needs_map=needs_map) if names else []
-            return [*found, *((facts.name, check_robot(facts)) for facts in heard)]
+            checked = [(one.name, looked_at("robot", partial(check_robot, one))) for one in heard]
+            return [*found, *checked]
     except RobotUnreachable as error:
         addresses = [endpoints.address_of(one) for one in where]
         local = [one[1] for one in addresses if one and one[0] in ("127.0.0.1", "localhost")]

@@ -1,6 +1,7 @@
 """Checks of robot.toml, of the map that it names, and of what is saved about that map."""
 
 import dataclasses
+import os
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,8 @@ def check_file(path: Path | None) -> list[Finding]:
                 "`trolley init /etc/trolley/robot.toml` writes one; --config names another.",
             )
         ]
+    if path.exists() and not os.access(path, os.R_OK):
+        return [note("settings", f"{path} may not be read by you.", "Look again with `sudo`.")]
     found = [
         problem("settings", f"{text}.", "Correct that line; docs/configuration.md lists every key.")
         for text in find_problems(path)

@@ -5,6 +5,7 @@ import pytest
 from trolley import topics
 from trolley.cli.columns import Column, table_lines
 from trolley.cli.robot_sentence import robot_sentence
+from trolley.cli.top import sentence_of
 from trolley.cli.top_picture import (
     Picture,
     ServiceView,
@@ -16,7 +17,8 @@ from trolley.cli.top_picture import (
 )
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, Health, PoseEstimate, TourStatus
-from trolley.traffic import Flow
+from trolley.runtime import codec
+from trolley.traffic import Flow, Tally
 
 OK = Health(stamp_ns=1, state="ok", cpu=0.123, rss=150_000_000)
 OFTEN = Flow(1.0, 70.0, 0.4)
@@ -181,6 +183,13 @@ def goal(state: object, **fields: object) -> GoalStatus:
 )
 def test_a_robot_is_told_in_one_sentence(said: tuple, sentence: str) -> None:
     assert robot_sentence(*said) == sentence
+
+
+def test_what_a_silent_base_said_last_is_not_believed() -> None:
+    message = codec.encode(BASE, "msgpack"), codec.MIME["msgpack"]
+    tallies = {topics.BASE.key("one"): Tally(1, 9, 100.0, message)}
+    assert sentence_of(tallies, "one", 101.0) == "It stands and is ready."
+    assert sentence_of(tallies, "one", 104.0) == "Nothing is heard of its base."
 
 
 def test_an_old_pose_is_no_pose() -> None:

@@ -99,6 +99,9 @@ def test_certificates_are_read_from_the_folder_of_the_settings(tmp_path: Path) -
     (folder / "cert.pem").write_bytes(pair.certificate)
     levels = {one.sentence.split()[2]: one.level for one in check_keys(settings, NOW)}
     assert levels == {"ca": Level.OK, "robot": Level.WARNING}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.access", lambda *_: False)
+        assert "sudo" in check_keys(settings, NOW)[0].remedy
     (folder / "cert.pem").write_bytes(b"-----BEGIN CERTIFICATE-----\ngarbage")
     assert [one.level for one in check_keys(settings, NOW)] == [Level.PROBLEM]
 

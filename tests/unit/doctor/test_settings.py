@@ -103,6 +103,14 @@ def test_no_file_is_a_note_only() -> None:
     assert [one.level for one in check_file(None)] == [Level.NOTE]
 
 
+def test_a_file_for_others_only_is_no_fault_of_the_file(
+    root_toml: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)
+    (found,) = check_file(root_toml)
+    assert (found.level, "sudo" in found.remedy) == (Level.NOTE, True)
+
+
 def test_a_missing_file_is_a_problem(tmp_path: Path) -> None:
     assert [one.level for one in check_file(tmp_path / "robot.toml")] == [Level.PROBLEM]
 
