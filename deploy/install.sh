@@ -155,8 +155,11 @@ make_environment() {
     local folder=$1 members=("$1/common") one
     if ! "$python" -c 'import ensurepip, venv' 2> /dev/null; then
         say "Installing $(basename "$python")-venv with apt-get ..."
-        apt-get -q update && apt-get -q install -y --no-install-recommends "$(basename "$python")-venv" ||
+        if ! apt-get -q update ||
+            ! apt-get -q install -y --no-install-recommends "$(basename "$python")-venv"
+        then
             die "apt-get could not. Is the network there? Try: sudo apt install python3-venv"
+        fi
     fi
     say "Making the environment (about 500 MB; some minutes on a Raspberry Pi) ..."
     "$python" -m venv "$folder/.venv"

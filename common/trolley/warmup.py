@@ -9,7 +9,9 @@ import importlib.util
 import sys
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from importlib.metadata import entry_points
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +39,23 @@ def warm_ups() -> dict[str, Callable[[], None]]:
     return found
 
 
+def dots() -> AbstractContextManager[object]:
+    """Say a dot for each kernel that is compiled: a small computer takes minutes for a part.
+
+    A kernel that is read from disk is no event for numba.
+    """
+    events: Any = importlib.import_module("numba.core.event")
+
+    class Dots(events.Listener):
+        def on_start(self, event: Any) -> None:
+            pass
+
+        def on_end(self, event: Any) -> None:
+            _say(".")
+
+    return events.install_listener("numba:compile", Dots())
+
+
 def main() -> None:
     """Compile everything, a line for each part."""
     started_s = time.monotonic()
@@ -47,7 +66,8 @@ def main() -> None:
     for number, (name, compile_all) in enumerate(parts.items(), start=1):
         _say(f"[{number}/{len(parts)}] {name} ...")
         part_s = time.monotonic()
-        compile_all()
+        with dots():
+            compile_all()
         _say(f" {time.monotonic() - part_s:.1f} s\n")
     _say(f"All kernels are compiled ({time.monotonic() - started_s:.1f} s).\n")
 

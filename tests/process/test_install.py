@@ -28,6 +28,7 @@ STANDINS = {
     "uname": 'echo "${FAKE_MACHINE:-x86_64}"',
     "journalctl": "echo what the journal says",
     "sync": "exit 0",
+    "apt-get": 'echo "$*" >> "$FAKE/apt"; [ -z "$FAKE_OFFLINE" ]',
     "systemctl": """
         shift  # --root
         echo "$*" >> "$FAKE/systemctl"
@@ -64,6 +65,7 @@ FAKE_PYTHON = f"""\
 #!/bin/bash
 if [ "$1 $2" != "-m venv" ]; then
     case "$*" in *sys.version_info[:2]*exit*|*3,\\ 11*) [ -z "$FAKE_OLD_PYTHON" ] || exit 1 ;; esac
+    case "$*" in *ensurepip*) [ -z "$FAKE_NO_VENV" ] || exit 1 ;; esac
     case "$*" in *calcsize*) echo "${{FAKE_BITS:-64}}"; exit ;; esac
     exec {sys.executable} "$@"
 fi
@@ -284,6 +286,21 @@ def test_packages_that_cannot_be_fetched_leave_what_runs_as_it_is(host: Host) ->
     assert "stop" not in host.said("systemctl")
     host.install("--upgrade")
     assert host.current != old
+
+
+def test_what_debian_leaves_out_is_fetched(host: Host) -> None:
+    offline = host.install("robot", code=1, FAKE_NO_VENV="yes", FAKE_OFFLINE="yes")
+    assert "Is the network there?" in offline
+    host.install("robot", FAKE_NO_VENV="yes")
+    assert "-venv" in host.said("apt").splitlines()[-1]
+
+
+@pytest.mark.parametrize(("counted", "is_told"), [("cpu io memory pids", False), ("cpu io", True)])
+def test_limits_without_effect_are_told(host: Host, counted: str, is_told: bool) -> None:
+    controllers = host.root / "sys/fs/cgroup/cgroup.controllers"
+    controllers.parent.mkdir(parents=True)
+    controllers.write_text(counted + "\n")
+    assert ("cgroup_enable=memory" in host.install("robot")) == is_told
 
 
 def test_an_upgrade_switches_and_keeps_the_one_before(host: Host) -> None:

@@ -1,5 +1,8 @@
 """Compiling the kernels at set-up."""
 
+import importlib.util
+from pathlib import Path
+
 import pytest
 
 from trolley import warmup
@@ -21,3 +24,22 @@ def test_services_with_kernels_bring_their_warm_up() -> None:
     assert {"common", "localizer", "planner"} <= set(parts)
     assert not {"tour", "viz"} & set(parts)
     parts["common"]()
+
+
+def test_a_kernel_that_is_compiled_shows_as_a_dot(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    module = tmp_path / "squares.py"
+    module.write_text(
+        "from trolley.jit import kernel\n\n\n@kernel\ndef square(x):\n    return x * x\n"
+    )
+    spec = importlib.util.spec_from_file_location("squares", module)
+    assert spec is not None
+    assert spec.loader is not None
+    squares = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(squares)
+    monkeypatch.setattr(warmup, "warm_ups", lambda: {"squares": lambda: squares.square(2.0)})
+    warmup.main()
+    assert "[1/1] squares ...." in capsys.readouterr().out
+    warmup.main()  # compiled already
+    assert "[1/1] squares ... " in capsys.readouterr().out
