@@ -22,7 +22,7 @@ from trolley.config import ConfigError, RobotConfig, find_config, load_config
 from trolley.messages import BaseState, Clock
 from trolley.requests import Request
 from trolley.runtime import codec
-from trolley.runtime.bus import Closer, Reply, Sample
+from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard
 from trolley.runtime.gathering import outcome
 from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
@@ -121,7 +121,8 @@ class Subscription(Generic[M]):
                 self._store(sample.key, sample.payload, sample.encoding)
 
     def _store(self, key: str, payload: bytes, encoding: str) -> None:
-        matched = self._topic.match(key)
+        # A put to many keys at once is no message of any of them.
+        matched = None if has_wildcard(key) else self._topic.match(key)
         if matched is None:
             return
         try:
