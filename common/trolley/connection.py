@@ -121,7 +121,8 @@ class Subscription(Generic[M]):
                 self._store(sample.key, sample.payload, sample.encoding)
 
     def _store(self, key: str, payload: bytes, encoding: str) -> None:
-        matched = self._topic.match(key)
+        # A put to many keys at once is no message of any of them.
+        matched = None if has_wildcard(key) else self._topic.match(key)
         if matched is None:
             return
         try:

@@ -4,8 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from trolley import topics
 from trolley.config import ConfigError
-from trolley.connection import DEFAULT_ENDPOINT, Target, find_target
+from trolley.connection import DEFAULT_ENDPOINT, Subscription, Target, find_target
+from trolley.messages import Clock
+from trolley.runtime import codec
+from trolley.runtime.bus import Reply
 
 
 @pytest.fixture(autouse=True)
@@ -47,3 +51,19 @@ def test_a_file_that_is_not_there_is_an_error_unless_it_is_not_needed(tmp_path: 
         find_target(config=tmp_path / "nowhere.toml")
     missing = tmp_path / "nowhere.toml"
     assert find_target("a", ["tcp/b:1"], missing) == Target("a", ("tcp/b:1",))
+
+
+def test_keys_are_looked_for_where_an_endpoint_needs_them(config: Path) -> None:
+    with pytest.raises(ConfigError, match=str(config.parent / "keys")):
+        find_target(connect=["tls/home.local:7448"], config=config)
+
+
+def test_a_message_to_many_keys_at_once_is_none() -> None:
+    subscription = Subscription(topics.CLOCK)
+    payload = codec.encode(Clock(stamp_ns=1, rate=1.0, epoch=0), "msgpack")
+    for key in ("trolley/*/clock", "trolley/kiwi/clock"):
+        subscription.add_latest(Reply(key, payload, codec.MIME["msgpack"]))
+    first = subscription.next(0.0)
+    assert first is not None
+    assert first.robot == "kiwi"
+    assert subscription.next(0.0) is None

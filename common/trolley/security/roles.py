@@ -1,7 +1,7 @@
 """What each role may do: rules for Zenoh's access control, made from a list of certificates.
 
 What may not be done is refused where it enters a router; what left another host by right may go to
-everyone who was let in. A rule allows what it includes wholly: `trolley/*/**` allows subscribing to
+everyone who was let in. A rule allows what it includes wholly: `trolley/**` allows subscribing to
 `trolley/*/pose`, and `**` never includes a chunk that begins with `@`.
 """
 
@@ -15,7 +15,8 @@ from trolley.topics import ROOT, Kind
 
 Rule = dict[str, Any]
 
-STREAMS, REQUESTS = f"{ROOT}/*/**", f"{ROOT}/*/@do/**"
+STREAMS, REQUESTS = f"{ROOT}/**", f"{ROOT}/*/@do/**"
+ANYTHING = ("**", REQUESTS)
 READING = ("declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query")
 WRITING = ("put", "delete")
 OWNING = (*WRITING, "declare_queryable", "reply", "liveliness_token")
@@ -59,12 +60,11 @@ def access_control(certificates: Iterable[Certificate]) -> dict[str, Any]:
     Programs of the router's own host, which come over loopback without TLS, may do everything.
     """
     rules: list[Rule] = [
-        _rule("out", "egress", Grant(EVERYTHING, (STREAMS, REQUESTS))),
-        _rule("local-in", "ingress", Grant(EVERYTHING, ("**", REQUESTS))),
-        _rule("local-out", "egress", Grant(EVERYTHING, ("**", REQUESTS))),
+        _rule("out", "egress", Grant(EVERYTHING, ANYTHING)),
+        _rule("local-in", "ingress", Grant(EVERYTHING, ANYTHING)),
     ]
     subjects: list[Rule] = [{"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]}]
-    policies: list[Rule] = [{"rules": ["local-in", "local-out"], "subjects": ["local"]}]
+    policies: list[Rule] = [{"rules": ["local-in", "out"], "subjects": ["local"]}]
     for certificate in certificates:
         who = certificate.common_name
         made = [

@@ -46,6 +46,8 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[zenoh]\nconnect = []", "[zenoh.connect]"),
         ("[zenoh]\nconnect = ['127.0.0.1:7447']", "no endpoint"),
         ("[zenoh]\nuplink = ['tls/home.lan']", "no endpoint"),
+        ("[zenoh]\ndownsample = {pose = 1.0}", "`downsample` knows scan"),
+        ("[zenoh]\ndownsample = {scan = 0.0}", "[zenoh.downsample"),
         ("[start]\npose = {x = 1.0, y = 2.0}", "yaw or orientation"),
         ("[start]\npose = {x = 1.0, y = 2.0, yaw = nan}", "[start"),
         ("[start]\npose = {x = 1.0, y = 2.0, orientation = [1.0, 0.0, 0.0, 1.0]}", "tilted"),

@@ -34,6 +34,7 @@ def test_everybody_reads_everything(role: str, topic: topics.Topic) -> None:
     for robot in ("*", "lime"):
         assert may(role, "declare_subscriber", topic.key(robot))
         assert may(role, "query", topic.key(robot))
+    assert may(role, "declare_subscriber", "trolley/**")
     assert may(role, "liveliness_query", topics.ALIVE.key("*"))
     assert may(role, "declare_liveliness_subscriber", topics.ALIVE.key("*"))
 
@@ -140,7 +141,7 @@ def test_a_robot_does_everything_under_its_own_name_only(
 def test_what_is_outside_of_trolley_is_nobodys() -> None:
     for role in ROLES:
         for message in EVERYTHING:
-            for key in ("other/x", "@/router/local", "trolley", "**"):
+            for key in ("other/x", "@/router/local", "**"):
                 assert not may(role, message, key)
 
 
