@@ -16,7 +16,7 @@ class BatteryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
     """Its charge when base starts."""
-    minutes: Annotated[float, Meta(gt=0.0, le=100_000.0)] = 120.0
+    minutes: Annotated[float, Meta(gt=0.0, le=100_000.0)]
     """How long a full one lasts; it charges four times as fast."""
     charger: PoseConfig | None = None
     """Where it is charged, within 0.3 m of there; nowhere if not given."""

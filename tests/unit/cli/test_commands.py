@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from trolley.cli import COMMANDS, cli
 from trolley.cli.go import go_command
 from trolley.cli.init import render
-from trolley.config import load_config
+from trolley.config import RobotConfig, load_config
 from trolley.config.describe import sections
 
 
@@ -126,6 +126,12 @@ def test_init_refuses_a_name_that_no_key_may_hold(
     assert not (tmp_path / "robot.toml").exists()
 
 
+def load_config_of(path: Path, text: str) -> RobotConfig:
+    other = path.with_name("other.toml")
+    other.write_text(text)
+    return load_config(other)
+
+
 def test_init_explains_every_setting_with_its_default(tmp_path: Path) -> None:
     text = render({"robot.name": '"a"', "robot.footprint": "{ radius_m = 0.2 }"})
     for section in sections():
@@ -136,6 +142,7 @@ def test_init_explains_every_setting_with_its_default(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(text)
     plain = load_config(path)
+    assert plain == load_config_of(path, '[robot]\nname = "a"\nfootprint = { radius_m = 0.2 }\n')
     defaults = {f"# {k.name} = {k.default}" for s in sections() for k in s.keys if k.default}
     # Some tables are left out: they have to be given in full.
     parts = text.split("\n\n")
