@@ -21,7 +21,7 @@ ARGUMENTS = [
     "--enable-unsafe-swiftshader",
     "--no-sandbox",
 ]
-PATIENCE_MS = 60_000.0
+PATIENCE_MS = 180_000.0
 # The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
 # processor has left for it beside the robot, and a tablet's graphics card does no better.
 SCENE = "?fixedDpr=0.5"

@@ -55,7 +55,7 @@ def test_text_is_shown_and_what_it_smuggles_in_does_nothing(page: Page) -> None:
 def test_a_click_on_a_menu_reaches_the_program(page: Page, shown: "Shown") -> None:
     with shown.robot.subscribe(topics.CHOICE, "mode") as choices:
         card(page, "mode").get_by_role("button", name="Search").click()
-        heard = choices.next(60.0)
+        heard = choices.next(180.0)
     assert heard is not None
     assert (heard.message.index, heard.message.item) == (1, "Search")
     expect(card(page, "mode").locator("[aria-pressed=true]")).to_have_text("Search")

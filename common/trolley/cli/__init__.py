@@ -13,7 +13,6 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import click
-from click.utils import make_default_short_help
 
 from trolley.cli import exits
 from trolley.cli.options import where_options
@@ -99,7 +98,7 @@ def _short_help(entry: EntryPoint) -> str:
         return ""
     for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef) and node.name == entry.attr:
-            return make_default_short_help(ast.get_docstring(node) or "", 100)
+            return click.Command(None, help=ast.get_docstring(node)).get_short_help_str(limit=100)
     return ""
 
 

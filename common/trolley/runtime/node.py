@@ -171,7 +171,9 @@ class Node:
         """The clock of a robot."""
         if robot == self.robot and self.service.own_time is not None:
             return self.service.own_time
-        return self._times.setdefault(robot, FollowedTime())
+        if robot not in self._times:
+            self._times[robot] = FollowedTime()
+        return self._times[robot]
 
     @property
     def unix_ns(self) -> int:
