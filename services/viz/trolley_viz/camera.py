@@ -61,7 +61,7 @@ def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
     server.initial_camera.look_at = look_at
 
 
-def is_narrow(width: int, height: int) -> bool:
+def is_narrow(width: float, height: float) -> bool:
     """Whether a picture of so many pixels is seen on a phone."""
     return width < NARROW * height
 
@@ -77,17 +77,19 @@ def seen_pixels(client: viser.ClientHandle, *, is_new: bool = False) -> tuple[in
     return max(width, 1), max(height, 1)
 
 
-def fit(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[int, int]) -> None:
+def fit(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[float, float]) -> None:
     """Move one browser's camera so that it sees all of `bounds` in so many pixels."""
-    width, height = pixels
-    if is_narrow(width, height):
-        x0, y0, x1, y1 = bounds
-        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
-    position, look_at = stand(bounds, width / height)
+    position, look_at = _stand_for(bounds, pixels)
     with client.atomic():
         client.camera.fov = FIELD_OF_VIEW
         client.camera.position = position
         client.camera.look_at = look_at
+
+
+def stands(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[float, float]) -> bool:
+    """Whether the camera stands where `fit` put it: nobody has moved it since."""
+    position, _ = _stand_for(bounds, pixels)
+    return np.allclose(client.camera.position, position, atol=1e-2)
 
 
 def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:
@@ -97,3 +99,13 @@ def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:
     """
     starts = (stand(one, INITIAL_ASPECT)[0] for one in (bounds, UNKNOWN_MAP))
     return any(np.allclose(client.camera.position, start, atol=1e-3) for start in starts)
+
+
+def _stand_for(
+    bounds: Bounds, pixels: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    width, height = pixels
+    if is_narrow(width, height):
+        x0, y0, x1, y1 = bounds
+        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
+    return stand(bounds, width / height)

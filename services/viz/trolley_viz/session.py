@@ -9,7 +9,6 @@ import viser
 from trolley import topics
 from trolley.messages import SuspectLine
 from trolley.runtime.service import Service
-from trolley_viz import camera
 from trolley_viz.actions import Actions
 from trolley_viz.aiming import Aiming
 from trolley_viz.drags import Drags
@@ -24,15 +23,15 @@ from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
 from trolley_viz.scene.axes import FrameAxes
 from trolley_viz.scene.errands import Pins
-from trolley_viz.scene.ground import map_bounds
 from trolley_viz.scene.icons import Icons
 from trolley_viz.scene.layer import View
-from trolley_viz.scene.names import Eye, Names
+from trolley_viz.scene.names import Names
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT, shown_layers
 from trolley_viz.server import configure_look
 from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
+from trolley_viz.sight import Sight
 from trolley_viz.stage import Stage
 from trolley_viz.stopping import StopPresses
 from trolley_viz.visitors import Visitor
@@ -40,8 +39,6 @@ from trolley_viz.words import Tone, goal_name
 
 FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""
-SETTLE_NS = 2_000_000_000
-SAME_ASPECT = 0.03
 NOTICE_S: dict[Tone, float] = {"good": 4.0, "busy": 4.0, "idle": 5.0, "warn": 8.0, "bad": 8.0}
 MAX_NOTICES = 2
 """They lie over the map."""
@@ -125,13 +122,6 @@ class Session:
         self._hub = hub
         self._choices = choices
         self._robot = choices.robot or hub.robots.own
-        self._fitted = ""
-        """The map that the camera was last moved for, and the pixels there were then."""
-        self._pixels = (1, 1)
-        self._is_at_start = False
-        """Whether it was moved to where every page begins anyway."""
-        self._settled_ns: int | None = None
-        """When to see whether the page is laid out as it was thought to be [ns]."""
         self._notices: list[viser.NotificationHandle] = []
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
@@ -165,8 +155,7 @@ class Session:
         self._pins = Pins(client.scene)
         self._icons = Icons(client.scene)
         self._names = Names(client.scene)
-        self.picture_size: tuple[float, float] | None = None
-        """Width and height of the picture [px of the page], once the page has told."""
+        self._sight = Sight(client)
         self.console = Console(client.gui, self)
 
     # What the panels read.
@@ -271,6 +260,10 @@ class Session:
             dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
             self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
 
+    def resized(self, size: tuple[float, float]) -> None:
+        """Take note of the width and height of the picture [px of the page]."""
+        self._sight.resized(size, self._hub.monotonic_ns)
+
     def remember_folder(self, title: str, *, is_open: bool) -> None:
         """Take note that its person opened or closed a folder, and remember it."""
         folder = self._folders.get(title)
@@ -286,9 +279,7 @@ class Session:
 
     def fit_view(self) -> None:
         """Show the whole map."""
-        bounds = map_bounds(self.view)
-        if bounds is not None:
-            camera.fit(self.client, bounds, camera.seen_pixels(self.client))
+        self._sight.fit(self.view)
 
     # What the service asks for.
     def update_scene(self, robots: Set[str]) -> None:
@@ -313,7 +304,7 @@ class Session:
         self.zones.update()
         self.suspects.update(self.view, self._choices.dismissed, is_shown=layers["zones"])
         self._axes.draw(self.view.placement, self.frames_on())
-        self._fit_new()
+        self._sight.update(self.view, self._robot)
 
     def put_tools_away(self) -> None:
         """End what somebody began to point at or to draw."""
@@ -333,13 +324,12 @@ class Session:
 
     def _show_names(self, *, is_on: bool) -> None:
         """Write the names of the places, as many as there is room for."""
-        camera, view = self.client.camera, self.view
+        view = self.view
         goal = view.feeds.latest(topics.GOAL)
-        size = self.picture_size or (camera.image_width, camera.image_height)
         self._names.show(
             place_names(view) if is_on else [],
             "" if goal is None else goal_name(goal, current_places(view)),
-            Eye(camera.position, camera.wxyz, camera.fov, size),
+            self._sight.eye,
         )
 
     def _map_name(self) -> str:
@@ -362,31 +352,3 @@ class Session:
             frames[below] = self.client.scene.add_frame(path, show_axes=False, visible=is_on)
         elif frames[below].visible != is_on:
             frames[below].visible = is_on
-
-    def _fit_new(self) -> None:
-        """Move the camera to a map that is new to it, and again where the page undoes that."""
-        view = self.view
-        if view.map is None:
-            return
-        fitted = f"{self._robot}/{view.map.name}"
-        is_new = self._fitted != fitted
-        if not is_new and self._settled_ns is None:
-            return  # as nearly always: the bounds of a large map take a while
-        bounds = map_bounds(view)
-        if bounds is None or not (is_new or self._is_to_fit_again(view.now_ns, bounds)):
-            return
-        self._pixels = camera.seen_pixels(self.client, is_new=not self._fitted)
-        self._settled_ns = view.now_ns + SETTLE_NS
-        camera.fit(self.client, bounds, self._pixels)
-        self._is_at_start = camera.was_reset(self.client, bounds)
-        self._fitted = fitted
-
-    def _is_to_fit_again(self, now_ns: int, bounds: camera.Bounds) -> bool:
-        """Whether the page took the camera back, or turned out to be laid out otherwise."""
-        if not self._is_at_start and camera.was_reset(self.client, bounds):
-            return True
-        if self._settled_ns is None or now_ns < self._settled_ns:
-            return False
-        self._settled_ns = None
-        width, height = camera.seen_pixels(self.client)
-        return abs(width / height - self._pixels[0] / self._pixels[1]) > SAME_ASPECT

@@ -91,9 +91,36 @@ def test_a_view_that_is_where_every_page_begins_is_left_alone(stage: "Stage") ->
     stage.session.fit_view()
     stage.runtime.run(3.0)
     fits: list[object] = []
-    stage.session.client = SimpleNamespace(camera=browser.camera, atomic=lambda: fits.append(1))  # type: ignore[assignment]
+    watched = SimpleNamespace(camera=browser.camera, atomic=lambda: fits.append(1))
+    stage.session._sight._client = watched  # type: ignore[assignment]
     stage.runtime.run(3.0)
     assert fits == []
+
+
+def test_the_map_fits_a_picture_that_turns_unless_somebody_looks_elsewhere(stage: "Stage") -> None:
+    browser, session = stage.browse(), stage.session
+    stage.runtime.run(5.0)
+    wide = browser.camera.position
+    session.resized((390.0, 844.0))
+    stage.runtime.run(5.0)
+    high = browser.camera.position
+    assert high[2] > wide[2] + 1.0
+    browser.camera.position = high + 1.0
+    session.resized((844.0, 390.0))
+    stage.runtime.run(5.0)
+    assert browser.camera.position == pytest.approx(high + 1.0)
+
+
+def test_a_page_that_starts_very_slowly_is_looked_after_once_it_speaks(stage: "Stage") -> None:
+    browser, session = stage.browse(), stage.session
+    stage.runtime.run(5.0)
+    fitted = browser.camera.position
+    bounds = map_bounds(session.view)
+    assert bounds is not None
+    browser.camera.position, _ = stand(bounds, INITIAL_ASPECT)
+    session.resized((1200.0, 800.0))
+    stage.runtime.run(5.0)
+    assert browser.camera.position == pytest.approx(fitted, abs=0.5)
 
 
 def test_a_page_that_starts_slowly_sees_the_map_all_the_same(stage: "Stage") -> None:
@@ -127,7 +154,7 @@ def test_the_bounds_of_the_map_are_not_looked_for_for_ever(
         looked.append(stage.viz.monotonic_ns)
         return map_bounds(view)
 
-    monkeypatch.setattr("trolley_viz.session.map_bounds", counted)
+    monkeypatch.setattr("trolley_viz.sight.map_bounds", counted)
     stage.browse()
     stage.runtime.run(10.0)
     settled = len(looked)

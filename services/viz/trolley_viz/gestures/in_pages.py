@@ -31,9 +31,6 @@ class Gesture(Struct, frozen=True, kw_only=True):
 class Page(Protocol):
     """The session of a browser, as far as it is told of gestures."""
 
-    picture_size: tuple[float, float] | None
-    """Width and height of its picture [px], None until it is told."""
-
     @property
     def may_drive(self) -> bool:
         """Whether its person may do more than look."""
@@ -41,6 +38,10 @@ class Page(Protocol):
 
     drags: Drags
     """The drags on its map."""
+
+    def resized(self, size: tuple[float, float]) -> None:
+        """Take note of the width and height of the picture [px]."""
+        ...
 
     def remember_folder(self, title: str, *, is_open: bool) -> None:
         """Keep whether a folder is open."""
@@ -68,6 +69,6 @@ class Gestures:
         elif gesture.cancelled:
             page.drags.cancelled()
         elif gesture.size is not None:
-            page.picture_size = gesture.size
+            page.resized(gesture.size)
         elif gesture.folder:
             page.remember_folder(gesture.folder, is_open=gesture.is_open)
