@@ -32,7 +32,7 @@ from trolley.messages import Tour
 from trolley.messages.asking import StartTour
 from trolley.messages.touring import Stop
 from trolley.runtime.bus import Sample
-from trolley.runtime.zenoh_bus import open_bus, router_config
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus, router_config
 from trolley.topics import Qos
 
 VIEWER = ("robot", "clock", "pose", "odom", "base", "goal", "path", "trajectory", "tour")
@@ -103,7 +103,7 @@ def be_robots(port: int, first: int, count: int, traffic: Traffic, hears: bool) 
     threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
     sent = heard = 0
     with ExitStack() as stack:
-        due: list[tuple[float, float, zenoh.Session, str, bytes]] = []
+        due: list[tuple[float, float, ZenohBus, str, bytes]] = []
 
         def hear(_: Sample) -> None:
             nonlocal heard
