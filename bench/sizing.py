@@ -17,7 +17,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -32,7 +32,7 @@ from trolley.messages import Tour
 from trolley.messages.asking import StartTour
 from trolley.messages.touring import Stop
 from trolley.runtime.bus import Sample
-from trolley.runtime.zenoh_bus import open_bus, router_config
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus, router_config
 from trolley.topics import Qos
 
 VIEWER = ("robot", "clock", "pose", "odom", "base", "goal", "path", "trajectory", "tour")
@@ -97,17 +97,21 @@ def be_router(port: int, uplink: Sequence[str], rates: dict[str, float]) -> None
         sys.stdin.read()
 
 
+def tell(counts: dict[str, int]) -> None:
+    """Print what was counted so far for every line on stdin, until it ends."""
+    for _ in sys.stdin:
+        print(json.dumps(counts), flush=True)
+
+
 def be_robots(port: int, first: int, count: int, traffic: Traffic, hears: bool) -> None:
-    """Publish what so many robots publish until stdin ends; print how much that was."""
-    stop = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
-    sent = heard = 0
+    """Publish what so many robots publish until stdin ends, and count it."""
+    stop, counts = threading.Event(), {"sent": 0, "heard": 0}
+    threading.Thread(target=lambda: (tell(counts), stop.set()), daemon=True).start()
     with ExitStack() as stack:
-        due: list[tuple[float, float, zenoh.Session, str, bytes]] = []
+        due: list[tuple[float, float, ZenohBus, str, bytes]] = []
 
         def hear(_: Sample) -> None:
-            nonlocal heard
-            heard += 1
+            counts["heard"] += 1
 
         for robot in range(first, first + count):
             bus = stack.enter_context(open_bus([f"tcp/127.0.0.1:{port}"], 60.0))
@@ -125,20 +129,18 @@ def be_robots(port: int, first: int, count: int, traffic: Traffic, hears: bool) 
             for index, (_, period_s, bus, key, payload) in enumerate(due):
                 if next_s[index] <= now_s:
                     bus.put(key, payload, "application/msgpack", Qos.SENSOR)
-                    sent += 1
+                    counts["sent"] += 1
                     # Who has no time for all of them sends fewer, as a robot does.
                     next_s[index] = max(next_s[index] + period_s, now_s)
             time.sleep(0.005)
-    print(json.dumps({"sent": sent, "heard": heard}), flush=True)
 
 
 def be_viewer(port: int) -> None:
-    """Hear what a viewer hears until stdin ends; print how much that was."""
-    heard = 0
+    """Hear what a viewer hears until stdin ends, and count it."""
+    counts = {"heard": 0}
 
     def hear(_: Sample) -> None:
-        nonlocal heard
-        heard += 1
+        counts["heard"] += 1
 
     with open_bus([f"tcp/127.0.0.1:{port}"], 60.0) as bus:
         for name in VIEWER:
@@ -146,8 +148,7 @@ def be_viewer(port: int) -> None:
         for name in WATCHED:
             bus.subscribe(f"trolley/robot0/{name}", hear)
         print("ready", flush=True)
-        sys.stdin.read()
-    print(json.dumps({"heard": heard}), flush=True)
+        tell(counts)
 
 
 class Child:
@@ -171,10 +172,16 @@ class Child:
         fields = stat.rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / CLOCK_TICKS
 
-    def end(self) -> dict[str, int]:
-        """End it; return what it counted."""
-        said, _ = self._process.communicate(timeout=120.0)
-        return json.loads(said) if said.strip() else {}
+    def counts(self) -> Counter[str]:
+        """What it has counted so far."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        print(file=self._process.stdin, flush=True)
+        return Counter(json.loads(self._process.stdout.readline()))
+
+    def end(self) -> None:
+        """End it."""
+        self._process.communicate(timeout=120.0)
 
 
 def measure(count: int, traffic: Traffic, variant: str, port: int, seconds: float) -> list[str]:
@@ -201,14 +208,15 @@ def measure(count: int, traffic: Traffic, variant: str, port: int, seconds: floa
     ]  # fmt: skip
     for each in robots:
         each.wait_ready()
+    before, seen_before = sum((one.counts() for one in robots), Counter[str]()), viewer.counts()
     before_s, began = home.cpu_s(), time.monotonic()
     time.sleep(seconds)
     used_s, lasted_s = home.cpu_s() - before_s, time.monotonic() - began
-    counted = [each.end() for each in robots]
-    seen = viewer.end()["heard"]
-    for router in (*leaves, home):
-        router.end()
-    sent, heard = (sum(one[key] for one in counted) for key in ("sent", "heard"))
+    counted = sum((one.counts() for one in robots), Counter[str]()) - before
+    seen = (viewer.counts() - seen_before)["heard"]
+    for child in (*robots, viewer, *leaves, home):
+        child.end()
+    sent, heard = counted["sent"], counted["heard"]
     wanted = count * sum(rate for rate, _ in traffic.values())
     share = min(1.0, sent / (wanted * lasted_s))
     return [

@@ -44,7 +44,7 @@ def test_who_stands_meets_nobody_and_nobody_is_met_where_there_is_none() -> None
 def test_what_counts_is_where_both_will_be_then() -> None:
     crossing, turned = track(0.5, -0.5, vy=0.5), (1.0, 0.0)
     # After a second it is right before the robot that went on, and far from one that did not.
-    near = company_of_robots(crossing, WALKED, (0.5, 0.0), turned, 0.5, 1.0)
+    near = company_of_robots(crossing, WALKED, (0.3, 0.0), turned, 0.5, 1.0)
     away = company_of_robots(crossing, WALKED, (-0.5, 0.0), turned, 0.5, 1.0)
     assert math.isinf(near)
     assert away == 0.0

@@ -101,12 +101,14 @@ def _reachable(
     step = max(1, round(STEP_M / costmap.resolution_m))
     edge_m = step * costmap.resolution_m
     free = costmap.weights[step // 2 :: step, step // 2 :: step] != LETHAL
-    rows, cols = free.shape
+    rows, cols = free.shape[0], free.shape[1]
+    columns = np.arange(cols, dtype=np.float64)[None, :]
+    lines = np.arange(rows, dtype=np.float64)[:, None]
     for other in others:
         near = radius_m + other.radius_m
         away = np.hypot(
-            (np.arange(cols)[None, :] + 0.5) * edge_m - other.pose.x,
-            (np.arange(rows)[:, None] + 0.5) * edge_m - other.pose.y,
+            (columns + 0.5) * edge_m - other.pose.x,
+            (lines + 0.5) * edge_m - other.pose.y,
         )
         free &= away > 0.7 * near
     start = int(here.x / edge_m), int(here.y / edge_m)

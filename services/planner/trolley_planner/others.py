@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley import codes
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Path, PoseEstimate, Robot
 from trolley.messages.types import floats_from_bytes
@@ -20,7 +21,9 @@ from trolley_planner.kernels.walkers import ROBOT_DT_S
 from trolley_planner.path import SPACING_M
 
 MOST_ROBOTS = 32
-"""Of more robots nothing is remembered."""
+"""Of more robots nothing is remembered,"""
+FORGET_NS = 60_000_000_000
+"""but for one that has been silent for so long another one is."""
 SILENT_S = 1.5
 """Who has not said for so long where it is does not count."""
 TRACK_SILENT_S = 0.6
@@ -37,7 +40,6 @@ MOST_POINTS = 20_000
 """Longer paths are not read."""
 MOST_DISCS = 4
 """A robot's outline is taken for up to so many discs in a row."""
-REASON_WAITING = "waiting"
 
 Floats = NDArray[np.float64]
 NO_POINTS: Floats = np.empty((0, 2))
@@ -108,7 +110,7 @@ class Others:
         heard = self._of(name)
         if heard is not None:
             heard.is_going = goal.state in ACTIVE and goal.state != "paused"
-            heard.is_waiting = goal.reason == REASON_WAITING
+            heard.is_waiting = goal.reason == codes.WAITING
 
     def hear_path(self, path: Path, name: str) -> None:
         """Take the way to a robot's goal."""
@@ -150,6 +152,11 @@ class Others:
         if name == self.own_name:
             return None
         heard = self._heard.get(name)
+        if heard is None and len(self._heard) >= MOST_ROBOTS:
+            last_ns = {other: known.pose_ns for other, known in self._heard.items()}
+            oldest = min(last_ns, key=lambda other: last_ns[other])
+            if max(last_ns.values()) - last_ns[oldest] > FORGET_NS:
+                del self._heard[oldest]
         if heard is None and len(self._heard) < MOST_ROBOTS:
             heard = self._heard[name] = _Heard()
         return heard

@@ -38,7 +38,7 @@ def test_each_has_its_own_keys_state_and_requests_and_hears_the_others(tmp_path:
     with Lockstep("one", state=tmp_path) as lockstep:
         one, two = lockstep.add(Base()), lockstep.add(Base(), "two")
         said = lockstep.record(topics.BASE, robot="two")
-        lockstep.run(0.5)
+        lockstep.run(1.5)
         assert set(one.heard) == set(two.heard) == {("one", "one"), ("two", "two")}
         assert {state.message for state in said} == {"two"}
         assert lockstep.ask(requests.BASE_STOP).message == "one"

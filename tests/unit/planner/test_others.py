@@ -96,6 +96,10 @@ def test_no_more_robots_are_remembered_than_live_in_a_house(others: Others) -> N
     for index in range(10 * MOST_ROBOTS):
         others.hear_pose(estimate(1.0), f"r{index}", SECOND_NS)
     assert len(others.present("room", SECOND_NS)) == MOST_ROBOTS
+    # Those that fell silent make room for new ones.
+    others.hear_pose(estimate(1.0), "b", 100 * SECOND_NS)
+    others.hear_pose(estimate(1.0), "new", 100 * SECOND_NS)
+    assert [one.name for one in others.present("room", 100 * SECOND_NS)] == ["b", "new"]
 
 
 def test_discs_hold_the_outline() -> None:

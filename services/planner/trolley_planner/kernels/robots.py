@@ -18,6 +18,7 @@ from trolley_planner.kernels.walkers import (
     ROBOT_DT_S,
     STANDS_MPS,
     SURE_S,
+    company,
     disc_gap,
     is_to_blame,
 )
@@ -61,6 +62,30 @@ def company_of_robots(
         nearest = min(nearest, gap)
     near = min(1.0 - nearest / NEAR_M, FARTHEST)
     return near * near
+
+
+@kernel
+def company_of_all(
+    walkers: NDArray[np.float64],
+    robots: NDArray[np.float64],
+    body: tuple[NDArray[np.float64], float, float],
+    then: tuple[tuple[float, float], tuple[float, float], float],
+    v: float,
+) -> float:
+    """Return how near a moving robot is to who walks and to other robots, as `company`.
+
+    Args:
+        walkers: (n, 5) see `Field.walkers`.
+        robots: (n, steps, 3) see `Field.robots`.
+        body: points of the outline (n, 2), inscribed and circumscribed radius.
+        then: place, cosine and sine of the heading, and the time from now [s].
+        v: its speed.
+    """
+    place, turned, time_s = then
+    near = company(walkers, body, place, turned, v, time_s)
+    if robots.shape[0] > 0:
+        near += company_of_robots(robots, body, place, turned, v, time_s)
+    return near
 
 
 @kernel

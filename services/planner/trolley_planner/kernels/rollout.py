@@ -18,8 +18,7 @@ from trolley_planner.kernels.clearance import (
     clearance_turned,
     outline_clearance,
 )
-from trolley_planner.kernels.robots import company_of_robots
-from trolley_planner.kernels.walkers import company
+from trolley_planner.kernels.robots import company_of_all
 
 
 class Limits(NamedTuple):
@@ -289,11 +288,9 @@ def rollout(
             face = (cos * scale, sin * scale)
             clearance = outline_clearance(distance_m, outline, cells, face, half)
         clearance, near = min(clearance, enough), 0.0
-        if walkers.shape[0] > 0:
-            near = company(walkers, walked, (x, y), (cos, sin), v, (step + 1) * limits.dt)
-        if robots.shape[0] > 0:
-            time_s = (step + 1) * limits.dt
-            near += company_of_robots(robots, walked, (x, y), (cos, sin), v, time_s)
+        if walkers.shape[0] + robots.shape[0] > 0:
+            then = (x, y), (cos, sin), (step + 1) * limits.dt
+            near = company_of_all(walkers, robots, walked, then, v)
         if clearance < floor or near == math.inf:
             return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
         price += prices.company * near * limits.dt
