@@ -143,7 +143,8 @@ def flood_driving(rig: Rig) -> list[Outcome]:
                 rig.wait(lambda at=began_s: rig.stood_after(at) is not None, 10.0, "it stands")
                 outcome.stood_s = rig.stood_after(began_s)
             if delay is None or delay > ANSWERED_WITHIN_S:
-                outcome.wrong.append(f"stop answered after {delay} s")
+                late = "not answered" if delay is None else f"answered after {delay:.1f} s"
+                outcome.wrong.append(f"stop {late}")
             if outcome.stood_s is not None and outcome.stood_s > COMMAND_LOST_S + GRAIN_S:
                 outcome.wrong.append(f"stood only after {outcome.stood_s:.2f} s")
             _stand(rig)
@@ -151,9 +152,12 @@ def flood_driving(rig: Rig) -> list[Outcome]:
             _drive_again(rig)
             outcome.back_s = time.monotonic() - resumed_s
             outcome.lost = [one for one in lost(before, rig.saved()) if name[4:9] not in one]
-            answered = "not" if delay is None else f"after {1000 * delay:.0f} ms"
-            rate = flood.sent / 4 / FLOOD_S
-            outcome.happened = f"{rate:.0f}/s from each got out; the stop was answered {answered}"
+            answered = (
+                "the stop was not answered"
+                if delay is None
+                else f"the stop was answered after {1000 * delay:.0f} ms"
+            )
+            outcome.happened = f"{flood.sent / 4 / FLOOD_S:.0f}/s from each got out; {answered}"
         except Missing as missing:
             outcome.wrong.append(f"{missing} ({describe(rig)})")
     return outcomes
