@@ -55,7 +55,7 @@ class Fault:
     Attributes:
         name: of the row.
         happens: what comes of it, in words.
-        apply: breaks it.
+        apply: breaks it, and may return when that came about (local monotonic time) [s].
         undo: mends it again, None: it mends itself.
         lasts_s: between the two [s].
         stands_s: the robot must stand so long after `apply` [s]; None: it may drive on.
@@ -65,7 +65,7 @@ class Fault:
 
     name: str
     happens: str
-    apply: Callable[[Rig], None]
+    apply: Callable[[Rig], float | None]
     undo: Callable[[Rig], None] | None = None
     lasts_s: float = 0.0
     stands_s: float | None = None
@@ -88,7 +88,7 @@ def _disturb(rig: Rig, fault: Fault, outcome: Outcome) -> None:
     before, collisions = rig.saved(), rig.collisions
     restarts = rig.restarts
     began_s = time.monotonic()
-    fault.apply(rig)
+    began_s = fault.apply(rig) or began_s
     if fault.stands_s is not None:
         limit_s = fault.stands_s + GRAIN_S
         rig.wait(lambda: rig.stood_after(began_s) is not None, 10.0, "the robot stands")
@@ -142,7 +142,7 @@ def _back(rig: Rig) -> None:
     rig.start_router()
 
 
-_HOW_IT_STANDS = {
+HOW_IT_STANDS = {
     "base": ("the board stops by itself; the trip waits for a person", COMMAND_LOST_S, True),
     "localizer": ("the planner stops without a pose; the trip goes on", POSE_LOST_S, False),
     "planner": ("base holds without commands; the trip goes on", COMMAND_LOST_S, False),
@@ -154,7 +154,7 @@ _HOW_IT_STANDS = {
 
 def _killed() -> list[Fault]:
     faults: list[Fault] = []
-    for service, (happens, stands_s, asks) in _HOW_IT_STANDS.items():
+    for service, (happens, stands_s, asks) in HOW_IT_STANDS.items():
         if service == "router":
             continue
         apply = _signal(service, signal.SIGKILL)
@@ -165,7 +165,7 @@ def _killed() -> list[Fault]:
 def _frozen() -> list[Fault]:
     """SIGSTOP for 4 s, which everything survives, and for good, which the watchdog ends."""
     faults: list[Fault] = []
-    for service, (happens, stands_s, asks) in _HOW_IT_STANDS.items():
+    for service, (happens, stands_s, asks) in HOW_IT_STANDS.items():
         stop, go = _signal(service, signal.SIGSTOP), _signal(service, signal.SIGCONT)
         # A base that was away for a while comes back in the same run: the goal goes on.
         faults.append(
@@ -188,7 +188,7 @@ def _frozen() -> list[Fault]:
 
 
 def _without_router() -> list[Fault]:
-    happens, stands_s, _ = _HOW_IT_STANDS["router"]
+    happens, stands_s, _ = HOW_IT_STANDS["router"]
     return [
         Fault(f"router gone for {seconds:g} s", happens, _gone, _back, seconds, stands_s)
         for seconds in (1.0, 5.0, 30.0)

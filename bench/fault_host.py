@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from drives import KITCHEN
-from fault_cases import COMMAND_LOST_S, GRAIN_S, Fault, Outcome, disturb
+from fault_cases import COMMAND_LOST_S, GRAIN_S, HOW_IT_STANDS, Fault, Outcome, disturb
 from fault_messages import ANSWERED_WITHIN_S
 from fault_rig import ROBOT, Missing, Rig, describe
 from fault_saved import lost
@@ -118,7 +118,7 @@ def _on_bad_disk(
     )
     for request, thing in things:
         try:
-            rig.ask(request, thing)
+            rig.ask(request, thing)  # pyright: ignore[reportArgumentType]
             saving.wrong.append(f"{request.name} was answered as if it were saved")
         except Refused as refused:
             if refused.code != codes.NOT_SAVED:
@@ -128,7 +128,13 @@ def _on_bad_disk(
     killed = [
         disturb(
             rig,
-            Fault(f"{name}: kill -9 of {one}", "comes back with all it had", kill, restarts=one),
+            Fault(
+                f"{name}: kill -9 of {one}",
+                "comes back with all it had",
+                kill,
+                stands_s=HOW_IT_STANDS[one][1],
+                restarts=one,
+            ),
         )
         for one in ("localizer", "tour", "planner")
         for kill in (partial(_kill, one),)
@@ -264,7 +270,7 @@ def _ignore(_: object) -> None:
     """An answer that nobody waits for."""
 
 
-def _starve(service: str, rig: Rig) -> None:
+def _starve(service: str, rig: Rig) -> float:
     """Let a service get no more memory than it has."""
     pid = rig.pid(service)
     group = CGROUP / f"trolley-faults-{os.getpid()}-{service}"
@@ -283,30 +289,29 @@ def _starve(service: str, rig: Rig) -> None:
             rig.connection.bus.get(
                 BALLAST[service].key(ROBOT), bytes(BALLAST_BYTES), "", 1.0, _ignore, lambda: None
             )
-        time.sleep(0.5)
+        end_s = time.monotonic() + 0.5
+        while time.monotonic() < end_s and Path(f"/proc/{pid}").exists():
+            time.sleep(0.01)
         return not Path(f"/proc/{pid}").exists()
 
     rig.wait(has_ended, 60.0, f"{service} ends for want of memory")
+    ended_s = time.monotonic()
     with contextlib.suppress(OSError):
         group.rmdir()
+    return ended_s
 
 
 def starving() -> list[Fault]:
     """Each service without memory, as `MemoryMax` of its unit does it."""
-    happens = {
-        "base": ("is ended and started again; the trip waits for a person", None, True),
-        "localizer": ("is ended and started again; the trip goes on", None, False),
-        "planner": ("is ended and started again; the trip goes on", None, False),
-        "tour": ("is ended and started again; the trip is taken up", None, False),
-    }
     return [
         Fault(
             f"{service} out of memory",
-            words,
+            f"is ended and started again; {words}",
             partial(_starve, service),
-            stands_s=stands,
+            stands_s=stands_s,
             asks=asks,
             restarts=service,
         )
-        for service, (words, stands, asks) in happens.items()
+        for service, (words, stands_s, asks) in HOW_IT_STANDS.items()
+        if service in BALLAST
     ]

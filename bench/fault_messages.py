@@ -25,6 +25,7 @@ RATE = 10_000
 FLOOD_S = 3.0
 # A stop is answered within this time whatever else is going on [s].
 ANSWERED_WITHIN_S = 1.0
+PATIENCE_S = 30.0
 # The ones that a flood could hurt most: while the robot drives, by four clients at once.
 DRIVING_KEYS = (
     "cmd_vel/planner",
@@ -142,7 +143,8 @@ def flood_driving(rig: Rig) -> list[Outcome]:
                 rig.wait(lambda at=began_s: rig.stood_after(at) is not None, 10.0, "it stands")
                 outcome.stood_s = rig.stood_after(began_s)
             if delay is None or delay > ANSWERED_WITHIN_S:
-                outcome.wrong.append(f"stop answered after {delay} s")
+                late = "not answered" if delay is None else f"answered after {delay:.1f} s"
+                outcome.wrong.append(f"stop {late}")
             if outcome.stood_s is not None and outcome.stood_s > COMMAND_LOST_S + GRAIN_S:
                 outcome.wrong.append(f"stood only after {outcome.stood_s:.2f} s")
             _stand(rig)
@@ -150,9 +152,12 @@ def flood_driving(rig: Rig) -> list[Outcome]:
             _drive_again(rig)
             outcome.back_s = time.monotonic() - resumed_s
             outcome.lost = [one for one in lost(before, rig.saved()) if name[4:9] not in one]
-            answered = "not" if delay is None else f"after {1000 * delay:.0f} ms"
-            rate = flood.sent / 4 / FLOOD_S
-            outcome.happened = f"{rate:.0f}/s from each got out; the stop was answered {answered}"
+            answered = (
+                "the stop was not answered"
+                if delay is None
+                else f"the stop was answered after {1000 * delay:.0f} ms"
+            )
+            outcome.happened = f"{flood.sent / 4 / FLOOD_S:.0f}/s from each got out; {answered}"
         except Missing as missing:
             outcome.wrong.append(f"{missing} ({describe(rig)})")
     return outcomes
@@ -183,12 +188,22 @@ def oversized(rig: Rig) -> list[Outcome]:
     _stand(rig)
     before, restarts, began_s = rig.saved(), rig.restarts, time.monotonic()
     huge = b'{"name": "' + b"a" * HUGE_BYTES + b'"}'
+    num_asked = num_refused = 0
     for target in targets(ROBOT):
         if target.is_request:
-            _expect_refusal(rig, target, "100 MB", huge, outcome)
+            # The sender's own link may break under it: then there is no answer.
+            replies = _get(rig, target.key, huge)
+            num_asked += 1
+            num_refused += bool(replies) and replies[0].is_error
+            if replies and not replies[0].is_error and not target.always:
+                outcome.wrong.append(f"{target.key} took 100 MB")
         else:
             rig.connection.bus.put(target.key, huge, "", Qos.STATE)
     _see_that_nothing_happened(rig, before, restarts, began_s, outcome)
+    outcome.happened = (
+        f"dropped and counted; {num_refused} of {num_asked} requests were refused, "
+        "the others broke the sender's own link or were a stop, which is obeyed"
+    )
     return [outcome]
 
 
@@ -207,13 +222,17 @@ def _expect_refusal(rig: Rig, target: Target, what: str, payload: bytes, outcome
 def _get(rig: Rig, key: str, payload: bytes) -> list[Reply]:
     replies: list[Reply] = []
     done = threading.Event()
-    rig.connection.bus.get(key, payload, "", 5.0, replies.append, done.set)
-    done.wait(8.0)
+    # 100 MB take a while to get there.
+    rig.connection.bus.get(key, payload, "", PATIENCE_S, replies.append, done.set)
+    done.wait(PATIENCE_S + 2.0)
     return replies
 
 
 def _code(reply: Reply) -> str:
-    return codec.decode(ErrorReply, reply.payload, reply.encoding).code
+    try:
+        return codec.decode(ErrorReply, reply.payload, reply.encoding).code
+    except codec.BadPayload:  # the network itself says that nobody answered
+        return reply.payload.decode(errors="replace")
 
 
 def _see_that_nothing_happened(

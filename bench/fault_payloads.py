@@ -90,7 +90,7 @@ def _value(shape: inspect.Type) -> Any:
         case inspect.IntType():
             return max(int(shape.ge or 0), 0)
         case inspect.FloatType():
-            return float(shape.ge if shape.ge is not None else (shape.gt or 0.0) + 0.1)
+            return max(float(shape.ge or 0.0), 0.1)
         case inspect.StrType():
             return "08:30" if shape.pattern and "[0-5]" in shape.pattern else "kitchen"
         case inspect.LiteralType():

@@ -22,6 +22,10 @@ MapName = Annotated[str, Meta(pattern=r"\A(?!\.)[A-Za-z0-9_.-]{1,64}\Z")]
 Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 """Columns or rows of a grid: one without any is none."""
 
+Edge = Annotated[float, Meta(ge=1e-4, le=1e3)]
+"""Edge of a cell [m]: between these nothing overflows."""
+MAX_ORIGIN_M = 1e6
+
 ZoneKind = Literal["mirror", "glass", "keepout", "speed"]
 PoseState = Literal["searching", "localized", "unsure", "lost", "mapping"]
 
@@ -37,19 +41,21 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
     stamp_ns: StampNs
     name: str
     frame: str
-    resolution: Positive
+    resolution: Edge
     width: Size
     height: Size
     origin: Pose2D
     cells: memoryview
 
     def __post_init__(self) -> None:
-        """Refuse cells that do not fill width x height."""
+        """Refuse cells that do not fill width x height, and a grid out of this world."""
         if len(self.cells) != self.width * self.height:
             raise ValueError(
                 f"OccupancyGrid.cells: {len(self.cells)} bytes "
                 f"for {self.width} x {self.height} cells"
             )
+        if max(abs(self.origin.x), abs(self.origin.y)) > MAX_ORIGIN_M:
+            raise ValueError(f"OccupancyGrid.origin: more than {MAX_ORIGIN_M:g} m away")
 
 
 class Zone(Struct, frozen=True, kw_only=True):

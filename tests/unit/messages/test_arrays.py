@@ -89,17 +89,42 @@ def test_what_does_not_fit_is_refused(make, told: str):
         make()
 
 
-@pytest.mark.parametrize(("width", "height"), [(0, 0), (0, 3), (3, 0), (-1, -1)])
-def test_a_grid_without_cells_is_refused(width: int, height: int) -> None:
-    grid = OccupancyGrid(
-        stamp_ns=0,
-        name="home",
-        frame="map",
-        resolution=0.1,
-        width=width,
-        height=height,
-        origin=Pose2D.identity(),
-        cells=memoryview(bytes(max(0, width * height))),
-    )
+def small_grid(**changes: object) -> OccupancyGrid:
+    fields = {
+        "stamp_ns": 0,
+        "name": "home",
+        "frame": "map",
+        "resolution": 0.1,
+        "width": 1,
+        "height": 1,
+        "origin": Pose2D.identity(),
+        "cells": memoryview(b"\0"),
+    }
+    return msgspec.structs.replace(OccupancyGrid(**fields), **changes)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_small_grid_is_taken() -> None:
+    assert codec.decode(OccupancyGrid, codec.encode(small_grid(), "msgpack")).width == 1
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"width": 0, "height": 0, "cells": memoryview(b"")},
+        {"width": 0, "cells": memoryview(b"")},
+        {"height": -1, "width": -1},
+        {"resolution": 5e-324},
+        {"resolution": 1e300},
+    ],
+)
+def test_a_grid_that_is_none_is_refused(changes: dict[str, object]) -> None:
+    payload = codec.encode(small_grid(**changes), "msgpack")
     with pytest.raises(codec.BadPayload):
-        codec.decode(OccupancyGrid, codec.encode(grid, "msgpack"))
+        codec.decode(OccupancyGrid, payload)
+
+
+def test_a_grid_out_of_this_world_is_refused() -> None:
+    payload = msgspec.msgpack.decode(codec.encode(small_grid(), "msgpack"))
+    payload["origin"]["x"] = 1e308
+    with pytest.raises(codec.BadPayload, match="origin"):
+        codec.decode(OccupancyGrid, msgspec.msgpack.encode(payload))
