@@ -57,7 +57,9 @@ class TourService(Capturing, Homing):
         if self.is_under_way or (goal is not None and goal.state in ACTIVE):
             return codes.BUSY
         battery = None if base is None else base.battery
-        return codes.CHARGING if battery is not None and battery.charging else ""
+        if battery is not None and battery.charging:
+            return codes.CHARGING
+        return codes.LOW_BATTERY if self._gauge.is_low else ""
 
     # Drawings.
     @on(topics.MARKER)

@@ -7,7 +7,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Battery, SavedPose, Stop, Tour
-from trolley.messages.asking import SendGoal
+from trolley.messages.asking import AskOffer, SendGoal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -239,3 +239,12 @@ def test_a_scheduled_tour_waits_for_a_charged_battery(housed: "Home") -> None:
     live(housed, 5, 0.1)
     assert housed.planner.sent == []
     assert housed.lockstep.counters("tour")["schedule/low_battery"] == 1
+
+
+def test_a_robot_with_a_low_battery_does_not_offer_itself(home: "Home") -> None:
+    live(home, 12, 0.9)
+    offer = home.lockstep.ask(requests.TOUR_OFFER, AskOffer(pose=HOME_POSE))
+    assert (offer.free, offer.reason) == (True, "")
+    live(home, 12, 0.1)
+    offer = home.lockstep.ask(requests.TOUR_OFFER, AskOffer(pose=HOME_POSE))
+    assert (offer.free, offer.reason) == (False, codes.LOW_BATTERY)
