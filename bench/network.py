@@ -108,7 +108,7 @@ class House:
         stack.callback(self.at_home.close)
         self.on_robot = Onlooker(self.wifi.namespace(ROBOT), LOCAL, NAME)
         stack.callback(self.on_robot.close)
-        if self.next_pose(0.0, 90.0) is None:
+        if self.next_pose(0.0, 300.0) is None:
             raise SystemExit(f"the robot did not come up:\n{(folder / 'robot.log').read_text()}")
 
     def start_router(self) -> None:
@@ -287,7 +287,7 @@ def table(rows: list[Row]) -> str:
         "pose is back after",
         "oldest message then",
         "longest silence on the robot",
-        "",
+        "more",
     ]
     lines = [head, ["---"] * len(head), *(row.cells() for row in rows)]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
