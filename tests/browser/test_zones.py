@@ -133,11 +133,11 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     page.get_by_role("button", name="Delete", exact=True).click()
     wait_until(lambda: "Katzenkörbchen" not in zones(shown), 20.0, "the zone is deleted")
     for name in ("Katzenkörbchen", "no-go area 1"):
-        page.get_by_role("button", name="Undo “").click()
+        page.get_by_role("button", name="Undo: ").click()
         wait_until(lambda name=name: name in zones(shown), 20.0, f"{name} is back")
-    page.get_by_role("button", name="Undo “").click()
+    page.get_by_role("button", name="Undo: ").click()
     wait_until(lambda: zones(shown)["no-go area 1"] == before, 20.0, "it is where it was")
-    page.get_by_role("button", name="Undo “").click()
+    page.get_by_role("button", name="Undo: ").click()
     wait_until(lambda: "no-go area 1" not in zones(shown), 20.0, "it is gone")
     assert crosses(way(shown))
 

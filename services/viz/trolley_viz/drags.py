@@ -1,9 +1,10 @@
-"""Drags on the map: which of their ends a person meant.
+"""Drags and clicks on the map: which of their ends a person meant.
 
 viser tells of an end whenever a drag is over: when the pointer is let go, but also when a phone
 takes the touch for itself, when the window loses the focus, when a key changes what is held, and
-when the page is closed. The page's own script (`gestures.js`) says where a pointer was let go, and
-nothing otherwise; an end that it does not speak for moves nothing.
+when the page is closed; a second finger that comes up is a click to it. The page's own script
+(`gestures.js`) says where a pointer was let go, and nothing otherwise; an end or a click that it
+does not speak for moves nothing.
 """
 
 import math
@@ -17,6 +18,8 @@ from trolley_viz.panels.control import Post
 
 WAIT_NS = 2_000_000_000
 """The two ways from the page may differ by so much."""
+CANCELLED_NS = 500_000_000
+"""What ends so soon after something was called off is a part of it."""
 SAME_PLACE = 0.01
 """How far the place that the script tells may be from viser's, as a share of the picture."""
 
@@ -35,7 +38,7 @@ class _End:
 
 
 class Drags:
-    """The drags of one browser, on the service's thread.
+    """The drags and clicks of one browser, on the service's thread.
 
     Args:
         post: hands a call there.
@@ -50,7 +53,7 @@ class Drags:
         self._end: _End | None = None
         self._released: tuple[At, int] | None = None
         """Where a pointer was let go, and until when that is news [ns]."""
-        self._is_cancelled = False
+        self._cancelled_until_ns = 0
 
     def take(
         self,
@@ -68,10 +71,15 @@ class Drags:
         phase, at = event.phase, event.end_screen_pos
         self._post(lambda: self._taken(phase, at, act, cancel))
 
+    def take_click(self, event: viser.SceneNodePointerEvent[Any], act: Callable[[], None]) -> None:
+        """Do what a click asks for; called on the web server's thread."""
+        at = event.screen_pos
+        self._post(lambda: self._ended(at, act, lambda: None))
+
     def released(self, at: At) -> None:
         """Take the script's word that a pointer was let go."""
         end = self._end
-        self._is_cancelled = False
+        self._cancelled_until_ns = 0
         if end is not None and _is_same(at, end.at):
             self._end = None
             end.act()
@@ -80,7 +88,7 @@ class Drags:
 
     def cancelled(self) -> None:
         """Take the script's word that what was pressed was not let go."""
-        self._is_cancelled = self._end is None
+        self._cancelled_until_ns = self._now_ns() + CANCELLED_NS
         self._drop()
 
     def tick(self) -> None:
@@ -93,19 +101,22 @@ class Drags:
         self, phase: str, at: At, act: Callable[[], None], cancel: Callable[[], None]
     ) -> None:
         if phase == "start":
-            self._is_cancelled = False
+            self._cancelled_until_ns = 0
             self._drop()
-        if phase != "end":
+        if phase == "end":
+            self._ended(at, act, cancel)
+        else:
             act()
-            return
+
+    def _ended(self, at: At, act: Callable[[], None], cancel: Callable[[], None]) -> None:
         now_ns, released = self._now_ns(), self._released
-        if self._is_cancelled:
-            self._is_cancelled = False
+        if now_ns < self._cancelled_until_ns:
             cancel()
         elif released is not None and now_ns < released[1] and _is_same(at, released[0]):
             self._released = None
             act()
         else:
+            self._drop()
             self._end = _End(at, act, cancel, now_ns + WAIT_NS)
 
     def _drop(self) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 import viser
 
 from trolley_viz.drags import Drags
-from trolley_viz.panels.control import Post
 from trolley_viz.shapes import meet_floor
 
 FLOOR_HALF_SIZE_M = 500.0
@@ -49,13 +48,11 @@ class Pointing:
 
     Args:
         client: the browser.
-        post: hands a call to the service's thread.
         drags: tells which ends of drags are meant.
     """
 
-    def __init__(self, client: viser.ClientHandle, post: Post, drags: Drags) -> None:
+    def __init__(self, client: viser.ClientHandle, drags: Drags) -> None:
         self._client = client
-        self._post = post
         self._drags = drags
         self._plane: viser.MeshHandle | None = None
         self._arrow: viser.ArrowsHandle | None = None
@@ -79,7 +76,7 @@ class Pointing:
         async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
             met = meet_floor(event.ray_origin, event.ray_direction)
             if met is not None:
-                self._post(lambda: self._dragged(tool, Pointed(*met), "end"))
+                self._drags.take_click(event, lambda: self._dragged(tool, Pointed(*met), "end"))
 
         plane.on_drag("left")(drag)
         plane.on_click(click)

@@ -126,16 +126,15 @@ class Session:
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
-        post = self._post_while_open
-        self.drags = Drags(post, lambda: hub.monotonic_ns, self._tell_unheard)
-        self.pointing = Pointing(client, post, self.drags)
+        self.drags = Drags(self._post_while_open, lambda: hub.monotonic_ns, self._tell_unheard)
+        self.pointing = Pointing(client, self.drags)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
         self.places = PlaceActions(self.actions, self.aiming, lambda: self.view)
         self.zones = ZoneEditor(
-            Board(client, post, self.drags),
+            Board(client, self.drags),
             ZoneWishes(
                 service,
                 lambda: self._robot,

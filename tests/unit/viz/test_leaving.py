@@ -1,8 +1,10 @@
 """What is dragged and not let go of: the page goes, or says that it was not meant."""
 
+import asyncio
 import socket
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -137,7 +139,7 @@ def test_no_goal_is_sent_when_the_phone_takes_the_touch(
     page.wait(lambda: session.pointing._arrow is not None)
     if is_word_first:
         page.tell(cancelled=True)
-        page.wait(lambda: session.drags._is_cancelled)
+        page.wait(lambda: session.drags._cancelled_until_ns > 0)
         page.end_drag("/pointing")
     else:
         page.end_drag("/pointing")
@@ -145,9 +147,18 @@ def test_no_goal_is_sent_when_the_phone_takes_the_touch(
         page.tell(cancelled=True)
     page.wait(lambda: session.pointing._arrow is not None and not session.pointing._arrow.visible)
     assert session.aiming.hint == GOAL_HINT
+    # A second finger that comes up is a click.
+    click: Any = SimpleNamespace(ray_origin=(0, 0, 2), ray_direction=(1, 0, -1))
+    click.screen_pos = (0.7, 0.6)
+    assert session.pointing._plane is not None
+    asyncio.run(session.pointing._plane._impl.click_cb[0].callback(click))  # type: ignore[arg-type]
     stage.runtime.run(3.0)
     assert stage.robot.goals == []
     assert session.pointing.tool is not None  # for another try
+    page.tell(released=(0.7, 0.6))
+    page.wait(lambda: session.drags._released is not None)
+    asyncio.run(session.pointing._plane._impl.click_cb[0].callback(click))  # type: ignore[arg-type]
+    page.wait(lambda: len(stage.robot.goals) == 1)
 
 
 def test_an_end_of_which_the_page_says_nothing_is_none(page: Page, stage: "Stage") -> None:

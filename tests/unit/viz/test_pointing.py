@@ -43,12 +43,15 @@ class Meant(Drags):
     def __init__(self) -> None:
         super().__init__(lambda call: call(), lambda: 0, lambda: None)
 
+    def take_click(self, event: Any, act: Callable[[], None]) -> None:
+        act()
+
     def take(self, event: Any, act: Callable[[], None], cancel: Callable[[], None]) -> None:
         act()
 
 
 def arm(server: viser.ViserServer, gesture: Gesture) -> tuple[Pointing, Any]:
-    pointing = Pointing(server, lambda call: call(), Meant())  # type: ignore[arg-type]
+    pointing = Pointing(server, Meant())  # type: ignore[arg-type]
     pointing.arm(gesture.tool)
     return pointing, pointing._plane
 

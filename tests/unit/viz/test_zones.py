@@ -84,7 +84,10 @@ class Hand:
         origin = np.array([0.0, -4.0, 8.0])
         ray = np.array([x, y, 0.0]) - origin
         event = SimpleNamespace(ray_origin=tuple(origin), ray_direction=tuple(ray))
+        event.screen_pos = (0.5, 0.5)
         asyncio.run(self.board._floor._impl.click_cb[0].callback(event))
+        self.wait()
+        self.stage.session.drags.released((0.5, 0.5))
         self.wait()
 
     def event(self, phase: str, start: tuple[float, float], end: tuple[float, float]) -> Any:

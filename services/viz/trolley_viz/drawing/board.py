@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from trolley_viz.drags import Drags
 from trolley_viz.drawing.sketch import Point, Sketch
-from trolley_viz.panels.control import Post
 from trolley_viz.pointing import add_floor
 from trolley_viz.scene.layer import WALL_HEIGHT
 from trolley_viz.shapes import closed_segments, meet_floor, open_segments
@@ -59,13 +58,11 @@ class Board:
 
     Args:
         client: the browser.
-        post: hands a call to that thread.
         drags: tells which ends of drags are meant.
     """
 
-    def __init__(self, client: viser.ClientHandle, post: Post, drags: Drags) -> None:
+    def __init__(self, client: viser.ClientHandle, drags: Drags) -> None:
         self._client = client
-        self._post = post
         self._drags = drags
         self._floor: viser.MeshHandle | None = None
         self._line: viser.LineSegmentsHandle | None = None
@@ -82,7 +79,7 @@ class Board:
             met = meet_floor(event.ray_origin, event.ray_direction)
             if met is not None:
                 reach_m = REACH_SHARE * math.dist(event.ray_origin, (*met, 0.0))
-                self._post(lambda: strokes.tapped(met, reach_m))
+                self._drags.take_click(event, lambda: strokes.tapped(met, reach_m))
 
         floor.on_click(click)
         dragged = strokes.dragged

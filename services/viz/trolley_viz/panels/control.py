@@ -52,9 +52,9 @@ def set_options(dropdown: viser.GuiDropdownHandle[str], options: list[str], empt
     dropdown.disabled = not options
 
 
-def show_undo(button: viser.GuiButtonHandle, history: History, *, is_offered: bool = True) -> None:
+def show_undo(button: viser.GuiButtonHandle, history: History) -> None:
     """Offer to take the last step back, naming it."""
-    last = history.last if is_offered else None
+    last = history.last
     button.visible = last is not None
     if last is not None:
         button.label = f"Undo: {last.title}"

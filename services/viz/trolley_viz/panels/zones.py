@@ -8,7 +8,7 @@ import viser
 from trolley.messages import SuspectLine
 from trolley.messages.mapping import ZoneKind
 from trolley_viz.drawing.editor import Mode
-from trolley_viz.panels.control import GREEN, GREY, handler, show, show_undo
+from trolley_viz.panels.control import GREEN, GREY, handler, show
 from trolley_viz.panels.markup import note
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ class ZonePanel:
         self._editor = session.zones
         self._post = session.post
         self._dismiss = session.dismiss
-        self._history = session.actions.history
         self._offer: SuspectLine | None = None
         self._filled = -1
         self._mode: Mode = "idle"
@@ -55,7 +54,6 @@ class ZonePanel:
                 "Delete", icon=viser.Icon.TRASH, color=GREY, visible=False
             )
             self._leave = gui.add_button("Cancel", icon=viser.Icon.X, color=GREY, visible=False)
-            self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
         self._bind()
 
     def update(self, suspects: list[SuspectLine]) -> None:
@@ -82,7 +80,6 @@ class ZonePanel:
             visible=editor.mode != "idle",
             label="Close" if editor.mode == "edit" else "Cancel",
         )
-        show_undo(self._undo, self._history, is_offered=not is_open)
         if self._filled != editor.filled:
             self._filled = editor.filled
             show(self._name, value=editor.form.name)
@@ -109,7 +106,6 @@ class ZonePanel:
         self._back.on_click(handler(post, lambda _, __: editor.take_back()))
         self._delete.on_click(handler(post, lambda _, __: editor.delete()))
         self._leave.on_click(handler(post, lambda _, __: editor.leave()))
-        self._undo.on_click(handler(post, lambda _, __: self._history.undo()))
 
     def _start(self, label: str) -> None:
         kind = KINDS.get(label)
