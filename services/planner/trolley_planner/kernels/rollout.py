@@ -264,13 +264,12 @@ def rollout(
     clearance = clearance_turned(field, body, (x, y), (cos, sin), enough)
     # Who stands too close already must not come closer.
     floor = min(limits.clearance_m, clearance - GIVE_M)
-    has_zones = field.speed_mps.shape[0] > 1
+    has_zones, price = field.speed_mps.shape[0] > 1, 0.0
     distance_m, outline = field.distance_m, (body.few_points, body.edge_points)
     scale, half = 1.0 / field.fine_m, 0.5 * field.fine_m
     inscribed, far = body.inscribed_m, body.circumscribed_m + enough
     walkers, robots = field.walkers, field.robots
     walked = body.few_points, inscribed, body.circumscribed_m
-    price = 0.0
     for step in range(controls.shape[0]):
         allowed = caution_speed(limits, clearance)
         if has_zones:
