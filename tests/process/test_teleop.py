@@ -179,8 +179,8 @@ def test_speed_is_at_most_the_robots(room: Room, teleop: Callable[..., Terminal]
 def test_says_what_keeps_it_from_driving(room: Room, teleop: Callable[..., Terminal]) -> None:
     terminal = teleop("--speed", "0.5", tells_releases=True)
     terminal.type(UP)
-    terminal.wait_for("Held: Something is too close in the direction of travel.", 30.0)
-    room.wait_until_it_stands()
+    terminal.wait_for("Held: Something is too close in the direction of travel.")
+    room.wait_until_it_stands(20.0)  # however slowly it creeps up: what counts is the gap
     truth = room.robot.latest(topics.SIM_TRUTH)
     assert truth is not None
     assert truth.collisions == 0
