@@ -1,5 +1,6 @@
 """`trolley teleop` on a real terminal, with a real base in a simulated room."""
 
+import math
 import os
 import signal
 import threading
@@ -176,11 +177,28 @@ def test_speed_is_at_most_the_robots(room: Room, teleop: Callable[..., Terminal]
     assert 0.0 < arrival.message.valid_for <= 0.3
 
 
+def drive_until(terminal: Terminal, text: str) -> None:
+    """Hold a key until something is said.
+
+    A terminal that answers late, as on a loaded machine, looks like a broken connection: the robot
+    is let go of, and waits for the key to be pressed anew.
+    """
+    pressed_s = -math.inf
+
+    def is_said() -> bool:
+        nonlocal pressed_s
+        if terminal.last_line == "Ready." and time.monotonic() > pressed_s + 2.0:
+            terminal.type(UP_RELEASE + UP)
+            pressed_s = time.monotonic()
+        return text in terminal.output
+
+    wait_until(is_said, 60.0, f"{text!r} in {terminal.output!r}")
+
+
 def test_says_what_keeps_it_from_driving(room: Room, teleop: Callable[..., Terminal]) -> None:
     terminal = teleop("--speed", "0.5", tells_releases=True)
-    terminal.type(UP)
-    terminal.wait_for("Held: Something is too close in the direction of travel.", 30.0)
-    room.wait_until_it_stands()
+    drive_until(terminal, "Held: Something is too close in the direction of travel.")
+    room.wait_until_it_stands(20.0)  # however slowly it creeps up: what counts is the gap
     truth = room.robot.latest(topics.SIM_TRUTH)
     assert truth is not None
     assert truth.collisions == 0

@@ -16,7 +16,7 @@ def test_generated_pages_are_up_to_date() -> None:
         [sys.executable, str(DOCS / "make_wire.py"), "--check"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=False,
     )
     assert (checked.returncode, checked.stderr) == (0, "")
