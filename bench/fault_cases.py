@@ -34,15 +34,18 @@ class Outcome:
     lost: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
     """What is not as it must be."""
+    has_robot: bool = True
 
     @property
     def cells(self) -> list[str]:
         """As a row."""
+        stood = "drives on" if self.stood_s is None else f"{self.stood_s:.2f} s"
+        back = "at once" if self.back_s is None else f"{self.back_s:.1f} s"
         return [
             self.fault,
             self.happened,
-            "drives on" if self.stood_s is None else f"{self.stood_s:.2f} s",
-            "at once" if self.back_s is None else f"{self.back_s:.1f} s",
+            stood if self.has_robot else "–",
+            back if self.has_robot else "–",
             "; ".join(self.lost) or "nothing",
             "; ".join(self.wrong) or "ok",
         ]

@@ -61,7 +61,7 @@ def _said(outcome: Outcome) -> Outcome:
 
 
 def _power() -> list[Outcome]:
-    outcome = Outcome("power cut at each write point of the state files", "")
+    outcome = Outcome("power cut at each write point of the state files", "", has_robot=False)
     num_cuts, faults = cut_everywhere()
     outcome.happened = f"{num_cuts} disks after a cut: each file is the old or the new one"
     outcome.lost = faults
