@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.processes import Process, find_free_port
@@ -124,7 +125,7 @@ class Heard:
 NOT_ALLOWED = "not there or not allowed"
 
 
-def code_of(connection: Connection, request: Request, params: object = None) -> str:
+def code_of(connection: Connection, request: Request, params: Any = None) -> str:
     """`ok`, the code of a refusal, or that its sentence says both what may be the cause."""
     try:
         connection.ask("one", request, Nothing() if params is None else params)
@@ -168,7 +169,7 @@ def publish_all(connection: Connection) -> None:
         put(connection, topic, message, *parts)
 
 
-def put(connection: Connection, topic: Topic, message: object, *parts: str) -> None:
+def put(connection: Connection, topic: Topic, message: Any, *parts: str) -> None:
     connection.publish("one", topic, message, *parts)
 
 
@@ -184,8 +185,9 @@ def robot_keys(house: House) -> HostKeys:
 def endpoint(house: House, robot_keys: HostKeys, monkeypatch: pytest.MonkeyPatch) -> str:
     """The robot's own router; the home router knows all certificates made until the first use."""
     monkeypatch.setenv("TROLLEY_STATE", str(robot_keys.folder.parent / "state"))
-    for role, name in (("operator", "anna"), ("viewer", "tablet"), ("robot", "two")):
-        house.keys(role, name)
+    house.keys("operator", "anna")
+    house.keys("viewer", "tablet")
+    house.keys("robot", "two")
     house.open()
     return house.host(robot_keys)
 

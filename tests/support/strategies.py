@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from msgspec import inspect
 
 from trolley import messages, requests, topics
+from trolley.geometry import Pose2D
 from trolley.messages import asking
 from trolley.messages.arrays import ARRAY_FIELDS
+from trolley.messages.mapping import MAX_ORIGIN_M
 
 MAX_ITEMS = 3
 INT64 = 2**63 - 1
@@ -112,7 +114,10 @@ def _grid(kind: type[msgspec.Struct]) -> st.SearchStrategy[Any]:
     def sized(size: tuple[int, int]) -> st.SearchStrategy[Any]:
         width, height = size
         cells = st.binary(min_size=width * height, max_size=width * height).map(memoryview)
-        return _built(kind, width=st.just(width), height=st.just(height), cells=cells)
+        far = st.floats(-MAX_ORIGIN_M, MAX_ORIGIN_M)
+        origin = st.builds(Pose2D, far, far, st.floats(-7.0, 7.0))
+        size_of = {"width": st.just(width), "height": st.just(height)}
+        return _built(kind, cells=cells, origin=origin, **size_of)
 
     return st.tuples(st.integers(1, 4), st.integers(1, 4)).flatmap(sized)
 

@@ -1,5 +1,7 @@
 """What `trolley top` and `trolley status` show."""
 
+from typing import Any
+
 import pytest
 
 from trolley import topics
@@ -16,7 +18,15 @@ from trolley.cli.top_picture import (
     up_seconds,
 )
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, GoalStatus, Health, PoseEstimate, TourStatus
+from trolley.messages import (
+    BaseState,
+    GoalState,
+    GoalStatus,
+    Health,
+    PoseEstimate,
+    PoseState,
+    TourStatus,
+)
 from trolley.runtime import codec
 from trolley.traffic import Flow, Tally
 
@@ -129,7 +139,7 @@ def test_bytes_are_short(number: float, text: str) -> None:
     assert short_bytes(number) == text
 
 
-def pose(state: object) -> PoseEstimate:
+def pose(state: PoseState) -> PoseEstimate:
     return PoseEstimate(
         stamp_ns=1,
         map="home",
@@ -145,7 +155,7 @@ BASE = BaseState(stamp_ns=1, mode="ok")
 HERE = pose("localized")
 
 
-def goal(state: object, **fields: object) -> GoalStatus:
+def goal(state: GoalState, **fields: Any) -> GoalStatus:
     return GoalStatus(stamp_ns=1, id="a", state=state, **fields)
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import pytest
 
 from trolley import topics
@@ -123,9 +124,7 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
     "protocol": (
         replace(
             GOOD,
-            robot=Robot(
-                **{f: getattr(ROBOT, f) for f in ROBOT.__struct_fields__} | {"protocol": 2}
-            ),
+            robot=msgspec.structs.replace(ROBOT, protocol=2),
         ),
         Level.PROBLEM,
         "version 2 of the protocol",
