@@ -122,7 +122,7 @@ class GivingWay:
             (pose.x, pose.y),
             rig.footprint.circumscribed_m,
             drive.route.path.points[drive.route.index :],
-            self.wait is not None,
+            None if self.wait is None else self.waited_s(now_ns),
             stood_s,
         )
         before = self.wait

@@ -54,8 +54,8 @@ class Neighbour(NamedTuple):
     """Of the circle about its origin that holds it."""
     path: Floats
     """(n, 2) where it drives next, from where it is on; empty where it has no goal."""
-    is_waiting: bool
-    """Whether it says that it gives way."""
+    waited_s: float | None
+    """How long it has been saying that it gives way; None where it does not."""
     track: Floats
     """(discs, steps, 3) x, y, radius at each `ROBOT_DT_S` from now on; empty where it stands."""
 
@@ -63,6 +63,11 @@ class Neighbour(NamedTuple):
     def is_going(self) -> bool:
         """Whether it is on its way to a goal."""
         return len(self.path) > 0
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it says that it gives way."""
+        return self.waited_s is not None
 
 
 NO_TRACK: Floats = np.empty((0, TRACK_STEPS, 3))
@@ -77,7 +82,8 @@ class _Heard:
     pose: PoseEstimate | None = None
     pose_ns: int = 0
     is_going: bool = False
-    is_waiting: bool = False
+    waiting_ns: int | None = None
+    """When it first said that it waits."""
     path: Floats = field(default_factory=lambda: NO_POINTS)
     poses_ahead: Floats = field(default_factory=lambda: np.empty((0, 3)))
     step_s: float = ROBOT_DT_S
@@ -105,12 +111,15 @@ class Others:
         if heard is not None:
             heard.pose, heard.pose_ns = pose, arrived_ns
 
-    def hear_goal(self, goal: GoalStatus, name: str) -> None:
+    def hear_goal(self, goal: GoalStatus, name: str, arrived_ns: int) -> None:
         """Take whether a robot is on its way."""
         heard = self._of(name)
         if heard is not None:
             heard.is_going = goal.state in ACTIVE and goal.state != "paused"
-            heard.is_waiting = goal.reason == codes.WAITING
+            if goal.reason != codes.WAITING:
+                heard.waiting_ns = None
+            elif heard.waiting_ns is None:
+                heard.waiting_ns = arrived_ns
 
     def hear_path(self, path: Path, name: str) -> None:
         """Take the way to a robot's goal."""
@@ -144,7 +153,8 @@ class Others:
             path = _rest(heard.path, pose) if heard.is_going else NO_POINTS
             radius_m = float((np.hypot(*heard.discs[:, :2].T) + heard.discs[:, 2]).max())
             track = _track(heard, pose, now_ns)
-            found.append(Neighbour(name, pose, radius_m, path, heard.is_waiting, track))
+            waited_s = None if heard.waiting_ns is None else (now_ns - heard.waiting_ns) * 1e-9
+            found.append(Neighbour(name, pose, radius_m, path, waited_s, track))
         return found
 
     def _of(self, name: str) -> _Heard | None:

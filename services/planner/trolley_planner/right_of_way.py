@@ -2,10 +2,11 @@
 
 Both see the same: the map, where each of them is, the way that each is about to drive, and whether
 one has said that it waits. So both come to the same answer without asking each other. Only one
-robot at a time is in a narrow place. First comes who is in it already, then who has not said that
-it waits, then who is nearer to it, in steps of half a metre; of two as near, and of two that both
-wait, the one whose name comes first. That is a total order, so no ring of robots waits for each
-other. Who has no goal claims nothing, and nobody makes way by setting off by itself.
+robot at a time is in a narrow place. First comes who is in it already, then who has waited for
+long, then who has not said that it waits, then who is nearer to it, in steps of half a metre; of
+two as near, and of two that both wait, the one whose name comes first. That is a total order, so
+no ring of robots waits for each other. Who has no goal claims nothing, and nobody makes way by
+setting off by itself.
 """
 
 import math
@@ -32,6 +33,8 @@ INSIDE_M = 0.12
 """Who is this near to it is in it."""
 STEP_M = 0.5
 """Distances that differ by less than such a step are as near as each other."""
+LONG_S = 20.0
+"""Who has waited for so long goes before those that come later: else a busy door never frees."""
 WAY_M = 1.5
 """Two robots that stand face to face have no more than this between their middles."""
 
@@ -42,7 +45,8 @@ class Claim(NamedTuple):
     """What a robot's place in the order depends on."""
 
     is_inside: bool
-    is_waiting: bool
+    waited_s: float | None
+    """How long it has been waiting; None where it drives."""
     left_m: float
     """Way to the narrow place."""
     name: str
@@ -50,11 +54,12 @@ class Claim(NamedTuple):
     """Of the way through it."""
 
     @property
-    def rank(self) -> tuple[bool, bool, int, str]:
+    def rank(self) -> tuple[bool, int, int, str]:
         """The lower goes first; no two robots have the same."""
+        if self.waited_s is None:
+            return not self.is_inside, 1, math.floor(self.left_m / STEP_M), self.name
         # Of two that wait already each might take the other for nearer: their names do not change.
-        steps = 0 if self.is_waiting else math.floor(self.left_m / STEP_M)
-        return not self.is_inside, self.is_waiting, steps, self.name
+        return not self.is_inside, 0 if self.waited_s > LONG_S else 2, 0, self.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +71,8 @@ class Own:
     radius_m: float
     path: Floats
     """(n, 2) where it drives next, `SPACING_M` apart."""
-    is_waiting: bool
+    waited_s: float | None
+    """How long it has been waiting for others; None where it drives."""
     stood_s: float
     """How long it has been standing."""
 
@@ -131,9 +137,9 @@ def conflict(own: Own, other: Neighbour, passages: Passages) -> tuple[Claim, Cla
             if float(gaps.min()) < apart_m:
                 place, pose = own.place, other.pose
                 return (
-                    _claim(own.name, place, path, mine, own.is_waiting, passages),
+                    _claim(own.name, place, path, mine, own.waited_s, passages),
                     _claim(
-                        other.name, (pose.x, pose.y), other.path, their, other.is_waiting, passages
+                        other.name, (pose.x, pose.y), other.path, their, other.waited_s, passages
                     ),
                 )
     return None
@@ -144,14 +150,14 @@ def _claim(
     place: tuple[float, float],
     path: Floats,
     part: slice,
-    is_waiting: bool,
+    waited_s: float | None,
     passages: Passages,
 ) -> Claim:
     """Return what a robot's place in the order depends on, for a narrow part of its path."""
     off_m = math.dist(place, (float(path[0, 0]), float(path[0, 1])))
     left_m = part.start * SPACING_M + off_m
     is_inside = left_m < INSIDE_M + SPACING_M and bool(passages.hold(np.array([place]))[0])
-    return Claim(is_inside, is_waiting, left_m, name, (part.stop - part.start) * SPACING_M)
+    return Claim(is_inside, waited_s, left_m, name, (part.stop - part.start) * SPACING_M)
 
 
 def must_wait(own: Own, other: Neighbour, passages: Passages) -> str | None:

@@ -164,12 +164,15 @@ class PlannerService(Service):
         def hear_pose(pose: PoseEstimate, name: str) -> None:
             others.hear_pose(pose, name, self.arrived_ns)
 
+        def hear_goal(goal: GoalStatus, name: str) -> None:
+            others.hear_goal(goal, name, self.arrived_ns)
+
         def hear_trajectory(trajectory: Path, name: str) -> None:
             others.hear_trajectory(trajectory, name, self.arrived_ns)
 
         self.watch(topics.ROBOT, robot="*", then=others.hear_robot)
         self.watch(topics.POSE, robot="*", then=hear_pose)
-        self.watch(topics.GOAL, robot="*", then=others.hear_goal)
+        self.watch(topics.GOAL, robot="*", then=hear_goal)
         self.watch(topics.PATH, robot="*", then=others.hear_path)
         self.watch(topics.TRAJECTORY, robot="*", then=hear_trajectory)
 

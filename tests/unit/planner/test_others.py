@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.flatland import BOX, Flatland, empty_room
 
+from trolley import codes
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Path, PoseEstimate
 from trolley.messages.types import floats_to_bytes
@@ -31,7 +32,7 @@ def others() -> Others:
     made.own_name = "me"
     made.hear_pose(estimate(1.0), "b", SECOND_NS)
     made.hear_path(path([(1.0, 1.0), (3.0, 1.0)]), "b")
-    made.hear_goal(GoalStatus(stamp_ns=0, id="x", state="driving"), "b")
+    made.hear_goal(GoalStatus(stamp_ns=0, id="x", state="driving"), "b", SECOND_NS)
     return made
 
 
@@ -46,8 +47,19 @@ def test_a_robot_on_the_way_has_the_rest_of_its_path(others: Others) -> None:
 
 @pytest.mark.parametrize("state", ["idle", "paused", "arrived", "failed", "canceled"])
 def test_without_a_goal_under_way_it_has_none(others: Others, state: str) -> None:
-    others.hear_goal(GoalStatus(stamp_ns=0, id="x", state=state), "b")  # pyright: ignore[reportArgumentType]
+    status = GoalStatus(stamp_ns=0, id="x", state=state)  # pyright: ignore[reportArgumentType]
+    others.hear_goal(status, "b", SECOND_NS)
     assert not others.present("room", SECOND_NS)[0].is_going
+
+
+def test_how_long_it_has_been_waiting_counts_from_when_it_said_so_first(others: Others) -> None:
+    waits = GoalStatus(stamp_ns=0, id="x", state="recovering", reason=codes.WAITING)
+    for second in (1, 2, 3):
+        others.hear_goal(waits, "b", second * SECOND_NS)
+    others.hear_pose(estimate(1.0), "b", 4 * SECOND_NS)
+    assert others.present("room", 4 * SECOND_NS)[0].waited_s == pytest.approx(3.0)
+    others.hear_goal(GoalStatus(stamp_ns=0, id="x", state="driving"), "b", 4 * SECOND_NS)
+    assert others.present("room", 4 * SECOND_NS)[0].waited_s is None
 
 
 def test_only_who_is_sure_heard_of_and_on_this_map_counts(others: Others) -> None:

@@ -14,7 +14,7 @@ RADIUS_M = 0.2
 claims = st.builds(
     Claim,
     st.booleans(),
-    st.booleans(),
+    st.one_of(st.none(), st.floats(0.0, 60.0)),
     st.floats(0.0, 20.0),
     st.text("abc", min_size=1, max_size=2),
 )
@@ -29,13 +29,15 @@ def line(x1: float, y1: float, x2: float, y2: float) -> np.ndarray:
     return np.stack([np.linspace(x1, x2, count), np.linspace(y1, y2, count)], axis=1)
 
 
-def own(path: np.ndarray, name: str = "b", *, waits: bool = False, stood_s: float = 0.0) -> Own:
-    return Own(name, (float(path[0, 0]), float(path[0, 1])), RADIUS_M, path, waits, stood_s)
+def own(
+    path: np.ndarray, name: str = "b", *, waited_s: float | None = None, stood_s: float = 0.0
+) -> Own:
+    return Own(name, (float(path[0, 0]), float(path[0, 1])), RADIUS_M, path, waited_s, stood_s)
 
 
-def other(path: np.ndarray, name: str = "a", *, waits: bool = False) -> Neighbour:
+def other(path: np.ndarray, name: str = "a", *, waited_s: float | None = None) -> Neighbour:
     pose = Pose2D(float(path[0, 0]), float(path[0, 1]), 0.0)
-    return Neighbour(name, pose, RADIUS_M, path, waits, NO_TRACK)
+    return Neighbour(name, pose, RADIUS_M, path, waited_s, NO_TRACK)
 
 
 @given(claims, claims)
@@ -86,8 +88,15 @@ def test_who_is_in_the_door_has_it_and_who_waits_goes_on_waiting() -> None:
     inside, before = line(4.0, 3.0, 6.0, 3.0), line(4.8, 3.0, 2.0, 3.0)
     assert must_wait(own(before, "a"), other(inside, "b"), doors) == "at the door"
     near, far = line(3.2, 3.0, 6.0, 3.0), line(5.3, 3.0, 2.0, 3.0)
-    assert must_wait(own(near, "b", waits=True), other(far), doors) == "at the door"
-    assert must_wait(own(far, "a"), other(near, "b", waits=True), doors) is None
+    assert must_wait(own(near, "b", waited_s=5.0), other(far), doors) == "at the door"
+    assert must_wait(own(far, "a"), other(near, "b", waited_s=5.0), doors) is None
+
+
+def test_who_has_waited_for_long_goes_before_those_that_come_later() -> None:
+    doors = passages_of(two_rooms(0.8))
+    near, far = line(3.4, 3.0, 6.0, 3.0), line(4.7, 3.0, 2.0, 3.0)
+    assert must_wait(own(far, "b", waited_s=30.0), other(near, "a"), doors) is None
+    assert must_wait(own(near, "a"), other(far, "b", waited_s=30.0), doors) == "at the door"
 
 
 def test_far_from_the_door_it_drives_on() -> None:
