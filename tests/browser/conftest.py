@@ -104,7 +104,7 @@ def open_page(browser: Browser, width: int, height: int, **options: Any) -> Page
 def page(shown: Shown, browser: Browser) -> Iterator[Page]:
     page = open_page(browser, 1000, 640)
     page.goto(shown.url)
-    page.get_by_text("Localized").wait_for()
+    page.get_by_text("Localized").first.wait_for()
     yield page
     page.context.close()
 

@@ -34,7 +34,7 @@ def open_pad(shown: "Shown", browser: Browser) -> Iterator[Callable[[], Page]]:
         page = open_page(browser, width, height)
         opened.append(page)
         page.goto(shown.url)
-        page.get_by_text("Localized").wait_for()
+        page.get_by_text("Localized").first.wait_for()
         page.get_by_role("button", name="Drive by hand").click()
         expect(page.locator(".hand-card")).not_to_have_class("hand-card hand-off")
         return page

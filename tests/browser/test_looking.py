@@ -77,17 +77,19 @@ def test_frames_distances_and_layers(page: Page, shown: "Shown", pictures: Path)
     assert here is not None
     assert here.pose is not None
     distance = math.hypot(here.pose.x, here.pose.y)
-    expect(page.get_by_text(f"{distance:.1f}").first).to_be_visible()
+    row = page.get_by_role("row", name="Distance").first
+    expect(row).to_be_visible()
+    assert float(row.inner_text().split()[1]) == pytest.approx(distance, abs=0.05)
     page.get_by_text("Layers: Senses", exact=True).click()
     particles = page.get_by_label("Particles")
-    expect(particles).not_to_be_checked()
-    particles.check()
+    expect(particles).to_be_checked()
+    particles.uncheck()
     page.screenshot(path=pictures / "more.png", timeout=60_000)
     page.reload()
     page.get_by_text("Localized").first.wait_for()
     page.get_by_role("tab", name="More").click()
-    expect(page.get_by_label("Particles")).to_be_checked()  # the folder is still open, too
-    page.get_by_label("Particles").uncheck()
+    expect(page.get_by_label("Particles")).not_to_be_checked()  # the folder is still open, too
+    page.get_by_label("Particles").check()
     for folder in ("Layers: Senses", "Distance and angle", "Frames"):
         page.get_by_text(folder, exact=True).click()
     page.get_by_role("tab", name="Go").click()
