@@ -31,18 +31,13 @@ setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernel
 demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `trolley demo`.
 	@$(BIN)/trolley demo $(ARGS)
 
-# Tests of whole processes wait most of the time, so four of them run side by side. A browser that
-# renders in software takes more, so there are two of those. Tests that only compute have no clock
-# to keep up with: they take what the others leave, and their result comes last.
+# Tests of whole processes wait most of the time, so three of them run side by side. A browser that
+# renders in software takes more, so there are two of those.
 test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
 ifeq ($(ARGS),)
-	@log=$$(mktemp); trap 'rm -f "$$log"' EXIT; \
-	nice -n 10 $(BIN)/python -m pytest --numprocesses auto --dist worksteal \
-		--ignore=tests/process --ignore=tests/browser > "$$log" 2>&1 & computing=$$!; \
-	trap 'kill $$computing; exit 130' INT TERM; failed=0; \
-	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal tests/process || failed=1; \
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile tests/browser || failed=1; \
-	wait $$computing || failed=1; cat "$$log"; exit $$failed
+	@$(BIN)/python -m pytest --numprocesses auto --dist worksteal --ignore=tests/process --ignore=tests/browser
+	@$(BIN)/python -m pytest --numprocesses 3 --dist worksteal tests/process
+	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile tests/browser
 else
 	@$(BIN)/python -m pytest $(ARGS)
 endif

@@ -20,6 +20,9 @@ NEAR_M = 0.06
 MOUNT = Pose2D(0.08, 0.03, 0.6)
 SETTINGS = "pose = {x = 0.08, y = 0.03, yaw = 0.6}\nmasks_deg = [[170, -170]]\n"
 STANDARD = "rplidar_a1, standard"
+AROUND_S = 0.4
+"""A scan whose beams came in this time before or after what was watched is left out."""
+PATIENCE_S = 20.0
 MODELS = ["rplidar_a1", STANDARD, "ydlidar_x4", "ld19", "xv11", "lds01"]
 
 
@@ -34,23 +37,27 @@ def endpoint(tmp_path: Path) -> Iterator[str]:
 class Track:
     """Where the robot really was, in seconds of robot time since a moment."""
 
-    def __init__(self, metal: Metal, seconds: float) -> None:
-        """Watch the robot and its scans for a while."""
+    def __init__(self, metal: Metal, scans: int) -> None:
+        """Watch the robot until so many scans have come, and a moment before and after."""
         rows: list[list[float]] = []
-        with metal.robot.subscribe(topics.SCAN) as scans:
+        with metal.robot.subscribe(topics.SCAN) as subscription:
             self._from_ns = metal.robot.now_ns() or 0
             ahead_ns = self._from_ns - time.monotonic_ns()
-            end_s = time.monotonic() + seconds
+            heard: list[Scan] = []
+            end_s = time.monotonic() + PATIENCE_S
             while time.monotonic() < end_s:
                 truth = metal.emulated.truth()
                 since_s = (truth.stamp_ns + ahead_ns - self._from_ns) * 1e-9
                 rows.append([since_s, truth.pose.x, truth.pose.y, truth.pose.yaw])
+                while (arrival := subscription.next(0.0)) is not None:
+                    heard.append(arrival.message)
+                if len(heard) >= scans and self.since(heard[scans - 1]) < since_s - AROUND_S:
+                    break
                 time.sleep(0.005)
-            arrivals = iter(lambda: scans.next(0.0), None)
-            heard = [arrival.message for arrival in arrivals if arrival is not None]
         self._rows = np.array(rows)
         self._rows[:, 3] = np.unwrap(self._rows[:, 3])
-        self.scans = [scan for scan in heard if 0.4 < self.since(scan) < seconds - 0.4]
+        last_s = rows[-1][0] - AROUND_S
+        self.scans = [scan for scan in heard if AROUND_S < self.since(scan) < last_s]
 
     def since(self, scan: Scan) -> float:
         return (scan.stamp_ns - self._from_ns) * 1e-9
@@ -84,7 +91,7 @@ def test_echoes_lie_on_the_walls(tmp_path: Path, endpoint: str, model: str, wz: 
         if wz:
             metal.hand.drive(Twist2D(0.0, 0.0, wz))
             time.sleep(1.0)
-        track = Track(metal, 2.0)
+        track = Track(metal, 8)
     assert len(track.scans) >= 4
     off_m = off_the_walls(np.concatenate([track.echoes_in_map(scan) for scan in track.scans]))
     assert np.mean(off_m < NEAR_M) > 0.95, np.percentile(off_m, [50, 90, 99])
