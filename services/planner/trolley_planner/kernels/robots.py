@@ -12,15 +12,19 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_planner.kernels.clearance import Body
 from trolley_planner.kernels.walkers import (
+    BRAKE_DT_S,
     FARTHEST,
+    LONGEST_BRAKE_S,
     MEET_M,
     NEAR_M,
     ROBOT_DT_S,
     STANDS_MPS,
     SURE_S,
+    brake_on,
     company,
     disc_gap,
     is_to_blame,
+    runs_into,
 )
 
 SPREAD_MPS, MOST_SPREAD_M = 0.05, 0.1
@@ -107,27 +111,15 @@ def would_meet_robots(
     """
     if robots.shape[0] == 0:
         return False
-    x, y, yaw, v, w = start[0], start[1], start[2], start[3], start[4]
-    dt, elapsed = 0.05, 0.0
-    while abs(v) >= STANDS_MPS and elapsed < 10.0:
-        elapsed += dt
-        if elapsed > delay_s:
-            slower = max(0.0, abs(v) - deceleration * dt)
-            w *= slower / abs(v)
-            v = math.copysign(slower, v)
-        middle = yaw + 0.5 * dt * w
-        x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
-        turned = math.cos(yaw), math.sin(yaw)
+    state, elapsed = (start[0], start[1], start[2], start[3], start[4]), 0.0
+    while abs(state[3]) >= STANDS_MPS and elapsed < LONGEST_BRAKE_S:
+        elapsed += BRAKE_DT_S
+        state = brake_on(state, elapsed, delay_s, deceleration)
+        turned = math.cos(state[2]), math.sin(state[2])
         later = min(round(elapsed / ROBOT_DT_S), robots.shape[1] - 1)
         for index in range(robots.shape[0]):
-            reach = robots[index, 0, 2] + MEET_M + body.circumscribed_m
             for step in (0, later):
-                away = robots[index, step, 0] - x, robots[index, step, 1] - y
-                if away[0] * away[0] + away[1] * away[1] >= reach * reach:
-                    continue
-                gap = disc_gap(
-                    body.edge_points, body.inscribed_m, away, turned, robots[index, step, 2]
-                )
-                if gap < MEET_M and is_to_blame(v, away, turned):
+                away = robots[index, step, 0] - state[0], robots[index, step, 1] - state[1]
+                if runs_into(body, away, turned, robots[index, step, 2], state[3]):
                     return True
     return False

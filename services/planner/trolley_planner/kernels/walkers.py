@@ -29,6 +29,8 @@ STANDS_MPS = 0.05
 """Who is not faster than this cannot run into anybody."""
 LEAVING = -0.5
 """Nor who drives away from them: the cosine of the angle between."""
+BRAKE_DT_S, LONGEST_BRAKE_S = 0.05, 10.0
+"""Braking is looked at in such steps, for so long at most."""
 ROBOT_DT_S = 0.1
 """What robots say of where they will be is kept in such steps."""
 FARTHEST = 1.5
@@ -112,6 +114,50 @@ def company(
 
 
 @kernel
+def brake_on(
+    state: tuple[float, float, float, float, float],
+    elapsed_s: float,
+    delay_s: float,
+    deceleration: float,
+) -> tuple[float, float, float, float, float]:
+    """Return a state `BRAKE_DT_S` later, on its arc and braking once the delay is over.
+
+    Args:
+        state: x, y, yaw, v, w; it moves.
+        elapsed_s: until the end of this step.
+        delay_s: until the robot brakes.
+        deceleration: of the robot [m/s^2].
+    """
+    x, y, yaw, v, w = state
+    if elapsed_s > delay_s:
+        slower = max(0.0, abs(v) - deceleration * BRAKE_DT_S)
+        w *= slower / abs(v)
+        v = math.copysign(slower, v)
+    middle, way = yaw + 0.5 * BRAKE_DT_S * w, v * BRAKE_DT_S
+    return x + way * math.cos(middle), y + way * math.sin(middle), yaw + w * BRAKE_DT_S, v, w
+
+
+@kernel
+def runs_into(
+    body: Body, away: tuple[float, float], turned: tuple[float, float], radius_m: float, v: float
+) -> bool:
+    """Say whether a robot meets a disc, and is to blame for it.
+
+    Args:
+        body: the outline.
+        away: from the robot's origin to the disc's centre.
+        turned: cosine and sine of the robot's heading.
+        radius_m: of the disc.
+        v: the robot's speed.
+    """
+    reach = radius_m + MEET_M + body.circumscribed_m
+    if away[0] * away[0] + away[1] * away[1] >= reach * reach:
+        return False
+    gap = disc_gap(body.edge_points, body.inscribed_m, away, turned, radius_m)
+    return gap < MEET_M and is_to_blame(v, away, turned)
+
+
+@kernel
 def would_meet(
     start: NDArray[np.float64],
     walkers: NDArray[np.float64],
@@ -130,28 +176,17 @@ def would_meet(
     """
     if walkers.shape[0] == 0:
         return False
-    x, y, yaw, v, w = start[0], start[1], start[2], start[3], start[4]
-    dt, elapsed = 0.05, 0.0
-    while abs(v) >= STANDS_MPS and elapsed < 10.0:
-        elapsed += dt
-        if elapsed > delay_s:
-            slower = max(0.0, abs(v) - deceleration * dt)
-            w *= slower / abs(v)
-            v = math.copysign(slower, v)
-        middle = yaw + 0.5 * dt * w
-        x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
-        turned = math.cos(yaw), math.sin(yaw)
+    state, elapsed = (start[0], start[1], start[2], start[3], start[4]), 0.0
+    while abs(state[3]) >= STANDS_MPS and elapsed < LONGEST_BRAKE_S:
+        elapsed += BRAKE_DT_S
+        state = brake_on(state, elapsed, delay_s, deceleration)
+        turned = math.cos(state[2]), math.sin(state[2])
         for index in range(walkers.shape[0]):
-            radius = walkers[index, 4]
-            reach = radius + MEET_M + body.circumscribed_m
             for moves in (0.0, elapsed):
                 away = (
-                    walkers[index, 0] + moves * walkers[index, 2] - x,
-                    walkers[index, 1] + moves * walkers[index, 3] - y,
+                    walkers[index, 0] + moves * walkers[index, 2] - state[0],
+                    walkers[index, 1] + moves * walkers[index, 3] - state[1],
                 )
-                if away[0] * away[0] + away[1] * away[1] >= reach * reach:
-                    continue
-                gap = disc_gap(body.edge_points, body.inscribed_m, away, turned, radius)
-                if gap < MEET_M and is_to_blame(v, away, turned):
+                if runs_into(body, away, turned, walkers[index, 4], state[3]):
                     return True
     return False
