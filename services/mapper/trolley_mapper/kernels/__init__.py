@@ -1,0 +1,1 @@
+"""Compiled loops of the mapper: arrays and scalars only."""
