@@ -11,7 +11,7 @@ import pytest
 if TYPE_CHECKING:
     from .conftest import Source
 
-SERVICES = ("base", "localizer", "mapper", "mqtt", "planner", "tour", "viz")
+SERVICES = ("base", "localizer", "mqtt", "planner", "tour", "viz")
 RUNTIME = Path("common/trolley/runtime")
 
 

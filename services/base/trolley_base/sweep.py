@@ -87,7 +87,8 @@ def _arc_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
         turn = np.arctan2(math.copysign(1.0, twist.wz) * cross, dot) % (2.0 * math.pi)
         # A point on the outline is met now and not after a whole turn.
         turn[turn > 2.0 * math.pi - 1e-9] = 0.0
-        np.minimum.at(times, point, turn / abs(twist.wz))
+        with np.errstate(over="ignore"):  # so slow a turn takes for ever
+            np.minimum.at(times, point, turn / abs(twist.wz))
     return times
 
 

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -124,6 +124,7 @@ def test_the_scale_is_a_share_and_more_echoes_never_raise_it(
 
 
 @given(cloud=clouds, twist=twists)
+@example(cloud=np.array([[0.0, 0.125]]), twist=Twist2D(0.0, 0.0, 2.2e-311))
 def test_a_slower_drive_of_the_same_arc_is_never_slowed_below_the_faster(
     cloud: NDArray[np.float64], twist: Twist2D
 ) -> None:
