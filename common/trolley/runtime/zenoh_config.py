@@ -12,20 +12,9 @@ from collections.abc import Mapping, Sequence
 
 import zenoh
 
-from trolley import requests, topics
+from trolley import topics
 from trolley.security.host_keys import HostKeys, Security
 
-# What is asked more often than its owner reads it would by itself stop the router's reading from
-# everybody, for a second and more. It is dropped instead, and a stop overtakes it.
-_FLOODS: dict[str, object] = {
-    "messages": ["query"],
-    "flows": ["egress"],
-    "key_exprs": [
-        f"{topics.ROOT}/**",  # matches no request: no wildcard matches `@do`
-        *(one.key("*") for one in requests.REQUESTS if not one.always),
-    ],
-    "overwrite": {"congestion_control": "drop", "priority": "data_high"},
-}
 _RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 OPEN_TIMEOUT_MS = 4000
 """A new link is tried anew after so long: Linux asks more and more rarely who is there."""
@@ -128,7 +117,7 @@ def _unblocked() -> dict[str, object]:
         "overwrite": {"congestion_control": "drop"},
     }
     drop = "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments"
-    return {"qos/network": [others, _FLOODS], drop: LARGE_WAIT_US}
+    return {"qos/network": [others], drop: LARGE_WAIT_US}
 
 
 def _downsampling(rates: Mapping[str, float]) -> dict[str, object]:
