@@ -1,5 +1,6 @@
 """The demo with its viewer, and Debian's Chromium looking at it."""
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ from support.demo import Demo
 from support.processes import find_free_port
 from support.waiting import wait_until
 
-from trolley import topics
-from trolley.client import Robot
+from trolley import requests, topics
+from trolley.client import Refused, Robot
+from trolley.geometry import Pose2D, wrap_angle
+from trolley.messages.asking import Named
 
 CHROMIUM = Path("/usr/bin/chromium")
 # Rendered in software: slow, but it needs no graphics card. No sandbox: containers forbid it.
@@ -21,6 +24,13 @@ ARGUMENTS = [
     "--enable-unsafe-swiftshader",
     "--no-sandbox",
 ]
+START = Pose2D(0.549, 0.218, 0.2579)
+"""Where the demo's robot begins."""
+DELETES = {
+    "zones": requests.ZONES_DELETE,
+    "poses": requests.POSES_DELETE,
+    "tours": requests.TOURS_DELETE,
+}
 PATIENCE_MS = 180_000.0
 # The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
 # processor has left for it beside the robot, and a tablet's graphics card does no better.
@@ -57,6 +67,7 @@ class Shown:
         self.viz_port = find_free_port()
         self.demo = Demo(folder, "--viz-port", str(self.viz_port), "--seed", "3")
         self.robot = Robot(self.demo.name, [self.demo.endpoint])
+        self._first: dict[str, set[str]] = {}
 
     @property
     def url(self) -> str:
@@ -69,12 +80,48 @@ class Shown:
         has_places = poses is not None and len(poses.poses) > 0
         return has_places and goal is not None and pose is not None and pose.state == "localized"
 
+    def settle(self) -> None:
+        """Bring the robot back to where it began, with nothing drawn or stored besides."""
+        robot = self.robot
+        wait_until(self.is_ready, 180.0, "the demo's robot is localized")
+        robot.delete_marker()
+        robot.delete_overlay()
+        stored = self._stored()
+        self._first = self._first or stored
+        for request, names in stored.items():
+            for name in names - self._first[request]:
+                robot.ask(DELETES[request], Named(name=name))
+        with contextlib.suppress(Refused):  # none is under way
+            robot.ask(requests.TOUR_STOP)
+        robot.resume()
+        truth = robot.latest(topics.SIM_TRUTH)
+        assert truth is not None
+        if truth.pose.distance_to(START) > 0.1 or abs(wrap_angle(truth.pose.yaw - START.yaw)) > 0.2:
+            wait_until(self._has_come_back, 120.0, "it is back at the start")
 
-@pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
+    def _has_come_back(self) -> bool:
+        """Drive to the start; base or localizer may have been killed just before."""
+        try:
+            return self.robot.go_to("start", timeout=60.0).state == "arrived"
+        except Refused:
+            return False
+
+    def _stored(self) -> dict[str, set[str]]:
+        robot = self.robot
+        zones, poses = robot.latest(topics.ZONES), robot.latest(topics.POSES)
+        tours = robot.latest(topics.TOURS)
+        return {
+            "zones": {one.name for one in zones.zones} if zones else set(),
+            "poses": {one.name for one in poses.poses} if poses else set(),
+            "tours": {one.name for one in tours.tours} if tours else set(),
+        }
+
+
+def run_demo(folder: Path) -> Iterator[Shown]:
+    """A demo of one's own."""
     if not CHROMIUM.exists():
         pytest.skip(f"{CHROMIUM} is not installed")
-    shown = Shown(tmp_path_factory.mktemp("viewer"))
+    shown = Shown(folder)
     try:
         wait_until(shown.is_ready, 180.0, "the demo's robot is localized")
         yield shown
@@ -83,7 +130,19 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
         shown.demo.end()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
+    """The demo that all files share: to start one takes most of a minute of a processor."""
+    yield from run_demo(tmp_path_factory.mktemp("viewer"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def settled(shown: Shown) -> None:
+    """Each file finds the demo as it began, but for the trips that were driven."""
+    shown.settle()
+
+
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)

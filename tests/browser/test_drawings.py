@@ -1,5 +1,6 @@
 """What programs draw, in a real browser: panels over the scene, clicks on them, markers in it."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import Marker, Overlay
+from trolley.messages import Marker, Overlay, Transform
 
 from .conftest import open_page
 
@@ -18,6 +19,13 @@ if TYPE_CHECKING:
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
+FRAME, CHILD = "nowhere", "test"
+NUM_FAST = 200
+COUNT_CHANGES = """() => {
+  window.changes = 0;
+  const fast = document.querySelector('.ov-card[data-name=fast] .ov-value').parentElement;
+  new MutationObserver(() => window.changes++).observe(fast, {childList: true});
+}"""
 ATTACK = '<img src=x onerror="window.hacked = 1"><script>window.hacked = 2</script>'
 
 
@@ -79,13 +87,67 @@ def test_gauge_and_plot_show_where_the_robot_is(page: Page, shown: "Shown", pict
 
 
 def test_panels_leave_stop_and_the_controls_free(page: Page) -> None:
-    stop = page.get_by_role("button", name="STOP")
-    for name in ("text", "mode", "plot", "gauge"):
-        box = card(page, name).bounding_box()
-        other = stop.bounding_box()
-        assert box is not None
-        assert other is not None
-        assert box["y"] >= other["y"] + other["height"]
+    stop = page.get_by_role("button", name="STOP").bounding_box()
+    assert stop is not None
+    tops = page.evaluate(
+        "[...document.querySelectorAll('.ov-card')].map((c) => c.getBoundingClientRect().top)"
+    )
+    assert len(tops) == 4
+    assert min(tops) >= stop["y"] + stop["height"]
+
+
+def test_a_menu_marks_what_the_robot_is_doing(page: Page, shown: "Shown", pictures: Path) -> None:
+    robot = shown.robot
+    states = ["idle", "driving", "arrived", "canceled"]
+    before = robot.latest(topics.GOAL)
+    assert before is not None
+    robot.put_overlay(
+        "state", Overlay(kind="menu", title="The robot", source="goal:state", items=states)
+    )
+    marked = card(page, "state").locator("[aria-pressed=true]")
+    expect(marked).to_have_text(before.state)
+    robot.send("kitchen")
+    expect(marked).to_have_text("driving")
+    page.screenshot(path=pictures / "state-panel.png", timeout=60_000)
+    robot.cancel()
+    expect(marked).to_have_text("canceled")
+    robot.delete_overlay("state")
+
+
+def test_every_message_counts_but_the_page_is_brought_up_to_date_seldom(
+    page: Page, shown: "Shown"
+) -> None:
+    robot = shown.robot
+
+    def tell(value: int) -> None:
+        stamp_ns = robot.now_ns() or 0
+        pose = Pose2D(float(value), 0.0, 0.0)
+        link = Transform(stamp_ns=stamp_ns, parent=FRAME, child=CHILD, pose=pose)
+        robot.connection.publish(robot.name, topics.TF, link, CHILD)
+
+    robot.put_overlay("fast", Overlay(kind="plot", source=f"tf/{CHILD}:pose.x", place="bottom"))
+    robot.put_overlay("lost", Overlay(kind="text", source=f"tf:map/{CHILD}:distance"))
+    value = card(page, "fast").locator(".ov-value")
+    expect(card(page, "fast")).to_contain_text("No data yet")
+    for first in range(100):  # until it is listened to
+        tell(-first)
+        if value.is_visible() and value.inner_text().strip():
+            break
+        page.wait_for_timeout(100)
+    expect(card(page, "lost")).to_contain_text(FRAME)  # it is named as what is missing
+    page.evaluate(COUNT_CHANGES)
+    started_s = time.monotonic()
+    for i in range(1, NUM_FAST + 1):
+        tell(i)
+        time.sleep(max(0.0, started_s + 0.01 * i - time.monotonic()))
+    expect(value).to_contain_text(f"{NUM_FAST}")
+    seconds = time.monotonic() - started_s
+    assert page.evaluate("window.changes") <= 5.5 * seconds + 2.0
+    with page.expect_download() as download:
+        card(page, "fast").get_by_role("button", name="CSV").click()
+    rows = download.value.path().read_text(encoding="utf-8").splitlines()[1:]
+    heard = [float(row.split(",")[1]) for row in rows]
+    assert [one for one in heard if one > 0.0] == list(range(1, NUM_FAST + 1))
 
 
 def test_what_is_deleted_goes(page: Page, shown: "Shown") -> None:

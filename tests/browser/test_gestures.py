@@ -9,7 +9,8 @@ from support.waiting import wait_until
 
 from trolley import topics
 
-from .test_viewer import FAR, FROM_FAR, button, goal_state, pixel_of, wait_for_frames
+from .seeing import pixel_of, wait_for_frames
+from .test_viewer import FAR, FROM_FAR, button, goal_state
 
 if TYPE_CHECKING:
     from .conftest import Shown

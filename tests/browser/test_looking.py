@@ -1,14 +1,13 @@
 """What an engineer looks at, and what is seen in the picture itself."""
 
-import io
 import math
-from collections.abc import Callable
+import os
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from PIL import Image
 from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
@@ -16,30 +15,21 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Marker, Overlay, OverlayRule
 
-from .test_viewer import button, drag, field
+from .seeing import Colour, is_blue, is_green, is_magenta, picture, poll, share_seen
+from .test_viewer import button, drag, field, goal_state
 
 if TYPE_CHECKING:
     from .conftest import Shown
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
+AWAY, BEYOND = (5.9, 0.3), (5.9, -0.4)
+"""A place on open floor [m] with nothing drawn there, and where to look from it."""
 MAGENTA = (1.0, 0.0, 1.0, 1.0)
 
 
 def num_magenta(page: Page) -> int:
-    """How many pixels of the page are as no part of it is."""
-    picture = Image.open(io.BytesIO(page.screenshot(timeout=60_000))).convert("RGB")
-    red, green, blue = np.asarray(picture).astype(int).transpose(2, 0, 1)
-    return int(((red > 120) & (blue > 120) & (green < 0.4 * red)).sum())
-
-
-def poll(page: Page, happened: Callable[[], bool], what: str) -> None:
-    """As `wait_until`, but leaves the browser time to draw."""
-    for _ in range(40):
-        if happened():
-            return
-        page.wait_for_timeout(250)
-    raise AssertionError(what)
+    return int(is_magenta(picture(page)).sum())
 
 
 def pose_error(shown: "Shown") -> float:
@@ -64,6 +54,46 @@ def test_a_pose_is_set_with_an_arrow_and_found_without(page: Page, shown: "Shown
     button(page, "Find yourself").click()
     wait_until(lambda: pose_error(shown) < 0.2, 60.0, "it finds itself with no arrow at all")
     expect(page.get_by_text("Localized").first).to_be_visible()
+
+
+def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    robot, here = shown.robot.latest(topics.ROBOT), shown.robot.latest(topics.POSE)
+    assert robot is not None
+    assert here is not None
+    assert here.pose is not None
+    start = here.pose
+    corners = np.array(robot.footprint)
+    outline = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])
+
+    def seen(pose: Pose2D, colour: Colour) -> float:
+        points = pose.transform_points(outline).tolist()
+        return share_seen(page, points, colour)
+
+    assert seen(start, is_blue) > 0.6
+    button(page, "Go to …").click()
+    expect(page.locator("#trolley-hint")).to_contain_text("Press where to go")
+    drag(page, AWAY, BEYOND)
+
+    def truth() -> Pose2D:
+        found = shown.robot.latest(topics.SIM_TRUTH)
+        assert found is not None
+        return found.pose
+
+    wait_until(lambda: truth().distance_to(start) > 1.0, 60.0, "it is on its way")
+    button(page, "Pause").click()
+    wait_until(lambda: goal_state(shown) == "paused", 20.0, "it stands on its way")
+    goal = shown.robot.latest(topics.GOAL)
+    assert goal is not None
+    aim = goal.pose
+    assert aim is not None
+    poll(page, lambda: seen(aim, is_green) > 0.7, "the footprint at the goal")
+    poll(page, lambda: seen(truth(), is_blue) > 0.6, "the footprint came along")
+    assert seen(start, is_blue) < 0.3
+    page.screenshot(path=pictures / "footprints.png", timeout=60_000)
+    button(page, "Cancel").click()
+    poll(page, lambda: seen(aim, is_green) < 0.2, "there is no goal any more")
 
 
 def test_frames_distances_and_layers(page: Page, shown: "Shown", pictures: Path) -> None:
@@ -140,3 +170,39 @@ def test_a_number_of_any_topic_is_plotted(page: Page, pictures: Path) -> None:
     page.screenshot(path=pictures / "plot.png", timeout=60_000)
     page.get_by_text("Plot", exact=True).click()
     page.get_by_role("tab", name="Go").click()
+
+
+def test_a_part_that_hangs_is_named_and_nothing_is_made_up(page: Page, shown: "Shown") -> None:
+    services = shown.demo.children()
+    button(page, "start").click()
+    wait_until(lambda: goal_state(shown) == "arrived", 60.0, "it is at the start")
+    os.kill(services["localizer"], signal.SIGSTOP)
+    try:
+        expect(page.get_by_text("It does not know where it is").first).to_be_visible()
+        page.get_by_role("tab", name="Map").click()
+        field(page, "Name").fill("nowhere")
+        button(page, "Save where it stands").click()
+        expect(page.get_by_text("Not saved")).to_be_visible()
+    finally:
+        os.kill(services["localizer"], signal.SIGCONT)
+    expect(page.get_by_text("Localized").first).to_be_visible()
+    field(page, "Name").fill("")
+    page.get_by_role("tab", name="Go").click()
+    saved = shown.robot.latest(topics.POSES)
+    assert saved is not None
+    assert "nowhere" not in {one.name for one in saved.poses}
+    os.kill(services["planner"], signal.SIGSTOP)
+    try:
+        expect(page.get_by_text("the planner is not running").first).to_be_visible()
+        button(page, "kitchen").click()
+        expect(page.get_by_role("alert").filter(has_text="planner").first).to_be_visible()
+    finally:
+        os.kill(services["planner"], signal.SIGCONT)
+    expect(page.get_by_text("It is at start.")).to_be_visible()
+
+
+def test_a_localizer_that_died_comes_back_where_it_was(page: Page, shown: "Shown") -> None:
+    shown.demo.kill_service("localizer")
+    expect(page.get_by_text("It does not know where it is").first).to_be_visible()
+    expect(page.get_by_text("Localized").first).to_be_visible()
+    wait_until(lambda: pose_error(shown) < 0.2, 30.0, "it is where it was, and has checked it")

@@ -9,7 +9,8 @@ from support.waiting import wait_until
 
 from trolley import topics
 
-from .test_viewer import PLACE, pixel_of, wait_for_frames
+from .seeing import pixel_of, wait_for_frames
+from .test_viewer import PLACE
 
 if TYPE_CHECKING:
     from .conftest import Shown

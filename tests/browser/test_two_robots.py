@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 import tomli_w
 import trimesh
@@ -14,11 +15,15 @@ from support.waiting import wait_until
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from trolley import topics
+from trolley import requests, topics
 from trolley.cli.demo_robot import Choices, settings
 from trolley.client import Robot
 from trolley.geometry import Pose2D
+from trolley.messages import floats_from_bytes
+from trolley.messages.asking import SendGoal
 
+from .conftest import run_demo
+from .seeing import count_seen, is_purple, poll
 from .test_viewer import button
 
 if TYPE_CHECKING:
@@ -26,7 +31,10 @@ if TYPE_CHECKING:
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
-START = Pose2D(4.6, 1.2, 0.0)
+START = Pose2D(1.65, 0.55, 0.0)
+"""Between the first robot and `BEHIND`, where the first one sees it."""
+BEHIND = Pose2D(2.7, 0.9, 0.0)
+KEPT_AWAY_M = 0.4
 PATIENCE_S = 60.0
 
 
@@ -76,6 +84,12 @@ def body() -> bytes:
 
 
 @pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> "Iterator[Shown]":
+    """A demo of its own: a second robot is not forgotten."""
+    yield from run_demo(tmp_path_factory.mktemp("two"))
+
+
+@pytest.fixture(scope="module")
 def second(shown: "Shown", tmp_path_factory: pytest.TempPathFactory) -> Iterator[Second]:
     second = Second(shown, tmp_path_factory.mktemp("second"))
     try:
@@ -85,6 +99,39 @@ def second(shown: "Shown", tmp_path_factory: pytest.TempPathFactory) -> Iterator
         second.robot.close()
         if second.process.is_running:
             second.process.terminate()
+
+
+def nearest(shown: "Shown") -> float:
+    """How near the way to `BEHIND` passes by the second robot [m]."""
+    reply = shown.robot.ask(requests.GOAL_PREVIEW, SendGoal(pose=BEHIND))
+    points = floats_from_bytes(reply.poses, 3)[:, :2]
+    return float(np.linalg.norm(points - (START.x, START.y), axis=1).min())
+
+
+def test_what_is_not_on_the_map_is_marked_and_driven_round(
+    page: Page, shown: "Shown", second: Second, pictures: Path
+) -> None:
+    """The second robot stands for whatever is left on the floor."""
+    assert second.is_ready()
+
+    def num_marked() -> int:
+        return count_seen(page, (START.x, START.y), is_purple, 0.35)
+
+    page.get_by_role("tab", name="More").click()
+    page.get_by_text("Layers: Robot", exact=True).click()
+    page.get_by_label("Other robots").uncheck()  # it would hide its own echoes
+    page.get_by_text("Layers: Robot", exact=True).click()
+    page.get_by_text("Layers: Senses", exact=True).click()
+    expect(page.get_by_text("not on the map", exact=True)).to_be_visible()
+    poll(page, lambda: num_marked() > 10, "its echoes are as those of what is not on the map")
+    wait_until(lambda: nearest(shown) > KEPT_AWAY_M, 10.0, "the way leads round it")
+    page.screenshot(path=pictures / "not-on-the-map.png", timeout=60_000)
+    page.get_by_label("Laser scan").uncheck()
+    poll(page, lambda: num_marked() == 0, "they are echoes")
+    page.get_by_label("Laser scan").check()
+    poll(page, lambda: num_marked() > 10, "they are back")
+    page.get_by_text("Layers: Senses", exact=True).click()
+    page.get_by_role("tab", name="Go").click()
 
 
 def test_one_viewer_shows_and_stops_two_robots(
@@ -119,3 +166,5 @@ def test_one_viewer_shows_and_stops_two_robots(
     button(page, "Follow Demo robot").click()
     expect(page.get_by_text("Localized").first).to_be_visible()
     page.get_by_text("All robots", exact=True).click()
+    poll(page, lambda: count_seen(page, (START.x, START.y), is_purple, 0.35) == 0, "no echoes")
+    wait_until(lambda: nearest(shown) < KEPT_AWAY_M, 20.0, "what is gone is forgotten")

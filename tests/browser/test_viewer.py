@@ -5,71 +5,26 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, expect
 from support.waiting import wait_until
 
 from trolley import topics
 from trolley.geometry import wrap_angle
-from trolley.gridmap import load_map
 from trolley.messages import SavedPose
-from trolley_viz.camera import (
-    BELOW,
-    FIELD_OF_VIEW,
-    PANEL_PIXELS,
-    bounds_of,
-    is_narrow,
-    stand,
-)
 
 from .conftest import open_page
+from .seeing import pixel_of, wait_for_frames
 
 if TYPE_CHECKING:
     from .conftest import Shown
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
-WORLDS = Path(__file__).parents[2] / "worlds"
 PLACE, TOWARDS = (1.6, 0.7), (2.2, 1.3)
 BESIDE = (1.2, 0.1)
 FAR, FROM_FAR = (5.2, 1.3), (4.0, 1.3)
 """Places on open floor [m], and where the pointer is dragged to from there."""
-
-
-def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
-    """Where a point of the floor is seen, with the camera that the viewer gives a new browser."""
-    grid = load_map(WORLDS / "apartment.yaml")
-    known = np.argwhere(grid.cells >= 0)
-    low, high = known.min(axis=0), known.max(axis=0) + 1
-    corners = np.array([low, high])[:, ::-1] * grid.resolution
-    size = page.viewport_size
-    assert size is not None
-    bounds, width = bounds_of(grid.origin.transform_points(corners)), size["width"]
-    if is_narrow(width, size["height"]):  # the controls are a sheet over the lower part
-        x0, y0, x1, y1 = bounds
-        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
-    else:
-        width -= PANEL_PIXELS
-    position, look_at = stand(bounds, width / size["height"])
-    forward = (look_at - position) / np.linalg.norm(look_at - position)
-    right = np.array([1.0, 0.0, 0.0])
-    ray = np.array([*point, 0.0]) - position
-    box = page.locator("canvas[data-engine]").bounding_box()
-    assert box is not None
-    scale = 0.5 * box["height"] / math.tan(0.5 * FIELD_OF_VIEW) / float(ray @ forward)
-    up = float(ray @ np.cross(right, forward))
-    return (
-        box["x"] + 0.5 * box["width"] + scale * float(ray @ right),
-        box["y"] + 0.5 * box["height"] - scale * up,
-    )
-
-
-def wait_for_frames(page: Page) -> None:
-    """Let what was put into the scene be drawn; without a graphics card that takes a while."""
-    page.evaluate(
-        "async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame) }"
-    )
 
 
 def drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> None:

@@ -14,11 +14,11 @@ from trolley import requests, topics
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.messages import Path as Way
-from trolley.messages import Zone, floats_from_bytes
-from trolley.messages.asking import SendGoal
+from trolley.messages import SuspectLine, Suspects, Zone, floats_from_bytes
+from trolley.messages.asking import Named, SendGoal
 
 from .conftest import open_page
-from .test_viewer import pixel_of
+from .seeing import pixel_of
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -150,6 +150,28 @@ def test_escape_leaves_the_drawing(page: Page, shown: "Shown") -> None:
     page.keyboard.press("Escape")
     expect(page.get_by_text("Tap the corners one by one")).to_have_count(0)
     assert "slow area 1" not in zones(shown)
+
+
+def test_a_suspected_mirror_is_added_by_one_click(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    robot = shown.robot
+    points = [(3.1, 1.6), (3.1, 1.0)]
+    line = SuspectLine(points=points, score=0.9)
+    suspects = Suspects(stamp_ns=robot.now_ns() or 0, lines=[line])
+    robot.connection.publish(robot.name, topics.SUSPECTS, suspects)  # as the localizer would
+    expect(page.get_by_text("A mirror seems to hang")).to_be_visible()
+    page.screenshot(path=pictures / "suspect.png", timeout=60_000)
+    before = zones(shown)
+    page.get_by_role("button", name="Yes, add it").click()
+    wait_until(lambda: len(zones(shown)) > len(before), 20.0, "it is a zone now")
+    (added,) = [zone for name, zone in zones(shown).items() if name not in before]
+    assert added.kind == "mirror"
+    near(added.points, points)
+    none = Suspects(stamp_ns=robot.now_ns() or 0, lines=[])
+    robot.connection.publish(robot.name, topics.SUSPECTS, none)
+    expect(page.get_by_text("A mirror seems to hang")).to_have_count(0)
+    robot.ask(requests.ZONES_DELETE, Named(name=added.name))
 
 
 def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> None:

@@ -131,6 +131,18 @@ def test_a_cut_leaves_the_robot_alone_and_nothing_old_moves_it(house: House) -> 
     assert house.local_gap_s(began_s) < 1.0, "the robot's own programs hear each other"
 
 
+def test_a_long_cut_is_over_when_it_is_over(house: House) -> None:
+    large = house.start(ROBOT, "-c", LARGE_PUTS)
+    before = house.at_home.count_bytes()
+    wait_until(lambda: house.at_home.count_bytes() > before + 1_000_000, 30.0, "much is sent")
+    house.wifi.is_cut = True
+    # By now Linux would repeat what was on its way only every ten seconds and more.
+    time.sleep(15.0)
+    house.wifi.is_cut = False
+    house.wait_for_truth(time.monotonic(), 7.0)
+    large.kill()
+
+
 def test_a_new_address_and_a_new_router_are_found(house: House) -> None:
     changed_s = time.monotonic()
     house.wifi.set_address(ROBOT, f"{NETWORK}.77")

@@ -1,5 +1,6 @@
 """The answering half of a node: requests under `@do/`, and `get` of the topics it owns."""
 
+import threading
 import unicodedata
 from collections.abc import Callable
 from typing import Any, cast
@@ -16,6 +17,14 @@ from trolley.topics import Topic
 
 MAX_REQUEST_BYTES = 1 << 20
 ANSWER_WITHIN_S = 1.9
+MAX_WAITING = 256
+"""Requests of one key; what comes on top is refused before anything of it is looked at."""
+_TOO_MANY = codec.encode(
+    ErrorReply(
+        code=codes.NOT_READY, message="Too many such requests are waiting already; ask again later."
+    ),
+    "json",
+)
 
 Hook = Callable[[dict[str, str]], dict[tuple[str, ...], Any]]
 
@@ -130,10 +139,23 @@ class Server:
 
     def _serve(self, key: str, answer: Callable[[Query], None], *, urgent: bool = False) -> None:
         inbox = self._context.inbox
+        room = threading.Semaphore(MAX_WAITING)
 
         def receive(query: Query) -> None:
-            if not inbox.push(lambda _: answer(query), urgent=urgent):
-                query.finish()
+            # A flood costs little here, and leaves the inbox to what others send.
+            may_wait = urgent or room.acquire(blocking=False)
+            if may_wait and inbox.push(lambda _: take(query), urgent=urgent):
+                return
+            if may_wait and not urgent:
+                room.release()
+            self._context.count("requests/too_many")
+            query.refuse(_TOO_MANY, codec.MIME["json"])
+            query.finish()
+
+        def take(query: Query) -> None:
+            if not urgent:
+                room.release()
+            answer(query)
 
         self._closers.append(self._context.bus.serve(key, receive))
 

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import zenoh
 
 from trolley.runtime.bus import Query, Reply, Sample
+from trolley.runtime.uplink_sockets import given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
 from trolley.security.host_keys import HostKeys, Security
 from trolley.topics import Qos
@@ -51,19 +52,32 @@ def open_router(
         raise NotConnected(
             f"cannot listen at {where}: is another router running there? ({error})"
         ) from error
-    with session:
+    with session, given_up_when_unanswered([*listen, *uplink]):
         yield
 
 
 class _ZenohQuery:
-    """A query that came over the network."""
+    """A query that came over the network; what it holds is read only when it is asked for."""
 
     def __init__(self, query: zenoh.Query) -> None:
         self._query: zenoh.Query | None = query
-        self.key = str(query.key_expr)
-        self.parameters = str(query.parameters)
-        self.payload = _read(query.payload) if query.payload is not None else b""
-        self.encoding = str(query.encoding) if query.encoding is not None else ""
+        self._asked = query
+
+    @property
+    def key(self) -> str:
+        return str(self._asked.key_expr)
+
+    @property
+    def parameters(self) -> str:
+        return str(self._asked.parameters)
+
+    @property
+    def payload(self) -> bytes:
+        return _read(self._asked.payload) if self._asked.payload is not None else b""
+
+    @property
+    def encoding(self) -> str:
+        return str(self._asked.encoding) if self._asked.encoding is not None else ""
 
     def reply(self, key: str, payload: bytes, encoding: str) -> None:
         if self._query is not None:

@@ -16,6 +16,8 @@ from trolley import topics
 from trolley.security.host_keys import HostKeys, Security
 
 _RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
+OPEN_TIMEOUT_MS = 4000
+"""A new link is tried anew after so long: Linux asks more and more rarely who is there."""
 LARGE_WAIT_US = 200_000
 """How long a large message, such as a map, may wait for room on its way to another host."""
 _COMMON: dict[str, object] = {
@@ -68,6 +70,7 @@ def router_config(
             "connect/timeout_ms": -1,
             "connect/exit_on_failure": False,
             "scouting/delay": 0,
+            "transport/unicast/open_timeout": OPEN_TIMEOUT_MS,
             **_COMMON,
             **(_tls(security.keys) if security is not None else {}),
             **(_access_control(security) if security is not None else {}),

@@ -29,6 +29,7 @@ from trolley_base.drivers import ChassisReading, LidarScan
 from trolley_base.echoes import NearEchoes
 from trolley_base.governor import Decision, Governor
 from trolley_base.hindrances import SCAN_SILENCE_NS, Condition, find_hindrance
+from trolley_base.latch import Latch
 from trolley_base.opening import choose_device
 from trolley_base.robot_clock import Beat, RobotClock
 from trolley_base.saved import (
@@ -93,14 +94,15 @@ class BaseService(Service):
         self._odometry_beat, self._command_beat = Beat(ODOMETRY_S), Beat(COMMAND_S)
         self._state_beat, self._time_beat = Beat(STATE_S), Beat(SAVE_TIME_S)
         self._stops: list[tuple[int, Later[BaseState], BaseState]] = []
-        self._latch_is_saved = True
+        self._latch = Latch(self._write_latch)
 
     def start(self) -> None:
         """Begin a run: the latch, robot time, the hardware."""
         was_saved = (self.state.path / LATCH_FILE).exists()
         latch = self.state.read(LATCH_FILE, SavedLatch)
         # A file that says nothing readable may have said that the robot is stopped.
-        self._is_stopped = was_saved if latch is None else latch.stopped
+        is_stopped = was_saved if latch is None else latch.stopped
+        self._latch.begin(is_set=is_stopped, is_saved=latch is not None or not was_saved)
         epoch_ns = first_stamp_ns(self.unix_ns, self.state.read(TIME_FILE, SavedTime))
         saved_world = self.state.read(WORLD_FILE, SavedWorld)
         self._notes = DeviceNotes(self.log, self.count)
@@ -158,7 +160,7 @@ class BaseService(Service):
         hindrance = find_hindrance(
             Condition(
                 cannot_drive=self._device.cannot_drive,
-                is_stopped=self._is_stopped,
+                is_stopped=self._latch.is_set,
                 chassis=self._chassis_reading,
                 lidar=self._lidar_link,
                 scan_age_ns=None if arrived_ns is None else now_ns - arrived_ns,
@@ -183,29 +185,32 @@ class BaseService(Service):
     def latch(self, _: Nothing) -> Later[BaseState]:
         """Stand now and until resumed; answer when no crash can undo it any more."""
         later: Later[BaseState] = self.later()
-        state = self._set_latch(is_stopped=True)
+        state = self._obey(is_stopped=True)
         self._stops.append((self.monotonic_ns + LONGEST_SAVE_NS, later, state))
-        self._save_latch(lambda: later.reply(state))
+        self._latch.set(is_set=True, then=lambda: later.reply(state))
         return later
 
     @answers(requests.BASE_RESUME)
     def unlatch(self, _: Nothing) -> BaseState:
         """Let commands that arrive from now on drive again."""
-        state = self._set_latch(is_stopped=False)
-        self._save_latch()
+        state = self._obey(is_stopped=False)
+        self._latch.set(is_set=False)
         return state
 
-    def _set_latch(self, *, is_stopped: bool) -> BaseState:
-        if is_stopped != self._is_stopped:
-            self.log.info("Stopped" if is_stopped else "Resumed")
-        self._is_stopped = is_stopped
-        self._governor.forget()
+    def _obey(self, *, is_stopped: bool) -> BaseState:
+        """Stand, or let drive again, at once; what changes nothing is not published."""
         now_ns = self.stamp_ns
+        if is_stopped == self._latch.is_set:
+            self._decide(now_ns)
+            return self._state_at(now_ns)
+        self.log.info("Stopped" if is_stopped else "Resumed")
+        self._latch.is_set = is_stopped
+        self._governor.forget()
         self._decide(now_ns)
         return self._publish_state(now_ns)
 
-    def _save_latch(self, then: Callable[[], None] = lambda: None) -> None:
-        self._save(LATCH_FILE, SavedLatch(stopped=self._is_stopped), then)
+    def _write_latch(self, is_stopped: bool, done: Callable[[bool], None]) -> None:
+        self._save(LATCH_FILE, SavedLatch(stopped=is_stopped), done)
 
     @every(CLOCK_S, clock="local")
     def answer_stops(self) -> None:
@@ -218,8 +223,7 @@ class BaseService(Service):
     @every(SAVE_AGAIN_S, clock="local")
     def save_latch_again(self) -> None:
         """Try again what the disk did not take: it may have room by now."""
-        if not self._latch_is_saved:
-            self._save_latch()
+        self._latch.save()
 
     # Reading.
     def _read_chassis(self, now_ns: int) -> None:
@@ -230,9 +234,9 @@ class BaseService(Service):
             self.publish(topics.IMU, imu)
         self._battery = reading.battery or self._battery
         self._notes.hear(now_ns, reading.link, reading.notes, reading.counts)
-        if codes.BUTTON in reading.alarms and not self._is_stopped:
-            self._set_latch(is_stopped=True)
-            self._save_latch()
+        if codes.BUTTON in reading.alarms and not self._latch.is_set:
+            self._obey(is_stopped=True)
+            self._latch.set(is_set=True)
 
     def _read_lidar(self, now_ns: int) -> None:
         reading = self._hardware.lidar.read()
@@ -374,7 +378,7 @@ class BaseService(Service):
 
     # Saving.
     def _save(
-        self, name: str, value: msgspec.Struct, then: Callable[[], None] = lambda: None
+        self, name: str, value: msgspec.Struct, then: Callable[[bool], None] = lambda _: None
     ) -> None:
         folder = self.state
 
@@ -386,11 +390,9 @@ class BaseService(Service):
             return None
 
         def written(problem: str | None) -> None:
-            if name == LATCH_FILE:
-                self._latch_is_saved = problem is None
             if problem is not None:
                 self.count("state/not_saved")
                 self.log.limited("not_saved", codes.SENTENCES[codes.NOT_SAVED], why=problem)
-            then()
+            then(problem is None)
 
         self.work(write, written)

@@ -1,6 +1,7 @@
 """The part of the service that drives trips: it does what a trip asks and tells it the news."""
 
 import datetime
+from collections import deque
 from functools import partial
 
 from trolley import codes, requests, topics
@@ -19,6 +20,9 @@ from trolley_tour.trip import Trip
 
 TRIP_FILE = "trip.toml"
 HISTORY_BYTES = 900_000
+FILE_AGAIN_S = 5.0
+MOST_UNFILED = 100
+"""Past trips that wait for room on the disk; of more than these the newest are kept."""
 
 
 class Travelling(Keeping):
@@ -35,6 +39,7 @@ class Travelling(Keeping):
         self._said: TourStatus | None = None
         self._num_logged = 0
         self._is_filed = True
+        self._unfiled: deque[PastTrip] = deque(maxlen=MOST_UNFILED)
         self._minutes = Minutes()
 
     def start(self) -> None:
@@ -316,16 +321,30 @@ class Travelling(Keeping):
             self._file(record.past())
 
     def _file(self, past: PastTrip) -> None:
-        folder, days = self.state.path, float(self.config.tour.history_days)
         self.log.info(past.message, tour=past.name, state=past.state)
+        self._unfiled.append(past)
+        if len(self._unfiled) == 1:
+            self._file_next()
+
+    @every(FILE_AGAIN_S, clock="local")
+    def _file_next(self) -> None:
+        """File the oldest that waits: at once, or again where the disk may have room by now."""
+        if not self._unfiled:
+            return
+        folder, days = self.state.path, float(self.config.tour.history_days)
+        past = self._unfiled[0]
 
         def filed(done: history.Done) -> None:
             self._note_history(done)
-            problem = None
             if done.problem is not None:
                 self.count("history/not_saved")
                 problem = f"The history of trips could not be saved: {done.problem}."
-            self.set_problem(history.FILE, problem)
+                self.set_problem(history.FILE, problem)
+                return
+            self.set_problem(history.FILE, None)
+            if self._unfiled and self._unfiled[0] is past:
+                self._unfiled.popleft()
+                self._file_next()
 
         self.work(lambda: history.keep_trip(folder, past, days), filed)
 

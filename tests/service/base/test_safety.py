@@ -101,6 +101,32 @@ def test_a_stop_is_saved_later_where_the_disk_was_full(
     assert rig.state.mode == "stopped"
 
 
+def test_a_stop_does_not_queue_behind_the_saves_of_a_flood(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
+    monkeypatch.setattr(rig.base, "work", lambda fn, then: jobs.append((fn, then)))  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    rig.drive(0.5, 0.3)
+    jobs.clear()
+    published = len(rig.states)
+    for _ in range(100):
+        rig.lockstep.ask(requests.BASE_RESUME)
+    assert len(rig.states) - published < 10  # what says nothing new is not said
+    replies = ask_to_stop(rig)
+    for _ in range(100):
+        rig.lockstep.ask(requests.BASE_RESUME)
+    more = ask_to_stop(rig)
+    for _ in range(3):
+        assert len(jobs) < 10  # one is being written, and where the robot stands now and then
+        done, jobs[:] = list(jobs), []
+        for fn, then in done:
+            then(fn())
+    assert [json.loads(reply.payload)["mode"] for reply in replies + more] == ["stopped"] * 2
+    rig.restart()
+    rig.run(0.1)
+    assert rig.state.mode == "stopped"
+
+
 def test_a_stop_is_answered_though_the_disk_hangs(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, Offer, SavedPose, Stop, Tour
 from trolley.messages.asking import AskOffer, Named, Nothing, SendGoal, WhichGoal
+from trolley.runtime.bus import Reply
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Later, Service, answers, gets
 
@@ -410,3 +411,26 @@ def test_stored_values_may_come_without_the_name(lockstep: Lockstep, owner: Owne
     stop = {"name": "kitchen"}
     assert ask(lockstep, "@do/tours/put", {"stops": [stop]})["name"] == ""
     assert Tour(stops=[Stop(name="kitchen")]).repeat == 1
+
+
+def test_a_flood_is_refused_and_leaves_room_for_others():
+    owner = Owner()
+    with Lockstep("tester") as lockstep:
+        lockstep.add(owner)
+        lockstep.run(0.1)
+        replies: list[Reply] = []
+        stops: list[Reply] = []
+        key = "trolley/tester/@do/goal/cancel"
+        for _ in range(5000):
+            lockstep.bus.get(key, b"", "", 2.0, replies.append, lambda: None)
+        assert {json.loads(reply.payload)["code"] for reply in replies} == {codes.NOT_READY}
+        refused = len(replies)
+        assert 4000 < refused < 5000
+        lockstep.bus.get("trolley/*/@do/base/stop", b"", "", 2.0, stops.append, lambda: None)
+        assert lockstep.ask(requests.GOAL_SEND, SendGoal(name="kitchen")).state == "planning"
+        assert owner.stops == len(stops) == 1
+        assert len(replies) == 5000
+        assert {json.loads(reply.payload)["code"] for reply in replies[refused:]} == {
+            codes.NOT_CURRENT
+        }
+        assert lockstep.counters("tour")["requests/too_many"] == refused

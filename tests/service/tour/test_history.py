@@ -73,6 +73,28 @@ def test_history_that_breaks_under_way_loses_no_new_trip(home: "Home"):
     assert len(list(file.parent.glob("history.sqlite.broken-*"))) == 1
 
 
+def test_what_a_full_disk_refused_is_filed_when_there_is_room(
+    home: "Home", monkeypatch: pytest.MonkeyPatch
+):
+    def fail(_path: object) -> None:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    health = home.lockstep.record(topics.HEALTH, "tour")
+    with monkeypatch.context() as full:
+        full.setattr(history, "_opened", fail)
+        trips = [home.start("kitchen").trip]
+        home.run_until("done")
+        trips.append(home.start("corridor").trip)
+        home.run_until("done")
+        home.lockstep.run(1.5)
+        assert "could not be saved" in health[-1].message
+    home.lockstep.run(15.0)
+    past = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert [one.trip for one in past] == trips[::-1]
+    assert health[-1].message == ""
+    assert home.lockstep.counters("tour")["history/not_saved"] >= 2
+
+
 def test_a_trip_that_cannot_be_read_hides_no_other(home: "Home"):
     for _ in range(2):
         home.start("kitchen")

@@ -7,7 +7,7 @@ import viser
 from trolley import topics
 from trolley.messages import Health
 from trolley_viz.page import gestures_html, overlays_html, pad_html
-from trolley_viz.panels.control import show
+from trolley_viz.panels.control import READABLE, show
 from trolley_viz.panels.go import GoPanel
 from trolley_viz.panels.markup import row
 from trolley_viz.panels.more import MorePanel
@@ -39,7 +39,7 @@ class Console:
         self._health: dict[tuple[str, str], tuple[Health, int]] = {}
         """The newest by robot and service, and when it was first seen (local monotonic [ns])."""
         hub, post = session.hub, session.post
-        gui.add_html(STYLE)
+        gui.add_html(STYLE + READABLE)
         self._status = StatusPanel(gui, session.follow, post)
         self._robots = RobotsPanel(
             gui, session.folder, session.follow, session.press_stop_all, post

@@ -13,6 +13,13 @@ GREEN, TEAL, GREY, STOP_RED = (26, 138, 66), (14, 122, 128), (100, 108, 120), (2
 PURPLE, AMBER = (92, 62, 158), (166, 96, 0)
 """Button colours on which white text can be read, on light and dark."""
 
+READABLE = """<style>
+:root[data-mantine-color-scheme=light]{--mantine-color-dimmed:#5c646d}
+:root[data-mantine-color-scheme=dark]{--mantine-color-dimmed:#b3b7bd}
+:root[data-mantine-color-scheme=dark] [role=tab][aria-selected=true]{color:#6db3f8}
+</style>"""
+"""Labels and the open tab with the contrast that small letters need; viser's are paler."""
+
 AddFolder = Callable[[str], viser.GuiFolderHandle]
 """Adds a folder that is open or closed as its person left it."""
 

@@ -22,7 +22,7 @@ div:has(>div>.trolley-tiles)>div>button{height:auto!important;min-height:58px;bo
 div:has(>div>.trolley-tiles)>div:has(>.trolley-small)~div>button{min-height:44px}
 div:has(>div>.trolley-tiles) button .mantine-Button-label{white-space:normal;line-height:1.3;
  overflow-wrap:anywhere;font-size:15px;height:auto;display:-webkit-box;-webkit-line-clamp:3;
- -webkit-box-orient:vertical;overflow:hidden;text-box-trim:none}
+ -webkit-box-orient:vertical;overflow:hidden;text-box-trim:none;text-wrap:balance}
 div:has(>div>.trolley-tiles) button .mantine-Button-section>div{width:1.5em;height:1.5em;
  margin-right:.4em}
 div:has(>div>.trolley-tiles) button svg{width:100%;height:100%}

@@ -1,0 +1,1 @@
+"""The viewer in a real browser; the tests of a process share one demo."""

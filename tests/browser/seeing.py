@@ -1,0 +1,145 @@
+"""What a page's picture shows: colours where points of the floor are seen, and what moves."""
+
+import base64
+import contextlib
+import io
+import math
+from collections.abc import Callable, Generator, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Page
+
+from trolley.gridmap import load_map
+from trolley_viz.camera import (
+    BELOW,
+    FIELD_OF_VIEW,
+    PANEL_PIXELS,
+    bounds_of,
+    is_narrow,
+    stand,
+)
+
+WORLDS = Path(__file__).parents[2] / "worlds"
+
+Pixels = NDArray[np.int64]
+"""A picture (height, width, 3): red, green, blue, 0 to 255."""
+Colour = Callable[[Pixels], NDArray[np.bool_]]
+"""Says of pixels (..., 3) which have a colour (...)."""
+
+
+def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
+    """Where a point of the floor is seen, with the camera that the viewer gives a new browser."""
+    grid = load_map(WORLDS / "apartment.yaml")
+    known = np.argwhere(grid.cells >= 0)
+    low, high = known.min(axis=0), known.max(axis=0) + 1
+    corners = np.array([low, high])[:, ::-1] * grid.resolution
+    size = page.viewport_size
+    assert size is not None
+    bounds, width = bounds_of(grid.origin.transform_points(corners)), size["width"]
+    if is_narrow(width, size["height"]):  # the controls are a sheet over the lower part
+        x0, y0, x1, y1 = bounds
+        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
+    else:
+        width -= PANEL_PIXELS
+    position, look_at = stand(bounds, width / size["height"])
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.array([1.0, 0.0, 0.0])
+    ray = np.array([*point, 0.0]) - position
+    box = page.locator("canvas[data-engine]").bounding_box()
+    assert box is not None
+    scale = 0.5 * box["height"] / math.tan(0.5 * FIELD_OF_VIEW) / float(ray @ forward)
+    up = float(ray @ np.cross(right, forward))
+    return (
+        box["x"] + 0.5 * box["width"] + scale * float(ray @ right),
+        box["y"] + 0.5 * box["height"] - scale * up,
+    )
+
+
+def wait_for_frames(page: Page) -> None:
+    """Let what was put into the scene be drawn; without a graphics card that takes a while."""
+    page.evaluate(
+        "async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame) }"
+    )
+
+
+def picture(page: Page) -> Pixels:
+    """What is seen now."""
+    return pixels_of(page.screenshot(timeout=60_000))
+
+
+def pixels_of(png: bytes) -> Pixels:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
+
+
+def is_magenta(pixels: Pixels) -> NDArray[np.bool_]:
+    """As no part of the page is."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return (red > 120) & (blue > 120) & (green < 0.4 * red)
+
+
+def is_purple(pixels: Pixels) -> NDArray[np.bool_]:
+    """As echoes of what is not on the map."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return (red > green + 60) & (blue > green + 60) & (blue > 140)
+
+
+def is_green(pixels: Pixels) -> NDArray[np.bool_]:
+    """As what belongs to the goal."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return (green > red + 30) & (green > blue + 15)
+
+
+def is_blue(pixels: Pixels) -> NDArray[np.bool_]:
+    """As the robot and its outline."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return (blue > red + 60) & (blue > green + 40)
+
+
+def share_seen(
+    page: Page, points: Iterable[tuple[float, float]], colour: Colour, reach: int = 2
+) -> float:
+    """The share of points of the floor that are seen in a colour, give or take `reach` pixels."""
+    seen = colour(picture(page))
+    found = [
+        seen[y - reach : y + reach + 1, x - reach : x + reach + 1].any()
+        for x, y in (map(round, pixel_of(page, point)) for point in points)
+    ]
+    return sum(found) / len(found)
+
+
+def count_seen(page: Page, point: tuple[float, float], colour: Colour, reach_m: float) -> int:
+    """How many pixels of a colour are seen around a point of the floor."""
+    x, y = point
+    left, bottom = pixel_of(page, (x - reach_m, y - reach_m))
+    right, top = pixel_of(page, (x + reach_m, y + reach_m))
+    return int(colour(picture(page))[round(top) : round(bottom), round(left) : round(right)].sum())
+
+
+def poll(page: Page, happened: Callable[[], bool], what: str) -> None:
+    """As `wait_until`, but leaves the browser time to draw."""
+    for _ in range(40):
+        if happened():
+            return
+        page.wait_for_timeout(250)
+    raise AssertionError(what)
+
+
+@contextlib.contextmanager
+def filmed(page: Page) -> Generator[list[Pixels]]:
+    """All pictures that the page draws meanwhile; they come while `page` waits."""
+    frames: list[Pixels] = []
+    session = page.context.new_cdp_session(page)
+
+    def take(frame: dict[str, Any]) -> None:
+        frames.append(pixels_of(base64.b64decode(frame["data"])))
+        session.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
+
+    session.on("Page.screencastFrame", take)
+    session.send("Page.startScreencast", {"format": "png"})
+    yield frames
+    session.send("Page.stopScreencast")
+    session.detach()
