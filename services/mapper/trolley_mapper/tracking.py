@@ -145,16 +145,21 @@ class Tracker:
         self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float
     ) -> Fit:
         """Align from a start; odometry that contradicts the scan counts less."""
-        prior = np.linalg.inv(self.covariance)
         reach_m = min(max(3.0 * dev_m, 0.2), 0.5)
+        prior = self._prior(start)
         pose, information = local.align(start, sweep.cloud, self.pose, prior, reach_m)
+        weaker = self._prior(pose)
+        if weaker[0, 0] < 0.9 * prior[0, 0]:
+            pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
+        return Fit(pose, information, judge(local, pose, sweep))
+
+    def _prior(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the information (3, 3) of the odometry, less where a pose contradicts it."""
+        prior = np.linalg.inv(self.covariance)
         away = pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         length = math.sqrt(float(away @ prior @ away))
-        if length > _CONTRADICTION:
-            weaker = prior * (_CONTRADICTION / length) ** 2
-            pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
-        return Fit(pose, information, judge(local, pose, sweep))
+        return prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2
 
     def _search(
         self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]
