@@ -26,6 +26,7 @@ from trolley_localizer.zone_store import (
 )
 
 CHOSEN_MAP_FILE = "map.toml"
+NO_MAP = "There is no map: make one (`trolley map new NAME`), or set [map] file."
 
 
 class MapOwner(Yielding):
@@ -38,6 +39,7 @@ class MapOwner(Yielding):
         self._localizer: Localizer | None = None
         self._map_name: str | None = None
         self._zones: list[Zone] = []
+        self._failure = ""
 
     def on_first_map(self, localizer: Localizer, name: str) -> None:
         """Called when the map of the start is in use."""
@@ -53,9 +55,14 @@ class MapOwner(Yielding):
         """Return the newest odom_T_base."""
         return None
 
+    def gave_way(self) -> None:
+        """Miss no map."""
+        self._say_no_map()
+
     def took_back(self) -> None:
         """Say again what the map is."""
         self._publish_map()
+        self._say_no_map()
 
     # Maps.
 
@@ -70,15 +77,24 @@ class MapOwner(Yielding):
         if problem is not None:
             self._fail(problem)
         elif name is None:
-            message = "There is no map: make one (`trolley map new NAME`), or set [map] file."
-            self.log.error(message)
-            self.set_health("degraded", message)
+            self.log.error(NO_MAP)
+            self._say_no_map()
         else:
             self._read_map(name, partial(self._first_map_read, name))
 
     def _fail(self, message: str) -> None:
         self.log.error("No map can be used", why=message)
-        self.set_health("failed", message)
+        self._failure = message
+        self._say_no_map()
+
+    def _say_no_map(self) -> None:
+        """Say in `health` whether a map is missed."""
+        if self.is_yielding or self._localizer is not None:
+            self.set_health("ok")
+        elif self._failure:
+            self.set_health("failed", self._failure)
+        else:
+            self.set_health("degraded", NO_MAP)
 
     def _first_map(self) -> str | None:
         """Return the map to begin with: the last loaded, unless the configuration changed."""

@@ -241,6 +241,7 @@ class LocalizerService(MapOwner):
 
     def gave_way(self) -> None:
         """Let no scan wait."""
+        super().gave_way()
         self._waiting.forget()
         self._save_pose()
 

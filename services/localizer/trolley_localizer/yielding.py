@@ -88,6 +88,7 @@ class Yielding(Service):
             for topic in _SHARED:
                 self.withdraw(topic)
             self.withdraw(topics.TF, "odom")
+            self._until_ns = self.monotonic_ns + LEASE_NS
             self.gave_way()
         self._until_ns = self.monotonic_ns + LEASE_NS
 

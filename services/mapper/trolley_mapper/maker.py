@@ -2,6 +2,7 @@
 
 import importlib
 from functools import partial
+from typing import TYPE_CHECKING
 
 from trolley import requests, topics
 from trolley.codes import Refused
@@ -21,9 +22,11 @@ from trolley_mapper import kept as keeping
 from trolley_mapper.estimate import Reject
 from trolley_mapper.kept import Kept
 from trolley_mapper.making import Making
-from trolley_mapper.scan import ScanInput
 from trolley_mapper.senses import Senses
 from trolley_mapper.wire import odom_transform, pose_message
+
+if TYPE_CHECKING:
+    from trolley_mapper.scan import ScanInput
 
 KEEP_PERIOD_NS = 30_000_000_000
 _ROOM_BYTES = 4096
@@ -129,7 +132,7 @@ class Maker(Service):
         if self.senses is not None:
             self._hear()
 
-    def _take(self, scan: ScanInput) -> None:
+    def _take(self, scan: "ScanInput") -> None:
         making, senses = self.making, self.senses
         if making is None or senses is None:
             return

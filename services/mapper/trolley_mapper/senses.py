@@ -1,6 +1,7 @@
 """What the mapper hears of the robot while it maps; nothing is listened to while it is idle."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from trolley.messages import Odometry, Scan
 from trolley.messages.types import floats_from_bytes
 from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import Service
-from trolley_mapper.scan import ScanInput
+
+if TYPE_CHECKING:  # with numba: a robot that has its map need not carry it
+    from trolley_mapper.scan import ScanInput
 
 SILENT_S = 1.0
 
@@ -80,7 +83,7 @@ class Senses:
     def _hear_odometry(self, _: Odometry) -> None:
         self._heard()
 
-    def take(self) -> list[ScanInput]:
+    def take(self) -> "list[ScanInput]":
         """Return the scans that are complete by now, oldest first."""
         rate = self._service.time_of(self._service.robot).rate
         scan = self._waiting.take(self.odometry.history, self._service.monotonic_ns, rate)
@@ -100,6 +103,8 @@ class Senses:
 
     def _complete(self, scan: Scan) -> None:
         """Put a scan together with the odometry at its ends."""
+        from trolley_mapper.scan import ScanInput
+
         laser = self.laser.latest
         if laser is None or laser.parent != "base_link":
             self._service.count("scan/no_laser_mounting")

@@ -24,7 +24,9 @@ from trolley_mapper.map_files import write_map
 
 ANSWER_NS = 1_500_000_000
 """Local time after which a request is answered with how far it is."""
-MAX_UNHEARD = 3
+LOAD_NS = 15_000_000_000
+"""Local time after which the localizer is asked again to load the map."""
+MAX_UNHEARD = 10
 """So often the localizer is asked to take over before it counts as not running."""
 
 
@@ -38,9 +40,10 @@ class MapperService(Maker):
         self._beginning: Beginning | None = None
         self._saving: Later[MappingStatus] | None = None
         self._saving_until_ns = 0
-        self._loading = False
+        self._asks = False
         self._unheard = 0
         self._with_pose = True
+        self._load_again_ns = 0
 
     # Beginning.
 
@@ -171,7 +174,7 @@ class MapperService(Maker):
         self.move_places_to(name)
         making.name = self.hand_over = name
         self.note = f"The map {name} is saved; the localizer takes over."
-        self._unheard, self._loading, self._with_pose = 0, False, True
+        self._unheard, self._load_again_ns, self._with_pose = 0, 0, True
         self._answer_save()
         self._hand_over()
 
@@ -185,14 +188,14 @@ class MapperService(Maker):
     @every(1.0, clock="local")
     def _hand_over(self) -> None:
         """Ask the localizer to take over, until it has."""
-        if self.hand_over is None or self._loading:
+        if self.hand_over is None or self._asks:
             return
-        self._loading = True
+        self._asks = True
         params = Yield(hand_over=self.hand_over)
         self.request(requests.LOCALIZER_YIELD, params, partial(self._may_load, self.hand_over))
 
     def _may_load(self, name: str, result: PoseEstimate | Refused) -> None:
-        self._loading = False
+        self._asks = False
         if self.hand_over != name:
             return
         if isinstance(result, Refused):
@@ -201,23 +204,29 @@ class MapperService(Maker):
             else:
                 self._not_heard(name)
             return
-        self._loading = True
+        self._unheard = 0
+        if self.monotonic_ns < self._load_again_ns:
+            return  # it is at it
+        self._asks = True
+        self._load_again_ns = self.monotonic_ns + LOAD_NS
         pose = self.pose_now() if self._with_pose else None
         self.request(
             requests.MAP_LOAD, LoadMap(name=name, pose=pose), partial(self._taken_over, name)
         )
 
     def _taken_over(self, name: str, result: MapInfo | Refused) -> None:
-        self._loading = False
+        self._asks = False
         if self.hand_over != name:
             return
         if isinstance(result, MapInfo):
             self._done(name)
         elif result.code in (codes.OUTSIDE_MAP, codes.IN_OBSTACLE):
             self._with_pose = False  # then it looks for the place itself
-        elif result.code == codes.TIMEOUT:
+            self._load_again_ns = 0
+        elif result.code == codes.NOT_READY:
+            self._load_again_ns = 0
             self._not_heard(name)
-        else:
+        elif result.code != codes.TIMEOUT:  # a large map takes longer than an answer may
             self.log.error("The localizer cannot use the map", map=name, why=result.message)
             self.request(requests.LOCALIZER_YIELD, Yield(on=False), lambda _: None)
             self.finish(f"The map {name} is saved, but cannot be used: {result.message}")

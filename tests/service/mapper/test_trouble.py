@@ -75,7 +75,7 @@ def test_without_a_localizer_the_map_is_saved_all_the_same(make_stage: MakeStage
     stage = make_stage("mapper")
     stage.map(seconds=2.0)
     stage.ask(requests.MAP_SAVE, SaveMap())
-    stage.bus.run(5.0)
+    stage.bus.run(15.0)
     assert stage.status.state == "idle"
     assert "the localizer is not running" in stage.status.message
     assert (stage.bus.state / "maps" / "home.yaml").exists()
