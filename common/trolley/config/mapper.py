@@ -23,6 +23,8 @@ class MapperConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """And with surfaces within this distance [m]."""
     local_keyframes: Annotated[int, Meta(ge=3, le=200)] = 20
     """And with at most so many keyframes."""
+    keyframes_per_place: Annotated[int, Meta(ge=2, le=50)] = 4
+    """Where more show the same, the older ones are forgotten: memory follows the area mapped."""
     drift_share: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.05
     """How far off a pose may be at most, as a share of the way driven since the place was seen."""
     lost_after_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.5

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_mapper.graph import Edge, between
+from trolley_mapper.graph import Edge, averaged, between, chained, compose, turned_round
 from trolley_mapper.keyframe import Keyframe
 
 # Drift between two keyframes that see the same is at least that of so long a way [m].
@@ -53,10 +53,18 @@ class Atlas:
         for edge in edges:
             self.link(edge)
 
+    @property
+    def prior(self) -> int | None:
+        """Number of the map made before, if there is one."""
+        first = self.keyframes[0] if self.keyframes else None
+        return first.number if first is not None and first.is_prior else None
+
     def link(self, edge: Edge) -> None:
         """Add an edge between two keyframes."""
         self.edges.append(edge)
-        cost = max(math.hypot(edge.step[0], edge.step[1]), _LEAST_COST_M)
+        # A map made before is as large as it is: its origin lies anywhere.
+        length = 0.0 if edge.first == self.prior else math.hypot(edge.step[0], edge.step[1])
+        cost = max(length, _LEAST_COST_M)
         for one, other in ((edge.first, edge.second), (edge.second, edge.first)):
             near = self._neighbours[one]
             near[other] = min(cost, near.get(other, math.inf))
@@ -73,9 +81,62 @@ class Atlas:
         for edge in edges:
             self.link(edge)
 
-    def degree(self, number: int) -> int:
-        """Return to how many keyframes one is tied."""
-        return len(self._neighbours[number])
+    def dissolve(self, number: int) -> None:
+        """Forget a keyframe, but keep what its edges say of the others.
+
+        All others are tied to the one that it was tied to best (a star in place of the clique of
+        a full marginalisation, so that the number of edges does not grow).
+        """
+        own = [e for e in self.edges if number in (e.first, e.second)]
+        away = [e if e.first == number else turned_round(e) for e in own]
+        if len(away) > 1:
+            hub = max(away, key=lambda e: float(np.linalg.det(e.information)))
+            for edge in away:
+                if edge.second != hub.second:
+                    self._merge(chained(turned_round(hub), edge))
+        self.remove([number])
+
+    def _merge(self, edge: Edge) -> None:
+        """Add an edge, or average it with the one there is between the same keyframes."""
+        for row, other in enumerate(self.edges):
+            if (other.first, other.second) == (edge.first, edge.second):
+                self.edges[row] = averaged(other, edge)
+                return
+            if (other.second, other.first) == (edge.first, edge.second):
+                self.edges[row] = averaged(other, turned_round(edge))
+                return
+        self.link(edge if edge.first < edge.second else turned_round(edge))
+
+    def alike(self, away_m: float, turned_rad: float) -> list[int]:
+        """Return the keyframes, the newest among them, that lie that near to the newest."""
+        near = [n for n in self.ways_from(self.newest.number, 2.0) if n != self.prior]
+        steps = between(self.poses[-1], self.poses[[self.rows[n] for n in near]])
+        is_near = np.hypot(steps[:, 0], steps[:, 1]) < away_m
+        return sorted(np.array(near)[is_near & (np.abs(steps[:, 2]) < turned_rad)].tolist())
+
+    def nearest(self, pose: NDArray[np.float64]) -> int:
+        """Return the number of the keyframe nearest to a pose (3,), the prior where no other."""
+        away = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
+        if self.prior is not None and len(away) > 1:
+            away[0] = math.inf
+        return self.keyframes[int(np.argmin(away))].number
+
+    def move_to(self, other: "Atlas") -> tuple[NDArray[np.float64], list[Keyframe]]:
+        """Take over the poses of an optimised copy; keyframes added since move along.
+
+        Returns:
+            The motion (3,) of the newest keyframes, new_map_T_old_map, and the keyframes that the
+            copy does not have.
+        """
+        shared = [one.number for one in self.keyframes if one.number in other.rows]
+        last = shared[-1]
+        correction = compose(other.pose(last), between(self.pose(last), np.zeros(3)))
+        later = [one for one in self.keyframes if one.number not in other.rows]
+        for one in later:
+            self.poses[self.rows[one.number]] = compose(correction, self.pose(one.number))
+        for number in shared:
+            self.poses[self.rows[number]] = other.pose(number)
+        return correction, later
 
     def ways_from(self, number: int, limit_m: float) -> dict[int, float]:
         """Return how far other keyframes are along edges [m], as far as `limit_m`."""
@@ -106,20 +167,21 @@ class Atlas:
             most: how many at most.
             always: chosen first.
         """
-        some = list(numbers)
+        some = [number for number in numbers if number != self.prior]
         if not some:
-            return []
+            return sorted(always)
         poses = self.poses[[self.rows[number] for number in some]]
         steps = between(pose, poses)
         # A keyframe that looks another way shows less of what is seen from here.
         order = np.argsort(np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2]))
-        chosen, kept = list(always), [self.pose(number) for number in always]
+        chosen = list(always)
+        kept = [self.pose(number) for number in always if number != self.prior]
         for row in order:
             if len(chosen) >= most:
                 break
             if some[row] in chosen:
                 continue
-            apart = between(poses[row], np.array(kept).reshape(-1, 3))
+            apart = between(poses[row][None], np.array(kept).reshape(-1, 3))
             if np.any(np.hypot(apart[:, 0], apart[:, 1]) + 0.5 * np.abs(apart[:, 2]) < 0.2):
                 continue
             chosen.append(some[row])

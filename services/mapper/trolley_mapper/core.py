@@ -1,9 +1,10 @@
 """The mapper without wire, clock and files: scans and odometry in, poses and a map out.
 
-Frames: `map` (fixed by the first keyframe), `odom`, `base_link`.
+Frames: `map` (fixed by the first keyframe, or by the map that is extended), `odom`, `base_link`.
 """
 
 import math
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -12,32 +13,34 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley_mapper.anchors import Anchors
 from trolley_mapper.atlas import Atlas
-from trolley_mapper.estimate import Anchor, MapEstimate, Reject, State
-from trolley_mapper.graph import NEAR, NEXT, Edge, between, compose, to_frame
+from trolley_mapper.estimate import Anchor, MapEstimate, Reject
+from trolley_mapper.graph import between, compose
 from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.loops import Closure, LoopJob
-from trolley_mapper.occupancy import Occupancy
+from trolley_mapper.occupancy import Occupancy, draw_all
+from trolley_mapper.prior import prior_keyframe
 from trolley_mapper.relocation import RelocationJob
-from trolley_mapper.scan import ScanInput, Sweep, read_sweep
+from trolley_mapper.scan import ScanInput, Sweep, problem_of, read_sweep
+from trolley_mapper.storage import State, pack, unpack
+from trolley_mapper.ties import next_edge, ties
 from trolley_mapper.tracking import Fit, Tracker
+from trolley_mapper.trust import Trust
 
 # A wheeled indoor robot is slower; a longer step is a reset or a fault of the odometry [m/s, m].
 _FASTEST_MPS = 4.0
 _LONGEST_JUMP_M = 0.5
 # Where the odometry is not to be believed, the robot may be so far off [m, rad].
-_JUMP_DEV_M = 0.3
-_JUMP_DEV_RAD = 0.3
-# A keyframe is tied to as many others as contributed at least such a share of the matched points.
-_TIES = 3
-_TIE_SHARE = 0.12
+_JUMP_DEVS = (0.3, 0.3)
+# How far off a start pose on an existing map may be, and one that a search has found [m, rad].
+_TOLD_DEVS = (0.2, 0.15)
+_FOUND_DEVS = (0.1, 0.05)
 _SEARCH_AGAIN_S = 2.0
-# A pause of the lidar is no proof against the pose: it counts as a bad match of at most [s].
-_LONGEST_STEP_S = 0.3
-# A place that was found anew is believed after so long a way without a bad match [m].
-_PROOF_M = 0.4
 _PENDING = 12
+# Keyframes this near to each other show the same: the share of the distances between keyframes.
+_SAME_PLACE = 1.2
 
 MapJob = LoopJob | RelocationJob
 
@@ -59,19 +62,19 @@ class Mapper:
     ) -> None:
         self._config = config
         self._prior = prior
-        self._start = (start or Pose2D.identity()).as_array()
         self._atlas = Atlas()
-        self._tracker = Tracker(config)
+        self._anchors = Anchors()
+        self._tracker = Tracker()
+        self._trust = Trust(config.lost_after_s)
         self._occupancy = Occupancy(config.resolution_m, prior)
         self._local: LocalMap | None = None
-        self._local_pose = np.full(3, np.inf)
+        self._local_pose = np.zeros(3)
         self._last: ScanInput | None = None
         self._sweep: Sweep | None = None
-        self._chain = False
-        self._since_keyframe = np.zeros((3, 3))
-        self._state: State = "mapping"
-        self._bad_s = 0.0
-        self._proof_m = math.inf
+        # Whether the newest keyframe and the robot are joined by a way without a break, and how
+        # sure the odometry is of that way.
+        self._is_joined = False
+        self._way_covariance = np.zeros((3, 3))
         self._next_number = 0
         self._pending: list[Closure] = []
         self._wants_loop = False
@@ -82,88 +85,59 @@ class Mapper:
         self._version = 0
         self._grid: tuple[int, GridMap] | None = None
         self.num_loops = 0
+        self._tracker.reset((start or Pose2D.identity()).as_array(), (0.001, 0.001))
+        if prior is not None:
+            self._extend(prior, is_told=start is not None)
+
+    def _extend(self, prior: GridMap, is_told: bool) -> None:
+        """Begin on a map made before."""
+        self._atlas.add(prior_keyframe(0, prior), np.zeros(3), [])
+        self._next_number = 1
+        self._trust.doubt(is_lost=not is_told)
+        self._tracker.reset(self._tracker.pose, _TOLD_DEVS)
+        self._version += 1
 
     # One scan.
 
     def step(self, scan: ScanInput) -> MapEstimate | Reject:
         """Take one scan and its odometry into account."""
-        reject = self._problem(scan)
+        reject = problem_of(scan, None if self._last is None else self._last.stamp_ns)
         if reject is not None:
             return reject
-        elapsed_s = self._predict(scan)
+        elapsed_s, way_m = self._predict(scan)
         sweep = read_sweep(scan, self._config.max_range_m)
         self._last, self._sweep = scan, sweep
         self._since_search_s += elapsed_s
         if sweep.is_blind:
             return self._estimate(scan, 0.0, "the lidar sees too little")
         if len(self._atlas) == 0:
-            self._begin(scan, sweep)
+            self._insert(scan, sweep, self._tracker.pose)
             return self._estimate(scan, 1.0, "")
         fit = self._tracker.look(self._local_map(), sweep)
-        self._fit_dbg = fit.verdict
-        self._judge(fit, elapsed_s)
-        if self._may_grow(fit) and self._has_moved():
-            self._add_keyframe(scan, sweep, fit)
-        return self._estimate(scan, fit.verdict.match, self._words())
+        if self._trust.look(fit.verdict, elapsed_s, way_m) == "lost":
+            self._is_joined = False
+        may_grow = self._trust.may_grow(fit.verdict, self._is_joined) and not self._is_paused
+        if may_grow and self._has_moved():
+            self._insert(scan, sweep, fit.pose, fit)
+        message = self._trust.message
+        if not message and self._is_paused:
+            message = "paused: the map does not grow"
+        return self._estimate(scan, fit.verdict.match, message)
 
-    def _problem(self, scan: ScanInput) -> Reject | None:
-        """Say why a scan cannot be used."""
-        if self._last is not None and scan.stamp_ns <= self._last.stamp_ns:
-            return Reject.OLD_STAMP
-        if not (scan.odom_T_base.is_finite() and scan.odom_T_base_end.is_finite()):
-            return Reject.BAD_ODOMETRY
-        numbers = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-        if not (all(math.isfinite(n) for n in numbers) and scan.base_T_laser.is_finite()):
-            return Reject.BAD_GEOMETRY
-        return None
-
-    def _predict(self, scan: ScanInput) -> float:
-        """Follow the odometry since the scan before; return the time since then [s]."""
+    def _predict(self, scan: ScanInput) -> tuple[float, float]:
+        """Follow the odometry since the scan before; return the time [s] and the way [m]."""
         if self._last is None:
-            return 0.0
+            return 0.0, 0.0
         elapsed_s = (scan.stamp_ns - self._last.stamp_ns) * 1e-9
         step = self._last.odom_T_base.inverse() @ scan.odom_T_base
-        way = math.hypot(step.x, step.y)
-        if way > _LONGEST_JUMP_M + _FASTEST_MPS * elapsed_s:
-            jump = np.diag([_JUMP_DEV_M**2, _JUMP_DEV_M**2, _JUMP_DEV_RAD**2])
-            self._tracker.covariance = self._tracker.covariance + jump
-            self._since_keyframe = self._since_keyframe + jump
-            return elapsed_s
+        way_m = math.hypot(step.x, step.y)
+        if way_m > _LONGEST_JUMP_M + _FASTEST_MPS * elapsed_s:
+            step, way_m = Pose2D.identity(), 0.0
+            self._tracker.loosen(_JUMP_DEVS)
+            self._way_covariance = self._way_covariance + np.diag(np.square([0.3, 0.3, 0.3]))
         self._tracker.predict(step)
-        self._since_keyframe = self._since_keyframe + self._tracker.noise(way, abs(step.yaw))
-        self._proof_m += way
-        return elapsed_s
-
-    def _judge(self, fit: Fit, elapsed_s: float) -> None:
-        """Draw the consequences of a good or a bad match."""
-        if fit.verdict.is_good or (fit.verdict.is_new and self._state == "mapping"):
-            self._bad_s = 0.0
-            if self._state == "lost":
-                self._proof_m = 0.0
-            is_proven = self._proof_m >= _PROOF_M
-            self._state = "mapping" if is_proven else "unsure"
-            return
-        self._bad_s += min(elapsed_s, _LONGEST_STEP_S)
-        if self._state == "lost":
-            return
-        self._state = "unsure"
-        # What was found anew and fails at once was the wrong place.
-        if self._bad_s > self._config.lost_after_s or self._proof_m < _PROOF_M:
-            self._state = "lost"
-            self._chain = False
-
-    def _may_grow(self, fit: Fit) -> bool:
-        """Say whether a scan may become part of the map."""
-        fits = fit.verdict.is_good or (fit.verdict.is_new and self._chain)
-        return fits and self._state == "mapping" and not self._is_paused
-
-    def _words(self) -> str:
-        """Say in one sentence what is the matter."""
-        if self._state == "lost":
-            return "the scan does not fit the map made so far: lost, the map does not grow"
-        if self._state == "unsure":
-            return "checking the pose before the map grows on"
-        return "paused: the map does not grow" if self._is_paused else ""
+        self._way_covariance = self._way_covariance + self._tracker.noise(way_m, abs(step.yaw))
+        return elapsed_s, way_m
 
     def _estimate(self, scan: ScanInput, match: float, message: str) -> MapEstimate:
         """Say where the robot is."""
@@ -174,7 +148,7 @@ class Mapper:
             pose=pose,
             covariance=self._tracker.covariance.copy(),
             match=match,
-            state=self._state,
+            state=self._trust.state,
             message=message,
             map_T_odom=pose @ scan.odom_T_base.inverse(),
             closed_loop=closed,
@@ -182,25 +156,46 @@ class Mapper:
 
     # The map grows.
 
-    def _begin(self, scan: ScanInput, sweep: Sweep) -> None:
-        """Make the first scan the first keyframe."""
-        self._tracker.reset(self._start, 0.001, 0.001)
-        self._insert(Keyframe.of(self._next_number, scan.stamp_ns, sweep), self._tracker.pose, [])
-
-    def _insert(self, keyframe: Keyframe, pose: NDArray[np.float64], edges: list[Edge]) -> None:
-        """Put a keyframe into the graph and the grid."""
-        self._next_number += 1
+    def _insert(
+        self, scan: ScanInput, sweep: Sweep, pose: NDArray[np.float64], fit: Fit | None = None
+    ) -> None:
+        """Make a scan a keyframe, tied to those that it was matched with."""
+        number = self._next_number
+        keyframe = Keyframe.of(number, scan.stamp_ns, sweep)
+        edges, matched = [], np.zeros((3, 3))
+        previous = self._atlas.newest if self._is_joined else None
+        if fit is not None and fit.verdict.is_good:
+            before = None if previous is None else previous.number
+            edges, matched = ties(number, self._local_map(), pose, sweep.cloud, before)
+        if previous is not None:
+            poses = (self._atlas.poses[-1], pose)
+            way = self._way_covariance
+            edges.append(next_edge((previous.number, number), poses, way, matched))
         self._atlas.add(keyframe, pose, edges)
         self._occupancy.add(keyframe, pose)
+        self._next_number += 1
+        self._is_joined = True
+        self._way_covariance = np.zeros((3, 3))
         self._local = None
-        self._chain = True
-        self._since_keyframe = np.zeros((3, 3))
         self._wants_loop = True
         self._version += 1
+        self._thin_out()
+
+    def _thin_out(self) -> None:
+        """Forget a keyframe where many show the same, so that time alone costs no memory."""
+        config = self._config
+        alike = self._atlas.alike(
+            _SAME_PLACE * config.keyframe_distance_m, _SAME_PLACE * config.keyframe_turn_rad
+        )
+        if len(alike) > config.keyframes_per_place:
+            # The oldest hold the map in place, the newest show what has changed.
+            gone = alike[len(alike) // 2]
+            self._anchors.forget(self._atlas, [gone])
+            self._atlas.dissolve(gone)
 
     def _has_moved(self) -> bool:
         """Say whether the robot has moved enough since the newest keyframe."""
-        if not self._chain:
+        if not self._is_joined:
             return True
         step = between(self._atlas.poses[-1], self._tracker.pose)
         return bool(
@@ -208,55 +203,12 @@ class Mapper:
             or abs(step[2]) >= self._config.keyframe_turn_rad
         )
 
-    def _add_keyframe(self, scan: ScanInput, sweep: Sweep, fit: Fit) -> None:
-        """Make a scan a keyframe, tied to those that it was matched with."""
-        keyframe = Keyframe.of(self._next_number, scan.stamp_ns, sweep)
-        ties = self._ties(keyframe.number, sweep, fit.pose) if fit.verdict.is_good else []
-        if not ties and self._chain:
-            nothing = np.zeros((3, 3))
-            ties = [self._next_edge(keyframe.number, fit.pose, nothing)]
-        self._insert(keyframe, fit.pose, ties)
-
-    def _ties(self, number: int, sweep: Sweep, pose: NDArray[np.float64]) -> list[Edge]:
-        """Return edges from the keyframes near by, by what each has contributed."""
-        local = self._local_map()
-        hessians, counts = local.shares(pose, sweep.cloud)
-        newest = self._atlas.newest.number
-        own = np.zeros((3, 3))
-        edges: list[Edge] = []
-        for row, one in enumerate(local.keyframes):
-            if self._chain and one.number == newest:
-                own = hessians[row]
-        for row in np.argsort(-counts)[:_TIES]:
-            one = local.keyframes[row].number
-            if counts[row] < _TIE_SHARE * len(sweep.cloud.points):
-                break
-            if not self._chain or one != newest:
-                step = between(local.poses[row], pose)
-                edges.append(
-                    Edge(one, number, step, to_frame(hessians[row], float(pose[2])), NEAR)
-                )
-        if self._chain:
-            # Without other ties all that was matched counts for this one.
-            whole = own if edges else hessians.sum(axis=0)
-            edges.append(self._next_edge(number, pose, whole))
-        return edges
-
-    def _next_edge(
-        self, number: int, pose: NDArray[np.float64], matched: NDArray[np.float64]
-    ) -> Edge:
-        """Tie a keyframe to the one before, by odometry and what was matched, (3, 3) in `map`."""
-        information = np.linalg.inv(self._since_keyframe + 1e-6 * np.eye(3)) + matched
-        step = between(self._atlas.poses[-1], pose)
-        newest = self._atlas.newest.number
-        return Edge(newest, number, step, to_frame(information, float(pose[2])), NEXT)
-
     def _local_map(self) -> LocalMap:
         """Return the surfaces near the robot, put together anew when it has moved on."""
         pose = self._tracker.pose
-        away = between(self._local_pose, pose) if self._local is not None else np.zeros(3)
-        moved = math.hypot(away[0], away[1]) > 2.0 * self._config.keyframe_distance_m
-        if self._local is None or moved:
+        away = between(self._local_pose, pose)
+        has_moved = math.hypot(away[0], away[1]) > 2.0 * self._config.keyframe_distance_m
+        if self._local is None or has_moved:
             numbers = self._near_numbers()
             keyframes = [self._atlas.keyframes[self._atlas.rows[n]] for n in numbers]
             poses = np.array([self._atlas.pose(n) for n in numbers])
@@ -266,19 +218,13 @@ class Mapper:
 
     def _near_numbers(self) -> list[int]:
         """Choose the keyframes to compare scans with."""
-        newest = self._anchor_number()
-        ways = self._atlas.ways_from(newest, self._config.local_way_m)
-        recent = [newest]
-        return self._atlas.choose_near(
-            ways, self._tracker.pose, self._config.local_keyframes, recent
-        )
-
-    def _anchor_number(self) -> int:
-        """Return the keyframe that the pose hangs on."""
-        if self._chain:
-            return self._atlas.newest.number
-        away = np.hypot(*(self._atlas.poses[:, :2] - self._tracker.pose[:2]).T)
-        return self._atlas.keyframes[int(np.argmin(away))].number
+        atlas, pose = self._atlas, self._tracker.pose
+        number = atlas.newest.number if self._is_joined else atlas.nearest(pose)
+        ways = atlas.ways_from(number, self._config.local_way_m)
+        always = [number]
+        if atlas.prior is not None and atlas.prior in ways and number != atlas.prior:
+            always.append(atlas.prior)
+        return atlas.choose_near(ways, pose, self._config.local_keyframes, always)
 
     # Heavy work.
 
@@ -286,28 +232,20 @@ class Mapper:
         """Return work to do now, or None. Give it back to `finish` when it is done."""
         if self._job is not None or len(self._atlas) == 0 or self._last is None:
             return None
-        if self._state == "lost":
-            if self._since_search_s < _SEARCH_AGAIN_S or self._sweep is None:
-                return None
-            if self._sweep.is_blind:
+        if self._trust.state == "lost":
+            waits = self._since_search_s < _SEARCH_AGAIN_S
+            if waits or self._sweep is None or self._sweep.is_blind:
                 return None
             self._since_search_s = 0.0
             self._job = RelocationJob(self._atlas.copy(), self._sweep, self._last.odom_T_base)
         elif self._wants_loop:
             self._wants_loop = False
-            self._job = LoopJob(
-                self._atlas.copy(),
-                self._atlas.newest.number,
-                list(self._pending),
-                self._config,
-                [self._atlas.keyframes[0].number],
-                Occupancy(self._config.resolution_m, self._prior),
-            )
+            self._job = LoopJob(self._atlas.copy(), list(self._pending), self._config, self._prior)
         return self._job
 
     def finish(self, job: MapJob) -> None:
         """Take the outcome of a job into account."""
-        if job is not self._job:
+        if job is not self._job:  # the map was changed by hand meanwhile
             return
         self._job = None
         if isinstance(job, RelocationJob):
@@ -317,53 +255,37 @@ class Mapper:
 
     def _take_place(self, job: RelocationJob) -> None:
         """Go on from where a lost robot was found."""
-        if job.found is None or self._state != "lost" or self._last is None:
+        if job.found is None or self._trust.state != "lost" or self._last is None:
             return
         step = job.odom_T_base.inverse() @ self._last.odom_T_base
-        self._tracker.reset(compose(job.found, step.as_array()), 0.1, 0.05)
-        self._state = "unsure"
-        self._bad_s, self._proof_m = 0.0, 0.0
-        self._chain = False
+        self._tracker.reset(compose(job.found, step.as_array()), _FOUND_DEVS)
+        self._trust.doubt(is_lost=False)
         self._local = None
 
     def _take_loops(self, job: LoopJob) -> None:
         """Take over closures, and the poses and the grid that follow from them."""
-        self._pending = [*self._pending, *job.found][-_PENDING:]
-        known = self._atlas.rows
+        rows = self._atlas.rows
+        accepted = [e for e in job.accepted if e.first in rows and e.second in rows]
         self._pending = [
-            c
-            for c in self._pending
-            if c.edge.first in known
-            and c.edge.second in known
-            and all(c.edge is not edge for edge in job.accepted)
+            closure
+            for closure in [*self._pending, *job.found][-_PENDING:]
+            if closure.edge.first in rows
+            and closure.edge.second in rows
+            and all(closure.edge is not edge for edge in job.accepted)
         ]
         if job.occupancy is None:
             return
-        self._move_all(job)
-        for edge in job.accepted:
-            if edge.first in known and edge.second in known:
-                self._atlas.link(edge)
-        self.num_loops += len(job.accepted)
-        self._closed_loop = True
-        self._local = None
-        self._version += 1
-
-    def _move_all(self, job: LoopJob) -> None:
-        """Take over optimised poses; what was added since moves with the newest of those."""
-        old_newest = self._atlas.pose(job.query) if job.query in self._atlas.rows else None
-        if old_newest is None or job.occupancy is None:
-            return
-        new_newest = job.atlas.pose(job.query)
-        correction = compose(new_newest, between(old_newest, np.zeros(3)))
-        later = [one for one in self._atlas.keyframes if one.number not in job.atlas.rows]
-        moved = {one.number: compose(correction, self._atlas.pose(one.number)) for one in later}
-        for row, one in enumerate(self._atlas.keyframes):
-            is_later = one.number in moved
-            self._atlas.poses[row] = moved[one.number] if is_later else job.atlas.pose(one.number)
+        for edge in accepted:
+            self._atlas.link(edge)
+        correction, later = self._atlas.move_to(job.atlas)
         self._tracker.pose = compose(correction, self._tracker.pose)
         self._occupancy = job.occupancy
         for one in later:
-            self._occupancy.add(one, moved[one.number])
+            self._occupancy.add(one, self._atlas.pose(one.number))
+        self.num_loops += len(accepted)
+        self._closed_loop = True
+        self._local = None
+        self._version += 1
 
     # What people ask for.
 
@@ -380,30 +302,49 @@ class Mapper:
 
     def anchor(self, map_T_pose: Pose2D) -> Anchor:
         """Tie a pose to the nearest keyframe."""
-        if len(self._atlas) == 0:
-            return Anchor(-1, map_T_pose)
-        pose = map_T_pose.as_array()
-        away = np.hypot(*(self._atlas.poses[:, :2] - pose[:2]).T)
-        # Of several as near the newest: where loops are open still, it is the robot's own.
-        row = len(away) - 1 - int(np.argmin(away[::-1]))
-        if self._chain and away[-1] < 1.5 * self._config.keyframe_distance_m:
-            row = len(away) - 1
-        step = between(self._atlas.poses[row], pose)
-        return Anchor(self._atlas.keyframes[row].number, Pose2D.from_array(step))
+        newest = self._atlas.newest.number if self._is_joined else None
+        return self._anchors.tie(self._atlas, map_T_pose, newest)
 
     def moved(self, anchor: Anchor) -> Pose2D:
         """Return where an anchored pose lies on the map now: map_T_pose."""
-        if anchor.keyframe not in self._atlas.rows:
-            return anchor.keyframe_T_pose
-        return Pose2D.from_array(self._atlas.pose(anchor.keyframe)) @ anchor.keyframe_T_pose
+        return self._anchors.place(self._atlas, anchor)
 
     def undo(self, seconds: float) -> Pose2D | None:
         """Forget what was mapped in the last seconds of robot time; tracking goes on.
 
+        The first keyframe stays: it is where the map begins.
+
         Returns:
             map_T_base of the newest keyframe that is left; None when there is none.
         """
-        return None
+        if len(self._atlas) == 0 or self._last is None:
+            return None
+        since_ns = self._last.stamp_ns - round(seconds * 1e9)
+        rows = [r for r, k in enumerate(self._atlas.keyframes) if r > 0 and k.stamp_ns >= since_ns]
+        if rows:
+            self._forget(rows)
+        newest = self._atlas.newest
+        return None if newest.is_prior else Pose2D.from_array(self._atlas.poses[-1])
+
+    def _forget(self, rows: list[int]) -> None:
+        """Take keyframes, given by their rows, off the map and draw it anew."""
+        atlas = self._atlas
+        for before, after in pairwise(rows):
+            step = between(atlas.poses[before], atlas.poses[after])
+            noise = self._tracker.noise(math.hypot(step[0], step[1]), abs(step[2]))
+            self._way_covariance = self._way_covariance + noise
+        numbers = [atlas.keyframes[row].number for row in rows]
+        self._anchors.forget(atlas, numbers)
+        atlas.remove(numbers)
+        self._pending = [
+            c for c in self._pending if c.edge.first in atlas.rows and c.edge.second in atlas.rows
+        ]
+        self._is_joined = self._is_joined and not atlas.newest.is_prior
+        self._occupancy = draw_all(
+            self._config.resolution_m, self._prior, atlas.keyframes, atlas.poses
+        )
+        self._job, self._local = None, None
+        self._version += 1
 
     def pause(self) -> None:
         """Let the map be as it is; the pose is followed on it as long as the scans fit."""
@@ -413,8 +354,9 @@ class Mapper:
         """Go on mapping; with a pose where the robot was carried to, map_T_base."""
         self._is_paused = False
         if pose is not None:
-            self._tracker.reset(pose.as_array(), 0.3, 0.2)
-            self._state, self._chain, self._local = "unsure", False, None
+            self._tracker.reset(pose.as_array(), _TOLD_DEVS)
+            self._trust.doubt(is_lost=False)
+            self._is_joined, self._local = False, None
 
     @property
     def is_paused(self) -> bool:
@@ -424,25 +366,44 @@ class Mapper:
     @property
     def num_keyframes(self) -> int:
         """Number of scans that the map is made of."""
-        return len(self._atlas)
+        return len(self._atlas) - (self._atlas.prior is not None)
+
+    @property
+    def num_slips(self) -> int:
+        """How often the wheels said something else than the scans."""
+        return self._tracker.num_slips
 
     @property
     def memory_bytes(self) -> int:
         """Bytes of keyframes, graph and grids, about."""
         kept = sum(one.num_bytes for one in self._atlas.keyframes)
-        return kept + 250 * len(self._atlas.edges) + self._occupancy.num_bytes
+        return kept + 500 * len(self._atlas.edges) + self._occupancy.num_bytes
 
     def to_bytes(self) -> bytes:
         """Return all that is needed to go on after a restart, compactly."""
-        return b""
+        pose = Pose2D.from_array(self._tracker.pose)
+        return pack(
+            State(self._atlas, self._anchors, self._prior, pose, self._next_number, self.num_loops)
+        )
 
     @classmethod
     def from_bytes(cls, config: MapperConfig, data: bytes) -> Self:
         """Make a mapper that goes on where `to_bytes` was called.
 
-        The robot is taken to stand where it stood then; the first scan checks it.
+        The robot is taken to stand where it stood then; the first scans check it.
 
         Raises:
             ValueError: the bytes are none of a mapper, or damaged.
         """
-        return cls(config)
+        state = unpack(data)
+        mapper = cls(config, state.pose)
+        mapper._prior, mapper._atlas, mapper._anchors = state.prior, state.atlas, state.anchors
+        mapper._next_number, mapper.num_loops = state.next_number, state.num_loops
+        mapper._occupancy = draw_all(
+            config.resolution_m, state.prior, state.atlas.keyframes, state.atlas.poses
+        )
+        mapper._version = 1
+        if len(state.atlas) > 0:
+            mapper._tracker.reset(state.pose.as_array(), _TOLD_DEVS)
+            mapper._trust.doubt(is_lost=False)
+        return mapper

@@ -19,6 +19,8 @@ class Keyframe:
         points: (n, 2) float32 in `base_link` at the stamp [m].
         normals: (n, 2) float32 of the surfaces, towards the laser; zero where unclear.
         laser: (2,) float32, where the laser was in `base_link` [m].
+        floor: (m, 2) float32, places known to be free [m]; only of a map made before, which has no
+            beams that show them.
     """
 
     number: int
@@ -26,6 +28,7 @@ class Keyframe:
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
     laser: NDArray[np.float32]
+    floor: NDArray[np.float32] | None = None
 
     @classmethod
     def of(cls, number: int, stamp_ns: int, sweep: Sweep) -> "Keyframe":
@@ -38,6 +41,11 @@ class Keyframe:
             sweep.laser.astype(np.float32),
         )
 
+    @property
+    def is_prior(self) -> bool:
+        """Whether it is a map made before instead of a scan."""
+        return self.floor is not None
+
     def cloud(self) -> Cloud:
         """Return the points as the kernels want those of a scan."""
         return Cloud(self.points.astype(np.float64), self.normals.astype(np.float64))
@@ -45,4 +53,5 @@ class Keyframe:
     @property
     def num_bytes(self) -> int:
         """Bytes that it takes, about."""
-        return self.points.nbytes + self.normals.nbytes + self.laser.nbytes + 500
+        floor = 0 if self.floor is None else self.floor.nbytes
+        return self.points.nbytes + self.normals.nbytes + floor + 500

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.kernels import correlate, surfels
 from trolley_mapper.kernels.align import accumulate, align
 from trolley_mapper.kernels.layout import Cloud, Matching, Surfels
+from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.scan import Sweep
 
 # Edge of the cells that surfels are averaged in [m].
@@ -29,6 +29,8 @@ _HEIGHTS = 5
 _SEARCH_POINTS = 180
 # Free space is marked by about so many beams of each keyframe.
 _FREE_BEAMS = 120
+# The floor of a map made before counts as seen by so many keyframes.
+_PRIOR_TIMES = 3
 
 
 class LocalMap:
@@ -69,6 +71,9 @@ class LocalMap:
             self.count = surfels.add_surfels(
                 self.surfels, self.count, one.points, one.normals, pose, owner
             )
+            if one.floor is not None:
+                surfels.mark_floor(self.surfels, one.floor, _PRIOR_TIMES)
+                continue
             every = max(len(one.points) // _FREE_BEAMS, 1)
             surfels.mark_free(self.surfels, one.points, one.laser, pose, every)
         surfels.normalise_surfels(self.surfels, self.count)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
+from trolley.gridmap import GridMap
 from trolley_mapper.atlas import Atlas
 from trolley_mapper.graph import (
     LOOP,
@@ -16,17 +17,16 @@ from trolley_mapper.graph import (
     compose,
     make_problem,
     optimise,
-    squared_errors,
     to_frame,
 )
 from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.local_map import LocalMap
-from trolley_mapper.occupancy import Occupancy
+from trolley_mapper.occupancy import Occupancy, draw_all
 from trolley_mapper.scan import Sweep
 from trolley_mapper.tracking import Verdict, judge
 
-# Keyframes of the way just driven that are looked for together, and of the place they are sought in.
+# Keyframes of the way just driven that are looked for together, and of the place to look in.
 _QUERY_WAY_M = 2.0
 _QUERY_MOST = 5
 _PLACE_WAY_M = 5.0
@@ -48,8 +48,6 @@ _GOOD_EXPLAINED = 0.45
 _AGREE_M = 0.15
 _AGREE_RAD = 0.04
 _AGREE_WAY_M = 6.0
-# A loop that stays missed by this squared error after optimisation is dropped.
-_MISSED = 40.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,28 +64,28 @@ class LoopJob:
 
     Attributes:
         atlas: a copy, changed by the job.
-        query: number of the keyframe that is looked for.
         pending: closures found before that wait for one that agrees.
         config: settings.
-        base: the occupancy to draw all keyframes on: empty, or the prior map.
+        prior: the map that is extended, if one is.
+        found: closures found now.
+        accepted: edges of those that are believed now.
+        occupancy: the map drawn anew, if anything has moved.
     """
 
     atlas: Atlas
-    query: int
     pending: list[Closure]
     config: MapperConfig
-    fixed: list[int]
-    empty: Occupancy
+    prior: GridMap | None
     found: list[Closure] = field(default_factory=list[Closure])
     accepted: list[Edge] = field(default_factory=list[Edge])
-    dropped: list[Edge] = field(default_factory=list[Edge])
     occupancy: Occupancy | None = None
 
     def run(self) -> "LoopJob":
         """Search, check, optimise and draw; returns itself."""
         search = LoopSearch(self.atlas, self.config)
-        for place in search.places(self.query):
-            closure = search.close(self.query, place)
+        query = self.atlas.newest.number
+        for place in search.places(query):
+            closure = search.close(query, place)
             if closure is not None:
                 self.found.append(closure)
         self._believe()
@@ -108,25 +106,19 @@ class LoopJob:
         self.accepted = accepted
 
     def _optimise(self) -> None:
+        """Move all keyframes to where they fit together, and draw the map anew."""
         for edge in self.accepted:
             self.atlas.link(edge)
-        relax(self.atlas, self.fixed)
-        problem = make_problem(self.atlas.edges, self.atlas.rows)
-        missed = squared_errors(self.atlas.poses, problem)
-        self.dropped = [
-            edge
-            for edge, chi2 in zip(self.atlas.edges, missed, strict=True)
-            if edge.kind == LOOP and chi2 > _MISSED
-        ]
-        self.occupancy = self.empty
-        for one, pose in zip(self.atlas.keyframes, self.atlas.poses, strict=True):
-            self.occupancy.add(one, pose)
+        relax(self.atlas)
+        self.occupancy = draw_all(
+            self.config.resolution_m, self.prior, self.atlas.keyframes, self.atlas.poses
+        )
 
 
-def relax(atlas: Atlas, fixed: Sequence[int]) -> None:
-    """Optimise all poses of an atlas; those of some keyframes stay."""
+def relax(atlas: Atlas) -> None:
+    """Optimise all poses of an atlas; the first stays."""
     problem = make_problem(atlas.edges, atlas.rows)
-    atlas.poses = optimise(atlas.poses, problem, [atlas.rows[number] for number in fixed])
+    atlas.poses = optimise(atlas.poses, problem, [0])
 
 
 def agree(atlas: Atlas, one: Edge, other: Edge) -> bool:
@@ -156,15 +148,20 @@ class LoopSearch:
         pose = atlas.pose(query)
         away = np.hypot(*(atlas.poses[:, :2] - pose[:2]).T)
         chosen: list[tuple[int, float]] = []
+        if atlas.prior is not None and atlas.prior not in near:
+            chosen.append((atlas.prior, ways.get(atlas.prior, math.inf)))
         for row in np.argsort(away):
             number = atlas.keyframes[row].number
             way = ways.get(number, math.inf)
-            if number in near or number >= query:
+            if number in near or number >= query or number == atlas.prior:
                 continue
             if away[row] > self._window(way)[0] + _OVERLAP_M:
                 continue
             here = atlas.poses[row, :2]
-            if any(np.hypot(*(atlas.pose(n)[:2] - here)) < _APART_M for n, _ in chosen):
+            if any(
+                n != atlas.prior and np.hypot(*(atlas.pose(n)[:2] - here)) < _APART_M
+                for n, _ in chosen
+            ):
                 continue
             chosen.append((number, way))
             if len(chosen) == _PLACES:
@@ -186,7 +183,8 @@ class LoopSearch:
         near = atlas.ways_from(query, self._config.local_way_m)
         around = [n for n in atlas.ways_from(number, _PLACE_WAY_M) if n not in near]
         chosen = atlas.choose_near(around, atlas.pose(query), _PLACE_MOST, [number])
-        local = self._local(chosen, number)
+        centre = atlas.pose(query if number == atlas.prior else number)[:2]
+        local = self._local(chosen, centre)
         sweep = self._query_sweep(query)
         predicted = atlas.pose(query)
         found = local.correlate(sweep.cloud, predicted, self._window(way), _LEAST_SCORE, _PULL)
@@ -210,11 +208,11 @@ class LoopSearch:
         )
         return Closure(edge, verdict)
 
-    def _local(self, numbers: Sequence[int], centre: int) -> LocalMap:
+    def _local(self, numbers: Sequence[int], centre: NDArray[np.float64]) -> LocalMap:
         atlas = self._atlas
         keyframes = [atlas.keyframes[atlas.rows[n]] for n in numbers]
         poses = np.array([atlas.pose(n) for n in numbers])
-        return LocalMap(keyframes, poses, atlas.pose(centre)[:2], self._config.local_reach_m)
+        return LocalMap(keyframes, poses, centre, self._config.local_reach_m)
 
     def _query_sweep(self, query: int) -> Sweep:
         """Return what the last few keyframes saw, as seen from the newest."""

@@ -1,14 +1,15 @@
 """The occupancy grid: which cells are walls, which are free, drawn from keyframes."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
-from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.kernels.trace import trace_keyframe
+from trolley_mapper.keyframe import Keyframe
 
 # Log-odds in hundredths. A cell is a wall from two keyframes' ends on (0.65 is OCCUPIED_FROM), and
 # as long as at least one beam in four ends there.
@@ -44,7 +45,7 @@ class Occupancy:
 
     def add(self, keyframe: Keyframe, pose: NDArray[np.float64]) -> None:
         """Draw a keyframe as seen from map_T_base (3,)."""
-        if len(keyframe.points) == 0:
+        if len(keyframe.points) == 0 or keyframe.is_prior:
             return
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         turn = np.array([[cos, -sin], [sin, cos]])
@@ -74,15 +75,17 @@ class Occupancy:
         cells = np.full(odds.shape, UNKNOWN, np.int8)
         cells[odds < 0] = FREE
         cells[odds >= _WALL_FROM] = OCCUPIED
-        corner = (self._origin + (cols[0], rows[0])) * self._resolution
-        return GridMap(NAME, self._resolution, Pose2D(float(corner[0]), float(corner[1]), 0.0), cells)
+        corner = (self._origin + np.array([cols[0], rows[0]])) * self._resolution
+        return GridMap(
+            NAME, self._resolution, Pose2D(float(corner[0]), float(corner[1]), 0.0), cells
+        )
 
     def _grow(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
         """Make room for a rectangle [m] in `map`."""
         first = np.floor(low / self._resolution).astype(np.int64) - 2
         last = np.floor(high / self._resolution).astype(np.int64) + 3
         rows, cols = self._log_odds.shape
-        end = self._origin + (cols, rows)
+        end = self._origin + np.array([cols, rows])
         if rows and (first >= self._origin).all() and (last <= end).all():
             return
         first, last = first - _MARGIN_CELLS, last + _MARGIN_CELLS
@@ -111,6 +114,19 @@ class Occupancy:
         self._log_odds[(values >= 0) & ~prior_walls(values)] = -6 * _FALL
         self._mark += 1
         self._marks[values >= 0] = self._mark
+
+
+def draw_all(
+    resolution: float,
+    prior: GridMap | None,
+    keyframes: Sequence[Keyframe],
+    poses: NDArray[np.float64],
+) -> Occupancy:
+    """Draw keyframes at their map_T_base (n, 3), over a map made before if there is one."""
+    occupancy = Occupancy(resolution, prior)
+    for one, pose in zip(keyframes, poses, strict=True):
+        occupancy.add(one, pose)
+    return occupancy
 
 
 def prior_walls(values: NDArray[np.int8]) -> NDArray[np.bool_]:

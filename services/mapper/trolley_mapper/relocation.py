@@ -37,7 +37,10 @@ class RelocationJob:
     def run(self) -> "RelocationJob":
         """Search; returns itself."""
         poses = self.atlas.poses
-        low, high = poses[:, :2].min(axis=0), poses[:, :2].max(axis=0)
+        places = [poses[[not one.is_prior for one in self.atlas.keyframes], :2]]
+        places += [one.floor for one in self.atlas.keyframes if one.floor is not None]
+        low = np.min([place.min(axis=0) for place in places if len(place)], axis=0)
+        high = np.max([place.max(axis=0) for place in places if len(place)], axis=0)
         centre = np.array([*(0.5 * (low + high)), 0.0])
         half = 0.5 * float((high - low).max()) + _MARGIN_M
         local = LocalMap(self.atlas.keyframes, poses, centre[:2], half + 15.0)

@@ -1,11 +1,13 @@
 """One scan and the odometry that belongs to it, as points in `base_link`."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, interpolate
+from trolley_mapper.estimate import Reject
 from trolley_mapper.kernels import lines as kernels
 from trolley_mapper.kernels.layout import Cloud
 
@@ -39,6 +41,18 @@ class ScanInput:
     """Odometry at the first beam."""
     odom_T_base_end: Pose2D
     """Odometry at the last beam, which is earlier for a lidar that turns clockwise."""
+
+
+def problem_of(scan: ScanInput, last_stamp_ns: int | None) -> Reject | None:
+    """Say why a scan cannot be used; None if it can."""
+    if last_stamp_ns is not None and scan.stamp_ns <= last_stamp_ns:
+        return Reject.OLD_STAMP
+    if not (scan.odom_T_base.is_finite() and scan.odom_T_base_end.is_finite()):
+        return Reject.BAD_ODOMETRY
+    numbers = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+    if not (all(math.isfinite(n) for n in numbers) and scan.base_T_laser.is_finite()):
+        return Reject.BAD_GEOMETRY
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

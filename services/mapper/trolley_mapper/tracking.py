@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley_mapper.graph import compose
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
@@ -85,18 +84,21 @@ def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
 class Tracker:
     """The pose and its covariance, by odometry and by scans."""
 
-    def __init__(self, config: MapperConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self.pose = np.zeros(3)
         self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
         self.num_slips = 0
         self._unseen = (0.0, 0.0)
 
-    def reset(self, pose: NDArray[np.float64], dev_m: float, dev_rad: float) -> None:
-        """Start at a pose that may be so far off."""
+    def reset(self, pose: NDArray[np.float64], devs: tuple[float, float]) -> None:
+        """Start at a pose (3,) that may be so far off [m, rad]."""
         self.pose = pose.copy()
-        self.covariance = np.diag([dev_m**2, dev_m**2, dev_rad**2])
+        self.covariance = np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
         self._unseen = (0.0, 0.0)
+
+    def loosen(self, devs: tuple[float, float]) -> None:
+        """Take into account that the robot may have moved so far [m, rad]."""
+        self.covariance = self.covariance + np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
 
     def predict(self, step: Pose2D) -> None:
         """Carry the pose through one odometry step."""
@@ -141,9 +143,7 @@ class Tracker:
             self._accept(fit)
         return fit if fit.verdict.is_good else replace(fit, pose=self.pose)
 
-    def _fit(
-        self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float
-    ) -> Fit:
+    def _fit(self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float) -> Fit:
         """Align from a start; odometry that contradicts the scan counts less."""
         reach_m = min(max(3.0 * dev_m, 0.2), 0.5)
         prior = self._prior(start)
@@ -161,9 +161,7 @@ class Tracker:
         length = math.sqrt(float(away @ prior @ away))
         return prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2
 
-    def _search(
-        self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]
-    ) -> Fit:
+    def _search(self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]) -> Fit:
         """Look round about for a pose from which the scan fits clearly better."""
         way, turn = self._unseen
         window = (

@@ -1,5 +1,58 @@
-"""Compile what the mapper uses."""
+"""Compile or load all kernels before the first scan needs them."""
+
+import math
+
+import numpy as np
+
+from trolley.config.mapper import MapperConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley_mapper.core import Mapper
+from trolley_mapper.scan import ScanInput
+
+_BEAMS = 120
 
 
 def warm_up() -> None:
-    """Compile all kernels."""
+    """Run every kernel once, with the kinds of arrays that it will meet.
+
+    The first run on a machine compiles for some seconds; afterwards numba's cache serves.
+    """
+    mapper = Mapper(MapperConfig())
+    scans = [_scan(number, 0.35 * number) for number in range(4)]
+    # Of messages, which cannot be written to.
+    scans[2].ranges.setflags(write=False)
+    for scan in scans:
+        mapper.step(scan)
+        job = mapper.take_job()
+        if job is not None:
+            mapper.finish(job.run())
+    grid = mapper.grid()
+    cells = np.where(grid.cells < 0, 0, grid.cells).astype(np.int8)
+    prior = GridMap("warm-up", grid.resolution, grid.origin, cells)
+    # Without a start pose the robot is lost, which searches the whole map.
+    extended = Mapper(MapperConfig(), prior=prior)
+    extended.step(scans[0])
+    job = extended.take_job()
+    if job is not None:
+        extended.finish(job.run())
+
+
+def _scan(number: int, x: float) -> ScanInput:
+    """What a lidar sees at x [m] in a room of 8 x 3 m."""
+    angles = -math.pi + np.arange(_BEAMS) * (2.0 * math.pi / _BEAMS)
+    with np.errstate(divide="ignore"):
+        ahead = np.where(np.cos(angles) > 0.0, 6.0 - x, -2.0 - x) / np.cos(angles)
+        beside = np.where(np.sin(angles) > 0.0, 1.7, -1.3) / np.sin(angles)
+    pose = Pose2D(x, 0.0, 0.0)
+    return ScanInput(
+        stamp_ns=number + 1,
+        ranges=np.minimum(ahead, beside).astype(np.float32),
+        angle_min=-math.pi,
+        angle_increment=2.0 * math.pi / _BEAMS,
+        range_min=0.05,
+        range_max=12.0,
+        base_T_laser=Pose2D.identity(),
+        odom_T_base=pose,
+        odom_T_base_end=pose,
+    )

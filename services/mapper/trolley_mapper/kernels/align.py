@@ -149,9 +149,7 @@ def align(
     reach = matching.first_reach
     for _ in range(matching.iterations):
         width = max(matching.width, 0.3 * reach)
-        accumulate(
-            hessian, gradient, count, surfels, cloud, pose, (reach, width, matching.gain)
-        )
+        accumulate(hessian, gradient, count, surfels, cloud, pose, (reach, width, matching.gain))
         for a in range(3):
             offset[a] = pose[a] - prior[a]
         offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)

@@ -131,7 +131,7 @@ def bound_at(
 
 
 @kernel
-def find_best_shift(
+def find_best_shift(  # noqa: C901 - one depth-first search, told in one piece
     out_best: NDArray[np.float64],
     levels: NDArray[np.uint8],
     rows: NDArray[np.int32],

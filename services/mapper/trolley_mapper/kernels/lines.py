@@ -160,9 +160,7 @@ def fit_normals(
 
 
 @kernel
-def thin_points(
-    out_kept: NDArray[np.int64], points: NDArray[np.float64], spacing: float
-) -> int:
+def thin_points(out_kept: NDArray[np.int64], points: NDArray[np.float64], spacing: float) -> int:
     """Choose points so that neighbours in the scan are not nearer than `spacing` to each other.
 
     Args:
@@ -177,10 +175,7 @@ def thin_points(
     for i in range(points.shape[0]):
         if kept > 0:
             last = out_kept[kept - 1]
-            if (
-                math.hypot(points[i, 0] - points[last, 0], points[i, 1] - points[last, 1])
-                < spacing
-            ):
+            if math.hypot(points[i, 0] - points[last, 0], points[i, 1] - points[last, 1]) < spacing:
                 continue
         out_kept[kept] = i
         kept += 1

@@ -137,9 +137,18 @@ def mark_free(
 
 
 @kernel
-def nearest_surfel(
-    surfels: Surfels, x: float, y: float, nx: float, ny: float, reach: float
-) -> int:
+def mark_floor(surfels: Surfels, floor: NDArray[np.float32], times: int) -> None:
+    """Count places (n, 2) x, y [m] in `map` as seen to be free so many times."""
+    rows, cols = surfels.head.shape
+    for i in range(floor.shape[0]):
+        col = math.floor((floor[i, 0] - surfels.frame[0]) * surfels.frame[2])
+        row = math.floor((floor[i, 1] - surfels.frame[1]) * surfels.frame[2])
+        if 0 <= row < rows and 0 <= col < cols:
+            surfels.seen_through[row, col] = max(surfels.seen_through[row, col], times)
+
+
+@kernel
+def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, reach: float) -> int:
     """Return the nearest surfel that looks the same way, or -1.
 
     Args:
