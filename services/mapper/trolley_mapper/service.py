@@ -123,7 +123,8 @@ class MapperService(Maker):
         making = self._made()
         self.log.info("The map was canceled", map=making.name)
         self.request(requests.LOCALIZER_YIELD, Yield(on=False), lambda _: None)
-        return self.finish(f"The map {making.name} was given up.")
+        what = "What was added to the map" if making.extends else "The map"
+        return self.finish(f"{what} {making.name} was given up.")
 
     def _made(self) -> Making:
         """Return the map that is being made.
