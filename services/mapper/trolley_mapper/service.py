@@ -148,7 +148,7 @@ class MapperService(Maker):
         if name != making.extends or name == self._configured_name():
             self._refuse_taken(name)
         core = making.core
-        if core is None or core.num_keyframes == 0:
+        if core is None or (core.num_keyframes == 0 and making.extends is None):
             raise Refused(codes.NOT_READY, "Nothing is mapped yet.")
         zones = making.zones if name != making.extends else ()
         write = partial(write_map, self.maps.path, name, core.grid(), zones)
