@@ -16,10 +16,11 @@ from trolley.gridmap import GridMap
 from trolley_mapper.anchors import Anchors
 from trolley_mapper.atlas import Atlas
 from trolley_mapper.estimate import Anchor, MapEstimate, Reject
-from trolley_mapper.graph import between, compose
+from trolley_mapper.graph import between, compose, to_frame
 from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.loops import Closure, LoopJob
+from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.occupancy import Occupancy, draw_all
 from trolley_mapper.prior import prior_keyframe
 from trolley_mapper.relocation import RelocationJob
@@ -65,6 +66,7 @@ class Mapper:
         self._atlas = Atlas()
         self._anchors = Anchors()
         self._tracker = Tracker()
+        self._scale = OdometryScale()
         self._trust = Trust(config.lost_after_s)
         self._occupancy = Occupancy(config.resolution_m, prior)
         self._local: LocalMap | None = None
@@ -135,6 +137,7 @@ class Mapper:
             step, way_m = Pose2D.identity(), 0.0
             self._tracker.loosen(_JUMP_DEVS)
             self._way_covariance = self._way_covariance + np.diag(np.square([0.3, 0.3, 0.3]))
+        step = self._scale.correct(step)
         self._tracker.predict(step)
         self._way_covariance = self._way_covariance + self._tracker.noise(way_m, abs(step.yaw))
         return elapsed_s, way_m
@@ -167,6 +170,10 @@ class Mapper:
         if fit is not None and fit.verdict.is_good:
             before = None if previous is None else previous.number
             edges, matched = ties(number, self._local_map(), pose, sweep.cloud, before)
+        if previous is not None and fit is not None and fit.verdict.is_good:
+            moved = between(self._atlas.poses[-1], pose)
+            self._scale.learn(moved, to_frame(fit.information, float(pose[2])))
+        self._scale.restart()
         if previous is not None:
             poses = (self._atlas.poses[-1], pose)
             way = self._way_covariance

@@ -42,7 +42,7 @@ _WINDOW_RAD_PER_M = 0.006
 _MOST_WINDOW_M = 8.0
 _LEAST_SCORE = 0.5
 _PULL = 0.05
-_GOOD_MATCH = 0.75
+_GOOD_MATCH = 0.85
 _GOOD_EXPLAINED = 0.45
 # Two closures agree when one leads to the other within [m, rad], and lie so near along the way.
 _AGREE_M = 0.15
