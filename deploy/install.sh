@@ -10,7 +10,7 @@ Usage: sudo deploy/install.sh robot|pc|router [--name NAME]   install; run again
        sudo deploy/install.sh --upgrade                       put this checkout in place of what runs
        sudo deploy/install.sh --uninstall [--purge]           remove; --purge: settings and state, too
 
-  robot    all that a robot needs: router, base, localizer, planner, tour
+  robot    all that a robot needs: router, base, localizer, mapper, planner, tour
   pc       router and viewer
   router   only the router that a house's robots and PCs meet at
 

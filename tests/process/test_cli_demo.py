@@ -16,7 +16,7 @@ from trolley import topics, worlds
 from trolley.client import Robot
 from trolley.connection import Connection
 
-SERVICES = {"base", "localizer", "planner", "tour"}
+SERVICES = {"base", "localizer", "mapper", "planner", "tour"}
 ENDS_WITHIN_S = 15.0
 
 

@@ -97,7 +97,7 @@ def test_reading_everything_moves_nothing(quiet_demo: Demo) -> None:
         assert len(everything.splitlines()) >= 15
         time.sleep(1.0)
         assert latest.truth.pose.distance_to(before) < 0.001
-    assert set(quiet_demo.children()) == {"base", "localizer", "planner", "tour"}
+    assert set(quiet_demo.children()) == {"base", "localizer", "mapper", "planner", "tour"}
 
 
 def test_recording_plays_as_real_processes(tmp_path: Path, recordings: Path) -> None:

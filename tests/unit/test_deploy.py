@@ -148,7 +148,7 @@ def test_only_services_with_kernels_may_make_code(unit: Path) -> None:
 @pytest.mark.parametrize(
     ("target", "services"),
     [
-        ("robot", {"router", "base", "localizer", "planner", "tour"}),
+        ("robot", {"router", "base", "localizer", "mapper", "planner", "tour"}),
         ("pc", {"router", "viz"}),
         ("router", {"router"}),
     ],

@@ -276,7 +276,7 @@ def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) 
 @where_options
 @reports_errors
 def run_command(service: str) -> None:
-    """Run one SERVICE (base, localizer, mqtt, planner, tour, viz) in the foreground.
+    """Run one SERVICE (base, localizer, mapper, mqtt, planner, tour, viz) in the foreground.
 
     Needs a configuration file and a router. Exit code 3: it runs already somewhere.
     """

@@ -5,7 +5,15 @@ from dataclasses import dataclass
 
 from trolley import codes
 from trolley.geometry.frames import MAP
-from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Tour, TourStatus
+from trolley.messages import (
+    BaseState,
+    GoalStatus,
+    MappingStatus,
+    PoseEstimate,
+    SavedPose,
+    Tour,
+    TourStatus,
+)
 from trolley.teleop import SOURCE as BY_HAND
 from trolley_viz.words import DRIVING, STALE_S, UNDER_WAY, Words, duration, goal_name
 
@@ -46,6 +54,7 @@ class Known:
     places: Sequence[SavedPose] = ()
     silent: frozenset[str] = frozenset()
     """Services that were heard of and are not any more."""
+    mapping: MappingStatus | None = None
 
 
 def situation(known: Known) -> Words:
@@ -86,6 +95,35 @@ def _parts(known: Known) -> Words | None:
     return None
 
 
+def _mapping(known: Known) -> Words | None:
+    mapping = known.mapping
+    if mapping is None or "mapper" in known.silent:
+        return None
+    match mapping.state:
+        case "idle":
+            if known.has_map or known.estimate is not None:
+                return None
+            return Words("It has no map yet: make one in the tab “Map”.", "warn")
+        case "starting":
+            return Words("It gets ready to make a map.", "busy")
+        case "saving":
+            return Words("It saves its new map.", "busy")
+        case _:
+            pass
+    estimate = known.estimate
+    if estimate is not None and estimate.state == "lost":
+        return Words(
+            "It does not find its place on the new map: bring it back to where it has been.", "bad"
+        )
+    if mapping.message:
+        return Words(f"It makes a map: {_told(mapping)}.", "warn")
+    if mapping.state == "paused":
+        return Words(f"The map “{mapping.name}” is paused. Press “Go on”.", "warn")
+    if known.goal is not None and known.goal.state in DRIVING:
+        return None
+    return Words(f"It makes the map “{mapping.name}”: drive it through every room.", "busy")
+
+
 def _position(known: Known) -> Words | None:
     goal = known.goal
     if not known.has_map or (goal is not None and goal.frame != MAP):
@@ -101,8 +139,6 @@ def _position(known: Known) -> Words | None:
             if known.estimate.wants_turn:
                 return Words("It looks where it is, and needs to turn to see more.", "busy")
             return Words("It looks where it is.", "busy")
-        case "mapping":
-            return Words("It makes a map.", "busy")
         case _:
             return None
 
@@ -181,6 +217,7 @@ SAYINGS: Sequence[Callable[[Known], Words | None]] = (
     _by_hand,
     _held,
     _parts,
+    _mapping,
     _position,
     _trip,
     _goal,
@@ -193,9 +230,10 @@ def _is_unsure(known: Known) -> bool:
     return known.estimate is not None and known.estimate.state == "unsure"
 
 
-def _told(status: BaseState | GoalStatus | TourStatus) -> str:
+def _told(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> str:
     """The reason in words, to be put behind a colon."""
-    why = status.message or codes.SENTENCES.get(status.reason, status.reason)
+    reason = "" if isinstance(status, MappingStatus) else status.reason
+    why = status.message or codes.SENTENCES.get(reason, reason)
     return why[:1].lower() + why[1:].rstrip(".") if why else "no reason was given"
 
 

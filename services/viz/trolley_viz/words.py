@@ -9,6 +9,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
     GoalStatus,
+    MappingStatus,
     PoseEstimate,
     SavedPose,
     StopResult,
@@ -62,6 +63,28 @@ def position_words(estimate: PoseEstimate | None, age_s: float | None) -> Words:
             return Words("Lost", "bad", _join(estimate.message) or codes.SENTENCES[codes.LOST])
         case "mapping":
             return Words("Mapping", "busy", detail)
+
+
+def mapping_words(mapping: MappingStatus | None) -> Words | None:
+    """Say how a map in the making goes, or what came of the last one."""
+    if mapping is None:
+        return None
+    if mapping.state == "idle":
+        return Words("No map is being made", "idle", mapping.message) if mapping.message else None
+    loops = f", {mapping.loops} loops closed" if mapping.loops else ""
+    detail = f"{duration(mapping.seconds // 1.0)}, {mapping.scans} scans{loops}."
+    name = mapping.name or ""
+    match mapping.state:
+        case "starting":
+            return Words("Getting ready", "busy", mapping.message)
+        case "saving":
+            return Words(f"Saving “{name}”", "busy", mapping.message)
+        case "paused":
+            return Words(f"“{name}” is paused", "warn", _join(detail, mapping.message))
+        case _:
+            what = f"Extending “{name}”" if mapping.extends else f"Mapping “{name}”"
+            tone: Tone = "warn" if mapping.message else "busy"
+            return Words(what, tone, _join(detail, mapping.message))
 
 
 def base_words(base: BaseState | None) -> Words | None:

@@ -434,3 +434,14 @@ def test_a_flood_is_refused_and_leaves_room_for_others():
             codes.NOT_CURRENT
         }
         assert lockstep.counters("tour")["requests/too_many"] == refused
+
+
+def test_what_is_withdrawn_is_answered_no_more_until_it_is_published_again(
+    lockstep: Lockstep, owner: Owner
+):
+    assert ask(lockstep, "poses")["stamp_ns"] == 7
+    owner.withdraw(topics.POSES)
+    assert lockstep.get(topics.POSES.key("trolley")) == []
+    owner.withdraw(topics.POSES)
+    owner.publish(topics.POSES, make_places(8, "kitchen"))
+    assert ask(lockstep, "poses")["stamp_ns"] == 8

@@ -6,6 +6,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
     GoalStatus,
+    MappingStatus,
     PoseEstimate,
     SavedPose,
     Stop,
@@ -36,6 +37,10 @@ def trip(state: str, **fields: object) -> TourStatus:
 
 def results(*states: str) -> list[StopResult]:
     return [StopResult(stop=i, state=state) for i, state in enumerate(states)]  # type: ignore[arg-type]
+
+
+def mapping(state: str, message: str = "") -> MappingStatus:
+    return MappingStatus(stamp_ns=1, state=state, name="home", message=message)  # type: ignore[arg-type]
 
 
 def known(**fields: object) -> Known:
@@ -114,6 +119,33 @@ CASES = [
         "It looks where it is, and needs to turn to see more.",
     ),
     (known(at="lost", has_map=False), "It is ready and waits for you."),
+    (
+        known(mapping=mapping("idle"), estimate=None, has_map=False),
+        "It has no map yet: make one in the tab “Map”.",
+    ),
+    (known(mapping=mapping("idle")), "It is ready and waits for you."),
+    (known(mapping=mapping("starting")), "It gets ready to make a map."),
+    (
+        known(mapping=mapping("mapping"), at="mapping"),
+        "It makes the map “home”: drive it through every room.",
+    ),
+    (
+        known(mapping=mapping("mapping"), at="mapping", goal=goal("planning")),
+        "It looks for a way to kitchen.",
+    ),
+    (
+        known(mapping=mapping("mapping", "The lidar is silent."), at="mapping"),
+        "It makes a map: the lidar is silent.",
+    ),
+    (
+        known(mapping=mapping("mapping"), at="lost"),
+        "It does not find its place on the new map: bring it back to where it has been.",
+    ),
+    (
+        known(mapping=mapping("paused"), at="mapping"),
+        "The map “home” is paused. Press “Go on”.",
+    ),
+    (known(mapping=mapping("saving"), at="mapping"), "It saves its new map."),
     (
         known(at="lost", goal=goal("driving", frame="odom")),
         "It is on its way to the place that was pointed out.",

@@ -9,6 +9,7 @@ from trolley.messages import Health
 from trolley_viz.page import gestures_html, overlays_html, pad_html
 from trolley_viz.panels.control import READABLE, show
 from trolley_viz.panels.go import GoPanel
+from trolley_viz.panels.mapping import MappingPanel
 from trolley_viz.panels.markup import row
 from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.places import PlacePanel
@@ -47,6 +48,7 @@ class Console:
         self._go: GoPanel | None = None
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
+        self._mapping: MappingPanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
@@ -58,6 +60,7 @@ class Console:
                 with session.folder("Places", is_open=True):
                     self._places = PlacePanel(gui, session)
                 self._zones = ZonePanel(gui, session)
+                self._mapping = MappingPanel(gui, session)
         with tabs.add_tab("More", viser.Icon.DOTS):
             self._more = MorePanel(gui, session)
             with session.folder("State"):
@@ -93,6 +96,8 @@ class Console:
             self._places.update(view)
         if self._zones is not None:
             self._zones.update(session.suspects.offered)
+        if self._mapping is not None:
+            self._mapping.update(view)
         show(self._state, content="".join(map(row, lines)))
         self._more.update(view)
 
@@ -133,6 +138,7 @@ def what_is_known(view: View, silent: frozenset[str]) -> Known:
         tour=None if trip is None else tour_of(trip, view),
         places=[] if saved is None else saved.poses,
         silent=silent,
+        mapping=feeds.latest(topics.MAPPING),
     )
 
 
