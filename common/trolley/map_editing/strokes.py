@@ -82,16 +82,20 @@ def stroke_mask(
     mask = np.zeros(grid.cells.shape, np.bool_)
     for i in np.flatnonzero(sizes.all(axis=1)):
         (col0, row0), (col1, row1) = low[i].tolist(), high[i].tolist()
-        x, y = np.arange(col0, col1) + 0.5, np.arange(row0, row1) + 0.5
+        x: Floats = np.arange(int(col0), int(col1), dtype=np.float64) + 0.5
+        y: Floats = np.arange(int(row0), int(row1), dtype=np.float64) + 0.5
         mask[row0:row1, col0:col1] |= _near(x, y, starts[i], ends[i], half)
     return _touched(mask)
 
 
 def _near(x: Floats, y: Floats, start: Floats, end: Floats, reach: float) -> NDArray[np.bool_]:
     """Say which points of a grid lie within reach of a segment, (len(y), len(x))."""
-    across, up = np.meshgrid(x - start[0], y - start[1])
+    across: Floats = (x - start[0])[None, :]
+    up: Floats = (y - start[1])[:, None]
     step = end - start
-    along = np.clip((across * step[0] + up * step[1]) / max(float(step @ step), 1e-12), 0.0, 1.0)
+    along: Floats = np.clip(
+        (across * step[0] + up * step[1]) / max(float(step @ step), 1e-12), 0.0, 1.0
+    )
     return (across - along * step[0]) ** 2 + (up - along * step[1]) ** 2 <= reach * reach
 
 
