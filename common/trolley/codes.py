@@ -22,6 +22,9 @@ EXISTS = "exists"
 OUTSIDE_MAP = "outside_map"
 IN_OBSTACLE = "in_obstacle"
 WRONG_MAP = "wrong_map"
+# Making maps.
+MAPPING = "mapping"
+NOT_MAPPING = "not_mapping"
 # Editing maps.
 NO_MATCH = "no_match"
 AMBIGUOUS = "ambiguous"
@@ -81,6 +84,8 @@ SENTENCES: dict[str, str] = {
     OUTSIDE_MAP: "That place lies outside the map.",
     IN_OBSTACLE: "The robot does not fit there: something stands in that place.",
     WRONG_MAP: "That place belongs to another map.",
+    MAPPING: "A map is being made; save it or cancel it first.",
+    NOT_MAPPING: "No map is being made.",
     NO_MATCH: "The walls of the two maps fit nowhere; say where the other one lies.",
     AMBIGUOUS: "The walls of the two maps fit in several ways; say where the other one lies.",
     KEEPOUT: "That place lies in a keep-out zone.",
