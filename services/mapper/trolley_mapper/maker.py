@@ -1,5 +1,6 @@
 """The half of the service that makes the map: scans in; pose, map and state out."""
 
+import importlib
 from functools import partial
 
 from trolley import codes, requests, topics
@@ -310,6 +311,7 @@ def _load(config: RobotConfig, kept: Kept | None) -> Making | ValueError | None:
     from trolley_mapper.warmup import warm_up
 
     warm_up()
+    importlib.import_module("trolley_mapper.core")
     if kept is None:
         return None
     try:
