@@ -121,6 +121,22 @@ MAP_SAVE = Request(
 MAP_PAUSE = Request("map/pause", asking.PauseMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_UNDO = Request("map/undo", asking.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_CANCEL = Request("map/cancel", asking.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
+MAP_EDIT = Request(
+    "map/edit",
+    m.EditMap,
+    m.MapEdited,
+    "mapper",
+    (
+        codes.MAPPING,
+        codes.EXISTS,
+        codes.OUTSIDE_MAP,
+        codes.NO_MATCH,
+        codes.AMBIGUOUS,
+        codes.WRONG_MAP,
+        codes.BUSY,
+        codes.NOT_SAVED,
+    ),
+)
 
 REQUESTS: tuple[Request[Any, Any], ...] = (
     POSE_CAPTURE,
@@ -155,5 +171,6 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     MAP_PAUSE,
     MAP_UNDO,
     MAP_CANCEL,
+    MAP_EDIT,
 )
 """All rows."""
