@@ -119,6 +119,9 @@ MAP_SAVE = Request(
     (codes.NOT_MAPPING, codes.EXISTS, codes.NOT_SAVED),
 )
 MAP_PAUSE = Request("map/pause", asking.PauseMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
+MAP_EXPLORE = Request(
+    "map/explore", asking.ExploreMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
+)
 MAP_UNDO = Request("map/undo", asking.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_CANCEL = Request("map/cancel", asking.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_EDIT = Request(
@@ -169,6 +172,7 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     MAP_EXTEND,
     MAP_SAVE,
     MAP_PAUSE,
+    MAP_EXPLORE,
     MAP_UNDO,
     MAP_CANCEL,
     MAP_EDIT,

@@ -34,6 +34,7 @@ def add_commands(group: click.Group) -> None:
         _control("pause", requests.MAP_PAUSE, asking.PauseMap(), "Let the map be as it is."),
         _control("resume", requests.MAP_PAUSE, asking.PauseMap(on=False), "Go on with the map."),
         undo_map,
+        explore_map,
         cancel_map,
         map_status,
         edit_map,
@@ -41,28 +42,52 @@ def add_commands(group: click.Group) -> None:
         group.add_command(command)
 
 
+EXPLORES = (
+    "The robot drives by itself to what it does not know yet, and back. Stay near: mirrors, glass, "
+    "stairs and low things are not seen. `trolley map explore off` or any key of `trolley teleop` "
+    "halts it; `trolley map status` says how far it is; then `trolley map save`."
+)
+explore_option = click.option(
+    "--explore", is_flag=True, help="The robot drives by itself to what it does not know yet."
+)
+
+
 @click.command(name="new")
 @click.argument("name")
+@explore_option
 @where_options
 @json_option
 @reports_errors
-def new_map(name: str, as_json: bool) -> None:
+def new_map(name: str, explore: bool, as_json: bool) -> None:
     """Begin the map NAME where the robot stands."""
     with one_robot() as robot:
-        status = _begin(robot, requests.MAP_NEW, name)
-    _show(status, as_json=as_json, text=f"Mapping {name}. {DRIVE}")
+        status = _begin(robot, requests.MAP_NEW, name, explore=explore)
+    _show(status, as_json=as_json, text=f"Mapping {name}. {EXPLORES if explore else DRIVE}")
 
 
 @click.command(name="extend")
 @click.argument("name")
+@explore_option
 @where_options
 @json_option
 @reports_errors
-def extend_map(name: str, as_json: bool) -> None:
+def extend_map(name: str, explore: bool, as_json: bool) -> None:
     """Go on with the map NAME, which the robot is on; saving keeps the old one."""
     with one_robot() as robot:
-        status = _begin(robot, requests.MAP_EXTEND, name)
-    _show(status, as_json=as_json, text=f"Extending {name}. {DRIVE}")
+        status = _begin(robot, requests.MAP_EXTEND, name, explore=explore)
+    _show(status, as_json=as_json, text=f"Extending {name}. {EXPLORES if explore else DRIVE}")
+
+
+@click.command(name="explore")
+@click.argument("switch", type=click.Choice(["on", "off"]), default="on")
+@where_options
+@json_option
+@reports_errors
+def explore_map(switch: str, as_json: bool) -> None:
+    """Let the robot drive by itself to what the map in the making lacks, or stand (`off`)."""
+    with one_robot() as robot:
+        status = robot.ask(requests.MAP_EXPLORE, asking.ExploreMap(on=switch == "on"))
+    _show(status, as_json=as_json, text=EXPLORES if switch == "on" else status_text(status))
 
 
 @click.command(name="save")
@@ -149,10 +174,10 @@ def _control(
 
 
 def _begin(
-    robot: Robot, request: Request[asking.MapNamed, MappingStatus], name: str
+    robot: Robot, request: Request[asking.MapNamed, MappingStatus], name: str, *, explore: bool
 ) -> MappingStatus:
     """Ask for a map and wait until it is being made."""
-    asked = robot.ask(request, asking.MapNamed(name=name))
+    asked = robot.ask(request, asking.MapNamed(name=name, explore=explore))
     status = _wait(robot, asked, "starting", START_TIMEOUT_S)
     if status.state not in ("mapping", "paused"):
         raise Refused(codes.NOT_READY, status.message or "The mapper has given up.")

@@ -29,3 +29,7 @@ class MapperConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """How far off a pose may be at most, as a share of the way driven since the place was seen."""
     lost_after_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.5
     """Time without a good match after which the robot is lost [s]."""
+    explore_radius_m: Annotated[float, Meta(ge=1.0, le=200.0)] = 30.0
+    """Exploring keeps this near to where it began, whatever glass doors show [m]."""
+    explore_area_m2: Annotated[float, Meta(ge=1.0, le=10_000.0)] = 500.0
+    """Exploring ends when so much floor is known [m²]."""

@@ -20,7 +20,7 @@ from trolley.messages.editing import (
     TakeBack,
     Turn,
 )
-from trolley.messages.map_making import MappingState, MappingStatus
+from trolley.messages.map_making import ExploringState, MappingState, MappingStatus
 from trolley.messages.mapping import (
     Candidate,
     MapInfo,
@@ -90,6 +90,7 @@ __all__ = [
     "EraseArea",
     "EraseStroke",
     "ErrorReply",
+    "ExploringState",
     "GoalState",
     "GoalStatus",
     "Health",

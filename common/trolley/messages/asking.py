@@ -102,9 +102,19 @@ class LoadMap(Struct, frozen=True, kw_only=True):
 
 
 class MapNamed(Struct, frozen=True, kw_only=True):
-    """The map of this name, which will be made or is there already."""
+    """The map of this name, which will be made or is there already.
+
+    With `explore` the robot drives by itself to what is not known yet.
+    """
 
     name: MapName
+    explore: bool = False
+
+
+class ExploreMap(Struct, frozen=True, kw_only=True):
+    """Drive by itself to what the map does not know yet (`on`), or stand."""
+
+    on: bool = True
 
 
 class SaveMap(Struct, frozen=True, kw_only=True):

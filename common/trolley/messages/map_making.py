@@ -7,6 +7,7 @@ from msgspec import Struct
 from trolley.messages.types import Count, NonNegative, StampNs
 
 MappingState = Literal["idle", "starting", "mapping", "paused", "saving"]
+ExploringState = Literal["off", "exploring", "homing", "paused", "done"]
 
 
 class MappingStatus(Struct, frozen=True, kw_only=True):
@@ -14,7 +15,8 @@ class MappingStatus(Struct, frozen=True, kw_only=True):
 
     `name` is the map that is being made, `extends` the one that it began with. `message` says in a
     sentence what is the matter or what came of it. `seconds` [robot time] were mapped, `scans`
-    make up the map, and `loops` were closed.
+    make up the map, and `loops` were closed. `exploring` says whether the robot drives by itself to
+    what is not known yet, or home; `area` [m²] is the floor that it knew when it looked last.
     """
 
     stamp_ns: StampNs
@@ -25,3 +27,5 @@ class MappingStatus(Struct, frozen=True, kw_only=True):
     seconds: NonNegative = 0.0
     scans: Count = 0
     loops: Count = 0
+    exploring: ExploringState = "off"
+    area: NonNegative = 0.0

@@ -20,8 +20,8 @@ from trolley_mapper.graph import between, compose, to_frame
 from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.loops import Closure, LoopJob
-from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.occupancy import Occupancy, draw_all
+from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.prior import prior_keyframe
 from trolley_mapper.relocation import RelocationJob
 from trolley_mapper.scan import ScanInput, Sweep, problem_of, read_sweep

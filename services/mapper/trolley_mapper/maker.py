@@ -26,7 +26,8 @@ from trolley_mapper.map_editor import MapEditor
 from trolley_mapper.senses import Senses
 from trolley_mapper.wire import odom_transform, pose_message
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # with numba
+    from trolley_mapper.exploring import Explorer
     from trolley_mapper.scan import ScanInput
 
 KEEP_PERIOD_NS = 30_000_000_000
@@ -44,6 +45,7 @@ class Maker(MapEditor):
         self.senses: Senses | None = None
         self.note = ""
         """What is to be said, as long as nothing is the matter."""
+        self.explorer: Explorer | None = None
         self.hand_over: str | None = None
         """The saved map that the localizer is to take over."""
         self._places: Watch[SavedPoses] | None = None
@@ -258,6 +260,8 @@ class Maker(MapEditor):
             seconds=0.0 if making is None else round(making.seconds, 1),
             scans=0 if core is None else core.num_keyframes,
             loops=0 if making is None else making.loops,
+            exploring="off" if self.explorer is None else self.explorer.state,
+            area=0.0 if self.explorer is None else round(self.explorer.area_m2, 1),
         )
 
     def _message(self) -> str:
@@ -268,7 +272,8 @@ class Maker(MapEditor):
             if silent is not None:
                 return silent
             if self.making is not None and self.making.estimate is not None:
-                return self.making.estimate.message or self.note
+                explored = "" if self.explorer is None else self.explorer.message
+                return self.making.estimate.message or explored or self.note
         return self.note
 
     def say(self) -> MappingStatus:

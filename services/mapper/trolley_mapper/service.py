@@ -18,7 +18,7 @@ from trolley.messages.asking import (
 )
 from trolley.runtime.service import Later, answers, every
 from trolley_mapper.beginning import Beginning
-from trolley_mapper.maker import Maker
+from trolley_mapper.exploration import Exploring
 from trolley_mapper.making import Making
 from trolley_mapper.map_files import write_map
 
@@ -30,7 +30,7 @@ MAX_UNHEARD = 10
 """So often the localizer is asked to take over before it counts as not running."""
 
 
-class MapperService(Maker):
+class MapperService(Exploring):
     """Makes, extends and saves maps."""
 
     name = "mapper"
@@ -51,22 +51,24 @@ class MapperService(Maker):
     def new_map(self, params: MapNamed) -> Later[MappingStatus]:
         """Begin a map where the robot stands."""
         self._refuse_taken(params.name)
-        return self._begin(Beginning(self, Making(self.config.mapper, params.name), None))
+        making = Making(self.config.mapper, params.name)
+        return self._begin(Beginning(self, making, None), params)
 
     @answers(requests.MAP_EXTEND)
     def extend_map(self, params: MapNamed) -> Later[MappingStatus]:
         """Go on with the map that the robot is on."""
         making = Making(self.config.mapper, params.name)
         making.extends = params.name
-        return self._begin(Beginning(self, making, params.name))
+        return self._begin(Beginning(self, making, params.name), params)
 
-    def _begin(self, beginning: Beginning) -> Later[MappingStatus]:
+    def _begin(self, beginning: Beginning, params: MapNamed) -> Later[MappingStatus]:
         making = self.making
         if making is not None or self._beginning is not None:
             called = f" {making.name}" if making is not None else ""
             raise Refused(codes.MAPPING, f"The map{called} is being made; save or cancel it first.")
         self.listen()
         self._beginning = beginning
+        self.wants_to_explore = params.explore
         beginning.until_ns = self.monotonic_ns + ANSWER_NS
         self._try_begin()
         return beginning.reply
@@ -91,6 +93,7 @@ class MapperService(Maker):
         except Refused as refused:
             self.senses.close()
             self.senses = None
+            self.wants_to_explore = False
             beginning.reply.refuse(refused)
             return
         self.note = ""
@@ -104,6 +107,8 @@ class MapperService(Maker):
         """Let the map be as it is, or go on with it."""
         making = self._made()
         making.pause(is_on=params.on)
+        if params.on:
+            self.stand()
         self.note = ""
         if self.phase in ("mapping", "paused"):
             self.phase = "paused" if params.on else "mapping"

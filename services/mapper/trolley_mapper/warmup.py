@@ -7,6 +7,7 @@ import numpy as np
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley_mapper import exploring_warmup
 from trolley_mapper.core import Mapper
 from trolley_mapper.scan import ScanInput
 
@@ -36,6 +37,7 @@ def warm_up() -> None:
     job = extended.take_job()
     if job is not None:
         extended.finish(job.run())
+    exploring_warmup.warm_up()
 
 
 def _scan(number: int, x: float) -> ScanInput:

@@ -83,7 +83,8 @@ def mapping_words(mapping: MappingStatus | None) -> Words | None:
             return Words(f"“{name}” is paused", "warn", _join(detail, mapping.message))
         case _:
             what = f"Extending “{name}”" if mapping.extends else f"Mapping “{name}”"
-            tone: Tone = "warn" if mapping.message else "busy"
+            goes_well = mapping.exploring in ("exploring", "homing", "done")
+            tone: Tone = "warn" if mapping.message and not goes_well else "busy"
             return Words(what, tone, _join(detail, mapping.message))
 
 

@@ -9,8 +9,8 @@ from trolley.messages import Health
 from trolley_viz.page import gestures_html, overlays_html, pad_html
 from trolley_viz.panels.control import READABLE, show
 from trolley_viz.panels.go import GoPanel
-from trolley_viz.panels.mapping import MappingPanel
 from trolley_viz.panels.map_editing import MapEditPanel
+from trolley_viz.panels.mapping import MappingPanel
 from trolley_viz.panels.markup import row
 from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.places import PlacePanel

@@ -6,7 +6,14 @@ import viser
 
 from trolley import requests, topics
 from trolley.messages import MappingStatus
-from trolley.messages.asking import MapNamed, Nothing, PauseMap, SaveMap, UndoMap
+from trolley.messages.asking import (
+    ExploreMap,
+    MapNamed,
+    Nothing,
+    PauseMap,
+    SaveMap,
+    UndoMap,
+)
 from trolley_viz.panels.control import AMBER, GREEN, GREY, TEAL, handler, show
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.tiles import MARK, SMALL
@@ -20,7 +27,8 @@ SURE_NS = 6_000_000_000
 """So long a second press gives a map up."""
 HOW = (
     "Put the robot where its home shall be. Then drive it through every room, slowly round "
-    "corners, and come back to where you began."
+    "corners, and come back to where you began; or let it explore by itself while you are near, "
+    "where no mirror, glass door or stairs can deceive it."
 )
 
 
@@ -43,6 +51,7 @@ class MappingPanel:
             self._new = gui.add_button("New map", icon=viser.Icon.PLUS, color=GREEN)
             self._extend = gui.add_button("Extend this map", icon=viser.Icon.MAP_2, color=TEAL)
             self._save = gui.add_button("Save map", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
+            self._explore = gui.add_button("Explore", icon=viser.Icon.COMPASS, color=GREEN)
             self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE, color=TEAL)
             self._undo = gui.add_button(
                 "Undo last minute", icon=viser.Icon.ARROW_BACK_UP, color=GREY
@@ -51,6 +60,7 @@ class MappingPanel:
         self._new.on_click(handler(post, lambda _, __: self._begin()))
         self._extend.on_click(handler(post, lambda _, __: self._extend_map()))
         self._save.on_click(handler(post, lambda _, __: self._save_map()))
+        self._explore.on_click(handler(post, lambda _, __: self._explore_or_stand()))
         self._pause.on_click(handler(post, lambda _, __: self._pause_or_go_on()))
         self._undo.on_click(handler(post, lambda _, __: self._take_back()))
         self._cancel.on_click(handler(post, lambda _, __: self._give_up()))
@@ -72,6 +82,13 @@ class MappingPanel:
         show(self._new, visible=is_idle)
         show(self._extend, visible=is_idle and bool(self._map_name))
         show(self._save, visible=is_making)
+        explores = self._is_exploring
+        show(
+            self._explore,
+            visible=state == "mapping",
+            label="Stop exploring" if explores else "Explore by itself",
+            color=AMBER if explores else GREEN,
+        )
         is_paused = state == "paused"
         show(self._pause, visible=is_making, label="Go on" if is_paused else "Pause")
         show(self._undo, visible=is_making)
@@ -99,6 +116,13 @@ class MappingPanel:
             self._tell("Saved", "The map is saved. The robot uses it from now on.", "good")
 
         self._ask(requests.MAP_SAVE, SaveMap(), "Not saved", saved)
+
+    @property
+    def _is_exploring(self) -> bool:
+        return self._status is not None and self._status.exploring in ("exploring", "homing")
+
+    def _explore_or_stand(self) -> None:
+        self._ask(requests.MAP_EXPLORE, ExploreMap(on=not self._is_exploring), "Not done")
 
     def _pause_or_go_on(self) -> None:
         is_paused = self._status is not None and self._status.state == "paused"
