@@ -22,6 +22,12 @@ EXISTS = "exists"
 OUTSIDE_MAP = "outside_map"
 IN_OBSTACLE = "in_obstacle"
 WRONG_MAP = "wrong_map"
+# Making maps.
+MAPPING = "mapping"
+NOT_MAPPING = "not_mapping"
+# Editing maps.
+NO_MATCH = "no_match"
+AMBIGUOUS = "ambiguous"
 # Goals.
 KEEPOUT = "keepout"
 NO_PATH = "no_path"
@@ -78,6 +84,10 @@ SENTENCES: dict[str, str] = {
     OUTSIDE_MAP: "That place lies outside the map.",
     IN_OBSTACLE: "The robot does not fit there: something stands in that place.",
     WRONG_MAP: "That place belongs to another map.",
+    MAPPING: "A map is being made; save it or cancel it first.",
+    NOT_MAPPING: "No map is being made.",
+    NO_MATCH: "The walls of the two maps fit nowhere; say where the other one lies.",
+    AMBIGUOUS: "The walls of the two maps fit in several ways; say where the other one lies.",
     KEEPOUT: "That place lies in a keep-out zone.",
     NO_PATH: "There is no way there for a robot of this size.",
     NOT_LOCALIZED: "The robot does not know where it is yet; set its pose or let it search.",

@@ -57,9 +57,13 @@ POSE_CAPTURE = Request(
     ),
 )
 POSE_SET = Request(
-    "pose/set", asking.SetPose, m.PoseEstimate, "localizer", (codes.OUTSIDE_MAP, codes.IN_OBSTACLE)
+    "pose/set",
+    asking.SetPose,
+    m.PoseEstimate,
+    "localizer",
+    (codes.OUTSIDE_MAP, codes.IN_OBSTACLE, codes.MAPPING),
 )
-POSE_FIND = Request("pose/find", asking.Nothing, m.PoseEstimate, "localizer")
+POSE_FIND = Request("pose/find", asking.Nothing, m.PoseEstimate, "localizer", (codes.MAPPING,))
 GOAL_SEND = Request("goal/send", asking.SendGoal, m.GoalStatus, "planner", GOAL_REFUSALS)
 GOAL_PREVIEW = Request("goal/preview", asking.SendGoal, m.Path, "planner", GOAL_REFUSALS)
 GOAL_CANCEL = Request(
@@ -80,14 +84,43 @@ POSES_PUT = Request("poses/put", m.SavedPose, m.SavedPose, "tour", (codes.NOT_SA
 POSES_DELETE = Request("poses/delete", asking.Named, m.SavedPose, "tour", (codes.NOT_SAVED,))
 TOURS_PUT = Request("tours/put", m.Tour, m.Tour, "tour", (codes.NOT_SAVED,))
 TOURS_DELETE = Request("tours/delete", asking.Named, m.Tour, "tour", (codes.NOT_SAVED,))
-ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED,))
-ZONES_DELETE = Request("zones/delete", asking.Named, m.Zone, "localizer", (codes.NOT_SAVED,))
+ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING))
+ZONES_DELETE = Request(
+    "zones/delete", asking.Named, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING)
+)
 BASE_STOP = Request("base/stop", asking.Nothing, m.BaseState, "base", always=True)
 BASE_RESUME = Request("base/resume", asking.Nothing, m.BaseState, "base")
 MAP_LIST = Request("map/list", asking.Nothing, list[str], "localizer")
 MAP_LOAD = Request(
-    "map/load", asking.LoadMap, m.MapInfo, "localizer", (codes.OUTSIDE_MAP, codes.IN_OBSTACLE)
+    "map/load",
+    asking.LoadMap,
+    m.MapInfo,
+    "localizer",
+    (codes.OUTSIDE_MAP, codes.IN_OBSTACLE, codes.MAPPING),
 )
+LOCALIZER_YIELD = Request(
+    "localizer/yield", asking.Yield, m.PoseEstimate, "localizer", (codes.NOT_CURRENT,)
+)
+MAP_NEW = Request(
+    "map/new", asking.MapNamed, m.MappingStatus, "mapper", (codes.MAPPING, codes.EXISTS)
+)
+MAP_EXTEND = Request(
+    "map/extend",
+    asking.MapNamed,
+    m.MappingStatus,
+    "mapper",
+    (codes.MAPPING, codes.WRONG_MAP, codes.NOT_LOCALIZED),
+)
+MAP_SAVE = Request(
+    "map/save",
+    asking.SaveMap,
+    m.MappingStatus,
+    "mapper",
+    (codes.NOT_MAPPING, codes.EXISTS, codes.NOT_SAVED),
+)
+MAP_PAUSE = Request("map/pause", asking.PauseMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
+MAP_UNDO = Request("map/undo", asking.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
+MAP_CANCEL = Request("map/cancel", asking.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 
 REQUESTS: tuple[Request[Any, Any], ...] = (
     POSE_CAPTURE,
@@ -115,5 +148,12 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     BASE_RESUME,
     MAP_LIST,
     MAP_LOAD,
+    LOCALIZER_YIELD,
+    MAP_NEW,
+    MAP_EXTEND,
+    MAP_SAVE,
+    MAP_PAUSE,
+    MAP_UNDO,
+    MAP_CANCEL,
 )
 """All rows."""

@@ -91,30 +91,36 @@ SCAN = Topic("scan", m.Scan, "base", "5-50 Hz", Qos.SENSOR, of_epoch=True)
 ODOM = Topic("odom", m.Odometry, "base", "20-50 Hz", Qos.SENSOR, of_epoch=True)
 IMU = Topic("imu", m.Imu, "base", "if any", Qos.SENSOR, of_epoch=True)
 TF = Topic(
-    "tf/{child}", m.Transform, "base, localizer, anyone", "on change, at most 20 Hz", Qos.STATE
+    "tf/{child}",
+    m.Transform,
+    "base, localizer (mapper while it maps), anyone",
+    "on change, at most 20 Hz",
+    Qos.STATE,
 )
 COMMAND = Topic(
     "cmd_vel/{source}", m.VelocityCommand, "the source", "10-30 Hz", Qos.COMMAND, of_epoch=True
 )
 CMD_VEL = Topic("cmd_vel", m.VelocityCommand, "base", "10 Hz", Qos.SENSOR, of_epoch=True)
 BASE = Topic("base", m.BaseState, "base", "on change, 1 Hz", Qos.STATE)
+_WHERE = "localizer, or mapper while it maps"
 MAP = Topic(
     "map",
     m.OccupancyGrid,
-    "localizer",
+    _WHERE,
     "on change",
     Qos.STATE,
     binary_get=True,
     max_bytes=_MAP_BYTES,
 )
-ZONES = Topic("zones", m.Zones, "localizer", "on change", Qos.STATE)
+ZONES = Topic("zones", m.Zones, _WHERE, "on change", Qos.STATE)
 ZONE = Topic("zones/{name}", m.Zone, "localizer", "stored", Qos.STATE, Kind.STORED)
-POSE = Topic("pose", m.PoseEstimate, "localizer", "each scan", Qos.STATE, of_epoch=True)
+POSE = Topic("pose", m.PoseEstimate, _WHERE, "each scan", Qos.STATE, of_epoch=True)
 PARTICLES = Topic(
     "particles", m.ParticleCloud, "localizer", "at most 5 Hz", Qos.SENSOR, binary_get=True
 )
 BEAMS = Topic("beams", m.BeamClasses, "localizer", "at most 10 Hz", Qos.SENSOR)
 SUSPECTS = Topic("suspects", m.Suspects, "localizer", "on change", Qos.STATE)
+MAPPING = Topic("mapping", m.MappingStatus, "mapper", "on change, 1 Hz while it maps", Qos.STATE)
 GOAL = Topic("goal", m.GoalStatus, "planner", "on change, 5 Hz", Qos.STATE)
 PATH = Topic("path", m.Path, "planner", "on change", Qos.STATE, of_epoch=True)
 TRAJECTORY = Topic("trajectory", m.Path, "planner", "at most 10 Hz", Qos.SENSOR, of_epoch=True)
@@ -186,6 +192,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     PARTICLES,
     BEAMS,
     SUSPECTS,
+    MAPPING,
     GOAL,
     PATH,
     TRAJECTORY,

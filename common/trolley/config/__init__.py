@@ -6,6 +6,7 @@ Unknown keys, wrong types and values out of range are refused with file, key and
 from trolley.config.base import BaseConfig
 from trolley.config.load import ConfigError, RobotConfig, find_config, load_config
 from trolley.config.localizer import LocalizerConfig
+from trolley.config.mapper import MapperConfig
 from trolley.config.mqtt import MqttConfig
 from trolley.config.planner import PlannerConfig
 from trolley.config.robot import (
@@ -25,6 +26,7 @@ __all__ = [
     "FootprintConfig",
     "LocalizerConfig",
     "MapSection",
+    "MapperConfig",
     "MqttConfig",
     "PlannerConfig",
     "PoseConfig",

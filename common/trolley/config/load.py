@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from trolley.config.base import BaseConfig
 from trolley.config.localizer import LocalizerConfig
+from trolley.config.mapper import MapperConfig
 from trolley.config.mqtt import MqttConfig
 from trolley.config.planner import PlannerConfig
 from trolley.config.robot import MapSection, RobotSection, StartSection, ZenohSection
@@ -37,6 +38,7 @@ class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     tour: TourConfig = TourConfig()
     viz: VizConfig = VizConfig()
     mqtt: MqttConfig = MqttConfig()
+    mapper: MapperConfig = MapperConfig()
     folder: str = ""
     """Where the file lies (set on loading): paths in it are relative to this."""
 

@@ -1,6 +1,7 @@
 """Reading and writing maps as ROS's `map_server` does: a YAML file and an image."""
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +22,16 @@ from trolley.gridmap.image import MAX_CELLS, encode_image, read_cells
 
 ImageFormat = Literal["pgm", "png"]
 
-__all__ = ["MAX_CELLS", "ImageFormat", "MapError", "Mode", "load_map", "save_map"]
+__all__ = [
+    "MAX_CELLS",
+    "ImageFormat",
+    "MapError",
+    "MapFiles",
+    "Mode",
+    "load_map",
+    "render_map",
+    "save_map",
+]
 
 
 def load_map(path: str | Path, name: str | None = None) -> GridMap:
@@ -41,6 +51,16 @@ def load_map(path: str | Path, name: str | None = None) -> GridMap:
     description = read_description(file)
     cells = read_cells(file.parent / description.image, description)
     return GridMap(name or file.stem, description.resolution, description.origin, cells)
+
+
+@dataclass(frozen=True, slots=True)
+class MapFiles:
+    """The two files of a map, as they are to be written."""
+
+    image: str
+    """Name of the image, as the YAML file has it."""
+    image_bytes: bytes
+    yaml: str
 
 
 def save_map(
@@ -71,12 +91,49 @@ def save_map(
         MapError: the files cannot be written, or the mode or format cannot hold the cells.
     """
     file = Path(path)
+    try:
+        files = render_map(grid, file.stem, mode, image_format, negate, thresholds)
+    except ValueError as error:
+        raise MapError(file, *error.args) from error
+    image_file = file.with_name(files.image)
+    try:  # the image first: a YAML file never names an image that is not there
+        write_atomically(image_file, files.image_bytes)
+        write_atomically(file, files.yaml.encode())
+    except OSError as error:
+        raise MapError(
+            file, f"it cannot be written ({error.strerror})", "check the folder and its rights"
+        ) from error
+    return image_file
+
+
+def render_map(
+    grid: GridMap,
+    stem: str,
+    mode: Mode | None = None,
+    image_format: ImageFormat | None = None,
+    negate: bool = False,
+    thresholds: tuple[float, float] = (FREE_THRESH, OCCUPIED_THRESH),
+) -> MapFiles:
+    """Return what `save_map` writes.
+
+    Args:
+        grid: the map.
+        stem: name of the image without its suffix; the others are those of `save_map`.
+        mode: see there.
+        image_format: see there.
+        negate: see there.
+        thresholds: see there.
+
+    Raises:
+        ValueError: what is wrong and what to do, two texts: the mode or format cannot hold the
+            cells.
+    """
     if mode is None:
         mode = "trinary" if np.isin(grid.cells, (FREE, OCCUPIED, UNKNOWN)).all() else "scale"
     suffix = image_format or ("png" if mode == "scale" else "pgm")
     free_thresh, occupied_thresh = thresholds
     description = MapDescription(
-        image=f"{file.stem}.{suffix}",
+        image=f"{stem}.{suffix}",
         resolution=grid.resolution,
         origin=grid.origin,
         negate=negate,
@@ -87,19 +144,11 @@ def save_map(
     try:
         image = encode_image(grid.cells, description)
     except ValueError as error:
-        raise MapError(file, str(error), "write it in mode scale or raw") from error
+        raise ValueError(str(error), "write it in mode scale or raw") from error
     if image.mode == "LA" and suffix == "pgm":
-        raise MapError(
-            file, "a PGM image cannot say unknown in mode scale", "write it as png or in mode raw"
+        raise ValueError(
+            "a PGM image cannot say unknown in mode scale", "write it as png or in mode raw"
         )
     content = io.BytesIO()
     image.save(content, format="PNG" if suffix == "png" else "PPM")
-    image_file = file.with_name(description.image)
-    try:  # the image first: a YAML file never names an image that is not there
-        write_atomically(image_file, content.getvalue())
-        write_atomically(file, render_description(description).encode())
-    except OSError as error:
-        raise MapError(
-            file, f"it cannot be written ({error.strerror})", "check the folder and its rights"
-        ) from error
-    return image_file
+    return MapFiles(description.image, content.getvalue(), render_description(description))

@@ -8,6 +8,7 @@ Decoding checks bounds; arrays travel as little-endian bytes (`floats_to_bytes`,
 from trolley.geometry.pose import Pose2D, Twist2D
 from trolley.messages.drawing import Choice, Marker, Overlay, OverlayRule
 from trolley.messages.driving import GoalState, GoalStatus, Path
+from trolley.messages.map_making import MappingState, MappingStatus
 from trolley.messages.mapping import (
     Candidate,
     MapInfo,
@@ -78,6 +79,8 @@ __all__ = [
     "Imu",
     "Link",
     "MapInfo",
+    "MappingState",
+    "MappingStatus",
     "Marker",
     "OccupancyGrid",
     "Odometry",

@@ -99,3 +99,37 @@ class LoadMap(Struct, frozen=True, kw_only=True):
 
     name: MapName
     pose: Pose2D | None = None
+
+
+class MapNamed(Struct, frozen=True, kw_only=True):
+    """The map of this name, which will be made or is there already."""
+
+    name: MapName
+
+
+class SaveMap(Struct, frozen=True, kw_only=True):
+    """Save the map that is being made, under another name if one is given."""
+
+    name: MapName | None = None
+
+
+class PauseMap(Struct, frozen=True, kw_only=True):
+    """Let the map be as it is (`on`), or go on making it."""
+
+    on: bool = True
+
+
+class UndoMap(Struct, frozen=True, kw_only=True):
+    """Forget what was mapped in the last `seconds` of robot time."""
+
+    seconds: Annotated[float, Meta(gt=0.0, le=86_400.0)] = 60.0
+
+
+class Yield(Struct, frozen=True, kw_only=True):
+    """Leave the shared topics to the mapper for 3 s more (`on`), or take them back.
+
+    `hand_over` names the map with which `map/load` may end the yielding; every other is refused.
+    """
+
+    on: bool = True
+    hand_over: MapName | None = None

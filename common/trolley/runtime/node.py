@@ -207,6 +207,10 @@ class Node:
         self._server.keep(topic, key, message)
         self._bus.put(key, codec.encode(message, "msgpack"), codec.MIME["msgpack"], topic.qos)
 
+    def withdraw(self, topic: Topic[Any], parts: tuple[str, ...]) -> None:
+        """Answer `get` no more."""
+        self._server.withdraw(topic.key(self.robot, *parts))
+
     def put_wish(
         self, topic: Topic[Any], message: Any, parts: tuple[str, ...], robot: str | None
     ) -> None:

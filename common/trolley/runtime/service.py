@@ -166,6 +166,10 @@ class Service:
         """Publish a message and keep it for `get`; `parts` fill the topic's varying chunks."""
         self._port.publish(topic, message, parts, robot)
 
+    def withdraw(self, topic: Topic[Any], *parts: str) -> None:
+        """Answer `get` of a topic no more, until it is published again: another owns it now."""
+        self._port.withdraw(topic, parts)
+
     def put_wish(
         self, topic: Topic[M], message: M | None, *parts: str, robot: str | None = None
     ) -> None:

@@ -27,6 +27,7 @@ class Server:
         self._context = context
         self._closers: list[Closer] = []
         self._latest: dict[str, Any] = {}
+        self._answering: dict[str, Closer] = {}
         self._hooked: set[str] = set()
 
     def close(self) -> None:
@@ -37,13 +38,22 @@ class Server:
     # Latest values.
     def keep(self, topic: Topic[Any], key: str, message: Any) -> None:
         """Keep a published message for `get`."""
-        is_new = key not in self._latest
         self._latest[key] = message
-        if is_new and topic.name not in self._hooked:
-            self._serve(
-                key,
-                lambda query: self._answer_get(query, topic, lambda _: {key: self._latest[key]}),
+        if key not in self._answering and topic.name not in self._hooked:
+            self._answering[key] = self._serve(
+                key, lambda query: self._answer_get(query, topic, lambda _: self._known(key))
             )
+
+    def withdraw(self, key: str) -> None:
+        """Answer `get` of a key no more, until something is published there again."""
+        self._latest.pop(key, None)
+        closer = self._answering.pop(key, None)
+        if closer is not None:
+            closer.close()
+            self._closers.remove(closer)
+
+    def _known(self, key: str) -> dict[str, Any]:
+        return {key: self._latest[key]} if key in self._latest else {}
 
     def open_gets(self, topic: Topic[Any], parts: tuple[str, ...], hook: Hook) -> None:
         """Answer `get` of a topic by a method of the service."""
@@ -128,14 +138,16 @@ class Server:
         error = ErrorReply(code=refused.code, message=refused.message, details=refused.details)
         query.refuse(codec.encode(error, "json"), codec.MIME["json"])
 
-    def _serve(self, key: str, answer: Callable[[Query], None], *, urgent: bool = False) -> None:
+    def _serve(self, key: str, answer: Callable[[Query], None], *, urgent: bool = False) -> Closer:
         inbox = self._context.inbox
 
         def receive(query: Query) -> None:
             if not inbox.push(lambda _: answer(query), urgent=urgent):
                 query.finish()
 
-        self._closers.append(self._context.bus.serve(key, receive))
+        closer = self._context.bus.serve(key, receive)
+        self._closers.append(closer)
+        return closer
 
 
 def _nothing_of(topic: Topic[Any], asked: str, parameters: dict[str, str]) -> Refused:

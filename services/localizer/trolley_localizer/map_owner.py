@@ -11,10 +11,11 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import MapError
 from trolley.messages import MapInfo, Suspects, Zone, Zones
 from trolley.messages.asking import LoadMap, Named, Nothing
-from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
+from trolley.runtime.service import Later, answers, gets, on, on_delete
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_store import ChosenMap, LoadedMap, MapStore, read_map
 from trolley_localizer.wire import map_info, map_message
+from trolley_localizer.yielding import Yielding
 from trolley_localizer.zone_store import (
     ZoneFile,
     check_zone,
@@ -27,7 +28,7 @@ from trolley_localizer.zone_store import (
 CHOSEN_MAP_FILE = "map.toml"
 
 
-class MapOwner(Service):
+class MapOwner(Yielding):
     """Owns the map and its zones; the subclass owns the pose."""
 
     _seed = 0
@@ -48,6 +49,14 @@ class MapOwner(Service):
     def on_map(self, localizer: Localizer, name: str) -> None:
         """Called when a map is put to use, before it is published."""
 
+    def odometry_pose(self) -> Pose2D | None:
+        """Return the newest odom_T_base."""
+        return None
+
+    def took_back(self) -> None:
+        """Say again what the map is."""
+        self._publish_map()
+
     # Maps.
 
     def open_maps(self) -> None:
@@ -61,7 +70,7 @@ class MapOwner(Service):
         if problem is not None:
             self._fail(problem)
         elif name is None:
-            message = "There is no map: set [map] file, or load one by map/load."
+            message = "There is no map: make one (`trolley map new NAME`), or set [map] file."
             self.log.error(message)
             self.set_health("degraded", message)
         else:
@@ -108,11 +117,16 @@ class MapOwner(Service):
         self._zones = self._read_zones(loaded)
         loaded.localizer.set_mirrors(mirror_lines(self._zones))
         self.on_map(loaded.localizer, loaded.name)
-        self.publish(topics.MAP, map_message(self.stamp_ns, loaded.localizer.field.grid))
-        self._publish_zones()
-        self.publish(topics.SUSPECTS, Suspects(stamp_ns=self.stamp_ns, lines=[]))
+        self._publish_map()
         self.set_health("ok")
         self.log.info("Map loaded", map=loaded.name, zones=len(self._zones))
+
+    def _publish_map(self) -> None:
+        if self.is_yielding or self._localizer is None:
+            return
+        self.publish(topics.MAP, map_message(self.stamp_ns, self._localizer.field.grid))
+        self._publish_zones()
+        self.publish(topics.SUSPECTS, Suspects(stamp_ns=self.stamp_ns, lines=[]))
 
     @answers(requests.MAP_LIST)
     def list_maps(self, _: Nothing) -> list[str]:
@@ -122,24 +136,36 @@ class MapOwner(Service):
     @answers(requests.MAP_LOAD)
     def load_map(self, params: LoadMap) -> Later[MapInfo]:
         """Change to another map: at a pose, at the present one where it fits, or searching."""
+        self.refuse_other_map(params.name)
         reply: Later[MapInfo] = self.later()
-        self._read_map(params.name, partial(self._other_map_read, params, reply))
+        odom_T_base = self.odometry_pose()
+        self._read_map(params.name, partial(self._other_map_read, params, odom_T_base, reply))
         return reply
 
     def _other_map_read(
-        self, params: LoadMap, reply: Later[MapInfo], result: LoadedMap | MapError
+        self,
+        params: LoadMap,
+        odom_T_before: Pose2D | None,
+        reply: Later[MapInfo],
+        result: LoadedMap | MapError,
     ) -> None:
-        """Change to a map that a request asked for."""
+        """Change to a map that a request asked for when the robot was at `odom_T_before`."""
         if isinstance(result, MapError):
             reply.refuse(Refused(codes.BAD_REQUEST, str(result)))
             return
+        given, odom_T_base = params.pose, self.odometry_pose()
+        if given is not None and odom_T_before is not None and odom_T_base is not None:
+            given = given @ odom_T_before.inverse() @ odom_T_base  # reading took a while
         try:
-            if params.pose is not None:
-                refuse_pose(result.localizer, params.pose)
+            self.refuse_other_map(params.name)
+            if given is not None:
+                refuse_pose(result.localizer, given)
         except Refused as refused:
             reply.refuse(refused)
             return
-        pose = params.pose or self.pose_to_keep()
+        # Of a map that was handed over without a pose, one's own old pose says nothing.
+        pose = given or (None if self.is_yielding else self.pose_to_keep())
+        self.end_yield_on(params.name)
         self._use_map(result)
         if pose is not None and result.localizer.pose_problem(pose) is None:
             result.localizer.set_pose(pose)
@@ -151,8 +177,9 @@ class MapOwner(Service):
         """Return the localizer.
 
         Raises:
-            Refused: `not_ready` while no map is loaded.
+            Refused: `not_ready` while no map is loaded, `mapping` while the mapper makes one.
         """
+        self.refuse_while_mapping()
         if self._localizer is None:
             raise Refused(codes.NOT_READY, "No map is loaded yet.")
         return self._localizer
@@ -171,7 +198,9 @@ class MapOwner(Service):
 
     @gets(topics.ZONE)
     def get_zones(self, _: dict[str, str]) -> dict[tuple[str, ...], Zone]:
-        """Give each zone under its key."""
+        """Give each zone under its key; none while the map is another's."""
+        if self.is_yielding:
+            return {}
         return {(zone.name,): zone for zone in self._zones}
 
     @answers(requests.ZONES_PUT)
@@ -224,7 +253,7 @@ class MapOwner(Service):
         self._publish_zones()
 
     def _publish_zones(self) -> None:
-        if self._map_name is not None:
+        if self._map_name is not None and not self.is_yielding:
             zones = Zones(stamp_ns=self.stamp_ns, map=self._map_name, zones=self._zones)
             self.publish(topics.ZONES, zones)
 

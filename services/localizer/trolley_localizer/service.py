@@ -11,6 +11,7 @@ from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import (
     BeamClasses,
+    MappingStatus,
     Odometry,
     PoseEstimate,
     SavedPoses,
@@ -20,11 +21,11 @@ from trolley.messages import (
 )
 from trolley.messages.asking import Nothing, SetPose
 from trolley.messages.types import floats_from_bytes
+from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import answers, every, on
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate, Reject
 from trolley_localizer.map_owner import MapOwner, refuse_pose
-from trolley_localizer.odometry import is_covered, pose_at
 from trolley_localizer.scan import ScanInput
 from trolley_localizer.search import SearchJob
 from trolley_localizer.start_pose import WAIT_FOR_NAME_S, LastPose, StartPose, find_saved
@@ -37,8 +38,6 @@ from trolley_localizer.wire import (
 )
 
 LAST_POSE_FILE = "last_pose.toml"
-# Odometry of the scan's last beam is waited for so long [s, robot time].
-ODOMETRY_WAIT_S = 0.1
 # Shortest times between two messages, a little less than the contract's periods [ns].
 BEAMS_PERIOD_NS = 95_000_000
 PARTICLES_PERIOD_NS = 195_000_000
@@ -56,8 +55,7 @@ class LocalizerService(MapOwner):
     def __init__(self, config: RobotConfig) -> None:
         super().__init__(config)
         self._latest = unknown_pose(0, None, "no map is loaded yet")
-        self._pending: Scan | None = None
-        self._pending_since_ns = 0
+        self._waiting = WaitingScan()
         self._saved: LastPose | None = None
         self._saved_ns = 0
         self._beams_ns = -BEAMS_PERIOD_NS
@@ -76,6 +74,11 @@ class LocalizerService(MapOwner):
         self._start_pose = StartPose(self._config.start, self._saved)
         if self._start_pose.wanted_name is not None:
             self._poses = self.watch(topics.POSES, then=self._poses_came)
+        self.get(topics.MAPPING, then=self._begin)
+
+    def _begin(self, found: dict[tuple[str, ...], MappingStatus]) -> None:
+        """Load the map, and keep quiet about it where the mapper is at work."""
+        self.yield_if_mapping(found.get(()))
         self.open_maps()
 
     def stop(self) -> None:
@@ -84,7 +87,7 @@ class LocalizerService(MapOwner):
 
     def epoch_began(self) -> None:
         """Forget the odometry of base's run before; the robot itself has not moved."""
-        self._pending = None
+        self._waiting.forget()
         if self._localizer is not None:
             self._localizer.restart_odometry()
 
@@ -93,9 +96,11 @@ class LocalizerService(MapOwner):
     @on(topics.SCAN)
     def take_scan(self, scan: Scan) -> None:
         """Locate by a scan as soon as the odometry of its last beam is there."""
-        if self._pending is not None:
-            self._locate(self._pending)
-        self._pending, self._pending_since_ns = scan, self.monotonic_ns
+        if self.is_yielding:
+            return
+        before = self._waiting.put(scan, self.monotonic_ns)
+        if before is not None:
+            self._locate(before)
         self._locate_if_due()
 
     def _odometry_came(self, _: Odometry) -> None:
@@ -104,18 +109,13 @@ class LocalizerService(MapOwner):
     @every(0.05)
     def _locate_if_due(self) -> None:
         """Locate by the scan that waits, if its odometry is there or does not come."""
-        scan = self._pending
-        if scan is None:
-            return
         rate = self.time_of(self.robot).rate
-        waited_s = (self.monotonic_ns - self._pending_since_ns) * 1e-9 * rate
-        newest_ns = max(scan.stamp_ns, _end_ns(scan))
-        if waited_s >= ODOMETRY_WAIT_S or is_covered(self._odometry.history, newest_ns):
+        scan = self._waiting.take(self._odometry.history, self.monotonic_ns, rate)
+        if scan is not None:
             self._locate(scan)
 
     def _locate(self, scan: Scan) -> None:
         """Step the localizer and publish what it says."""
-        self._pending = None
         localizer, laser = self._localizer, self._laser.latest
         if localizer is None:
             self.count("scan/no_map")
@@ -124,7 +124,7 @@ class LocalizerService(MapOwner):
             self.count("scan/no_laser_mounting")
             return
         first = pose_at(self._odometry.history, scan.stamp_ns)
-        last = pose_at(self._odometry.history, _end_ns(scan))
+        last = pose_at(self._odometry.history, end_ns(scan))
         if first is None or last is None:
             self.count("scan/no_odometry")
             return
@@ -239,6 +239,24 @@ class LocalizerService(MapOwner):
         self._name_until_ns = None
         self._latest = unknown_pose(self.stamp_ns, name, "searching the whole map")
 
+    def gave_way(self) -> None:
+        """Let no scan wait."""
+        self._waiting.forget()
+        self._save_pose()
+
+    def took_back(self) -> None:
+        """Go on from where the odometry says that the robot has gone."""
+        self._suspects = []
+        super().took_back()
+
+    def known_pose(self) -> PoseEstimate:
+        """Return the newest estimate."""
+        return self._latest
+
+    def odometry_pose(self) -> Pose2D | None:
+        """Return the newest odom_T_base."""
+        return None if self._odometry.latest is None else self._odometry.latest.pose
+
     def pose_to_keep(self) -> Pose2D | None:
         """Keep a pose that was known."""
         return self._latest.pose if self._latest.state in ("localized", "unsure") else None
@@ -282,12 +300,6 @@ class LocalizerService(MapOwner):
                 name=self._start_pose.wanted_name,
                 map=self._map_name,
             )
-
-
-def _end_ns(scan: Scan) -> int:
-    """Return robot time of the last beam [ns]; earlier than the first's if clockwise."""
-    beams = len(scan.ranges) // 4
-    return scan.stamp_ns + round(max(beams - 1, 0) * scan.time_increment * 1e9)
 
 
 def _scan_input(scan: Scan, base_T_laser: Pose2D, first: Pose2D, last: Pose2D) -> ScanInput:

@@ -4,7 +4,7 @@ import pytest
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Odometry
-from trolley_localizer.odometry import is_covered, pose_at
+from trolley.odometry import is_covered, pose_at
 
 
 def message(stamp_ms: int, x: float, vx: float = 1.0) -> Odometry:

@@ -1,0 +1,175 @@
+"""Point-to-line alignment of a scan with surfels by Gauss-Newton steps."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_mapper.kernels.layout import Cloud, Matching, Surfels
+from trolley_mapper.kernels.surfels import nearest_surfel
+
+_MAX_SHIFT_M = 0.3
+_MAX_TURN_RAD = 0.15
+# A point without a direction of its own may have found the wrong side of a corner.
+_WITHOUT_NORMAL = 0.3
+
+
+@kernel
+def solve_spd(a: NDArray[np.float64], b: NDArray[np.float64], out_x: NDArray[np.float64]) -> bool:
+    """Solve a 3 x 3 symmetric positive definite system by Cholesky; False if it is not.
+
+    Args:
+        a: (3, 3).
+        b: (3,).
+        out_x: (3,), overwritten if it can be solved.
+    """
+    l00 = a[0, 0]
+    if not l00 > 1e-12:
+        return False
+    l00 = math.sqrt(l00)
+    l10 = a[1, 0] / l00
+    l20 = a[2, 0] / l00
+    l11 = a[1, 1] - l10 * l10
+    if not l11 > 1e-12:
+        return False
+    l11 = math.sqrt(l11)
+    l21 = (a[2, 1] - l20 * l10) / l11
+    l22 = a[2, 2] - l20 * l20 - l21 * l21
+    if not l22 > 1e-12:
+        return False
+    l22 = math.sqrt(l22)
+    y0 = b[0] / l00
+    y1 = (b[1] - l10 * y0) / l11
+    y2 = (b[2] - l20 * y0 - l21 * y1) / l22
+    out_x[2] = y2 / l22
+    out_x[1] = (y1 - l21 * out_x[2]) / l11
+    out_x[0] = (y0 - l10 * out_x[1] - l20 * out_x[2]) / l00
+    return True
+
+
+@kernel
+def accumulate(
+    out_hessian: NDArray[np.float64],
+    out_gradient: NDArray[np.float64],
+    out_count: NDArray[np.int64],
+    surfels: Surfels,
+    cloud: Cloud,
+    pose: NDArray[np.float64],
+    tuning: tuple[float, float, float],
+) -> None:
+    """Sum the normal equations of all points, for each keyframe that owns their surfels.
+
+    Args:
+        out_hessian: (k, 3, 3), overwritten; k = 1 sums over all keyframes.
+        out_gradient: (k, 3), overwritten.
+        out_count: (k,), overwritten: points with a partner.
+        surfels: of the neighbourhood.
+        cloud: the scan.
+        pose: (3,) map_T_base.
+        tuning: reach for partners [m], width of the weights [m], information of a point [1/m^2].
+    """
+    reach, width, gain = tuning
+    out_hessian[:] = 0.0
+    out_gradient[:] = 0.0
+    out_count[:] = 0
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    apart = out_count.size > 1
+    for i in range(cloud.points.shape[0]):
+        tx = cos * cloud.points[i, 0] - sin * cloud.points[i, 1]
+        ty = sin * cloud.points[i, 0] + cos * cloud.points[i, 1]
+        nx = cos * cloud.normals[i, 0] - sin * cloud.normals[i, 1]
+        ny = sin * cloud.normals[i, 0] + cos * cloud.normals[i, 1]
+        x = pose[0] + tx
+        y = pose[1] + ty
+        at = nearest_surfel(surfels, x, y, nx, ny, reach)
+        if at < 0:
+            continue
+        mx = surfels.normal[at, 0]
+        my = surfels.normal[at, 1]
+        off = mx * (x - surfels.place[at, 0]) + my * (y - surfels.place[at, 1])
+        robust = 1.0 / (1.0 + (off / width) * (off / width))
+        weight = gain * robust * robust
+        if nx == 0.0 and ny == 0.0:
+            weight *= _WITHOUT_NORMAL
+        turn = my * tx - mx * ty
+        k = surfels.owner[at] if apart else 0
+        out_count[k] += 1
+        out_gradient[k, 0] += weight * off * mx
+        out_gradient[k, 1] += weight * off * my
+        out_gradient[k, 2] += weight * off * turn
+        out_hessian[k, 0, 0] += weight * mx * mx
+        out_hessian[k, 1, 0] += weight * mx * my
+        out_hessian[k, 1, 1] += weight * my * my
+        out_hessian[k, 2, 0] += weight * turn * mx
+        out_hessian[k, 2, 1] += weight * turn * my
+        out_hessian[k, 2, 2] += weight * turn * turn
+    for k in range(out_count.size):
+        out_hessian[k, 0, 1] = out_hessian[k, 1, 0]
+        out_hessian[k, 0, 2] = out_hessian[k, 2, 0]
+        out_hessian[k, 1, 2] = out_hessian[k, 2, 1]
+
+
+@kernel
+def align(
+    pose: NDArray[np.float64],
+    out_information: NDArray[np.float64],
+    surfels: Surfels,
+    cloud: Cloud,
+    prior: NDArray[np.float64],
+    prior_information: NDArray[np.float64],
+    matching: Matching,
+) -> int:
+    """Move a pose to where the scan's points lie on the surfels and the prior agrees, too.
+
+    Args:
+        pose: (3,) map_T_base; overwritten by the result.
+        out_information: (3, 3), overwritten: inverse covariance from the scan alone, in `map`.
+        surfels: of the neighbourhood.
+        cloud: the scan.
+        prior: (3,) expected pose, e.g. from odometry.
+        prior_information: (3, 3) its inverse covariance in `map`.
+        matching: see there.
+
+    Returns:
+        How many points have a partner in the end.
+
+    Source:
+        Censi, An ICP variant using a point-to-line metric (2008); Geman, McClure, Statistical
+        methods for tomographic image reconstruction (1987), for the weights.
+    """
+    hessian = np.zeros((1, 3, 3))
+    gradient = np.zeros((1, 3))
+    count = np.zeros(1, np.int64)
+    whole = np.zeros((3, 3))
+    slope = np.zeros(3)
+    delta = np.zeros(3)
+    offset = np.zeros(3)
+    reach = matching.first_reach
+    for _ in range(matching.iterations):
+        width = max(matching.width, 0.3 * reach)
+        accumulate(
+            hessian, gradient, count, surfels, cloud, pose, (reach, width, matching.gain)
+        )
+        for a in range(3):
+            offset[a] = pose[a] - prior[a]
+        offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)
+        for a in range(3):
+            slope[a] = gradient[0, a]
+            for b in range(3):
+                out_information[a, b] = hessian[0, a, b]
+                whole[a, b] = hessian[0, a, b] + prior_information[a, b]
+                slope[a] += prior_information[a, b] * offset[b]
+        if not solve_spd(whole, slope, delta):
+            break
+        length = math.hypot(delta[0], delta[1])
+        shrink = min(
+            1.0, _MAX_SHIFT_M / max(length, 1e-9), _MAX_TURN_RAD / max(abs(delta[2]), 1e-9)
+        )
+        for a in range(3):
+            pose[a] -= shrink * delta[a]
+        if reach <= matching.last_reach and length < 2e-4 and abs(delta[2]) < 5e-5:
+            break
+        reach = max(0.6 * reach, matching.last_reach)
+    return count[0]

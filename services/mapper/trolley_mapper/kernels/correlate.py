@@ -1,0 +1,221 @@
+"""Correlative scan matching by branch and bound.
+
+Source:
+    Olson, Real-Time Correlative Scan Matching (2009); Hess, Kohler, Rapp, Andor, Real-Time Loop
+    Closure in 2D LIDAR SLAM (2016), section V-B.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_mapper.kernels.layout import Surfels
+
+
+@kernel
+def draw_likelihood(
+    out_score: NDArray[np.uint8],
+    surfels: Surfels,
+    count: int,
+    frame: NDArray[np.float64],
+    sigma: float,
+) -> None:
+    """Write how well a point fits in each cell: 255 on a surface, less beside it.
+
+    Args:
+        out_score: (rows, cols), overwritten.
+        surfels: of the neighbourhood.
+        count: how many there are.
+        frame: (3,) x, y [m] of the outer corner of cell (0, 0), and cells per metre.
+        sigma: standard deviation of a point [m].
+    """
+    out_score[:] = 0
+    rows, cols = out_score.shape
+    half = math.ceil(2.5 * sigma * frame[2])
+    scale = -0.5 / (sigma * sigma * frame[2] * frame[2])
+    for i in range(count):
+        x = (surfels.place[i, 0] - frame[0]) * frame[2]
+        y = (surfels.place[i, 1] - frame[1]) * frame[2]
+        at_col = math.floor(x)
+        at_row = math.floor(y)
+        for row in range(max(at_row - half, 0), min(at_row + half + 1, rows)):
+            for col in range(max(at_col - half, 0), min(at_col + half + 1, cols)):
+                dx = col + 0.5 - x
+                dy = row + 0.5 - y
+                value = np.uint8(255.0 * math.exp(scale * (dx * dx + dy * dy)))
+                if value > out_score[row, col]:
+                    out_score[row, col] = value
+
+
+@kernel
+def fill_pyramid(levels: NDArray[np.uint8]) -> None:
+    """Fill level h with the maxima over 2^h x 2^h cells up and right, from level 0.
+
+    Args:
+        levels: (heights, rows, cols); level 0 is read, the others are overwritten.
+    """
+    heights, rows, cols = levels.shape
+    for h in range(1, heights):
+        step = 1 << (h - 1)
+        below = levels[h - 1]
+        above = levels[h]
+        for row in range(rows):
+            up = min(row + step, rows - 1)
+            for col in range(cols):
+                right = min(col + step, cols - 1)
+                best = below[row, col]
+                best = max(best, below[up, col])
+                best = max(best, below[row, right])
+                above[row, col] = max(best, below[up, right])
+
+
+@kernel
+def turn_cloud(
+    out_rows: NDArray[np.int32],
+    out_cols: NDArray[np.int32],
+    points: NDArray[np.float64],
+    yaws: NDArray[np.float64],
+    frame: NDArray[np.float64],
+    origin: NDArray[np.float64],
+) -> None:
+    """Write in which cell each point lies for each heading, with the base at `origin`.
+
+    Args:
+        out_rows: (yaws, points), overwritten; `out_cols` alike.
+        out_cols: see `out_rows`.
+        points: (points, 2) in `base_link` [m].
+        yaws: (yaws,) [rad] in `map`.
+        frame: (3,) of the grid, see `draw_likelihood`.
+        origin: (2,) x, y [m] in `map`.
+    """
+    for a in range(yaws.size):
+        cos = math.cos(yaws[a])
+        sin = math.sin(yaws[a])
+        for j in range(points.shape[0]):
+            x = origin[0] + cos * points[j, 0] - sin * points[j, 1]
+            y = origin[1] + sin * points[j, 0] + cos * points[j, 1]
+            out_cols[a, j] = math.floor((x - frame[0]) * frame[2])
+            out_rows[a, j] = math.floor((y - frame[1]) * frame[2])
+
+
+@kernel
+def bound_at(
+    level: NDArray[np.uint8],
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    row: int,
+    col: int,
+    reach: int,
+) -> float:
+    """Return the highest mean score (0 to 1) of any shift in a block; exact where reach is 1.
+
+    Args:
+        level: (rows, cols) maxima over `reach` cells up and right.
+        rows: (points,) cells of the points without shift; `cols` alike.
+        cols: see `rows`.
+        row: lowest shift of the block [cells]; `col` alike.
+        col: see `row`.
+        reach: shifts in the block along each axis.
+    """
+    total = 0
+    height, width = level.shape
+    for j in range(rows.size):
+        r = rows[j] + row
+        c = cols[j] + col
+        if -reach < r < height and -reach < c < width:
+            # The first cell covers all that a block below the edge can reach.
+            total += level[max(r, 0), max(c, 0)]
+    return total / (255.0 * max(rows.size, 1))
+
+
+@kernel
+def find_best_shift(
+    out_best: NDArray[np.float64],
+    levels: NDArray[np.uint8],
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    half: int,
+    least: float,
+    pull: float,
+) -> bool:
+    """Find the shift and heading with the highest score in a square window.
+
+    Args:
+        out_best: (4,) score, rows, cols, index of the heading; overwritten if one is found.
+        levels: (heights, rows, cols) of `fill_pyramid`.
+        rows: (yaws, points) of `turn_cloud`; `cols` alike.
+        cols: see `rows`.
+        half: the window reaches from -half to half [cells].
+        least: scores below this are not looked for.
+        pull: loss of score towards the window's corners, for what cannot be told from the scan.
+
+    Returns:
+        Whether a score of at least `least` was found.
+    """
+    heights = levels.shape[0]
+    yaws = rows.shape[0]
+    top = heights - 1
+    block = 1 << top
+    per_side = (2 * half + 1 + block - 1) // block
+    count = yaws * per_side * per_side
+    bounds = np.empty(count)
+    for a in range(yaws):
+        for r in range(per_side):
+            for c in range(per_side):
+                bounds[(a * per_side + r) * per_side + c] = bound_at(
+                    levels[top], rows[a], cols[a], r * block - half, c * block - half, block
+                )
+    order = np.argsort(-bounds)
+    best = least
+    found = False
+    stack = np.empty((4 * heights + 8, 3), np.int64)
+    stack_bound = np.empty(4 * heights + 8)
+    children = np.empty(4)
+    for at in order:
+        if bounds[at] < best:
+            break
+        a = at // (per_side * per_side)
+        stack[0, 0] = top
+        stack[0, 1] = (at // per_side) % per_side * block - half
+        stack[0, 2] = at % per_side * block - half
+        stack_bound[0] = bounds[at]
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            if stack_bound[depth] < best:
+                continue
+            h = stack[depth, 0]
+            row = stack[depth, 1]
+            col = stack[depth, 2]
+            if h == 0:
+                away = (row * row + col * col) / (2.0 * max(half * half, 1))
+                off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
+                score = stack_bound[depth] - pull * 0.5 * (away + off * off)
+                if score >= best and abs(row) <= half and abs(col) <= half:
+                    best = score
+                    found = True
+                    out_best[0] = stack_bound[depth]
+                    out_best[1] = row
+                    out_best[2] = col
+                    out_best[3] = a
+                continue
+            step = 1 << (h - 1)
+            for k in range(4):
+                children[k] = bound_at(
+                    levels[h - 1],
+                    rows[a],
+                    cols[a],
+                    row + step * (k // 2),
+                    col + step * (k % 2),
+                    step,
+                )
+            for k in np.argsort(children):
+                if children[k] >= best:
+                    stack[depth, 0] = h - 1
+                    stack[depth, 1] = row + step * (k // 2)
+                    stack[depth, 2] = col + step * (k % 2)
+                    stack_bound[depth] = children[k]
+                    depth += 1
+    return found

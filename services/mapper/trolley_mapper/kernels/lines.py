@@ -1,0 +1,187 @@
+"""From ranges to points in `base_link`, and the direction of the surface at each of them."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+
+# A point and its neighbours within this distance show which way the surface looks [m].
+_REACH_M = 0.12
+# Where beams lie farther apart than that: within so many gaps between beams.
+_REACH_GAPS = 3.5
+# Neighbours farther apart than so many gaps (a wall seen at 14 degrees) belong to two things.
+_JUMP_GAPS = 4.0
+_JUMP_M = 0.08
+# Root mean square distance from the line beyond which it is none: constant [m], per metre.
+_ROUGH_M = 0.02
+_ROUGH_SHARE = 0.004
+
+
+@kernel
+def project_scan(
+    out_points: NDArray[np.float64],
+    out_beams: NDArray[np.int32],
+    ranges: NDArray[np.float32],
+    angles: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    base_T_laser: NDArray[np.float64],
+    motion: NDArray[np.float64],
+) -> int:
+    """Put the echoes into `base_link` at the scan's stamp, corrected for the motion since.
+
+    Args:
+        out_points: (n, 2) [m], its first rows are overwritten.
+        out_beams: (n,) number of the beam of each point, overwritten alike.
+        ranges: (n,) [m]; NaN, infinite, zero and negative values are left out.
+        angles: (2,) angle of beam 0 and step [rad] in `laser`.
+        limits: (2,) nearest and farthest echo to use [m].
+        base_T_laser: (3,) x, y [m], yaw [rad].
+        motion: (3,) pose of the base at the last beam in its frame at the stamp [m, m, rad].
+
+    Returns:
+        How many points there are.
+    """
+    count = 0
+    for i in range(ranges.size):
+        reach = np.float64(ranges[i])
+        if not (limits[0] <= reach <= limits[1]):
+            continue
+        share = i / max(ranges.size - 1, 1)
+        turned = share * motion[2]
+        cos = math.cos(turned)
+        sin = math.sin(turned)
+        heading = turned + base_T_laser[2] + angles[0] + i * angles[1]
+        out_points[count, 0] = (
+            share * motion[0]
+            + cos * base_T_laser[0]
+            - sin * base_T_laser[1]
+            + reach * math.cos(heading)
+        )
+        out_points[count, 1] = (
+            share * motion[1]
+            + sin * base_T_laser[0]
+            + cos * base_T_laser[1]
+            + reach * math.sin(heading)
+        )
+        out_beams[count] = i
+        count += 1
+    return count
+
+
+@kernel
+def _run_end(
+    points: NDArray[np.float64], beams: NDArray[np.int32], at: int, step: int, gap: float
+) -> int:
+    """Return the last point of the surface around `at` in one direction."""
+    reach = max(_REACH_M, _REACH_GAPS * gap)
+    jump = max(_JUMP_M, _JUMP_GAPS * gap)
+    last = at
+    following = at + step
+    while 0 <= following < beams.size and abs(beams[following] - beams[last]) <= 2:
+        if (
+            math.hypot(
+                points[following, 0] - points[last, 0], points[following, 1] - points[last, 1]
+            )
+            > jump
+        ):
+            break
+        away = math.hypot(
+            points[following, 0] - points[at, 0], points[following, 1] - points[at, 1]
+        )
+        if away > reach and abs(following - at) > 1:
+            break
+        last = following
+        following += step
+    return last
+
+
+@kernel
+def fit_normals(
+    out_normals: NDArray[np.float64],
+    points: NDArray[np.float64],
+    beams: NDArray[np.int32],
+    laser: NDArray[np.float64],
+    increment: float,
+) -> None:
+    """Write the unit normal of the surface at each point, towards the laser; zero if unclear.
+
+    Args:
+        out_normals: (n, 2), overwritten.
+        points: (n, 2) in the order of the beams [m].
+        beams: (n,) number of the beam of each.
+        laser: (2,) where the laser was [m].
+        increment: angle between two beams [rad].
+    """
+    for i in range(beams.size):
+        out_normals[i, 0] = 0.0
+        out_normals[i, 1] = 0.0
+        dx = laser[0] - points[i, 0]
+        dy = laser[1] - points[i, 1]
+        reach = math.hypot(dx, dy)
+        gap = reach * abs(increment)
+        first = _run_end(points, beams, i, -1, gap)
+        last = _run_end(points, beams, i, 1, gap)
+        count = last - first + 1
+        if count < 3:
+            continue
+        mean_x = 0.0
+        mean_y = 0.0
+        for j in range(first, last + 1):
+            mean_x += points[j, 0]
+            mean_y += points[j, 1]
+        mean_x /= count
+        mean_y /= count
+        xx = 0.0
+        xy = 0.0
+        yy = 0.0
+        for j in range(first, last + 1):
+            ax = points[j, 0] - mean_x
+            ay = points[j, 1] - mean_y
+            xx += ax * ax
+            xy += ax * ay
+            yy += ay * ay
+        half_trace = 0.5 * (xx + yy)
+        root = math.sqrt(max(0.25 * (xx - yy) * (xx - yy) + xy * xy, 0.0))
+        small = max(half_trace - root, 0.0) / count
+        large = (half_trace + root) / count
+        rough = _ROUGH_M + _ROUGH_SHARE * reach
+        if small > rough * rough or large < 6.0 * small:
+            continue
+        along = 0.5 * math.atan2(2.0 * xy, xx - yy)
+        nx = -math.sin(along)
+        ny = math.cos(along)
+        if nx * dx + ny * dy < 0.0:
+            nx = -nx
+            ny = -ny
+        out_normals[i, 0] = nx
+        out_normals[i, 1] = ny
+
+
+@kernel
+def thin_points(
+    out_kept: NDArray[np.int64], points: NDArray[np.float64], spacing: float
+) -> int:
+    """Choose points so that neighbours in the scan are not nearer than `spacing` to each other.
+
+    Args:
+        out_kept: (n,) indices, its first entries are overwritten.
+        points: (n, 2) in the order of the beams [m].
+        spacing: [m].
+
+    Returns:
+        How many are kept.
+    """
+    kept = 0
+    for i in range(points.shape[0]):
+        if kept > 0:
+            last = out_kept[kept - 1]
+            if (
+                math.hypot(points[i, 0] - points[last, 0], points[i, 1] - points[last, 1])
+                < spacing
+            ):
+                continue
+        out_kept[kept] = i
+        kept += 1
+    return kept

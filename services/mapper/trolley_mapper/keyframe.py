@@ -1,0 +1,48 @@
+"""What the mapper keeps of a scan that became part of the map."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_mapper.kernels.layout import Cloud
+from trolley_mapper.scan import Sweep
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """The echoes of one scan; where it was taken stands in the pose graph.
+
+    Attributes:
+        number: its own for as long as the map lives, ascending.
+        stamp_ns: robot time of the scan [ns].
+        points: (n, 2) float32 in `base_link` at the stamp [m].
+        normals: (n, 2) float32 of the surfaces, towards the laser; zero where unclear.
+        laser: (2,) float32, where the laser was in `base_link` [m].
+    """
+
+    number: int
+    stamp_ns: int
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    laser: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, number: int, stamp_ns: int, sweep: Sweep) -> "Keyframe":
+        """Keep a scan."""
+        return cls(
+            number,
+            stamp_ns,
+            sweep.cloud.points.astype(np.float32),
+            sweep.cloud.normals.astype(np.float32),
+            sweep.laser.astype(np.float32),
+        )
+
+    def cloud(self) -> Cloud:
+        """Return the points as the kernels want those of a scan."""
+        return Cloud(self.points.astype(np.float64), self.normals.astype(np.float64))
+
+    @property
+    def num_bytes(self) -> int:
+        """Bytes that it takes, about."""
+        return self.points.nbytes + self.normals.nbytes + self.laser.nbytes + 500

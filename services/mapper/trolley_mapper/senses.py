@@ -1,0 +1,128 @@
+"""What the mapper hears of the robot while it maps; nothing is listened to while it is idle."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from trolley import topics
+from trolley.geometry import Pose2D
+from trolley.messages import Odometry, Scan
+from trolley.messages.types import floats_from_bytes
+from trolley.odometry import WaitingScan, end_ns, pose_at
+from trolley.runtime.service import Service
+from trolley_mapper.scan import ScanInput
+
+SILENT_S = 1.0
+
+
+class Senses:
+    """Scans with the odometry that belongs to them.
+
+    A new run of base begins its odometry at zero, but the robot has not moved: what comes here is
+    continued from where it was.
+
+    Args:
+        service: that hears.
+        heard: called when something came; `take` may have a scan then.
+    """
+
+    def __init__(self, service: Service, heard: Callable[[], None]) -> None:
+        self._service = service
+        self._heard = heard
+        self._waiting = WaitingScan()
+        self._ready: list[ScanInput] = []
+        self.run_T_odom = Pose2D.identity()
+        """From the odometry of the present run of base to the continued one."""
+        self._newest: Pose2D | None = None
+        self._is_new_run = False
+        self.scan = service.watch(topics.SCAN, then=self._hear_scan)
+        self.odometry = service.watch(topics.ODOM, seconds=2.0, then=self._hear_odometry)
+        self.laser = service.watch(topics.TF, "laser")
+        self._watches = [self.scan, self.odometry, self.laser]
+
+    def close(self) -> None:
+        """Hear nothing any more."""
+        for watch in self._watches:
+            self._service.close_watch(watch)
+
+    def begin_epoch(self) -> None:
+        """Take note that base began anew."""
+        self._waiting.forget()
+        self._is_new_run = True
+
+    def missing(self) -> list[str]:
+        """Return the names of what a map cannot be made without and has not come."""
+        needed = (
+            ("clock", self._service.now_ns),
+            ("scan", self.scan.latest),
+            ("odom", self.odometry.latest),
+            ("tf/laser", self.laser.latest),
+        )
+        return [name for name, known in needed if known is None]
+
+    def silent(self) -> str | None:
+        """Say what has fallen silent, in a sentence."""
+        now_ns, service = self._service.monotonic_ns, self._service
+        if service.now_ns is None:
+            return "The robot's base is silent; the map does not grow."
+        for what, watch in (("lidar", self.scan), ("odometry", self.odometry)):
+            arrived_ns = watch.arrived_ns
+            if arrived_ns is None or now_ns - arrived_ns > SILENT_S * 1e9:
+                return f"The {what} is silent; the map does not grow."
+        return None
+
+    def _hear_scan(self, scan: Scan) -> None:
+        before = self._waiting.put(scan, self._service.monotonic_ns)
+        if before is not None:
+            self._complete(before)
+        self._heard()
+
+    def _hear_odometry(self, _: Odometry) -> None:
+        self._heard()
+
+    def take(self) -> list[ScanInput]:
+        """Return the scans that are complete by now, oldest first."""
+        rate = self._service.time_of(self._service.robot).rate
+        scan = self._waiting.take(self.odometry.history, self._service.monotonic_ns, rate)
+        if scan is not None:
+            self._complete(scan)
+        ready, self._ready = self._ready, []
+        return ready
+
+    def continued(self, odom_T_base: Pose2D) -> Pose2D:
+        """Return odometry of the present run of base as the continuation of those before."""
+        return self.run_T_odom @ odom_T_base
+
+    def newest(self) -> Pose2D | None:
+        """Return the newest odom_T_base, continued."""
+        latest = self.odometry.latest
+        return None if latest is None else self.continued(latest.pose)
+
+    def _complete(self, scan: Scan) -> None:
+        """Put a scan together with the odometry at its ends."""
+        laser = self.laser.latest
+        if laser is None or laser.parent != "base_link":
+            self._service.count("scan/no_laser_mounting")
+            return
+        first = pose_at(self.odometry.history, scan.stamp_ns)
+        last = pose_at(self.odometry.history, end_ns(scan))
+        if first is None or last is None:
+            self._service.count("scan/no_odometry")
+            return
+        if self._is_new_run and self._newest is not None:
+            self.run_T_odom = self._newest @ first.inverse()
+        self._is_new_run = False
+        self._newest = self.continued(last)
+        self._ready.append(
+            ScanInput(
+                stamp_ns=scan.stamp_ns,
+                ranges=np.asarray(floats_from_bytes(scan.ranges), np.float32),
+                angle_min=scan.angle_min,
+                angle_increment=scan.angle_increment,
+                range_min=scan.range_min,
+                range_max=scan.range_max,
+                base_T_laser=laser.pose,
+                odom_T_base=self.continued(first),
+                odom_T_base_end=self.continued(last),
+            )
+        )

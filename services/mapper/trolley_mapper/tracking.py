@@ -1,0 +1,170 @@
+"""Following the robot from scan to scan on the surfaces round about it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley.geometry import Pose2D
+from trolley_mapper.graph import compose
+from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
+from trolley_mapper.local_map import LocalMap
+from trolley_mapper.scan import Sweep
+
+# Odometry between two scans: deviation whatever it says, and as a share of what it says.
+_STILL_M = 0.01
+_STILL_RAD = 0.01
+_SHARE = 0.12
+_TURN_SHARE = 0.12
+_TURN_PER_M = 0.04
+# The covariance is never believed to be smaller than this [m, rad].
+_LEAST_DEV_M = 0.004
+_LEAST_DEV_RAD = 0.002
+# Beyond so many standard deviations odometry and scan contradict each other.
+_CONTRADICTION = 3.0
+# How good a match has to be: see `Verdict`.
+GOOD_MATCH = 0.6
+_GOOD_EXPLAINED = 0.25
+_MIN_EXPLAINED = 15
+# Windows of the search where the scan does not fit where it is expected.
+_LEAST_WINDOW = (0.35, 0.3)
+_MOST_WINDOW = (1.5, 0.8)
+_LEAST_SCORE = 0.4
+_PULL = 0.08
+_LEAD = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """How well a scan fits from a pose."""
+
+    match: float
+    """Share of the points in known space that are explained, 0 ... 1."""
+    explained: float
+    """Share of all points that are explained, 0 ... 1."""
+    is_good: bool
+
+    @property
+    def value(self) -> float:
+        """One number to compare poses by."""
+        return self.match * min(1.0, 2.0 * self.explained)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Where a scan fits: map_T_base (3,), information of the scan (3, 3) in `map`, how well."""
+
+    pose: NDArray[np.float64]
+    information: NDArray[np.float64]
+    verdict: Verdict
+
+
+def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
+    """Say how well a scan fits from a pose (3,)."""
+    classes = local.classify(pose, sweep)
+    count = len(classes)
+    explained = int(np.count_nonzero(classes == EXPLAINED))
+    known = count - int(np.count_nonzero(classes == UNKNOWN))
+    match, share = explained / max(known, 1), explained / max(count, 1)
+    is_good = match >= GOOD_MATCH and share >= _GOOD_EXPLAINED and explained >= _MIN_EXPLAINED
+    return Verdict(match, share, is_good)
+
+
+class Tracker:
+    """The pose and its covariance, by odometry and by scans."""
+
+    def __init__(self, config: MapperConfig) -> None:
+        self._config = config
+        self.pose = np.zeros(3)
+        self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
+        self.num_slips = 0
+
+    def reset(self, pose: NDArray[np.float64], dev_m: float, dev_rad: float) -> None:
+        """Start at a pose that may be so far off."""
+        self.pose = pose.copy()
+        self.covariance = np.diag([dev_m**2, dev_m**2, dev_rad**2])
+
+    def predict(self, step: Pose2D) -> None:
+        """Carry the pose through one odometry step."""
+        way = math.hypot(step.x, step.y)
+        moved = compose(self.pose, step.as_array())
+        carry = np.eye(3)
+        carry[0, 2] = -(moved[1] - self.pose[1])
+        carry[1, 2] = moved[0] - self.pose[0]
+        self.covariance = carry @ self.covariance @ carry.T + self.noise(way, abs(step.yaw))
+        self.pose = moved
+
+    @staticmethod
+    def noise(way_m: float, turn_rad: float) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of an odometry step, the same in all directions."""
+        dev_m = _STILL_M + _SHARE * way_m
+        dev_rad = _STILL_RAD + _TURN_SHARE * turn_rad + _TURN_PER_M * way_m
+        return np.diag([dev_m**2, dev_m**2, dev_rad**2])
+
+    @property
+    def devs(self) -> tuple[float, float]:
+        """Standard deviations of place [m] and heading [rad]."""
+        across = math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+        return across, math.sqrt(float(self.covariance[2, 2]))
+
+    def look(self, local: LocalMap, sweep: Sweep) -> Fit:
+        """Correct the pose by a scan where it fits; where not, the odometry holds.
+
+        Returns:
+            Where it fits best, whether that was good enough or not.
+        """
+        dev_m, dev_rad = self.devs
+        fit = self._fit(local, sweep, self.pose, dev_m)
+        away = fit.pose - self.pose
+        if (
+            not fit.verdict.is_good
+            or math.hypot(away[0], away[1]) > 0.1 + 3.0 * dev_m
+            or abs(math.remainder(away[2], 2.0 * math.pi)) > 0.1 + 3.0 * dev_rad
+        ):
+            fit = self._search(local, sweep, fit, (dev_m, dev_rad))
+        if fit.verdict.is_good:
+            self._accept(fit)
+        return fit
+
+    def _fit(
+        self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float
+    ) -> Fit:
+        """Align from a start; odometry that contradicts the scan counts less."""
+        prior = np.linalg.inv(self.covariance)
+        reach_m = min(max(3.0 * dev_m, 0.2), 0.5)
+        pose, information = local.align(start, sweep.cloud, self.pose, prior, reach_m)
+        away = pose - self.pose
+        away[2] = math.remainder(away[2], 2.0 * math.pi)
+        length = math.sqrt(float(away @ prior @ away))
+        if length > _CONTRADICTION:
+            weaker = prior * (_CONTRADICTION / length) ** 2
+            pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
+        return Fit(pose, information, judge(local, pose, sweep))
+
+    def _search(
+        self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]
+    ) -> Fit:
+        """Look round about for a pose from which the scan fits clearly better."""
+        window = (
+            min(max(4.0 * devs[0], _LEAST_WINDOW[0]), _MOST_WINDOW[0]),
+            min(max(4.0 * devs[1], _LEAST_WINDOW[1]), _MOST_WINDOW[1]),
+        )
+        found = local.correlate(sweep.cloud, self.pose, window, _LEAST_SCORE, _PULL)
+        if found is None:
+            return fit
+        other = self._fit(local, sweep, found[0], 0.05)
+        better = other.verdict.value > fit.verdict.value + _LEAD
+        return other if other.verdict.is_good and better else fit
+
+    def _accept(self, fit: Fit) -> None:
+        """Take a fit over; count it as slip where the wheels said something else."""
+        away = fit.pose - self.pose
+        away[2] = math.remainder(away[2], 2.0 * math.pi)
+        together = self.covariance + np.linalg.inv(fit.information + np.eye(3))
+        if float(away @ np.linalg.solve(together, away)) > _CONTRADICTION**2:
+            self.num_slips += 1
+        self.pose = fit.pose
+        floor = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
+        self.covariance = np.linalg.inv(np.linalg.inv(self.covariance) + fit.information) + floor
