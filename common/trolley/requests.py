@@ -121,6 +121,13 @@ MAP_SAVE = Request(
 MAP_PAUSE = Request("map/pause", asking.PauseMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_UNDO = Request("map/undo", asking.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_CANCEL = Request("map/cancel", asking.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
+CHANGES_DISMISS = Request(
+    "changes/dismiss",
+    asking.WhichChange,
+    m.MapChange,
+    "localizer",
+    (codes.NOT_SAVED, codes.MAPPING),
+)
 
 REQUESTS: tuple[Request[Any, Any], ...] = (
     POSE_CAPTURE,
@@ -155,5 +162,6 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     MAP_PAUSE,
     MAP_UNDO,
     MAP_CANCEL,
+    CHANGES_DISMISS,
 )
 """All rows."""

@@ -121,6 +121,7 @@ PARTICLES = Topic(
 BEAMS = Topic("beams", m.BeamClasses, "localizer", "at most 10 Hz", Qos.SENSOR)
 SUSPECTS = Topic("suspects", m.Suspects, "localizer", "on change", Qos.STATE)
 MAPPING = Topic("mapping", m.MappingStatus, "mapper", "on change, 1 Hz while it maps", Qos.STATE)
+CHANGES = Topic("changes", m.MapChanges, "localizer", "on change", Qos.STATE)
 GOAL = Topic("goal", m.GoalStatus, "planner", "on change, 5 Hz", Qos.STATE)
 PATH = Topic("path", m.Path, "planner", "on change", Qos.STATE, of_epoch=True)
 TRAJECTORY = Topic("trajectory", m.Path, "planner", "at most 10 Hz", Qos.SENSOR, of_epoch=True)
@@ -192,6 +193,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     PARTICLES,
     BEAMS,
     SUSPECTS,
+    CHANGES,
     MAPPING,
     GOAL,
     PATH,

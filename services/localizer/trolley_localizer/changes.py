@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.config.localizer import LocalizerConfig
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import changes as kernels
 from trolley_localizer.kernels import reflection
@@ -55,7 +56,9 @@ _GAP_M = 0.15
 _MIRROR_M = 0.3
 # Boxes are of one thing if they share so much of the smaller one.
 _SAME_SHARE = 0.4
-_MOST_CHANGES = 50
+# More at once means another map; so do more strokes for one of them.
+_MOST_CHANGES = 20
+_MOST_STROKES = 300
 MOST_DISMISSED = 200
 
 
@@ -100,14 +103,14 @@ class Changes:
 
     Args:
         field: of the map.
-        after_s: observed time that a change must have lasted to be proposed [s].
+        config: says how long a change must have lasted to be proposed.
     """
 
-    def __init__(self, field: LikelihoodField, after_s: float) -> None:
+    def __init__(self, field: LikelihoodField, config: LocalizerConfig) -> None:
         self._field = field
         self._cells = 1.0 / field.resolution
-        self._after_s = after_s
-        self._visit_s = max(1, int(after_s / _VISITS_IN_TIME))
+        self._after_s = config.change_after_s
+        self._visit_s = max(1, int(self._after_s / _VISITS_IN_TIME))
         self.ledger = CellLedger(field.grid)
         """What is known of the cells."""
         self.clock_s = 0.0
@@ -252,6 +255,8 @@ class Changes:
         first_s = int(rows[:, kernels.FIRST].min())
         if kind == "gone":
             cells = self._with_edges(cells, int(np.median(rows[:, kernels.FIRST])))
+        if len(runs_of(cells)) > _MOST_STROKES:
+            return None
         score = round(float(np.minimum(visits / kernels.MOST_VISITS, 1.0).mean()), 1)
         return Change("", kind, cells, box_of(cells), int(self.clock_s) - first_s, score)
 
@@ -312,7 +317,7 @@ def _is_same(one: Marked, change: Change) -> bool:
 
 def _is_at(change: Change, near: float, mirrors: Sequence[Lines]) -> bool:
     """Say whether a change lies where there is, or may be, a mirror or a pane."""
-    points = change.cells[:, ::-1] + 0.5
+    points = change.cells[:, ::-1].astype(np.float64) + 0.5
     return any(bool((_distance(points, one) <= near).any()) for one in mirrors)
 
 

@@ -71,10 +71,7 @@ class Localizer:
         self._rivals = Rivals(self.field, self._verifier, config)
         self._judge = Judge(config)
         self._suspicion = Suspicion(self.field)
-        self.changes = (
-            Changes(self.field, config.change_after_s) if config.propose_changes else None
-        )
-        """What has come or gone since the map was made, where that may be watched for."""
+        self.changes = Changes(self.field, config) if config.propose_changes else None
         self._is_searching = True
         self._is_proven = False
         self._tried_m = 0.0

@@ -69,8 +69,9 @@ class CellLedger:
         where, rows = where[inside], rows[inside]
         values = self._grid.cells[where[:, 0], where[:, 1]]
         is_wall = self._grid.occupied_mask()[where[:, 0], where[:, 1]] != 0
-        is_gone = rows[:, kernels.KIND] == kernels.GONE
-        fits = np.where(is_gone, is_wall, ~is_wall & (values >= 0))
+        is_floor = ~is_wall & (values >= 0)
+        kind = rows[:, kernels.KIND]
+        fits = ((kind == kernels.GONE) & is_wall) | ((kind == kernels.APPEARED) & is_floor)
         for (row, col), kept in zip(where[fits].tolist(), rows[fits], strict=True):
             self.make_room()
             at = kernels.claim_row(self.arrays, row, col)

@@ -77,4 +77,4 @@ def _runs(cells: Cells) -> NDArray[np.float64]:
     breaks = (np.diff(ordered[:, 0]) != 0) | (np.diff(ordered[:, 1]) != 1)
     firsts = ordered[np.append(True, breaks)]
     lasts = ordered[np.append(breaks, True)]
-    return np.stack([firsts[:, ::-1], lasts[:, ::-1]], axis=1) + 0.5
+    return np.stack([firsts[:, ::-1], lasts[:, ::-1]], axis=1).astype(np.float64) + 0.5
