@@ -88,6 +88,13 @@ ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED, 
 ZONES_DELETE = Request(
     "zones/delete", asking.Named, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING)
 )
+CHANGES_DISMISS = Request(
+    "changes/dismiss",
+    asking.WhichChange,
+    m.MapChange,
+    "localizer",
+    (codes.NOT_SAVED, codes.MAPPING),
+)
 BASE_STOP = Request("base/stop", asking.Nothing, m.BaseState, "base", always=True)
 BASE_RESUME = Request("base/resume", asking.Nothing, m.BaseState, "base")
 MAP_LIST = Request("map/list", asking.Nothing, list[str], "localizer")
@@ -121,12 +128,21 @@ MAP_SAVE = Request(
 MAP_PAUSE = Request("map/pause", asking.PauseMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_UNDO = Request("map/undo", asking.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
 MAP_CANCEL = Request("map/cancel", asking.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
-CHANGES_DISMISS = Request(
-    "changes/dismiss",
-    asking.WhichChange,
-    m.MapChange,
-    "localizer",
-    (codes.NOT_SAVED, codes.MAPPING),
+MAP_EDIT = Request(
+    "map/edit",
+    m.EditMap,
+    m.MapEdited,
+    "mapper",
+    (
+        codes.MAPPING,
+        codes.EXISTS,
+        codes.OUTSIDE_MAP,
+        codes.NO_MATCH,
+        codes.AMBIGUOUS,
+        codes.WRONG_MAP,
+        codes.BUSY,
+        codes.NOT_SAVED,
+    ),
 )
 
 REQUESTS: tuple[Request[Any, Any], ...] = (
@@ -151,6 +167,7 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     TOURS_DELETE,
     ZONES_PUT,
     ZONES_DELETE,
+    CHANGES_DISMISS,
     BASE_STOP,
     BASE_RESUME,
     MAP_LIST,
@@ -162,6 +179,6 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     MAP_PAUSE,
     MAP_UNDO,
     MAP_CANCEL,
-    CHANGES_DISMISS,
+    MAP_EDIT,
 )
 """All rows."""

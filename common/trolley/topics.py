@@ -113,6 +113,7 @@ MAP = Topic(
     max_bytes=_MAP_BYTES,
 )
 ZONES = Topic("zones", m.Zones, _WHERE, "on change", Qos.STATE)
+CHANGES = Topic("changes", m.MapChanges, "localizer", "on change", Qos.STATE)
 ZONE = Topic("zones/{name}", m.Zone, "localizer", "stored", Qos.STATE, Kind.STORED)
 POSE = Topic("pose", m.PoseEstimate, _WHERE, "each scan", Qos.STATE, of_epoch=True)
 PARTICLES = Topic(
@@ -120,8 +121,7 @@ PARTICLES = Topic(
 )
 BEAMS = Topic("beams", m.BeamClasses, "localizer", "at most 10 Hz", Qos.SENSOR)
 SUSPECTS = Topic("suspects", m.Suspects, "localizer", "on change", Qos.STATE)
-MAPPING = Topic("mapping", m.MappingStatus, "mapper", "on change, 1 Hz while it maps", Qos.STATE)
-CHANGES = Topic("changes", m.MapChanges, "localizer", "on change", Qos.STATE)
+MAPPING = Topic("mapping", m.MappingStatus, "mapper", "on change", Qos.STATE)
 GOAL = Topic("goal", m.GoalStatus, "planner", "on change, 5 Hz", Qos.STATE)
 PATH = Topic("path", m.Path, "planner", "on change", Qos.STATE, of_epoch=True)
 TRAJECTORY = Topic("trajectory", m.Path, "planner", "at most 10 Hz", Qos.SENSOR, of_epoch=True)
@@ -188,12 +188,12 @@ TOPICS: tuple[Topic[Any], ...] = (
     BASE,
     MAP,
     ZONES,
+    CHANGES,
     ZONE,
     POSE,
     PARTICLES,
     BEAMS,
     SUSPECTS,
-    CHANGES,
     MAPPING,
     GOAL,
     PATH,

@@ -6,18 +6,23 @@ import click
 import numpy as np
 
 from trolley import codes, requests, topics
-from trolley.cli.options import json_option, where_options
+from trolley.cli.mapping import add_commands
+from trolley.cli.options import NumbersCommand, json_option, where_options
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table
 from trolley.codes import Refused
+from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM
-from trolley.messages import OccupancyGrid, Zone
+from trolley.messages import OccupancyGrid, Zone, asking
 from trolley.messages.arrays import arrays_of
 
 
 @click.group(name="map")
 def map_command() -> None:
-    """Say what map the robot uses and which there are."""
+    """Say what map the robot uses and which there are; make a new one from a drive."""
+
+
+add_commands(map_command)
 
 
 @map_command.command(name="info")
@@ -73,6 +78,23 @@ def list_maps(as_json: bool) -> None:
         print_json(names)
     else:
         click.echo("\n".join(names) or "There is no map.")
+
+
+@map_command.command(name="load", cls=NumbersCommand)
+@click.argument("name")
+@click.option("--at", type=(float, float, float), metavar="X Y YAW", help="Where the robot is [m].")
+@where_options
+@json_option
+@reports_errors
+def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) -> None:
+    """Let the robot use the map NAME from now on; without --at it searches its place there."""
+    pose = None if at is None else Pose2D(*at)
+    with one_robot() as robot:
+        info = robot.ask(requests.MAP_LOAD, asking.LoadMap(name=name, pose=pose))
+    if as_json:
+        print_json(info)
+    else:
+        click.echo(f"The robot uses the map {info.name}.")
 
 
 @click.command(name="zones")

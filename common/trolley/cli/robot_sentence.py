@@ -37,7 +37,10 @@ def robot_sentence(
         return "Its pose is out of date."
     if pose is not None and pose.state in LOST:
         return LOST[pose.state]
-    return _on_its_way(base, goal, trip)
+    doing = _on_its_way(base, goal, trip)
+    if pose is not None and pose.state == "mapping":
+        return f"It makes the map {pose.map}. {doing}"
+    return doing
 
 
 def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | None) -> str:

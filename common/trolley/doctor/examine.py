@@ -146,7 +146,10 @@ def _check_map(place: Place) -> list[Finding]:
         if config.planner.frame == "odom":
             return kept_aside
         text = "No map is set, so the robot can drive nowhere."
-        remedy = 'Name one in [map] file, or set [planner] frame = "odom" to drive without.'
+        remedy = (
+            "Make one (`trolley map new NAME`), name one in [map] file, or set [planner] "
+            'frame = "odom" to drive without.'
+        )
         return [*kept_aside, problem("map", text, remedy)]
     grid = settings.read_map(file)
     if isinstance(grid, Finding):

@@ -226,7 +226,7 @@ def _is_due(topic: Topic[Any], facts: RobotFacts) -> bool:
         return facts.goal is not None and facts.goal.state in GOAL_AT_WORK
     if topic in ONLY_AT_WORK:
         return False
-    return facts.needs_map or topic.owner != "localizer"
+    return facts.needs_map or topic.owner.partition(",")[0] != "localizer"
 
 
 def _must_be_kept(topic: Topic[Any], facts: RobotFacts) -> bool:

@@ -9,6 +9,18 @@ from trolley.geometry.pose import Pose2D, Twist2D
 from trolley.messages.changing import ChangeKind, MapChange, MapChanges
 from trolley.messages.drawing import Choice, Marker, Overlay, OverlayRule
 from trolley.messages.driving import GoalState, GoalStatus, Path
+from trolley.messages.editing import (
+    Crop,
+    DrawWall,
+    EditMap,
+    EraseArea,
+    EraseStroke,
+    MapEdited,
+    MapOp,
+    Merge,
+    TakeBack,
+    Turn,
+)
 from trolley.messages.map_making import MappingState, MappingStatus
 from trolley.messages.mapping import (
     Candidate,
@@ -74,6 +86,11 @@ __all__ = [
     "ChangeKind",
     "Choice",
     "Clock",
+    "Crop",
+    "DrawWall",
+    "EditMap",
+    "EraseArea",
+    "EraseStroke",
     "ErrorReply",
     "GoalState",
     "GoalStatus",
@@ -82,10 +99,13 @@ __all__ = [
     "Link",
     "MapChange",
     "MapChanges",
+    "MapEdited",
     "MapInfo",
+    "MapOp",
     "MappingState",
     "MappingStatus",
     "Marker",
+    "Merge",
     "OccupancyGrid",
     "Odometry",
     "Offer",
@@ -106,11 +126,13 @@ __all__ = [
     "StopResult",
     "SuspectLine",
     "Suspects",
+    "TakeBack",
     "Tour",
     "TourStatus",
     "Tours",
     "Transform",
     "Truth",
+    "Turn",
     "Twist2D",
     "VelocityCommand",
     "Zone",

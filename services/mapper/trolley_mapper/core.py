@@ -33,6 +33,8 @@ _JUMP_DEV_RAD = 0.3
 _TIES = 3
 _TIE_SHARE = 0.12
 _SEARCH_AGAIN_S = 2.0
+# A pause of the lidar is no proof against the pose: it counts as a bad match of at most [s].
+_LONGEST_STEP_S = 0.3
 # A place that was found anew is believed after so long a way without a bad match [m].
 _PROOF_M = 0.4
 _PENDING = 12
@@ -98,8 +100,9 @@ class Mapper:
             self._begin(scan, sweep)
             return self._estimate(scan, 1.0, "")
         fit = self._tracker.look(self._local_map(), sweep)
+        self._fit_dbg = fit.verdict
         self._judge(fit, elapsed_s)
-        if self._state == "mapping" and not self._is_paused and self._has_moved():
+        if self._may_grow(fit) and self._has_moved():
             self._add_keyframe(scan, sweep, fit)
         return self._estimate(scan, fit.verdict.match, self._words())
 
@@ -133,14 +136,14 @@ class Mapper:
 
     def _judge(self, fit: Fit, elapsed_s: float) -> None:
         """Draw the consequences of a good or a bad match."""
-        if fit.verdict.is_good:
+        if fit.verdict.is_good or (fit.verdict.is_new and self._state == "mapping"):
             self._bad_s = 0.0
             if self._state == "lost":
                 self._proof_m = 0.0
             is_proven = self._proof_m >= _PROOF_M
             self._state = "mapping" if is_proven else "unsure"
             return
-        self._bad_s += elapsed_s
+        self._bad_s += min(elapsed_s, _LONGEST_STEP_S)
         if self._state == "lost":
             return
         self._state = "unsure"
@@ -148,6 +151,11 @@ class Mapper:
         if self._bad_s > self._config.lost_after_s or self._proof_m < _PROOF_M:
             self._state = "lost"
             self._chain = False
+
+    def _may_grow(self, fit: Fit) -> bool:
+        """Say whether a scan may become part of the map."""
+        fits = fit.verdict.is_good or (fit.verdict.is_new and self._chain)
+        return fits and self._state == "mapping" and not self._is_paused
 
     def _words(self) -> str:
         """Say in one sentence what is the matter."""
@@ -203,40 +211,44 @@ class Mapper:
     def _add_keyframe(self, scan: ScanInput, sweep: Sweep, fit: Fit) -> None:
         """Make a scan a keyframe, tied to those that it was matched with."""
         keyframe = Keyframe.of(self._next_number, scan.stamp_ns, sweep)
-        self._insert(keyframe, fit.pose, self._ties(keyframe.number, sweep, fit.pose))
+        ties = self._ties(keyframe.number, sweep, fit.pose) if fit.verdict.is_good else []
+        if not ties and self._chain:
+            nothing = np.zeros((3, 3))
+            ties = [self._next_edge(keyframe.number, fit.pose, nothing)]
+        self._insert(keyframe, fit.pose, ties)
 
     def _ties(self, number: int, sweep: Sweep, pose: NDArray[np.float64]) -> list[Edge]:
         """Return edges from the keyframes near by, by what each has contributed."""
         local = self._local_map()
         hessians, counts = local.shares(pose, sweep.cloud)
         newest = self._atlas.newest.number
+        own = np.zeros((3, 3))
         edges: list[Edge] = []
+        for row, one in enumerate(local.keyframes):
+            if self._chain and one.number == newest:
+                own = hessians[row]
         for row in np.argsort(-counts)[:_TIES]:
             one = local.keyframes[row].number
-            is_next = self._chain and one == newest
-            if counts[row] < _TIE_SHARE * len(sweep.cloud.points) or is_next:
-                continue
-            step = between(local.poses[row], pose)
-            information = to_frame(hessians[row], float(pose[2]))
-            edges.append(Edge(one, number, step, information, NEAR))
-        if self._chain or not edges:
-            edges.append(self._next_edge(number, pose, hessians.sum(axis=0), bool(edges)))
+            if counts[row] < _TIE_SHARE * len(sweep.cloud.points):
+                break
+            if not self._chain or one != newest:
+                step = between(local.poses[row], pose)
+                edges.append(
+                    Edge(one, number, step, to_frame(hessians[row], float(pose[2])), NEAR)
+                )
+        if self._chain:
+            # Without other ties all that was matched counts for this one.
+            whole = own if edges else hessians.sum(axis=0)
+            edges.append(self._next_edge(number, pose, whole))
         return edges
 
     def _next_edge(
-        self, number: int, pose: NDArray[np.float64], whole: NDArray[np.float64], has_more: bool
+        self, number: int, pose: NDArray[np.float64], matched: NDArray[np.float64]
     ) -> Edge:
-        """Tie a keyframe to the one before, by scan and odometry."""
-        newest = self._atlas.newest.number
-        local = self._local_map()
-        rows = [row for row, one in enumerate(local.keyframes) if one.number == newest]
-        information = np.linalg.inv(self._since_keyframe + 1e-6 * np.eye(3))
-        if rows and has_more:
-            hessians, _ = local.shares(pose, self._sweep.cloud) if self._sweep else (whole, None)
-            information = information + hessians[rows[0]]
-        else:
-            information = information + whole
+        """Tie a keyframe to the one before, by odometry and what was matched, (3, 3) in `map`."""
+        information = np.linalg.inv(self._since_keyframe + 1e-6 * np.eye(3)) + matched
         step = between(self._atlas.poses[-1], pose)
+        newest = self._atlas.newest.number
         return Edge(newest, number, step, to_frame(information, float(pose[2])), NEXT)
 
     def _local_map(self) -> LocalMap:

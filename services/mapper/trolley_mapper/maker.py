@@ -1,8 +1,9 @@
 """The half of the service that makes the map: scans in; pose, map and state out."""
 
+import importlib
 from functools import partial
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
@@ -15,11 +16,12 @@ from trolley.messages import (
     Zones,
 )
 from trolley.messages.asking import Yield
-from trolley.runtime.service import Service, Watch, every
+from trolley.runtime.service import Watch, every
 from trolley_mapper import kept as keeping
 from trolley_mapper.estimate import Reject
 from trolley_mapper.kept import Kept
 from trolley_mapper.making import Making
+from trolley_mapper.map_editor import MapEditor
 from trolley_mapper.scan import ScanInput
 from trolley_mapper.senses import Senses
 from trolley_mapper.wire import odom_transform, pose_message
@@ -29,7 +31,7 @@ _ROOM_BYTES = 4096
 """Of the largest message, left for what stands beside the cells."""
 
 
-class Maker(Service):
+class Maker(MapEditor):
     """Makes one map at a time, in place of the localizer."""
 
     def __init__(self, config: RobotConfig) -> None:
@@ -54,6 +56,7 @@ class Maker(Service):
         """Go on with the map that was being made, if there is one."""
         self.say()
         self.work(partial(keeping.read, self.state.path), self._found)
+        self.finish_edits()
 
     def stop(self) -> None:
         """Keep the map."""
@@ -63,6 +66,11 @@ class Maker(Service):
         """Take note that the odometry begins anew; the robot itself has not moved."""
         if self.senses is not None:
             self.senses.begin_epoch()
+
+    def check_idle(self) -> None:
+        """Raise `Refused` while a map is being made or handed over."""
+        if self.making is not None:
+            raise Refused(codes.MAPPING)
 
     def _found(self, kept: Kept | str | None) -> None:
         if isinstance(kept, str):
@@ -303,6 +311,7 @@ def _load(config: RobotConfig, kept: Kept | None) -> Making | ValueError | None:
     from trolley_mapper.warmup import warm_up
 
     warm_up()
+    importlib.import_module("trolley_mapper.core")
     if kept is None:
         return None
     try:

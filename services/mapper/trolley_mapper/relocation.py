@@ -13,8 +13,8 @@ from trolley_mapper.scan import Sweep
 from trolley_mapper.tracking import judge
 
 _LEAST_SCORE = 0.55
-_GOOD_MATCH = 0.75
-_GOOD_EXPLAINED = 0.5
+_GOOD_MATCH = 0.85
+_GOOD_EXPLAINED = 0.75
 _MARGIN_M = 2.0
 
 

@@ -101,6 +101,7 @@ class MapperService(Maker):
         """Let the map be as it is, or go on with it."""
         making = self._made()
         making.pause(is_on=params.on)
+        self.note = ""
         if self.phase in ("mapping", "paused"):
             self.phase = "paused" if params.on else "mapping"
         return self.say()
@@ -109,8 +110,8 @@ class MapperService(Maker):
     def undo_map(self, params: UndoMap) -> MappingStatus:
         """Forget what was mapped last."""
         making = self._made()
-        if not making.undo(params.seconds):
-            self.note = "Nothing is left of the map; it begins anew here."
+        is_left = making.undo(params.seconds)
+        self.note = "" if is_left else "Nothing is left of the map; it begins anew here."
         return self.say()
 
     @answers(requests.MAP_CANCEL)

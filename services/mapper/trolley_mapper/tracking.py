@@ -1,7 +1,7 @@
 """Following the robot from scan to scan on the surfaces round about it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,14 @@ _CONTRADICTION = 3.0
 GOOD_MATCH = 0.6
 _GOOD_EXPLAINED = 0.25
 _MIN_EXPLAINED = 15
+# A scan that shows what was not seen before contradicts by at most this share of its points.
+_NEW_CONTRADICTS = 0.15
 # Windows of the search where the scan does not fit where it is expected.
 _LEAST_WINDOW = (0.35, 0.3)
-_MOST_WINDOW = (1.5, 0.8)
+_MOST_WINDOW = (2.0, 1.0)
+# Wheels that spin report a way that was not driven; some report reversing as driving on.
+_WINDOW_PER_M = 2.0
+_WINDOW_PER_RAD = 1.0
 _LEAST_SCORE = 0.4
 _PULL = 0.08
 _LEAD = 0.05
@@ -45,6 +50,9 @@ class Verdict:
     explained: float
     """Share of all points that are explained, 0 ... 1."""
     is_good: bool
+    """It fits, and shows enough of what is known to be sure."""
+    is_new: bool = False
+    """It shows little of what is known, and nothing speaks against where the odometry leads."""
 
     @property
     def value(self) -> float:
@@ -68,8 +76,10 @@ def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
     explained = int(np.count_nonzero(classes == EXPLAINED))
     known = count - int(np.count_nonzero(classes == UNKNOWN))
     match, share = explained / max(known, 1), explained / max(count, 1)
-    is_good = match >= GOOD_MATCH and share >= _GOOD_EXPLAINED and explained >= _MIN_EXPLAINED
-    return Verdict(match, share, is_good)
+    fits = match >= GOOD_MATCH and explained >= _MIN_EXPLAINED
+    contradicts = (known - explained) / max(count, 1)
+    is_good = fits and share >= _GOOD_EXPLAINED
+    return Verdict(match, share, is_good, not is_good and contradicts < _NEW_CONTRADICTS)
 
 
 class Tracker:
@@ -80,11 +90,13 @@ class Tracker:
         self.pose = np.zeros(3)
         self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
         self.num_slips = 0
+        self._unseen = (0.0, 0.0)
 
     def reset(self, pose: NDArray[np.float64], dev_m: float, dev_rad: float) -> None:
         """Start at a pose that may be so far off."""
         self.pose = pose.copy()
         self.covariance = np.diag([dev_m**2, dev_m**2, dev_rad**2])
+        self._unseen = (0.0, 0.0)
 
     def predict(self, step: Pose2D) -> None:
         """Carry the pose through one odometry step."""
@@ -95,6 +107,7 @@ class Tracker:
         carry[1, 2] = moved[0] - self.pose[0]
         self.covariance = carry @ self.covariance @ carry.T + self.noise(way, abs(step.yaw))
         self.pose = moved
+        self._unseen = (self._unseen[0] + way, self._unseen[1] + abs(step.yaw))
 
     @staticmethod
     def noise(way_m: float, turn_rad: float) -> NDArray[np.float64]:
@@ -113,7 +126,7 @@ class Tracker:
         """Correct the pose by a scan where it fits; where not, the odometry holds.
 
         Returns:
-            Where it fits best, whether that was good enough or not.
+            Where it fits best if that was good enough, else where the odometry leads.
         """
         dev_m, dev_rad = self.devs
         fit = self._fit(local, sweep, self.pose, dev_m)
@@ -126,30 +139,36 @@ class Tracker:
             fit = self._search(local, sweep, fit, (dev_m, dev_rad))
         if fit.verdict.is_good:
             self._accept(fit)
-        return fit
+        return fit if fit.verdict.is_good else replace(fit, pose=self.pose)
 
     def _fit(
         self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float
     ) -> Fit:
         """Align from a start; odometry that contradicts the scan counts less."""
-        prior = np.linalg.inv(self.covariance)
         reach_m = min(max(3.0 * dev_m, 0.2), 0.5)
+        prior = self._prior(start)
         pose, information = local.align(start, sweep.cloud, self.pose, prior, reach_m)
+        weaker = self._prior(pose)
+        if weaker[0, 0] < 0.9 * prior[0, 0]:
+            pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
+        return Fit(pose, information, judge(local, pose, sweep))
+
+    def _prior(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the information (3, 3) of the odometry, less where a pose contradicts it."""
+        prior = np.linalg.inv(self.covariance)
         away = pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         length = math.sqrt(float(away @ prior @ away))
-        if length > _CONTRADICTION:
-            weaker = prior * (_CONTRADICTION / length) ** 2
-            pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
-        return Fit(pose, information, judge(local, pose, sweep))
+        return prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2
 
     def _search(
         self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]
     ) -> Fit:
         """Look round about for a pose from which the scan fits clearly better."""
+        way, turn = self._unseen
         window = (
-            min(max(4.0 * devs[0], _LEAST_WINDOW[0]), _MOST_WINDOW[0]),
-            min(max(4.0 * devs[1], _LEAST_WINDOW[1]), _MOST_WINDOW[1]),
+            min(max(4.0 * devs[0], _LEAST_WINDOW[0] + _WINDOW_PER_M * way), _MOST_WINDOW[0]),
+            min(max(4.0 * devs[1], _LEAST_WINDOW[1] + _WINDOW_PER_RAD * turn), _MOST_WINDOW[1]),
         )
         found = local.correlate(sweep.cloud, self.pose, window, _LEAST_SCORE, _PULL)
         if found is None:
@@ -166,5 +185,6 @@ class Tracker:
         if float(away @ np.linalg.solve(together, away)) > _CONTRADICTION**2:
             self.num_slips += 1
         self.pose = fit.pose
+        self._unseen = (0.0, 0.0)
         floor = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
         self.covariance = np.linalg.inv(np.linalg.inv(self.covariance) + fit.information) + floor

@@ -86,6 +86,11 @@ class MapVersions:
         found = (_KEPT.fullmatch(file.name) for file in self._kept_folder(name).glob("*.yaml"))
         return sorted(int(match[1]) for match in found if match is not None)
 
+    def next_number(self, name: str) -> int:
+        """Return the number that the next version of a map gets."""
+        now = self.newest(name)
+        return max([*self.kept(name), 0 if now is None else now.number]) + 1
+
     def load_kept(self, name: str, number: int) -> GridMap:
         """Read a former version.
 
@@ -115,7 +120,7 @@ class MapVersions:
         """
         now = self.newest(grid.name)
         version = Version(
-            number=max([*self.kept(grid.name), 0 if now is None else now.number]) + 1,
+            number=self.next_number(grid.name),
             before=None if now is None else now.number,
             before_T_this=change.old_T_new,
             made_of=change.made_of,
@@ -146,7 +151,7 @@ class MapVersions:
         former = self._version(file, now.before)
         version = msgspec.structs.replace(
             former,
-            number=max([*self.kept(name), now.number]) + 1,
+            number=self.next_number(name),
             what=f"back to version {now.before}: {former.what}",
             saved_at=saved_at,
         )

@@ -146,7 +146,7 @@ class Others:
             heard, estimate = self._heard[name], self._heard[name].pose
             if estimate is None or estimate.pose is None or estimate.map != map_name:
                 continue
-            is_good = estimate.state in ("localized", "unsure")
+            is_good = estimate.state in ("localized", "unsure", "mapping")
             if not is_good or now_ns - heard.pose_ns > SILENT_S * 1e9:
                 continue
             pose = estimate.pose

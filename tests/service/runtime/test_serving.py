@@ -410,3 +410,16 @@ def test_stored_values_may_come_without_the_name(lockstep: Lockstep, owner: Owne
     stop = {"name": "kitchen"}
     assert ask(lockstep, "@do/tours/put", {"stops": [stop]})["name"] == ""
     assert Tour(stops=[Stop(name="kitchen")]).repeat == 1
+
+
+def test_what_is_withdrawn_is_answered_no_more_until_it_is_published_again(
+    lockstep: Lockstep, owner: Owner
+):
+    key = topics.POSES.key("trolley")
+    assert ask(lockstep, key)["stamp_ns"] == 7
+    owner.withdraw(topics.POSES)
+    assert lockstep.get(key) == []
+    owner.withdraw(topics.POSES)
+    owner.publish(topics.POSES, make_places(8, "kitchen"))
+    assert ask(lockstep, key)["stamp_ns"] == 8
+    assert len(lockstep.get(key)) == 1

@@ -1,0 +1,183 @@
+"""`trolley map new` and its kin: a map from one drive."""
+
+import time
+from typing import Any
+
+import click
+
+from trolley import codes, requests, topics
+from trolley.cli.options import json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import Progress, print_json, seconds_text
+from trolley.client import Robot
+from trolley.codes import Refused
+from trolley.messages import MappingStatus, asking
+from trolley.requests import Request
+
+START_TIMEOUT_S = 900.0
+"""A small computer that compiles its kernels takes minutes."""
+SAVE_TIMEOUT_S = 60.0
+
+DRIVE = (
+    "Drive it through every room by hand (`trolley teleop`, or the joystick of the viewer), come "
+    "back to where you began, then `trolley map save`."
+)
+
+
+def add_commands(group: click.Group) -> None:
+    """Add the commands about a map in the making to `trolley map`."""
+    for command in (
+        new_map,
+        extend_map,
+        save_map,
+        _control("pause", requests.MAP_PAUSE, asking.PauseMap(), "Let the map be as it is."),
+        _control("resume", requests.MAP_PAUSE, asking.PauseMap(on=False), "Go on with the map."),
+        undo_map,
+        cancel_map,
+        map_status,
+    ):
+        group.add_command(command)
+
+
+@click.command(name="new")
+@click.argument("name")
+@where_options
+@json_option
+@reports_errors
+def new_map(name: str, as_json: bool) -> None:
+    """Begin the map NAME where the robot stands."""
+    with one_robot() as robot:
+        status = _begin(robot, requests.MAP_NEW, name)
+    _show(status, as_json=as_json, text=f"Mapping {name}. {DRIVE}")
+
+
+@click.command(name="extend")
+@click.argument("name")
+@where_options
+@json_option
+@reports_errors
+def extend_map(name: str, as_json: bool) -> None:
+    """Go on with the map NAME, which the robot is on; saving keeps the old one."""
+    with one_robot() as robot:
+        status = _begin(robot, requests.MAP_EXTEND, name)
+    _show(status, as_json=as_json, text=f"Extending {name}. {DRIVE}")
+
+
+@click.command(name="save")
+@click.argument("name", required=False)
+@where_options
+@json_option
+@reports_errors
+def save_map(name: str | None, as_json: bool) -> None:
+    """Save the map, under another NAME if one is given; the robot uses it from then on."""
+    with one_robot() as robot:
+        asked = robot.ask(requests.MAP_SAVE, asking.SaveMap(name=name))
+        status = _wait(robot, asked, "saving", SAVE_TIMEOUT_S)
+    if status.state != "idle":
+        raise Refused(codes.NOT_SAVED, status.message or None)
+    _show(status, as_json=as_json, text=status.message)
+
+
+@click.command(name="undo")
+@click.option("--seconds", type=click.FloatRange(0.1, 86_400.0), default=60.0, show_default=True)
+@where_options
+@json_option
+@reports_errors
+def undo_map(seconds: float, as_json: bool) -> None:
+    """Forget what was mapped last."""
+    with one_robot() as robot:
+        status = robot.ask(requests.MAP_UNDO, asking.UndoMap(seconds=seconds))
+    _show(status, as_json=as_json, text=status_text(status))
+
+
+@click.command(name="cancel")
+@click.option("--yes", is_flag=True, help="Do not ask whether that is meant.")
+@where_options
+@json_option
+@reports_errors
+def cancel_map(yes: bool, as_json: bool) -> None:
+    """Give the map up; the robot uses the one of before again."""
+    with one_robot() as robot:
+        if not yes:
+            known = robot.latest(topics.MAPPING)
+            name = "that is being made" if known is None else known.name
+            click.confirm(f"Forget the map {name}?", abort=True, err=True)
+        status = robot.ask(requests.MAP_CANCEL)
+    _show(status, as_json=as_json, text=status.message)
+
+
+@click.command(name="status")
+@where_options
+@json_option
+@reports_errors
+def map_status(as_json: bool) -> None:
+    """Say how far the map in the making is."""
+    with one_robot() as robot:
+        status = robot.latest(topics.MAPPING)
+    if status is None:
+        raise Refused(codes.NOT_READY, "The mapper is not running.")
+    _show(status, as_json=as_json, text=status_text(status))
+
+
+def status_text(status: MappingStatus) -> str:
+    """How a map in the making goes, for a person."""
+    if status.state == "idle":
+        return status.message or "No map is being made."
+    text = f"{status.state}: {status.name}, {seconds_text(status.seconds)}, {status.scans} scans"
+    if status.loops:
+        text += f", {status.loops} loops closed"
+    return f"{text}. {status.message}" if status.message else text
+
+
+def _control(
+    name: str, request: Request[Any, MappingStatus], params: Any, text: str
+) -> click.Command:
+    """Return a command that asks a request with fixed parameters."""
+
+    @click.command(name=name, help=text)
+    @where_options
+    @json_option
+    @reports_errors
+    def control(as_json: bool) -> None:
+        with one_robot() as robot:
+            status = robot.ask(request, params)
+        _show(status, as_json=as_json, text=status_text(status))
+
+    return control
+
+
+def _begin(
+    robot: Robot, request: Request[asking.MapNamed, MappingStatus], name: str
+) -> MappingStatus:
+    """Ask for a map and wait until it is being made."""
+    asked = robot.ask(request, asking.MapNamed(name=name))
+    status = _wait(robot, asked, "starting", START_TIMEOUT_S)
+    if status.state not in ("mapping", "paused"):
+        raise Refused(codes.NOT_READY, status.message or "The mapper has given up.")
+    return status
+
+
+def _wait(robot: Robot, status: MappingStatus, state: str, timeout_s: float) -> MappingStatus:
+    """Wait until the mapper is in another state.
+
+    Raises:
+        Refused: it takes too long.
+    """
+    progress, until_s = Progress(), time.monotonic() + timeout_s
+    try:
+        while status.state == state:
+            progress.show(f"{state} ...", state)
+            if time.monotonic() > until_s:
+                raise Refused(codes.TIMEOUT, f"The mapper is {state} still; {status.message}")
+            time.sleep(0.2)
+            status = robot.latest(topics.MAPPING) or status
+    finally:
+        progress.clear()
+    return status
+
+
+def _show(status: MappingStatus, *, as_json: bool, text: str) -> None:
+    if as_json:
+        print_json(status)
+    else:
+        click.echo(text)

@@ -1,0 +1,5 @@
+"""Compile what the mapper uses."""
+
+
+def warm_up() -> None:
+    """Compile all kernels."""

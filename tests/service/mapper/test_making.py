@@ -1,0 +1,178 @@
+"""A map from a drive: begun, driven, saved, taken over, extended, given up."""
+
+from collections.abc import Callable
+
+import pytest
+
+from trolley import codes, requests, topics
+from trolley.geometry import Pose2D
+from trolley.gridmap import load_map
+from trolley.messages import OccupancyGrid, SavedPose, Zone
+from trolley.messages.asking import (
+    Capture,
+    LoadMap,
+    MapNamed,
+    Named,
+    Nothing,
+    PauseMap,
+    SaveMap,
+    SetPose,
+    UndoMap,
+)
+from trolley.runtime import codec
+
+from .conftest import Stage
+
+MakeStage = Callable[..., Stage]
+
+
+def answers_to(stage: Stage, topic: topics.Topic) -> list:
+    """What everybody says is the latest value."""
+    replies = stage.bus.get(topic.key("trolley") + "?format=msgpack")
+    return [codec.decode(topic.message, one.payload, one.encoding) for one in replies]
+
+
+def test_a_new_robot_has_a_map_after_one_drive(make_stage: MakeStage) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    true_T_map = stage.map()
+    assert stage.status.state == "mapping"
+    assert stage.status.name == "home"
+    assert stage.status.scans > 3
+    assert {(one.state, one.map) for one in stage.poses} == {("mapping", "home")}
+    assert stage.error_m(true_T_map) < 0.05
+    stage.bus.run(0.5)
+    place = stage.ask(requests.POSE_CAPTURE, Capture(name="sofa"))
+    assert place.map == "home"
+
+    assert stage.ask(requests.MAP_SAVE, SaveMap()).state == "saving"
+    stage.drive(3.0, 0.2, 0.2)
+    assert stage.status.state == "idle"
+    assert "in use" in stage.status.message
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home")
+    assert stage.error_m(true_T_map) < 0.05
+    grid = load_map(stage.bus.state / "maps" / "home.yaml")
+    assert (grid.cells == 100).sum() > 100
+    assert stage.ask(requests.MAP_LIST) == ["home"]
+    assert not (stage.bus.state / "trolley" / "mapping.bin").exists()
+    (kept,) = answers_to(stage, topics.POSES)[0].poses
+    assert kept.map == "home"
+    assert kept.pose.distance_to(place.pose) < 0.02
+    # The robot knows where it is after a restart, too.
+    stage.bus.kill("localizer")
+    stage.begin("localizer")
+    stage.bus.run(1.0)
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home")
+
+
+def test_while_a_map_is_made_the_localizer_owns_nothing(stage: Stage) -> None:
+    stage.map(seconds=2.0)
+    for topic in (topics.MAP, topics.POSE, topics.ZONES):
+        assert len(answers_to(stage, topic)) == 1
+    assert stage.refusal(requests.POSE_SET, SetPose(pose=Pose2D.identity())).code == codes.MAPPING
+    assert stage.refusal(requests.POSE_FIND).code == codes.MAPPING
+    zone = Zone(name="stairs", kind="mirror", points=[(0.0, 0.0), (1.0, 0.0)])
+    assert stage.refusal(requests.ZONES_PUT, zone).code == codes.MAPPING
+    assert stage.refusal(requests.ZONES_DELETE, Named(name="stairs")).code == codes.MAPPING
+    assert stage.refusal(requests.MAP_LOAD, LoadMap(name="home")).code == codes.MAPPING
+    assert stage.refusal(requests.MAP_NEW, MapNamed(name="other")).code == codes.MAPPING
+
+
+def test_the_map_is_seen_to_grow_once_a_second_at_most(stage: Stage) -> None:
+    stage.map(seconds=6.0)
+    drawn = [one for one in stage.maps if one.name == "home"]
+    assert 3 <= len(drawn) <= 8
+    cells = [one.width * one.height for one in drawn]
+    assert cells[-1] >= cells[0]
+
+
+def test_a_map_is_extended_and_the_old_one_is_kept(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=4.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    zone = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, zone)
+    first = load_map(stage.bus.state / "maps" / "home.yaml")
+    assert stage.refusal(requests.MAP_EXTEND, MapNamed(name="flat")).code == codes.WRONG_MAP
+
+    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
+    stage.drive(5.0, 0.35, -0.1)
+    assert stage.status.extends == "home"
+    assert stage.pose.state == "mapping"
+    assert stage.error_m(true_T_map) < 0.08
+    assert [one.name for one in answers_to(stage, topics.ZONES)[0].zones] == ["stairs"]
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert stage.pose.state == "localized"
+    assert stage.error_m(true_T_map) < 0.08
+    assert [one.name for one in answers_to(stage, topics.ZONES)[0].zones] == ["stairs"]
+    second = load_map(stage.bus.state / "maps" / "home.yaml")
+    assert (second.cells >= 0).sum() > (first.cells >= 0).sum()
+    kept = load_map(stage.bus.state / "maps" / "versions" / "home" / "0001.yaml")
+    assert (kept.cells == first.cells).all()
+    assert stage.ask(requests.MAP_LIST) == ["home"]
+
+
+def test_an_extended_map_is_saved_under_another_name_with_its_zones_and_places(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    stage.map(seconds=3.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    zone = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, zone)
+    stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
+    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
+    stage.drive(2.0, 0.2)
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home2"))
+    stage.bus.run(2.0)
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home2")
+    assert [one.name for one in answers_to(stage, topics.ZONES)[0].zones] == ["stairs"]
+    assert [one.map for one in answers_to(stage, topics.POSES)[0].poses] == ["home2"]
+    assert stage.ask(requests.MAP_LIST) == ["home", "home2"]
+
+
+def test_a_canceled_map_leaves_the_one_of_before(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=4.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.map("other", seconds=3.0)
+    stage.ask(requests.MAP_CANCEL)
+    stage.drive(1.0, 0.1)
+    assert stage.status.state == "idle"
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home")
+    assert stage.error_m(true_T_map) < 0.08
+    grid: OccupancyGrid = stage.maps[-1]
+    assert grid.name == "home"
+    assert stage.ask(requests.MAP_LIST) == ["home"]
+    assert stage.refusal(requests.MAP_CANCEL).code == codes.NOT_MAPPING
+
+
+def test_a_paused_map_does_not_grow_and_the_pose_is_followed(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=3.0)
+    assert stage.ask(requests.MAP_PAUSE, PauseMap()).state == "paused"
+    scans, seconds = stage.status.scans, stage.status.seconds
+    stage.drive(2.0, 0.3)
+    assert (stage.status.scans, stage.status.seconds) == (scans, seconds)
+    assert stage.error_m(true_T_map) < 0.08
+    assert stage.ask(requests.MAP_PAUSE, PauseMap(on=False)).state == "mapping"
+    stage.drive(2.0, 0.3)
+    assert stage.status.scans > scans
+
+
+def test_what_was_mapped_last_can_be_forgotten(stage: Stage) -> None:
+    stage.map(seconds=4.0)
+    scans = stage.status.scans
+    stage.drive(5.0, 0.25)
+    assert stage.status.scans > scans
+    assert stage.ask(requests.MAP_UNDO, UndoMap(seconds=5.0)).scans <= scans + 1
+    assert stage.ask(requests.MAP_UNDO, UndoMap(seconds=60.0)).state == "mapping"
+    stage.drive(1.0, 0.25)
+    assert stage.ask(requests.MAP_SAVE, SaveMap()).state == "saving"
+
+
+@pytest.mark.parametrize("request_", [requests.MAP_SAVE, requests.MAP_PAUSE, requests.MAP_UNDO])
+def test_without_a_map_in_the_making_there_is_nothing_to_do(
+    stage: Stage, request_: requests.Request
+) -> None:
+    assert stage.refusal(request_, Nothing()).code == codes.NOT_MAPPING

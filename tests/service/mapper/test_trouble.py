@@ -1,0 +1,179 @@
+"""What goes wrong while a map is made: nothing is lost, nothing is bent, and it is said."""
+
+import errno
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trolley import codes, requests, topics
+from trolley.gridmap import MapError
+from trolley.messages.asking import MapNamed, SaveMap
+from trolley_mapper import kept, map_files
+
+from .conftest import Stage
+
+MakeStage = Callable[..., Stage]
+KEPT_S = 31.0
+
+
+def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=4.0)
+    stage.bus.run(KEPT_S)
+    scans = stage.status.scans
+    stage.bus.kill("mapper")
+    stage.bus.run(1.0)
+    stage.begin("mapper")
+    stage.drive(3.0, 0.2)
+    assert stage.status.state == "mapping"
+    assert stage.status.scans >= scans
+    assert (stage.pose.state, stage.pose.map) == ("mapping", "home")
+    assert stage.error_m(true_T_map) < 0.08
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert stage.pose.state == "localized"
+    assert stage.error_m(true_T_map) < 0.08
+
+
+def test_a_mapper_that_is_stopped_keeps_its_map_at_once(stage: Stage) -> None:
+    stage.map(seconds=2.0)
+    stage.bus.nodes.pop("mapper").close()
+    assert (stage.bus.state / "trolley" / kept.FILE).exists()
+
+
+def test_the_localizer_takes_over_from_a_mapper_that_is_gone(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=4.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.map("other", seconds=2.0)
+    stage.bus.kill("mapper")
+    stage.bus.run(5.0)
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home")
+    assert stage.maps[-1].name == "home"
+    assert stage.error_m(true_T_map) < 0.08
+
+
+def test_a_localizer_that_begins_while_a_map_is_made_does_not_disturb(stage: Stage) -> None:
+    stage.map(seconds=3.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.map("other", seconds=2.0)
+    stage.bus.kill("localizer")
+    stage.drive(2.0, 0.1)
+    num_poses, num_maps = len(stage.poses), len(stage.maps)
+    stage.begin("localizer")
+    stage.drive(4.0, 0.1)
+    assert {one.map for one in stage.poses[num_poses:]} == {"other"}
+    assert {one.name for one in stage.maps[num_maps:]} <= {"other"}
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert (stage.pose.state, stage.pose.map) == ("localized", "other")
+
+
+def test_without_a_localizer_the_map_is_saved_all_the_same(make_stage: MakeStage) -> None:
+    stage = make_stage("mapper")
+    stage.map(seconds=2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(5.0)
+    assert stage.status.state == "idle"
+    assert "the localizer is not running" in stage.status.message
+    assert (stage.bus.state / "maps" / "home.yaml").exists()
+
+
+def test_a_full_disk_refuses_to_save_and_mapping_goes_on(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.map(seconds=2.0)
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise MapError(Path("home.pgm"), "it cannot be written (No space left on device)", "")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(map_files, "save_map", fail)
+        refused = stage.refusal(requests.MAP_SAVE, SaveMap())
+    assert refused.code == codes.NOT_SAVED
+    assert "No space left" in refused.message
+    assert stage.status.state == "mapping"
+    scans = stage.status.scans
+    stage.drive(3.0, 0.25)
+    assert stage.status.scans > scans
+    assert stage.ask(requests.MAP_SAVE, SaveMap()).state == "saving"
+    stage.bus.run(2.0)
+    assert stage.pose.state == "localized"
+
+
+def test_a_disk_that_is_full_while_mapping_is_said(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    health = stage.bus.record(topics.HEALTH, "mapper")
+    stage.map(seconds=2.0)
+    with monkeypatch.context() as patched:
+        patched.setattr(kept, "write_atomically", fail)
+        stage.bus.run(KEPT_S)
+    assert health[-1].state == "degraded"
+    assert "No space left" in stage.status.message
+    assert stage.status.state == "mapping"
+    stage.drive(1.0)
+    stage.bus.run(KEPT_S)
+    assert health[-1].state == "ok"
+
+
+def test_a_name_that_is_taken_is_refused(stage: Stage) -> None:
+    stage.map(seconds=2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert stage.refusal(requests.MAP_NEW, MapNamed(name="home")).code == codes.EXISTS
+    stage.map("other", seconds=2.0)
+    assert stage.refusal(requests.MAP_SAVE, SaveMap(name="home")).code == codes.EXISTS
+    assert stage.status.state == "mapping"
+
+
+def test_what_a_map_cannot_be_made_without_is_named(stage: Stage) -> None:
+    stage.base.silent = {"scan"}
+    refused = stage.refusal(requests.MAP_NEW, MapNamed(name="home"))
+    assert refused.code == codes.NOT_READY
+    assert "scan" in refused.message
+    assert "odom" not in refused.message
+    stage.base.silent = set()
+    stage.bus.run(1.0)
+    assert stage.ask(requests.MAP_NEW, MapNamed(name="home")).state == "starting"
+
+
+def test_a_silent_lidar_is_said_and_the_map_goes_on_afterwards(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=4.0)
+    stage.base.silent = {"scan"}
+    stage.drive(5.0, 0.1)
+    assert stage.status.message == "The lidar is silent; the map does not grow."
+    stage.base.silent = set()
+    stage.drive(3.0, 0.1)
+    assert stage.status.message == ""
+    assert stage.pose.state == "mapping"
+    assert stage.error_m(true_T_map) < 0.08
+
+
+def test_a_new_run_of_base_does_not_tear_the_map(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=4.0)
+    corrections = stage.bus.record(topics.TF, "odom")
+    stage.base.restart()
+    stage.drive(3.0, 0.2, 0.2)
+    assert stage.pose.state == "mapping"
+    assert stage.error_m(true_T_map) < 0.05
+    at = true_T_map @ corrections[-1].pose @ stage.world.odom_T_base
+    assert at.distance_to(stage.world.map_T_base) < 0.05
+
+
+def test_a_broken_working_file_is_kept_aside_and_said(stage: Stage) -> None:
+    stage.map(seconds=2.0)
+    stage.bus.nodes.pop("mapper").close()
+    file = stage.bus.state / "trolley" / kept.FILE
+    file.write_bytes(file.read_bytes()[:-100])
+    stage.begin("mapper")
+    stage.bus.run(0.5)
+    assert stage.status.state == "idle"
+    assert "kept as mapping.bin.broken" in stage.status.message
+    assert list(file.parent.glob("mapping.bin.broken-*"))
+    assert stage.ask(requests.MAP_NEW, MapNamed(name="again")).state == "starting"

@@ -1,0 +1,92 @@
+"""A map is written whole, and the one of before is kept, whenever the power fails."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trolley import files
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap, io, load_map
+from trolley.messages import Zone
+from trolley_mapper import map_files
+from trolley_mapper.map_files import MAX_VERSIONS, write_map
+
+
+def grid(width: int) -> GridMap:
+    """A map that is told from others by its width; its origin goes with it."""
+    cells = np.zeros((4, width), np.int8)
+    cells[1, 1] = 100
+    return GridMap("map", 0.05, Pose2D(-float(width), 0.0, 0.0), cells)
+
+
+def check(folder: Path, *widths: int) -> None:
+    """The map is one of these, with the origin that belongs to it."""
+    found = load_map(folder / "home.yaml")
+    assert found.cols in widths
+    assert found.origin.x == -float(found.cols)
+
+
+def test_a_new_map_is_two_files(tmp_path: Path) -> None:
+    assert write_map(tmp_path / "maps", "home", grid(5)) is None
+    assert {one.name for one in (tmp_path / "maps").iterdir()} == {"home.yaml", "home.pgm"}
+    check(tmp_path / "maps", 5)
+
+
+def test_older_versions_are_kept_and_the_oldest_go(tmp_path: Path) -> None:
+    for width in range(5, 8):
+        assert write_map(tmp_path, "home", grid(width)) is None
+    check(tmp_path, 7)
+    versions = sorted((tmp_path / "versions" / "home").glob("*.yaml"))
+    assert {load_map(one).cols for one in versions} == {5, 6, 7}
+    for width in range(8, 8 + MAX_VERSIONS):
+        write_map(tmp_path, "home", grid(width))
+    assert len(list((tmp_path / "versions" / "home").glob("*.yaml"))) <= MAX_VERSIONS + 1
+    assert len(list((tmp_path / "versions" / "home").glob("*.pgm"))) <= MAX_VERSIONS + 1
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_power_cut_at_any_write_leaves_a_whole_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    write_map(tmp_path, "home", grid(5))
+    done = 0
+
+    def cut(write: Callable[..., None]) -> Callable[..., None]:
+        def writing(*arguments: Any) -> None:
+            nonlocal done
+            if done == number:
+                raise OSError(28, "No space left on device")
+            done += 1
+            write(*arguments)
+
+        return writing
+
+    with monkeypatch.context() as patched:
+        for module in (io, map_files):
+            patched.setattr(module, "write_atomically", cut(files.write_atomically))
+        problem = write_map(tmp_path, "home", grid(9))
+    assert problem is not None
+    assert "No space left" in problem
+    check(tmp_path, 5, 9)
+    assert write_map(tmp_path, "home", grid(11)) is None
+    check(tmp_path, 11)
+    kept = {load_map(one).cols for one in (tmp_path / "versions" / "home").glob("*.yaml")}
+    assert 5 in kept
+
+
+def test_zones_go_along(tmp_path: Path) -> None:
+    zone = Zone(name="stairs", kind="speed", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], speed=0.2)
+    assert write_map(tmp_path, "home", grid(5), [zone]) is None
+    text = (tmp_path / "home.zones.toml").read_text()
+    assert 'name = "stairs"' in text
+    assert "speed = 0.2" in text
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "maps").write_text("in the way")
+    problem = write_map(tmp_path / "maps", "home", grid(5))
+    assert problem is not None
+    assert problem.startswith("The map could not be written")
