@@ -1,9 +1,9 @@
 """What accepting proposed changes does to a map."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from trolley.messages.changing import MapChange
-from trolley.messages.editing import DrawWall, EraseStroke, MapOp
+from trolley.messages.editing import MAX_OPS, DrawWall, EraseStroke, MapOp
 
 
 def ops_of(changes: Sequence[MapChange]) -> list[MapOp]:
@@ -25,3 +25,26 @@ def ops_of(changes: Sequence[MapChange]) -> list[MapOp]:
         for stroke in change.strokes
     ]
     return erased + drawn
+
+
+def first_that_fit(changes: Sequence[MapChange]) -> list[MapChange]:
+    """Return as many changes, from the first on, as one request can hold."""
+    kept: list[MapChange] = []
+    left = MAX_OPS
+    for change in changes:
+        left -= len(change.strokes)
+        if left < 0:
+            break
+        kept.append(change)
+    return kept
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Return a name for a changed map that must not be stored under its own: `flat-2`, `flat-3`."""
+    stem, _, number = name.rpartition("-")
+    if not (stem and number.isdecimal()):
+        stem = name
+    count = 2
+    while (wanted := f"{stem[:58]}-{count}") in taken:
+        count += 1
+    return wanted

@@ -7,6 +7,7 @@ import viser
 from trolley import topics
 from trolley.messages import Health
 from trolley_viz.page import gestures_html, overlays_html, pad_html
+from trolley_viz.panels.changes import ChangePanel
 from trolley_viz.panels.control import show
 from trolley_viz.panels.go import GoPanel
 from trolley_viz.panels.markup import row
@@ -47,6 +48,7 @@ class Console:
         self._go: GoPanel | None = None
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
+        self._changes: ChangePanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
@@ -55,6 +57,7 @@ class Console:
             self._tours = TourTab(gui, session)
         if session.may_drive:
             with tabs.add_tab("Map", viser.Icon.MAP_2):
+                self._changes = ChangePanel(gui, session)
                 with session.folder("Places", is_open=True):
                     self._places = PlacePanel(gui, session)
                 self._zones = ZonePanel(gui, session)
@@ -91,6 +94,8 @@ class Console:
         self._tours.update(view)
         if self._places is not None:
             self._places.update(view)
+        if self._changes is not None:
+            self._changes.update(session.change_marks.offered)
         if self._zones is not None:
             self._zones.update(session.suspects.offered)
         show(self._state, content="".join(map(row, lines)))

@@ -51,6 +51,7 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.POSES,
     topics.ZONES,
     topics.SUSPECTS,
+    topics.CHANGES,
     topics.TOURS,
     topics.TOUR,
     topics.HEALTH,
