@@ -16,6 +16,9 @@ from trolley_localizer.wire import change_message
 
 SAVE_PERIOD_NS = 60_000_000_000
 
+# Share of the walls that maps have in common if one was made of the other.
+_LIKE = 0.7
+
 Watched = tuple[Changes, GridMap, str]
 """What was seen on a map, the map, and its name."""
 
@@ -33,7 +36,7 @@ class ChangeOwner(MapOwner):
         changes, grid = localizer.changes, localizer.field.grid
         watched = self._watched
         self._watched = None if changes is None else (changes, grid, name)
-        kept = self._kept_of(watched, name)
+        kept = self._kept_of(watched, grid, name)
         if changes is not None and kept is not None:
             if kept.is_of(grid):
                 from_file(changes, kept)
@@ -42,15 +45,17 @@ class ChangeOwner(MapOwner):
         if not self.is_yielding:
             self._publish_changes(localizer)
 
-    def _kept_of(self, watched: Watched | None, name: str) -> ChangeFile | None:
+    def _kept_of(self, watched: Watched | None, grid: GridMap, name: str) -> ChangeFile | None:
         """Return what was seen on a map up to now, which may not be on disk yet."""
-        if watched is not None:
-            changes, grid, name_before = watched
-            kept = to_file(changes, grid)
-            if name_before == name:
-                return kept
-            self.save(state_file(name_before), kept)
-        return self.state.read(state_file(name), ChangeFile)
+        if watched is None:
+            return self.state.read(state_file(name), ChangeFile)
+        changes, grid_before, name_before = watched
+        before = to_file(changes, grid_before)
+        if name_before == name:
+            return before
+        self.save(state_file(name_before), before)
+        own = self.state.read(state_file(name), ChangeFile)
+        return before if own is None and _is_like(grid_before, grid) else own
 
     def took_back(self) -> None:
         """Say again what is proposed."""
@@ -110,6 +115,14 @@ class ChangeOwner(MapOwner):
         kept = to_file(changes, localizer.field.grid)
         self.work(partial(self._try_write, state_file(self._map_name or ""), kept), saved)
         return reply
+
+
+def _is_like(one: GridMap, other: GridMap) -> bool:
+    """Say whether a map is another one with small changes, under a name of its own."""
+    if one.cells.shape != other.cells.shape or one.origin != other.origin:
+        return False
+    walls, others = one.occupied_mask() != 0, other.occupied_mask() != 0
+    return float((walls & others).sum()) >= _LIKE * max(int((walls | others).sum()), 1)
 
 
 def _essence(changes: list[MapChange]) -> list[tuple[object, ...]]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import changes as kernels
-from trolley_localizer.kernels import reflection
+from trolley_localizer.kernels import groups, reflection
 from trolley_localizer.kernels.changes import Moment
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.ledger import CellLedger
@@ -271,7 +271,7 @@ class Changes:
         high = min(last_row + reach + 1, grid.shape[0]), min(last_col + reach + 1, grid.shape[1])
         mask = np.zeros((high[0] - low[0], high[1] - low[1]), np.uint8)
         mask[cells[:, 0] - low[0], cells[:, 1] - low[1]] = 1
-        kernels.grow_gone(mask, low, self.ledger.arrays, grid, since_s)
+        groups.grow_gone(mask, low, self.ledger.arrays, grid, since_s)
         return np.argwhere(mask) + low
 
     def _is_dismissed(self, change: Change) -> bool:
@@ -306,7 +306,7 @@ def _groups(
     masks[0, places[:, 0], places[:, 1]] = seeds[index]
     masks[1, places[:, 0], places[:, 1]] = 1
     labels = np.empty(shape, np.int32)
-    count = kernels.spread_over(labels, masks[0], masks[1], gap)
+    count = groups.spread_over(labels, masks[0], masks[1], gap)
     label = labels[places[:, 0], places[:, 1]]
     return [index[label == number + 1] for number in range(count)]
 

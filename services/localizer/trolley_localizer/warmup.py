@@ -9,6 +9,7 @@ from trolley_localizer.changes import Changes
 from trolley_localizer.core import Localizer
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import changes as kernels
+from trolley_localizer.kernels import groups
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.scan import BeamSet, ScanInput, read_beams
 from trolley_localizer.suspicion import Suspicion
@@ -68,4 +69,4 @@ def _watch_for_changes(field: LikelihoodField, beams: BeamSet) -> None:
     changes.propose(())
     grid = field.grid.cells
     mask = np.ones((2, 2), np.uint8)
-    kernels.grow_gone(mask, (0, 0), changes.ledger.arrays, grid, 0)
+    groups.grow_gone(mask, (0, 0), changes.ledger.arrays, grid, 0)

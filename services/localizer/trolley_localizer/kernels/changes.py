@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.gridmap import OCCUPIED_FROM
 from trolley.jit import kernel
 from trolley_localizer.kernels.beams import EXPLAINED, NOT_ON_MAP
 from trolley_localizer.kernels.layout import Points
@@ -42,8 +43,6 @@ _SIDE = 2.0
 _SIDE_WALL = 1.5
 # An end this near to a wall of the map is that wall [cells].
 _AT_WALL = 2.0
-# Occupied from here on, as everywhere.
-_OCCUPIED = 50
 
 
 class Ledger(NamedTuple):
@@ -202,7 +201,7 @@ def sees_end(
         y = ray[1] + way * ray[3]
         if not is_inside(cells, x, y):
             return False
-        if cells[int(y), int(x)] >= _OCCUPIED:
+        if cells[int(y), int(x)] >= OCCUPIED_FROM:
             at = find_row(ledger, int(y), int(x))
             if at < 0 or ledger.table[at, KIND] != GONE or ledger.table[at, VISITS] < 2:
                 return False
@@ -224,7 +223,7 @@ def count_hit(ledger: Ledger, x: float, y: float, cells: NDArray[np.int8], momen
     for row in range(max(int(y) - 1, 0), min(int(y) + 2, cells.shape[0])):
         for col in range(max(int(x) - 1, 0), min(int(x) + 2, cells.shape[1])):
             at = find_row(ledger, row, col)
-            if at >= 0 and cells[row, col] >= _OCCUPIED:
+            if at >= 0 and cells[row, col] >= OCCUPIED_FROM:
                 ledger.table[at, HIT] = moment.clock_s
                 vote(ledger.table[at], GONE, False, moment)
 
@@ -309,7 +308,9 @@ def take_echoes(
             continue
         if classes[i] == EXPLAINED:
             count_hit(ledger, x, y, cells, moment)
-        elif 0 <= cells[int(y), int(x)] < _OCCUPIED and sees_end(ledger, rays[i], cells, limits[1]):
+        elif 0 <= cells[int(y), int(x)] < OCCUPIED_FROM and sees_end(
+            ledger, rays[i], cells, limits[1]
+        ):
             at = claim_row(ledger, int(y), int(x))
             if at >= 0:
                 vote(ledger.table[at], APPEARED, True, moment)
@@ -351,7 +352,7 @@ def take_passages(
             if not is_inside(cells, x, y):
                 break
             row, col = int(y), int(x)
-            if cells[row, col] < _OCCUPIED:
+            if cells[row, col] < OCCUPIED_FROM:
                 at = find_row(ledger, row, col)
                 if at >= 0:
                     vote(ledger.table[at], APPEARED, False, moment)
@@ -360,78 +361,3 @@ def take_passages(
                 if at >= 0:
                     vote(ledger.table[at], GONE, True, moment)
                     claim_about(ledger, row, col, cells)
-
-
-@kernel
-def spread_over(
-    out_labels: NDArray[np.int32], seeds: NDArray[np.uint8], members: NDArray[np.uint8], gap: int
-) -> int:
-    """Number the groups of members that hold a seed.
-
-    Args:
-        out_labels: (rows, cols) overwritten: 0 outside all groups, else the group's number.
-        seeds: (rows, cols) 1 where there is one; each is a member.
-        members: (rows, cols) 1 where there is one.
-        gap: members this near to each other, row by row and column by column, are of one group.
-
-    Returns:
-        How many groups there are.
-    """
-    rows, cols = members.shape
-    out_labels[:] = 0
-    waiting = np.empty(members.size, np.int64)
-    count = 0
-    for first in range(members.size):
-        if not seeds[first // cols, first % cols] or out_labels[first // cols, first % cols]:
-            continue
-        count += 1
-        out_labels[first // cols, first % cols] = count
-        waiting[0] = first
-        size = 1
-        while size > 0:
-            size -= 1
-            row, col = waiting[size] // cols, waiting[size] % cols
-            for r in range(max(row - gap, 0), min(row + gap + 1, rows)):
-                for c in range(max(col - gap, 0), min(col + gap + 1, cols)):
-                    if members[r, c] and out_labels[r, c] == 0:
-                        out_labels[r, c] = count
-                        waiting[size] = r * cols + c
-                        size += 1
-    return count
-
-
-@kernel
-def grow_gone(
-    mask: NDArray[np.uint8],
-    corner: tuple[int, int],
-    ledger: Ledger,
-    cells: NDArray[np.int8],
-    since_s: int,
-) -> None:
-    """Grow what is gone over the walls at its edges, as far as they were not seen to stand.
-
-    Args:
-        mask: (rows, cols) of a window on the map: 1 where something is gone; grows.
-        corner: row and column on the map where the window begins.
-        ledger: what is known of the cells.
-        cells: (rows, cols) of the map.
-        since_s: walls where echoes ended later than this stand [s].
-    """
-    rows, cols = mask.shape
-    for _ in range(REACH):
-        before = mask.copy()
-        for row in range(rows):
-            for col in range(cols):
-                if before[row, col] or cells[corner[0] + row, corner[1] + col] < _OCCUPIED:
-                    continue
-                touches = (
-                    (row > 0 and before[row - 1, col])
-                    or (row + 1 < rows and before[row + 1, col])
-                    or (col > 0 and before[row, col - 1])
-                    or (col + 1 < cols and before[row, col + 1])
-                )
-                if not touches:
-                    continue
-                at = find_row(ledger, corner[0] + row, corner[1] + col)
-                if at < 0 or ledger.table[at, HIT] <= since_s:
-                    mask[row, col] = 1
