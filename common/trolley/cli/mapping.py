@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from trolley import codes, requests, topics
+from trolley.cli.map_edit import edit_map
 from trolley.cli.options import json_option, where_options
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, print_json, seconds_text
@@ -35,6 +36,7 @@ def add_commands(group: click.Group) -> None:
         undo_map,
         cancel_map,
         map_status,
+        edit_map,
     ):
         group.add_command(command)
 

@@ -14,7 +14,6 @@ from trolley.geometry import Pose2D
 from trolley.messages import EditMap, MapEdited
 from trolley.messages.asking import LoadMap, Named
 from trolley.runtime.service import Later, Service, answers
-from trolley.topics import Topic
 from trolley_mapper import editing
 from trolley_mapper.editing import Follow, Outcome, Situation
 from trolley_mapper.versions import MapVersions
@@ -22,6 +21,7 @@ from trolley_mapper.versions import MapVersions
 LOAD_TIMEOUT_S = 20.0
 KNOWN = ("localized", "unsure")
 UNDER_WAY = ("planning", "driving", "recovering", "paused")
+WANTED: tuple[Any, ...] = (topics.POSE, topics.ZONES, topics.POSES, topics.TOURS, topics.GOAL)
 Facts = dict[str, Any]
 
 
@@ -56,21 +56,14 @@ class MapEditor(Service):
 
     def _gather(self, then: Callable[[Facts], None]) -> None:
         """Ask the other services what is; who is not there knows nothing."""
-        wanted: tuple[Topic[Any], ...] = (
-            topics.POSE,
-            topics.ZONES,
-            topics.POSES,
-            topics.TOURS,
-            topics.GOAL,
-        )
         facts: Facts = {}
 
         def heard(name: str, found: dict[tuple[str, ...], Any]) -> None:
             facts[name] = next(iter(found.values()), None)
-            if len(facts) == len(wanted):
+            if len(facts) == len(WANTED):
                 then(facts)
 
-        for topic in wanted:
+        for topic in WANTED:
             self.get(topic, then=partial(heard, topic.name))
 
     def _edit(self, params: EditMap, reply: Later[MapEdited], facts: Facts) -> None:
@@ -102,7 +95,7 @@ class MapEditor(Service):
         if result.follow is None:
             reply.reply(result.reply)
             return
-        following = _Following(self, result.follow, partial(self._followed, reply, result.reply))
+        following = Following(self, result.follow, partial(self._followed, reply, result.reply))
         self._gather(following.begin)  # where the robot is by now
 
     def _followed(self, reply: Later[MapEdited], done: MapEdited, problem: str) -> None:
@@ -112,10 +105,10 @@ class MapEditor(Service):
     def _found_pending(self, follow: Follow | None) -> None:
         if follow is not None:
             self.log.warning("Finishing an edit of the run before", map=follow.map)
-            _Following(self, follow, lambda _: None).begin()
+            Following(self, follow, lambda _: None).begin()
 
 
-class _Following:
+class Following:
     """Tells localizer and tour of a changed map, one request after the other."""
 
     def __init__(self, service: MapEditor, follow: Follow, done: Callable[[str], None]) -> None:

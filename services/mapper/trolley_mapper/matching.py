@@ -31,9 +31,10 @@ _PER_ANGLE, _REFINED = 2, 24
 _AGREES_M, _CONTRADICTS_M = 0.12, 0.25
 _SIGMA_M, _FINE_SIGMA_M = 0.1, 0.03
 _MIN_AGREEING_M = 3.0
-_MIN_SHARE = 0.75
+_MIN_SHARE = 0.8
 # Another placement of more than this share of the best one's score makes it ambiguous.
 _RIVAL = 0.8
+_PURER, _RIVAL_LENGTH = 0.03, 0.2
 _SAME_M, _SAME_RAD = 0.5, math.radians(10.0)
 # A wall across a free floor says more against a placement than a wall on a wall says for it.
 _FREE_PENALTY = 1.5
@@ -101,12 +102,15 @@ def match(this: GridMap, other: GridMap) -> Match:
         raise Refused(codes.NO_MATCH)
     score, middle = ranked[0]
     _, fine = _refined(here, there, middle, _FINE_SIGMA_M)
-    best = _judged(here, there, (fine @ there.middle.inverse()).wrapped())
+    best = _judged(here, there, fine)
     if best.agreeing_m < _MIN_AGREEING_M or best.share < _MIN_SHARE:
         raise Refused(codes.NO_MATCH)
-    for rival_score, rival in ranked[1:]:
-        if _differ(rival, middle) and rival_score > _RIVAL * score:
-            raise Refused(codes.AMBIGUOUS)
+    rivals = [rival for rival in ranked[1:] if _differ(rival[1], middle)]
+    if any(
+        rival_score > _RIVAL * score or _is_purer(best, _judged(here, there, rival))
+        for rival_score, rival in rivals
+    ):
+        raise Refused(codes.AMBIGUOUS)
     return best
 
 
@@ -189,7 +193,15 @@ def _refined(
     return score, at
 
 
-def _judged(here: _Side, there: _Side, pose: Pose2D) -> Match:
+def _is_purer(best: Match, rival: Match) -> bool:
+    """Say whether a rival has less in common but contradicts less: two rooms of one size, say."""
+    return rival.share > best.share + _PURER and rival.agreeing_m > max(
+        _MIN_AGREEING_M, _RIVAL_LENGTH * best.agreeing_m
+    )
+
+
+def _judged(here: _Side, there: _Side, middle: Pose2D) -> Match:
+    pose = (middle @ there.middle.inverse()).wrapped()
     gaps, free = here.look(pose.transform_points(there.points))
     _, back = there.look(pose.inverse().transform_points(here.points))
     agreeing = float((gaps < _AGREES_M).sum()) * there.point_m

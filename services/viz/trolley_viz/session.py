@@ -7,6 +7,7 @@ import msgspec
 import viser
 
 from trolley import topics
+from trolley.geometry import Pose2D
 from trolley.messages import MapChange, SuspectLine
 from trolley.runtime.service import Service
 from trolley_viz.actions import Actions
@@ -17,6 +18,8 @@ from trolley_viz.drawing.changes import ChangeMarks, ChangeWishes
 from trolley_viz.drawing.editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.suspects import SuspectLines
 from trolley_viz.drawing.wishes import ZoneWishes
+from trolley_viz.map_editing.editor import MapEditor
+from trolley_viz.map_editing.picture import Picture
 from trolley_viz.overlays.readings import Readings
 from trolley_viz.panels.console import Console
 from trolley_viz.place_actions import PlaceActions
@@ -24,6 +27,7 @@ from trolley_viz.pointing import Pointing
 from trolley_viz.robots import Robots
 from trolley_viz.scene.axes import FrameAxes
 from trolley_viz.scene.errands import Pins
+from trolley_viz.scene.ground import MapLayer
 from trolley_viz.scene.icons import Icons
 from trolley_viz.scene.layer import View
 from trolley_viz.scene.names import Names
@@ -32,6 +36,7 @@ from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT, shown_layers
 from trolley_viz.server import configure_look
 from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
+from trolley_viz.shapes import place
 from trolley_viz.sight import Sight
 from trolley_viz.stage import Stage
 from trolley_viz.stopping import StopPresses
@@ -127,6 +132,7 @@ class Session:
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._shadows: dict[str, dict[str, viser.FrameHandle]] = {}
         """What this browser's scene has in place of the roots of robots and of their layers."""
+        self._turned_by = Pose2D.identity()
         self.drags = Drags(self._post_while_open, lambda: hub.monotonic_ns, self._tell_unheard)
         self.pointing = Pointing(client, self.drags)
         self.actions = Actions(service, lambda: self._robot, lambda: self.view, self.tell)
@@ -146,7 +152,16 @@ class Session:
             ),
             lambda: self.view,
             self.tell,
-            self.aiming.put_away,
+            self._begin_zone,
+        )
+        self.map_editor = MapEditor(
+            Board(client, self.drags),
+            Picture(client),
+            service,
+            lambda: self._robot,
+            lambda: self.view,
+            self.tell,
+            self._begin_map_tool,
         )
         self.suspects = SuspectLines(client.scene)
         self.change_marks = ChangeMarks(client.scene)
@@ -238,6 +253,7 @@ class Session:
         """Show another robot."""
         if robot != self._robot:
             self.put_tools_away()
+            self.map_editor.leave()
             self.actions.forget()
             self._hub.let_go(self.client.client_id)
             self._robot = robot
@@ -295,8 +311,10 @@ class Session:
         for robot in robots:
             self._shadow(robot, "", is_on=robot == self._robot)
         layers = self.layers()
+        hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
         for key, is_on in layers.items():
-            self._shadow(self._robot, f"/{key}", is_on=is_on)
+            self._shadow(self._robot, f"/{key}", is_on=is_on and key not in hidden)
+        self._turn_scene()
         self.drags.tick()
         self.aiming.look_ahead()
         self._preview.draw(self.aiming.preview, self.view.placement)
@@ -307,7 +325,10 @@ class Session:
         self._show_names(is_on=layers[PlaceLayer.key])
         if self.pointing.tool is not None and self.zones.mode != "idle":
             self.zones.leave()  # one tool at a time
+        if self.pointing.tool is not None:
+            self.map_editor.choose("look")
         self.zones.update()
+        self.map_editor.update()
         self.suspects.update(self.view, self._choices.dismissed, is_shown=layers["zones"])
         self.change_marks.update(self.view, is_shown=layers["zones"])
         self._axes.draw(self.view.placement, self.frames_on())
@@ -317,6 +338,7 @@ class Session:
         """End what somebody began to point at or to draw."""
         self.aiming.put_away()
         self.zones.leave()
+        self.map_editor.choose("look")
         self.console.close_plot()
 
     # Inside.
@@ -328,6 +350,23 @@ class Session:
                 fn()
 
         self._hub.call_soon(call)
+
+    def _begin_zone(self) -> None:
+        """Put away what else draws on the map: zones belong to the map that is stored."""
+        self.aiming.put_away()
+        self.map_editor.leave()
+
+    def _begin_map_tool(self) -> None:
+        self.aiming.put_away()
+        self.zones.leave()
+
+    def _turn_scene(self) -> None:
+        """Let robot, zones and places lie where they will on a map that is being turned."""
+        root = self._shadows.get(self._robot, {}).get("")
+        pose = self.map_editor.new_T_old
+        if root is not None and self._turned_by != pose:
+            self._turned_by = pose
+            place(root, pose, 0.0)
 
     def _show_names(self, *, is_on: bool) -> None:
         """Write the names of the places, as many as there is room for."""

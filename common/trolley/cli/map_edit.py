@@ -1,0 +1,75 @@
+"""`trolley map edit`: change a stored map from the command line."""
+
+import math
+
+import click
+
+from trolley import requests
+from trolley.cli.options import json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import print_json
+from trolley.geometry import Pose2D
+from trolley.messages import Crop, DrawWall, EditMap, EraseStroke, MapOp, Merge, TakeBack, Turn
+
+TIMEOUT_S = 120.0
+"""A large map on a small computer takes its time."""
+LINE = (float, float, float, float)
+Line = tuple[float, float, float, float]
+
+
+@click.command(name="edit")
+@click.argument("name")
+@click.option("--erase", type=LINE, multiple=True, metavar="X Y X Y", help="Erase along a line.")
+@click.option("--wall", type=LINE, multiple=True, metavar="X Y X Y", help="Draw a wall.")
+@click.option("--width", type=float, help="Of brush and walls [m]; default 0.2 and 0.05.")
+@click.option("--merge", "other", metavar="MAP", help="Fill in what is unknown from this map.")
+@click.option("--at", type=(float, float, float), metavar="X Y YAW", help="Where it lies [m, °].")
+@click.option("--turn", type=float, metavar="DEGREES", help="Turn it counter-clockwise.")
+@click.option("--crop", type=LINE, metavar="X Y X Y", help="Keep this rectangle.")
+@click.option("--undo", is_flag=True, help="Go back to the version before.")
+@click.option("--as", "as_name", metavar="NEW", help="Store it as a map of its own.")
+@click.option("--dry-run", is_flag=True, help="Say what would come of it; store nothing.")
+@where_options
+@json_option
+@reports_errors
+def edit_map(name: str, as_name: str | None, dry_run: bool, as_json: bool, **what: object) -> None:
+    """Change the map NAME and store it as a new version; the one before is kept.
+
+    In this order: erase, draw walls, merge, turn, crop.
+    """
+    ops = _operations(**what)  # type: ignore[arg-type]
+    if not ops:
+        raise click.UsageError("Say what to do, such as --turn 3.5 or --undo.")
+    params = EditMap(name=name, ops=ops, as_name=as_name, preview=dry_run)
+    with one_robot() as robot:
+        reply = robot.ask(requests.MAP_EDIT, params, timeout=TIMEOUT_S)
+    if as_json:
+        print_json(reply)
+    else:
+        click.echo(f"Would do: {reply.message}" if dry_run else reply.message)
+
+
+def _operations(
+    erase: tuple[Line, ...],
+    wall: tuple[Line, ...],
+    width: float | None,
+    other: str | None,
+    at: tuple[float, float, float] | None,
+    turn: float | None,
+    crop: Line | None,
+    undo: bool,
+) -> list[MapOp]:
+    """Return what the options ask for, in the order of the help text."""
+    ops: list[MapOp] = [TakeBack()] if undo else []
+    for x0, y0, x1, y1 in erase:
+        ops.append(EraseStroke(points=[(x0, y0), (x1, y1)], width=width or 0.2))
+    for x0, y0, x1, y1 in wall:
+        ops.append(DrawWall(points=[(x0, y0), (x1, y1)], width=width or 0.05))
+    if other is not None:
+        pose = None if at is None else Pose2D(at[0], at[1], math.radians(at[2]))
+        ops.append(Merge(name=other, pose=pose))
+    if turn is not None:
+        ops.append(Turn(angle=math.radians(turn)))
+    if crop is not None:
+        ops.append(Crop(corners=((crop[0], crop[1]), (crop[2], crop[3]))))
+    return ops
