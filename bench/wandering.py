@@ -151,15 +151,21 @@ class Wanderer:
         seed: of everything random.
         told: where the localizer is told that the robot starts.
         true: where it starts; None: where the world says.
+        more: TOML for the robot's configuration.
     """
 
     def __init__(
-        self, world: Path, seed: int, told: Pose2D = START, true: Pose2D | None = None
+        self,
+        world: Path,
+        seed: int,
+        told: Pose2D = START,
+        true: Pose2D | None = None,
+        more: str = "",
     ) -> None:
         rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
         if true is not None:
             rest += f"start = {{ x = {true.x}, y = {true.y}, yaw = {true.yaw} }}\n"
-        rest += "[planner]\nturn_to_find = true\n"
+        rest += "[planner]\nturn_to_find = true\n" + more
         config = make_config(APARTMENT, told, rest)
         self.lockstep = Lockstep(config.robot.name, seed)
         self.truths = self.lockstep.record(topics.SIM_TRUTH)

@@ -88,6 +88,13 @@ ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED, 
 ZONES_DELETE = Request(
     "zones/delete", asking.Named, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING)
 )
+CHANGES_DISMISS = Request(
+    "changes/dismiss",
+    asking.WhichChange,
+    m.MapChange,
+    "localizer",
+    (codes.NOT_SAVED, codes.MAPPING),
+)
 BASE_STOP = Request("base/stop", asking.Nothing, m.BaseState, "base", always=True)
 BASE_RESUME = Request("base/resume", asking.Nothing, m.BaseState, "base")
 MAP_LIST = Request("map/list", asking.Nothing, list[str], "localizer")
@@ -163,6 +170,7 @@ REQUESTS: tuple[Request[Any, Any], ...] = (
     TOURS_DELETE,
     ZONES_PUT,
     ZONES_DELETE,
+    CHANGES_DISMISS,
     BASE_STOP,
     BASE_RESUME,
     MAP_LIST,

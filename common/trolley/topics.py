@@ -113,6 +113,7 @@ MAP = Topic(
     max_bytes=_MAP_BYTES,
 )
 ZONES = Topic("zones", m.Zones, _WHERE, "on change", Qos.STATE)
+CHANGES = Topic("changes", m.MapChanges, "localizer", "on change", Qos.STATE)
 ZONE = Topic("zones/{name}", m.Zone, "localizer", "stored", Qos.STATE, Kind.STORED)
 POSE = Topic("pose", m.PoseEstimate, _WHERE, "each scan", Qos.STATE, of_epoch=True)
 PARTICLES = Topic(
@@ -187,6 +188,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     BASE,
     MAP,
     ZONES,
+    CHANGES,
     ZONE,
     POSE,
     PARTICLES,

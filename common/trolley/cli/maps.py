@@ -6,6 +6,7 @@ import click
 import numpy as np
 
 from trolley import codes, requests, topics
+from trolley.cli.changes import map_changes
 from trolley.cli.mapping import add_commands
 from trolley.cli.options import NumbersCommand, json_option, where_options
 from trolley.cli.robots import one_robot, reports_errors
@@ -23,6 +24,7 @@ def map_command() -> None:
 
 
 add_commands(map_command)
+map_command.add_command(map_changes)
 
 
 @map_command.command(name="info")

@@ -76,3 +76,10 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """A place found by a search is taken at once if its support beats the others by this."""
     search_again_s: Seconds = 3.0
     """Time between two searches of the whole map while it is not clear where the robot is [s]."""
+
+    propose_changes: bool = False
+    """Permission to watch for what has come or gone since the map was made, and to propose it: what
+    was seen where is kept in the state folder. Nothing changes on a map without a person."""
+    change_after_s: Annotated[float, Meta(ge=60.0, le=2_592_000.0)] = 900.0
+    """How long a change must have been seen, from time to time, before it is proposed: time in
+    which the robot ran and knew where it was [s]."""

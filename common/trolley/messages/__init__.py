@@ -6,6 +6,7 @@ Decoding checks bounds; arrays travel as little-endian bytes (`floats_to_bytes`,
 """
 
 from trolley.geometry.pose import Pose2D, Twist2D
+from trolley.messages.changing import ChangeKind, MapChange, MapChanges
 from trolley.messages.drawing import Choice, Marker, Overlay, OverlayRule
 from trolley.messages.driving import GoalState, GoalStatus, Path
 from trolley.messages.editing import (
@@ -82,6 +83,7 @@ __all__ = [
     "BeamClasses",
     "Candidate",
     "CapturedPose",
+    "ChangeKind",
     "Choice",
     "Clock",
     "Crop",
@@ -96,6 +98,8 @@ __all__ = [
     "Health",
     "Imu",
     "Link",
+    "MapChange",
+    "MapChanges",
     "MapEdited",
     "MapInfo",
     "MapOp",

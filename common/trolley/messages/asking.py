@@ -143,3 +143,9 @@ class Yield(Struct, frozen=True, kw_only=True):
 
     on: bool = True
     hand_over: MapName | None = None
+
+
+class WhichChange(Struct, frozen=True, kw_only=True):
+    """A proposed change of the map, by its `id` in `changes`."""
+
+    id: str

@@ -14,6 +14,7 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_localizer.alignment import Follower
+from trolley_localizer.changes import Change, Changes
 from trolley_localizer.estimate import CandidatePose, Estimate, Reject
 from trolley_localizer.field import build_field, make_lines, sane_covariance
 from trolley_localizer.hypotheses import Hypotheses, Hypothesis, Rivals
@@ -70,6 +71,7 @@ class Localizer:
         self._rivals = Rivals(self.field, self._verifier, config)
         self._judge = Judge(config)
         self._suspicion = Suspicion(self.field)
+        self.changes = Changes(self.field, config) if config.propose_changes else None
         self._is_searching = True
         self._is_proven = False
         self._tried_m = 0.0
@@ -95,6 +97,13 @@ class Localizer:
             (self.field.to_map_points(np.array([one.start, one.end])), one.score)
             for one in self._suspicion.suspects
         ]
+
+    def find_changes(self) -> list[Change]:
+        """Return what seems to have come or gone since the map was made, the surest first."""
+        if self.changes is None:
+            return []
+        self.changes.propose((self._verifier.mirrors, self._verifier.suspects))
+        return self.changes.proposed
 
     def pose_problem(self, map_T_base: Pose2D) -> PoseProblem | None:
         """Say why the robot cannot be at a pose, or None."""
@@ -228,6 +237,9 @@ class Localizer:
             self._wants_job = not self._rivals.exist or self._rivals.is_stale
         if state == "localized" and not beams.is_blind:
             self._suspect(beams, classes)
+            if self.changes is not None:
+                pose = self._follower.pose
+                self.changes.look(scan.stamp_ns, pose, self.covariance, beams, classes)
         map_T_base = self.field.to_map(self._follower.pose)
         self._map_T_odom = map_T_base @ scan.odom_T_base.inverse()
         return Estimate(

@@ -23,9 +23,10 @@ from trolley.messages.asking import Nothing, SetPose
 from trolley.messages.types import floats_from_bytes
 from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import answers, every, on
+from trolley_localizer.change_owner import ChangeOwner
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate, Reject
-from trolley_localizer.map_owner import MapOwner, refuse_pose
+from trolley_localizer.map_owner import refuse_pose
 from trolley_localizer.scan import ScanInput
 from trolley_localizer.search import SearchJob
 from trolley_localizer.start_pose import WAIT_FOR_NAME_S, LastPose, StartPose, find_saved
@@ -47,7 +48,7 @@ SAVE_AFTER_M = 0.01
 SAVE_AFTER_RAD = 0.02
 
 
-class LocalizerService(MapOwner):
+class LocalizerService(ChangeOwner):
     """Where the robot is on its map: owns the map, its zones and the pose."""
 
     name = "localizer"
@@ -82,8 +83,9 @@ class LocalizerService(MapOwner):
         self.open_maps()
 
     def stop(self) -> None:
-        """Save where the robot is."""
+        """Save where the robot is and what it saw."""
         self._save_pose()
+        self.save_changes()
 
     def epoch_began(self) -> None:
         """Forget the odometry of base's run before; the robot itself has not moved."""
@@ -234,7 +236,8 @@ class LocalizerService(MapOwner):
     # The start.
 
     def on_map(self, localizer: Localizer, name: str) -> None:
-        """Know nothing on a new map."""
+        """Know nothing of the pose on a new map."""
+        super().on_map(localizer, name)
         self._suspects = []
         self._name_until_ns = None
         self._latest = unknown_pose(self.stamp_ns, name, "searching the whole map")
@@ -244,6 +247,7 @@ class LocalizerService(MapOwner):
         super().gave_way()
         self._waiting.forget()
         self._save_pose()
+        self.save_changes()
 
     def took_back(self) -> None:
         """Go on from where the odometry says that the robot has gone."""

@@ -5,9 +5,13 @@ import numpy as np
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley_localizer.changes import Changes
 from trolley_localizer.core import Localizer
+from trolley_localizer.field import LikelihoodField
+from trolley_localizer.kernels import changes as kernels
+from trolley_localizer.kernels import groups
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.scan import ScanInput, read_beams
+from trolley_localizer.scan import BeamSet, ScanInput, read_beams
 from trolley_localizer.suspicion import Suspicion
 
 
@@ -48,3 +52,21 @@ def warm_up() -> None:
     beams = read_beams(scans[0], field.resolution, 60.0)
     no_lines = Lines(*(np.empty(0) for _ in range(4)))
     Suspicion(field).look(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)
+    _watch_for_changes(field, beams)
+
+
+def _watch_for_changes(field: LikelihoodField, beams: BeamSet) -> None:
+    """Look twice at echoes from the middle of the floor, and find a change in them."""
+    changes = Changes(field, LocalizerConfig(change_after_s=60.0))
+    sure, pose = np.diag([1e-6, 1e-6, 1e-6]), np.array([40.0, 30.0, 0.0])
+    for stamp_ns in (1, 2):
+        changes.look(stamp_ns, pose, sure, beams, beams.classes)
+    where = np.array([[30, 40], [30, 0]])
+    kept = np.zeros((2, kernels.COLUMNS), np.int32)
+    kept[:, kernels.KIND] = kernels.APPEARED, kernels.GONE
+    kept[:, kernels.VISITS], kept[:, kernels.LAST] = kernels.MOST_VISITS, 1000
+    changes.ledger.restore(where, kept)
+    changes.propose(())
+    grid = field.grid.cells
+    mask = np.ones((2, 2), np.uint8)
+    groups.grow_gone(mask, (0, 0), changes.ledger.arrays, grid, 0)

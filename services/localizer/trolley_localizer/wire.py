@@ -1,11 +1,16 @@
 """From the core's results to messages."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trolley import messages as m
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages.types import floats_to_bytes
+from trolley_localizer.changes import Change
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
+from trolley_localizer.field import LikelihoodField
 
 
 def pose_message(estimate: Estimate, map_name: str) -> m.PoseEstimate:
@@ -60,6 +65,38 @@ def suspect_lines(localizer: Localizer) -> list[m.SuspectLine]:
         m.SuspectLine(points=[(float(x), float(y)) for x, y in points], score=_share(score))
         for points, score in localizer.suspects()
     ]
+
+
+def change_message(change: Change, field: LikelihoodField) -> m.MapChange:
+    """Return a proposed change as one of `changes`."""
+    strokes = field.to_map_points(change.strokes.reshape(-1, 2)).reshape(-1, 2, 2)
+    points = field.to_map_points(change.outline)
+    return m.MapChange(
+        id=change.id,
+        kind=change.kind,
+        points=[_point(point) for point in points],
+        strokes=[(_point(start), _point(end)) for start, end in strokes],
+        width=field.resolution,
+        seconds=change.seconds,
+        score=_share(change.score),
+        message=_sentence(change, field.resolution),
+    )
+
+
+def _sentence(change: Change, resolution: float) -> str:
+    """Say what has changed."""
+    first_row, first_col, last_row, last_col = change.box
+    low, high = sorted(((last_row - first_row + 1), (last_col - first_col + 1)))
+    size = f"{high * resolution:.1f} x {low * resolution:.1f} m"
+    minutes = max(1, round(change.seconds / 60))
+    since = "1 minute" if minutes == 1 else f"{minutes} minutes"
+    what = "Something has come" if change.kind == "appeared" else "Something is gone"
+    return f"{what}: about {size}, seen so for {since}."
+
+
+def _point(point: NDArray[np.float64]) -> tuple[float, float]:
+    x, y = (round(float(value), 4) for value in point)
+    return x, y
 
 
 def map_message(stamp_ns: int, grid: GridMap) -> m.OccupancyGrid:

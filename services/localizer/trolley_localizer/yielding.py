@@ -8,7 +8,15 @@ from trolley.runtime.service import Service, answers, every
 
 LEASE_NS = 3_000_000_000
 """A mapper that has not been heard for so long is gone; it asks each second."""
-_SHARED = (topics.MAP, topics.ZONES, topics.POSE, topics.PARTICLES, topics.BEAMS, topics.SUSPECTS)
+_SHARED = (
+    topics.MAP,
+    topics.ZONES,
+    topics.POSE,
+    topics.PARTICLES,
+    topics.BEAMS,
+    topics.SUSPECTS,
+    topics.CHANGES,
+)
 
 
 class Yielding(Service):

@@ -8,12 +8,13 @@ import viser
 
 from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import SuspectLine
+from trolley.messages import MapChange, SuspectLine
 from trolley.runtime.service import Service
 from trolley_viz.actions import Actions
 from trolley_viz.aiming import Aiming
 from trolley_viz.drags import Drags
 from trolley_viz.drawing.board import Board
+from trolley_viz.drawing.changes import ChangeMarks, ChangeWishes
 from trolley_viz.drawing.editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.suspects import SuspectLines
 from trolley_viz.drawing.wishes import ZoneWishes
@@ -163,6 +164,8 @@ class Session:
             self._begin_map_tool,
         )
         self.suspects = SuspectLines(client.scene)
+        self.change_marks = ChangeMarks(client.scene)
+        self.changes = ChangeWishes(service, self.actions, lambda: self._robot, self._map_name)
         self._axes = FrameAxes(client.scene)
         configure_look(client.gui, dark=choices.dark)
         self._preview = PreviewLine(client.scene)
@@ -275,6 +278,10 @@ class Session:
             dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
             self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
 
+    def put_off(self, changes: list[MapChange]) -> None:
+        """Do not offer some changes of the map here for now."""
+        self.change_marks.put_off(self._map_name(), changes)
+
     def resized(self, size: tuple[float, float]) -> None:
         """Take note of the width and height of the picture [px of the page]."""
         self._sight.resized(size, self._hub.monotonic_ns)
@@ -323,6 +330,7 @@ class Session:
         self.zones.update()
         self.map_editor.update()
         self.suspects.update(self.view, self._choices.dismissed, is_shown=layers["zones"])
+        self.change_marks.update(self.view, is_shown=layers["zones"])
         self._axes.draw(self.view.placement, self.frames_on())
         self._sight.update(self.view, self._robot)
 

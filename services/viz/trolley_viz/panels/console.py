@@ -7,6 +7,7 @@ import viser
 from trolley import topics
 from trolley.messages import Health
 from trolley_viz.page import gestures_html, overlays_html, pad_html
+from trolley_viz.panels.changes import ChangePanel
 from trolley_viz.panels.control import READABLE, show
 from trolley_viz.panels.go import GoPanel
 from trolley_viz.panels.map_editing import MapEditPanel
@@ -50,6 +51,7 @@ class Console:
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
         self._mapping: MappingPanel | None = None
+        self._changes: ChangePanel | None = None
         self._map_edit: MapEditPanel | None = None
         tabs = gui.add_tab_group()
         if session.may_drive:
@@ -59,6 +61,7 @@ class Console:
             self._tours = TourTab(gui, session)
         if session.may_drive:
             with tabs.add_tab("Map", viser.Icon.MAP_2):
+                self._changes = ChangePanel(gui, session)
                 with session.folder("Places", is_open=True):
                     self._places = PlacePanel(gui, session)
                 self._zones = ZonePanel(gui, session)
@@ -99,6 +102,8 @@ class Console:
         self._tours.update(view)
         if self._places is not None:
             self._places.update(view)
+        if self._changes is not None:
+            self._changes.update(session.change_marks.offered)
         if self._zones is not None:
             self._zones.update(session.suspects.offered)
         if self._mapping is not None:

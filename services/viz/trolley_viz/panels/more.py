@@ -14,7 +14,12 @@ from trolley_viz.panels.measuring import FramesPanel, PlotPanel
 from trolley_viz.panels.streams import StreamPanel
 from trolley_viz.scene.certainty import error_of
 from trolley_viz.scene.layer import Group, Layer, View
-from trolley_viz.scene.places import SUSPECT_COLOUR, ZONE_COLOURS
+from trolley_viz.scene.places import (
+    APPEARED_COLOUR,
+    GONE_COLOUR,
+    SUSPECT_COLOUR,
+    ZONE_COLOURS,
+)
 from trolley_viz.scene.scene import LAYERS
 from trolley_viz.scene.sensing import BEAM_COLOURS
 from trolley_viz.words import age_words, percent
@@ -31,6 +36,9 @@ BEAMS = [
     ("not used", 4),
 ]
 PERIOD_NS = 1_000_000_000
+
+DOUBTS = [("mirror?", SUSPECT_COLOUR), ("new?", APPEARED_COLOUR), ("gone?", GONE_COLOUR)]
+"""What is asked on the map."""
 
 
 class MorePanel:
@@ -92,7 +100,7 @@ class LayerPanel:
                 gui.add_html(note("Laser scan") + swatches(beams))
             elif group == "Map":
                 zones = [(kind, colour) for kind, colour in ZONE_COLOURS.items()]
-                gui.add_html(note("Zones") + swatches([*zones, ("mirror?", SUSPECT_COLOUR)]))
+                gui.add_html(note("Zones") + swatches([*zones, *DOUBTS]))
         for kind, box in self._boxes.items():
             key = kind.key
             box.on_update(

@@ -23,6 +23,7 @@ PLACE_ICON = "map-pin"
 ICON_SIZE = 0.42
 """Side of a place's icon on the floor [m]."""
 SUSPECT_COLOUR = (255, 170, 0)
+APPEARED_COLOUR, GONE_COLOUR = (240, 110, 0), (128, 132, 140)
 
 
 def current_places(view: View) -> list[SavedPose]:

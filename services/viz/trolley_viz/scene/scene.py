@@ -52,6 +52,7 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.ZONES,
     topics.SUSPECTS,
     topics.MAPPING,
+    topics.CHANGES,
     topics.TOURS,
     topics.TOUR,
     topics.HEALTH,

@@ -1,0 +1,83 @@
+"""`trolley map changes`: what has come or gone since the map was made."""
+
+import click
+
+from trolley import codes, requests, topics
+from trolley.cli.options import json_option, where_options
+from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import print_json, print_table
+from trolley.client import Robot
+from trolley.codes import Refused
+from trolley.map_editing.proposals import first_that_fit, free_name, ops_of
+from trolley.messages import EditMap, MapChange, MapChanges, MapEdited, asking
+
+ALL = "all"
+
+
+@click.command(name="changes")
+@click.option("--accept", "accepted", metavar="ID", help="Put a change on the map; `all`: each.")
+@click.option("--dismiss", "dismissed", metavar="ID", help="Do not propose a change again.")
+@click.option("--as", "as_name", metavar="NAME", help="Store the changed map under another name.")
+@where_options
+@json_option
+@reports_errors
+def map_changes(
+    accepted: str | None, dismissed: str | None, as_name: str | None, as_json: bool
+) -> None:
+    """Say what has come or gone since the map was made, and decide on it.
+
+    The localizer watches for it only where `[localizer] propose_changes` is true. What is accepted
+    becomes a new version of the map; the old one is kept.
+    """
+    if accepted is not None and dismissed is not None:
+        raise click.UsageError("Give either --accept or --dismiss.")
+    with one_robot() as robot:
+        known = robot.latest(topics.CHANGES)
+        if known is None:
+            raise Refused(codes.NOT_READY, "The localizer is not running, or makes way for a map.")
+        if accepted is not None:
+            edited = _accept(robot, known, accepted, as_name)
+            click.echo(edited.message)
+            return
+        if dismissed is not None:
+            for one in _chosen(known, dismissed):
+                robot.ask(requests.CHANGES_DISMISS, asking.WhichChange(id=one.id))
+                click.echo(f"{one.id} is not proposed any more.")
+            return
+    if as_json:
+        print_json(known)
+    elif not known.changes:
+        click.echo(f"No change of the map {known.map} is proposed.")
+    else:
+        print_table(("ID", "SURE", "WHAT"), [_row(one) for one in known.changes])
+
+
+def _row(change: MapChange) -> tuple[str, str, str]:
+    return change.id, f"{change.score:.0%}", change.message
+
+
+def _chosen(known: MapChanges, wanted: str) -> list[MapChange]:
+    """Return the changes that an id, or `all`, means.
+
+    Raises:
+        Refused: `unknown_name`.
+    """
+    chosen = [one for one in known.changes if wanted in (one.id, ALL)]
+    if not chosen:
+        ids = ", ".join(one.id for one in known.changes) or "none is proposed"
+        raise Refused(codes.UNKNOWN_NAME, f"There is no change {wanted!r}: {ids}.")
+    return chosen
+
+
+def _accept(robot: Robot, known: MapChanges, wanted: str, as_name: str | None) -> MapEdited:
+    """Store a map with changes."""
+    ops = ops_of(first_that_fit(_chosen(known, wanted)))
+    params = EditMap(name=known.map, ops=ops, as_name=as_name)
+    try:
+        return robot.ask(requests.MAP_EDIT, params)
+    except Refused as refused:
+        if refused.code != codes.EXISTS or as_name is not None:
+            raise
+    # The file that robot.toml names is never written.
+    as_name = free_name(known.map, robot.ask(requests.MAP_LIST))
+    return robot.ask(requests.MAP_EDIT, EditMap(name=known.map, ops=ops, as_name=as_name))

@@ -1,0 +1,50 @@
+"""What accepting proposed changes does to a map."""
+
+from collections.abc import Collection, Sequence
+
+from trolley.messages.changing import MapChange
+from trolley.messages.editing import MAX_OPS, DrawWall, EraseStroke, MapOp
+
+
+def ops_of(changes: Sequence[MapChange]) -> list[MapOp]:
+    """Return the operations of `map/edit` that put changes on the map.
+
+    What is gone is erased first: where a thing was moved by less than its size, it stands partly
+    where it stood.
+    """
+    erased: list[MapOp] = [
+        EraseStroke(points=list(stroke), width=change.width)
+        for change in changes
+        if change.kind == "gone"
+        for stroke in change.strokes
+    ]
+    drawn: list[MapOp] = [
+        DrawWall(points=list(stroke), width=change.width)
+        for change in changes
+        if change.kind == "appeared"
+        for stroke in change.strokes
+    ]
+    return erased + drawn
+
+
+def first_that_fit(changes: Sequence[MapChange]) -> list[MapChange]:
+    """Return as many changes, from the first on, as one request can hold."""
+    kept: list[MapChange] = []
+    left = MAX_OPS
+    for change in changes:
+        left -= len(change.strokes)
+        if left < 0:
+            break
+        kept.append(change)
+    return kept
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Return a name for a changed map that must not be stored under its own: `flat-2`, `flat-3`."""
+    stem, _, number = name.rpartition("-")
+    if not (stem and number.isdecimal()):
+        stem = name
+    count = 2
+    while (wanted := f"{stem[:58]}-{count}") in taken:
+        count += 1
+    return wanted

@@ -1,0 +1,39 @@
+"""Messages about what has come or gone since a map was made."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from trolley.messages.types import NonNegative, Point, Positive, Share, StampNs
+
+ChangeKind = Literal["appeared", "gone"]
+Stroke = tuple[Point, Point]
+
+
+class MapChange(Struct, frozen=True, kw_only=True):
+    """Something that is not as the map says: a thing that has `appeared`, or one that is `gone`.
+
+    `points` [[x, y]] is its convex outline in `map` [m], to be shown. `strokes` cover it exactly on
+    the map when drawn, or erased, `width` [m] wide. It was first seen so `seconds` of observed time
+    ago; `score` says how sure that is.
+    """
+
+    id: str
+    kind: ChangeKind
+    points: list[Point]
+    strokes: Annotated[list[Stroke], Meta(max_length=1000)]
+    width: Positive
+    seconds: NonNegative
+    score: Share
+    message: str = ""
+
+
+class MapChanges(Struct, frozen=True, kw_only=True):
+    """What the localizer proposes to change on `map`. Owned by `localizer`, on change.
+
+    Empty without the permission `[localizer] propose_changes`.
+    """
+
+    stamp_ns: StampNs
+    map: str
+    changes: list[MapChange]

@@ -1,0 +1,363 @@
+"""Evidence, cell by cell, that the world is no longer as the map says.
+
+A cell of the floor where echoes end speaks for a thing that has come, a cell of a wall that beams
+go through for one that is gone. Cells are kept in tiles, and only where there was such evidence.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.gridmap import OCCUPIED_FROM
+from trolley.jit import kernel
+from trolley_localizer.kernels.beams import EXPLAINED, NOT_ON_MAP
+from trolley_localizer.kernels.layout import Points
+from trolley_localizer.kernels.reflection import IMAGE, MIRRORED
+
+TILE = 16
+"""Edge of a tile [cells]."""
+TILE_CELLS = TILE * TILE
+
+REACH = 3
+"""What is gone is as much larger than what beams went through, at most [cells]."""
+
+NOTHING, APPEARED, GONE = 0, 1, 2
+
+# Columns of what is kept of a cell: what it speaks for; the look that it last had a say in; looks
+# for and against in the present visit; visits that were for it; when the present visit began, the
+# first look for it was, and the last [s]; when an echo last ended in it [s]; the corners of where
+# the robot looked from [cells].
+KIND, LOOK, FOR, AGAINST, VISITS, BEGAN, FIRST, LAST, HIT = range(9)
+LEFT, LOW, RIGHT, HIGH = range(9, 13)
+COLUMNS = 13
+
+# More visits than these make nothing surer; one that was against takes away two.
+MOST_VISITS = 8
+_VISITS_LOST = 2
+
+# A wall goes on to both sides of where a beam went through: what was looked past at an edge, or
+# along a face, within the error of the pose, was not looked through [cells].
+_SIDE = 2.0
+_SIDE_WALL = 1.5
+# An end this near to a wall of the map is that wall [cells].
+_AT_WALL = 2.0
+
+
+class Ledger(NamedTuple):
+    """What is known of the cells.
+
+    Attributes:
+        tiles: (rows / TILE, cols / TILE) int32, which part of the table a tile has; -1 for none.
+        table: (capacity * TILE_CELLS, COLUMNS) int32.
+        used: (1,) int64, how many tiles have a part.
+    """
+
+    tiles: NDArray[np.int32]
+    table: NDArray[np.int32]
+    used: NDArray[np.int64]
+
+
+class Moment(NamedTuple):
+    """When and where from a look is taken.
+
+    Attributes:
+        look: its number, from 1 on.
+        clock_s: observed time [s].
+        visit_s: looks within this time are one visit [s].
+        x: where the robot is [cells], `y` alike.
+        y: see `x`.
+    """
+
+    look: int
+    clock_s: int
+    visit_s: int
+    x: int
+    y: int
+
+
+@kernel
+def find_row(ledger: Ledger, row: int, col: int) -> int:
+    """Return where a cell of the map is kept in the table, -1 for nowhere."""
+    tile = ledger.tiles[row // TILE, col // TILE]
+    if tile < 0:
+        return -1
+    return int(tile) * TILE_CELLS + (row % TILE) * TILE + col % TILE
+
+
+@kernel
+def claim_row(ledger: Ledger, row: int, col: int) -> int:
+    """Return where a cell is kept from now on, -1 if there is no room."""
+    if ledger.tiles[row // TILE, col // TILE] < 0:
+        if (ledger.used[0] + 1) * TILE_CELLS > ledger.table.shape[0]:
+            return -1
+        ledger.tiles[row // TILE, col // TILE] = ledger.used[0]
+        ledger.used[0] += 1
+    return find_row(ledger, row, col)
+
+
+@kernel
+def end_visit(cell: NDArray[np.int32], clock_s: int) -> None:
+    """Sum up a visit to one cell (COLUMNS,), and begin another at a time [s]."""
+    if cell[FOR] > cell[AGAINST]:
+        cell[VISITS] = min(cell[VISITS] + 1, MOST_VISITS)
+    elif cell[FOR] < cell[AGAINST]:
+        cell[VISITS] -= _VISITS_LOST
+    cell[FOR] = cell[AGAINST] = 0
+    cell[BEGAN] = clock_s
+    if cell[VISITS] <= 0:
+        cell[KIND] = NOTHING
+
+
+@kernel
+def vote(cell: NDArray[np.int32], kind: int, is_for: bool, moment: Moment) -> None:
+    """Let one look have its say about one cell, once.
+
+    Args:
+        cell: (COLUMNS,) changed.
+        kind: APPEARED or GONE.
+        is_for: whether it speaks for the change.
+        moment: of the look.
+    """
+    if cell[KIND] == kind and cell[LOOK] == moment.look:
+        return
+    if cell[KIND] == kind and moment.clock_s - cell[BEGAN] >= moment.visit_s:
+        end_visit(cell, moment.clock_s)
+    if cell[KIND] != kind:
+        if not is_for:
+            return
+        cell[KIND] = kind
+        cell[FOR] = cell[AGAINST] = cell[VISITS] = 0
+        cell[BEGAN] = cell[FIRST] = moment.clock_s
+        cell[LEFT] = cell[RIGHT] = moment.x
+        cell[LOW] = cell[HIGH] = moment.y
+    cell[LOOK] = moment.look
+    if not is_for:
+        cell[AGAINST] += 1
+        return
+    cell[FOR] += 1
+    cell[LAST] = moment.clock_s
+    cell[LEFT] = min(cell[LEFT], moment.x)
+    cell[RIGHT] = max(cell[RIGHT], moment.x)
+    cell[LOW] = min(cell[LOW], moment.y)
+    cell[HIGH] = max(cell[HIGH], moment.y)
+
+
+@kernel
+def claim_about(ledger: Ledger, row: int, col: int, cells: NDArray[np.int8]) -> None:
+    """Keep the cells about one as well, so that it is known which of them are seen to stand."""
+    for r in (max(row - REACH, 0), min(row + REACH, cells.shape[0] - 1)):
+        for c in (max(col - REACH, 0), min(col + REACH, cells.shape[1] - 1)):
+            claim_row(ledger, r, c)
+
+
+@kernel
+def place_rays(
+    out_rays: NDArray[np.float64], pose: NDArray[np.float64], end: Points, start: Points
+) -> None:
+    """Put the beams on the map.
+
+    Args:
+        out_rays: (n, 5) where a beam begins, its direction, its length, overwritten [cells].
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        end: (n,) end points in `base_link` [cells].
+        start: (n,) where the laser was [cells].
+    """
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    for i in range(end.x.size):
+        dx = end.x[i] - start.x[i]
+        dy = end.y[i] - start.y[i]
+        length = max(math.hypot(dx, dy), 1e-6)
+        out_rays[i, 0] = pose[0] + cos * start.x[i] - sin * start.y[i]
+        out_rays[i, 1] = pose[1] + sin * start.x[i] + cos * start.y[i]
+        out_rays[i, 2] = (cos * dx - sin * dy) / length
+        out_rays[i, 3] = (sin * dx + cos * dy) / length
+        out_rays[i, 4] = length
+
+
+@kernel
+def is_inside(cells: NDArray[np.int8], x: float, y: float) -> bool:
+    """Say whether a point [cells] lies on the map."""
+    return 0.0 <= x < cells.shape[1] and 0.0 <= y < cells.shape[0]
+
+
+@kernel
+def sees_end(
+    ledger: Ledger, ray: NDArray[np.float64], cells: NDArray[np.int8], margin: float
+) -> bool:
+    """Say whether no wall stands in a beam's way, but for those that seem to be gone.
+
+    Args:
+        ledger: what is known of the cells.
+        ray: (5,) as `place_rays` writes it.
+        cells: (rows, cols) of the map.
+        margin: a wall this near to the end does not count [cells].
+    """
+    way = 0.5
+    while way < ray[4] - margin:
+        x = ray[0] + way * ray[2]
+        y = ray[1] + way * ray[3]
+        if not is_inside(cells, x, y):
+            return False
+        if cells[int(y), int(x)] >= OCCUPIED_FROM:
+            at = find_row(ledger, int(y), int(x))
+            if at < 0 or ledger.table[at, KIND] != GONE or ledger.table[at, VISITS] < 2:
+                return False
+        way += 0.7
+    return True
+
+
+@kernel
+def count_hit(ledger: Ledger, x: float, y: float, cells: NDArray[np.int8], moment: Moment) -> None:
+    """Let an echo speak for the walls that it ended at.
+
+    Args:
+        ledger: what is known of the cells; changed.
+        x: where it ended [cells], `y` alike.
+        y: see `x`.
+        cells: (rows, cols) of the map.
+        moment: of the look.
+    """
+    for row in range(max(int(y) - 1, 0), min(int(y) + 2, cells.shape[0])):
+        for col in range(max(int(x) - 1, 0), min(int(x) + 2, cells.shape[1])):
+            at = find_row(ledger, row, col)
+            if at >= 0 and cells[row, col] >= OCCUPIED_FROM:
+                ledger.table[at, HIT] = moment.clock_s
+                vote(ledger.table[at], GONE, False, moment)
+
+
+@kernel
+def is_passed(field: NDArray[np.float32], x: float, y: float, dx: float, dy: float) -> bool:
+    """Say whether a wall goes on to both sides of where a beam is in it.
+
+    Args:
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        x: on the map [cells], `y` alike.
+        y: see `x`.
+        dx: the beam's direction, a unit vector with `dy`.
+        dy: see `dx`.
+    """
+    for side in (-_SIDE, _SIDE):
+        row = int(y + side * dx + 1.0)
+        col = int(x - side * dy + 1.0)
+        if not (0 <= row < field.shape[0] and 0 <= col < field.shape[1]):
+            return False
+        if field[row, col] > _SIDE_WALL:
+            return False
+    return True
+
+
+@kernel
+def may_testify(
+    ray: NDArray[np.float64], verdict: int, cells: NDArray[np.int8], field: NDArray[np.float32]
+) -> bool:
+    """Say whether a beam that went through walls tells that they are gone.
+
+    It must end at a wall of the map, or where the map knows nothing, and not as in a mirror.
+
+    Args:
+        ray: (5,) as `place_rays` writes it.
+        verdict: on the beam, see `reflection`.
+        cells: (rows, cols) of the map.
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+    """
+    if verdict in (MIRRORED, IMAGE):
+        return False
+    x = ray[0] + ray[4] * ray[2]
+    y = ray[1] + ray[4] * ray[3]
+    if not is_inside(cells, x, y):
+        return True
+    return cells[int(y), int(x)] < 0 or field[int(y + 1.0), int(x + 1.0)] <= _AT_WALL
+
+
+@kernel
+def take_echoes(
+    ledger: Ledger,
+    rays: NDArray[np.float64],
+    classes: NDArray[np.uint8],
+    mirrored: NDArray[np.int64],
+    cells: NDArray[np.int8],
+    limits: NDArray[np.float64],
+    moment: Moment,
+) -> None:
+    """Let the ends of the beams have their say.
+
+    Args:
+        ledger: what is known of the cells; changed.
+        rays: (n, 5) as `place_rays` writes them.
+        classes: (n,) of the beams.
+        mirrored: (n,) number of the cell of the field that a beam seems mirrored at, or -1.
+        cells: (rows, cols) of the map.
+        limits: (2,) how far an echo may be, and how far before its end a wall may stand [cells].
+        moment: of the look.
+    """
+    wide = cells.shape[1] + 2
+    for i in range(classes.size):
+        if mirrored[i] >= 0:
+            at = find_row(ledger, mirrored[i] // wide - 1, mirrored[i] % wide - 1)
+            if at >= 0:
+                vote(ledger.table[at], GONE, False, moment)
+            continue
+        if classes[i] > NOT_ON_MAP or rays[i, 4] > limits[0]:
+            continue
+        x = rays[i, 0] + rays[i, 4] * rays[i, 2]
+        y = rays[i, 1] + rays[i, 4] * rays[i, 3]
+        if not is_inside(cells, x, y):
+            continue
+        if classes[i] == EXPLAINED:
+            count_hit(ledger, x, y, cells, moment)
+        elif 0 <= cells[int(y), int(x)] < OCCUPIED_FROM and sees_end(
+            ledger, rays[i], cells, limits[1]
+        ):
+            at = claim_row(ledger, int(y), int(x))
+            if at >= 0:
+                vote(ledger.table[at], APPEARED, True, moment)
+
+
+@kernel
+def take_passages(
+    ledger: Ledger,
+    rays: NDArray[np.float64],
+    classes: NDArray[np.uint8],
+    verdicts: NDArray[np.uint8],
+    maps: tuple[NDArray[np.int8], NDArray[np.float32]],
+    limits: NDArray[np.float64],
+    moment: Moment,
+) -> None:
+    """Let the ways of the beams have their say, after `take_echoes`.
+
+    Args:
+        ledger: what is known of the cells; changed.
+        rays: (n, 5) as `place_rays` writes them.
+        classes: (n,) of the beams.
+        verdicts: (n,) on the beams, see `reflection`.
+        maps: the map's cells (rows, cols), and the distance to the nearest wall
+            (rows + 2, cols + 2) [cells].
+        limits: (2,) how far a beam is followed, and how far before its end no more [cells].
+        moment: of the look.
+    """
+    cells, field = maps
+    for i in range(classes.size):
+        if classes[i] > NOT_ON_MAP:
+            continue
+        testifies = may_testify(rays[i], verdicts[i], cells, field)
+        last = min(rays[i, 4] - limits[1], limits[0])
+        way = 1.0
+        while way < last:
+            x = rays[i, 0] + way * rays[i, 2]
+            y = rays[i, 1] + way * rays[i, 3]
+            way += 1.0
+            if not is_inside(cells, x, y):
+                break
+            row, col = int(y), int(x)
+            if cells[row, col] < OCCUPIED_FROM:
+                at = find_row(ledger, row, col)
+                if at >= 0:
+                    vote(ledger.table[at], APPEARED, False, moment)
+            elif testifies and is_passed(field, x, y, rays[i, 2], rays[i, 3]):
+                at = claim_row(ledger, row, col)
+                if at >= 0:
+                    vote(ledger.table[at], GONE, True, moment)
+                    claim_about(ledger, row, col, cells)
