@@ -17,6 +17,7 @@ from trolley_mapper.graph import (
     compose,
     make_problem,
     optimise,
+    squared_errors,
     to_frame,
 )
 from trolley_mapper.kernels.layout import Cloud
@@ -48,6 +49,8 @@ _GOOD_EXPLAINED = 0.45
 _AGREE_M = 0.15
 _AGREE_RAD = 0.04
 _AGREE_WAY_M = 6.0
+# By so much a believed closure may raise the squared error of all edges.
+_MOST_STRAIN = 1e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +82,7 @@ class LoopJob:
     found: list[Closure] = field(default_factory=list[Closure])
     accepted: list[Edge] = field(default_factory=list[Edge])
     occupancy: Occupancy | None = None
+    strain: float = 0.0
 
     def run(self) -> "LoopJob":
         """Search, check, optimise and draw; returns itself."""
@@ -106,19 +110,37 @@ class LoopJob:
         self.accepted = accepted
 
     def _optimise(self) -> None:
-        """Move all keyframes to where they fit together, and draw the map anew."""
+        """Move all keyframes to where they fit together, and draw the map anew.
+
+        Loops that the ways between their ends can hardly be stretched to are not believed.
+        """
+        relax(self.atlas, is_robust=False)
+        strain = total_error(self.atlas)
+        apart = self.atlas.copy()
         for edge in self.accepted:
             self.atlas.link(edge)
+        relax(self.atlas, is_robust=False)
+        self.strain = total_error(self.atlas) - strain
+        if self.strain > _MOST_STRAIN * len(self.accepted):
+            self.atlas, self.accepted = apart, []
+            return
         relax(self.atlas)
         self.occupancy = draw_all(
             self.config.resolution_m, self.prior, self.atlas.keyframes, self.atlas.poses
         )
 
 
-def relax(atlas: Atlas) -> None:
+def total_error(atlas: Atlas) -> float:
+    """Return the sum of the squared errors of all edges, those that fade left out."""
+    problem = make_problem(atlas.edges, atlas.rows)
+    chi2 = squared_errors(atlas.poses, problem)
+    return float(chi2.sum())
+
+
+def relax(atlas: Atlas, is_robust: bool = True) -> None:
     """Optimise all poses of an atlas; the first stays."""
     problem = make_problem(atlas.edges, atlas.rows)
-    atlas.poses = optimise(atlas.poses, problem, [0])
+    atlas.poses = optimise(atlas.poses, problem, [0], is_robust)
 
 
 def agree(atlas: Atlas, one: Edge, other: Edge) -> bool:
