@@ -95,6 +95,7 @@ class Tracker:
         self.pose = np.zeros(3)
         self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
         self.num_slips = 0
+        self.is_slipping = False
         self._before = np.zeros(3)
         self._motion = np.zeros(3)
         self._usual_match = GOOD_MATCH
@@ -187,7 +188,7 @@ class Tracker:
         away = pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         length = math.sqrt(float(away @ prior @ away))
-        return prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2
+        return np.asarray(prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2, np.float64)
 
     def _search(self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]) -> Fit:
         """Look round about for a pose from which the scan fits clearly better."""
@@ -208,8 +209,8 @@ class Tracker:
         away = fit.pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         together = self.covariance + np.linalg.inv(fit.information + np.eye(3))
-        if float(away @ np.linalg.solve(together, away)) > _CONTRADICTION**2:
-            self.num_slips += 1
+        self.is_slipping = float(away @ np.linalg.solve(together, away)) > _CONTRADICTION**2
+        self.num_slips += self.is_slipping
         self._motion = between(self._before, fit.pose)
         self._usual_match += _SMOOTHING * (fit.verdict.match - self._usual_match)
         self.pose = fit.pose
