@@ -119,7 +119,8 @@ class MapperService(Exploring):
         """Forget what was mapped last."""
         making = self._made()
         is_left = making.undo(params.seconds)
-        self.note = "" if is_left else "Nothing is left of the map; it begins anew here."
+        what = "what was added to the map" if making.extends else "the map but where it began"
+        self.note = "" if is_left else f"Nothing is left of {what}."
         return self.say()
 
     @answers(requests.MAP_CANCEL)
