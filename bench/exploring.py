@@ -226,7 +226,7 @@ def in_house(named: str, folder: Path) -> list[str]:
 
 def main() -> None:
     """Explore and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--house", action="append", metavar="SIZE:SEED")
     parser.add_argument("--apartment", action="store_true")
     parser.add_argument("--mirror", action="store_true")

@@ -147,9 +147,10 @@ class Roads:
 
     def way(self, start: int, end: int) -> NDArray[np.float64]:
         """Points (n, 2) from one node to another, each 0.1 to 0.14 m."""
-        _, before = csgraph.dijkstra(
-            self._graph, directed=False, indices=start, return_predecessors=True
+        _, reached_from = csgraph.dijkstra(
+            self._graph, directed=False, indices=[start], return_predecessors=True
         )
+        before = reached_from[0]
         nodes = [end]
         while nodes[-1] != start and before[nodes[-1]] >= 0:
             nodes.append(int(before[nodes[-1]]))
@@ -159,14 +160,12 @@ class Roads:
         """Points (n, 2) of a way past everything that can be reached and back to the start."""
         every = round(SPACING_M / (2 * self._grid.resolution))
         targets = np.flatnonzero((self._rows % every == 0) & (self._cols % every == 0))
-        places = np.array([self.point(node) for node in targets]).reshape(-1, 2)
+        places = np.array([self.point(int(node)) for node in targets]).reshape(-1, 2)
         left = np.ones(len(targets), bool)
         at = home = self.nearest(start)
         parts: list[NDArray[np.float64]] = []
         while left.any():
-            costs, before = csgraph.dijkstra(
-                self._graph, directed=False, indices=at, return_predecessors=True
-            )
+            costs = csgraph.dijkstra(self._graph, directed=False, indices=[at])[0]
             nearest = int(np.argmin(np.where(left, costs[targets], np.inf)))
             way = self.way(at, int(targets[nearest]))
             parts.append(way)

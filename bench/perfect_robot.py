@@ -83,7 +83,7 @@ class PerfectRobot:
         steps = np.arange(0.0, REACH_M, 0.5 * edge)
         reach = np.where(np.isfinite(ranges), ranges, REACH_M)
         ray, step = np.nonzero(steps[None, :] < reach[:, None])
-        self._mark(at, angles[ray], steps[step], FREE)
+        self._mark(at, angles[ray], steps[step].astype(np.float64), FREE)
         hit = np.isfinite(ranges)
         self._mark(at, angles[hit], ranges[hit] + 0.1 * edge, OCCUPIED)
 
@@ -92,8 +92,8 @@ class PerfectRobot:
     ) -> None:
         cols = np.floor((at.x + away * np.cos(angles)) / self.truth.resolution).astype(int)
         rows = np.floor((at.y + away * np.sin(angles)) / self.truth.resolution).astype(int)
-        size = self.cells.shape
-        ok = (rows >= 0) & (rows < size[0]) & (cols >= 0) & (cols < size[1])
+        num_rows, num_cols = len(self.cells), len(self.cells[0])
+        ok = (rows >= 0) & (rows < num_rows) & (cols >= 0) & (cols < num_cols)
         self.cells[rows[ok], cols[ok]] = value
 
     def explore(self, explorer: Explorer, limit_s: float = 4000.0) -> None:

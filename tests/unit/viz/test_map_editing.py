@@ -140,7 +140,9 @@ def test_strokes_are_seen_at_once_and_stored_when_it_is_said(hand: Hand, mapper:
     assert mapper.asked[0].name == "room"
     assert mapper.asked[0].as_name is None
     assert [type(op) for op in mapper.asked[0].ops] == [EraseStroke, DrawWall, Crop]
-    assert mapper.asked[0].ops[0].points[0] == pytest.approx((-1.0, -1.95))
+    first = mapper.asked[0].ops[0]
+    assert isinstance(first, EraseStroke)
+    assert first.points[0] == pytest.approx((-1.0, -1.95))
     assert not editor.is_open
     assert hand.browser.notices[-1] == ("Saved", "Stored.")
 
@@ -194,7 +196,7 @@ def test_another_map_is_merged_where_the_mapper_finds_it(hand: Hand, mapper: Map
     hand.editor.turn_to(90.0)
     hand.wait()
     about = hand.editor.draft.ops[1].about
-    turned = Pose2D(*about, math.pi / 2) @ Pose2D(-about[0], -about[1], 0.0)
+    turned = Pose2D(about[0], about[1], math.pi / 2) @ Pose2D(-about[0], -about[1], 0.0)
     wanted = turned.transform_points(np.array([(4.0, 0.0), (4.0, 1.0)]))
     np.testing.assert_allclose(hand.editor._drawn.walls, wanted, atol=1e-9)
     hand.editor.store()
