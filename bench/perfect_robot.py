@@ -85,7 +85,7 @@ class PerfectRobot:
         ray, step = np.nonzero(steps[None, :] < reach[:, None])
         self._mark(at, angles[ray], steps[step].astype(np.float64), FREE)
         hit = np.isfinite(ranges)
-        self._mark(at, angles[hit], ranges[hit] + 0.1 * edge, OCCUPIED)
+        self._mark(at, angles[hit], (ranges[hit] + 0.1 * edge).astype(np.float64), OCCUPIED)
 
     def _mark(
         self, at: Pose2D, angles: NDArray[np.float64], away: NDArray[np.float64], value: int
