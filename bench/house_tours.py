@@ -55,7 +55,9 @@ def make_house(
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0
     reachable = regions == int(np.argmax(sizes))
-    free = GridMap(grid.name, grid.resolution, grid.origin, np.where(reachable, 0, 100).astype(np.int8))
+    free = GridMap(
+        grid.name, grid.resolution, grid.origin, np.where(reachable, 0, 100).astype(np.int8)
+    )
     start = free_poses(free, 0.05, 1, rng)[0]
     sign = 1.0 if seed % 2 else -1.0
     wheels = Wheels(
@@ -66,7 +68,12 @@ def make_house(
         yaw_slip_per_m=0.03,
         yaw_slip_per_rad=0.03,
     )
-    house = House(grid, WorldSpec(map="house.yaml", start=_as_config(start), wheels=wheels, lidar=lidar), start, reachable)
+    house = House(
+        grid,
+        WorldSpec(map="house.yaml", start=_as_config(start), wheels=wheels, lidar=lidar),
+        start,
+        reachable,
+    )
     people = [_walker(house, rng) for _ in range(num_people)]
     return replace(house, spec=_with_people(house.spec, people))
 
@@ -90,7 +97,9 @@ def _walker(house: House, rng: np.random.Generator) -> Person:
         a, b = (roads.nearest(p) for p in free_poses(_mask(house), 0.05, 2, rng))
         way = roads.way(a, b)
         if len(way) > 15:
-            return Person(path=[(float(x), float(y)) for x, y in way[::5]], speed_mps=0.9, legs=True)
+            return Person(
+                path=[(float(x), float(y)) for x, y in way[::5]], speed_mps=0.9, legs=True
+            )
 
 
 def _mask(house: House) -> GridMap:
@@ -122,7 +131,8 @@ class Roads:
             costs.append(math.hypot(dr, dc) * shy)
         size = len(self._rows)
         self._graph = sparse.csr_array(
-            (np.concatenate(costs), (np.concatenate(starts), np.concatenate(ends))), shape=(size, size)
+            (np.concatenate(costs), (np.concatenate(starts), np.concatenate(ends))),
+            shape=(size, size),
         )
 
     def point(self, node: int) -> NDArray[np.float64]:
@@ -137,7 +147,9 @@ class Roads:
 
     def way(self, start: int, end: int) -> NDArray[np.float64]:
         """Points (n, 2) from one node to another, each 0.1 to 0.14 m."""
-        _, before = csgraph.dijkstra(self._graph, directed=False, indices=start, return_predecessors=True)
+        _, before = csgraph.dijkstra(
+            self._graph, directed=False, indices=start, return_predecessors=True
+        )
         nodes = [end]
         while nodes[-1] != start and before[nodes[-1]] >= 0:
             nodes.append(int(before[nodes[-1]]))
@@ -169,7 +181,9 @@ class Roads:
 def drive(house: House, seed: int) -> Iterator[tuple[ScanInput, Pose2D]]:
     """Drive the tour; gives each scan as the mapper gets it, and the true map_T_base at it."""
     way = Roads(house).tour(house.start)
-    simulation = Simulation(house.spec, house.grid, RobotBody(FOOTPRINT, BASE_T_LASER), seed, house.start)
+    simulation = Simulation(
+        house.spec, house.grid, RobotBody(FOOTPRINT, BASE_T_LASER), seed, house.start
+    )
     odom, truth = [Pose2D.identity()], [house.start]
     target, stuck = 0, 0
     while target < len(way):
@@ -196,7 +210,9 @@ def _towards(pose: Pose2D, point: NDArray[np.float64], stuck: int) -> Twist2D:
     """The command that leads to a point ahead; a robot that somebody blocks backs off."""
     if stuck > 100 and stuck % 100 < 30:
         return Twist2D(-0.1, 0.0, 0.3)
-    bearing = math.remainder(math.atan2(point[1] - pose.y, point[0] - pose.x) - pose.yaw, 2 * math.pi)
+    bearing = math.remainder(
+        math.atan2(point[1] - pose.y, point[0] - pose.x) - pose.yaw, 2 * math.pi
+    )
     turn = max(-1.2, min(1.2, 2.5 * bearing))
     return Twist2D(SPEED_MPS * max(0.0, math.cos(bearing)) ** 2, 0.0, turn)
 

@@ -270,10 +270,16 @@ def main() -> None:
     rss_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     show(
         [
-            at_least("walls within a cell, worst", 100 * min(r.wall_share for r in results), 95.0, "%", 1),
+            at_least(
+                "walls within a cell, worst", 100 * min(r.wall_share for r in results), 95.0, "%", 1
+            ),
             at_most("false walls, worst", 100 * max(r.false_share for r in results), 2.0, "%", 1),
-            at_most("floor drawn behind walls, worst", max(r.leaks for r in results), 0, "cells", 0),
-            at_most("core at real time, worst", 100 * max(r.cpu_share for r in results), 50.0, "%", 1),
+            at_most(
+                "floor drawn behind walls, worst", max(r.leaks for r in results), 0, "cells", 0
+            ),
+            at_most(
+                "core at real time, worst", 100 * max(r.cpu_share for r in results), 50.0, "%", 1
+            ),
             at_most("memory of this process, world included", rss_mb, 300.0, "MB", 0),
         ]
     )

@@ -20,8 +20,8 @@ from trolley_mapper.graph import between, compose, to_frame
 from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.loops import Closure, LoopJob
-from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.occupancy import Occupancy, draw_all
+from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.prior import prior_keyframe
 from trolley_mapper.relocation import RelocationJob
 from trolley_mapper.scan import ScanInput, Sweep, problem_of, read_sweep
@@ -42,6 +42,7 @@ _SEARCH_AGAIN_S = 2.0
 _PENDING = 12
 # Keyframes this near to each other show the same: the share of the distances between keyframes.
 _SAME_PLACE = 1.2
+_SLIPPING = 2.0
 
 MapJob = LoopJob | RelocationJob
 
@@ -205,10 +206,12 @@ class Mapper:
         if not self._is_joined:
             return True
         step = between(self._atlas.poses[-1], self._tracker.pose)
-        return bool(
-            math.hypot(step[0], step[1]) >= self._config.keyframe_distance_m
-            or abs(step[2]) >= self._config.keyframe_turn_rad
+        share = max(
+            math.hypot(step[0], step[1]) / self._config.keyframe_distance_m,
+            abs(step[2]) / self._config.keyframe_turn_rad,
         )
+        # While wheels slip, the motion during the scan is not known either: wait, if not for long.
+        return share >= (_SLIPPING if self._tracker.is_slipping else 1.0)
 
     def _local_map(self) -> LocalMap:
         """Return the surfaces near the robot, put together anew when it has moved on."""

@@ -35,7 +35,7 @@ def ties(
         if one.number == previous:
             own = hessians[row]
     edges: list[Edge] = []
-    for row in np.argsort(-counts)[:_TIES]:
+    for row in np.argsort(-counts)[:_TIES].tolist():
         one = local.keyframes[row].number
         if counts[row] < _SHARE * len(cloud.points):
             break

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_mapper.graph import compose
+from trolley_mapper.graph import between, compose
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.scan import Sweep
@@ -38,6 +38,13 @@ _WINDOW_PER_RAD = 1.0
 _LEAST_SCORE = 0.4
 _PULL = 0.08
 _LEAD = 0.05
+# A match by so much below the usual one is doubted.
+_BELOW_USUAL = 0.1
+_SMOOTHING = 0.05
+# Where odometry and the motion so far lead that far apart, both are tried [m, rad].
+_APART_M = 0.05
+_APART_RAD = 0.06
+_LEAD_AS_BEFORE = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +95,10 @@ class Tracker:
         self.pose = np.zeros(3)
         self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
         self.num_slips = 0
+        self.is_slipping = False
+        self._before = np.zeros(3)
+        self._motion = np.zeros(3)
+        self._usual_match = GOOD_MATCH
         self._unseen = (0.0, 0.0)
 
     def reset(self, pose: NDArray[np.float64], devs: tuple[float, float]) -> None:
@@ -95,6 +106,7 @@ class Tracker:
         self.pose = pose.copy()
         self.covariance = np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
         self._unseen = (0.0, 0.0)
+        self._before, self._motion = self.pose, np.zeros(3)
 
     def loosen(self, devs: tuple[float, float]) -> None:
         """Take into account that the robot may have moved so far [m, rad]."""
@@ -103,6 +115,7 @@ class Tracker:
     def predict(self, step: Pose2D) -> None:
         """Carry the pose through one odometry step."""
         way = math.hypot(step.x, step.y)
+        self._before = self.pose
         moved = compose(self.pose, step.as_array())
         carry = np.eye(3)
         carry[0, 2] = -(moved[1] - self.pose[1])
@@ -130,18 +143,34 @@ class Tracker:
         Returns:
             Where it fits best if that was good enough, else where the odometry leads.
         """
-        dev_m, dev_rad = self.devs
-        fit = self._fit(local, sweep, self.pose, dev_m)
-        away = fit.pose - self.pose
-        if (
-            not fit.verdict.is_good
-            or math.hypot(away[0], away[1]) > 0.1 + 3.0 * dev_m
-            or abs(math.remainder(away[2], 2.0 * math.pi)) > 0.1 + 3.0 * dev_rad
-        ):
-            fit = self._search(local, sweep, fit, (dev_m, dev_rad))
+        devs = self.devs
+        fit = self._fit(local, sweep, self.pose, devs[0])
+        fit = self._as_before(local, sweep, fit)
+        if self._is_doubtful(fit, devs):
+            fit = self._search(local, sweep, fit, devs)
         if fit.verdict.is_good:
             self._accept(fit)
         return fit if fit.verdict.is_good else replace(fit, pose=self.pose)
+
+    def _is_doubtful(self, fit: Fit, devs: tuple[float, float]) -> bool:
+        """Say whether the scan may well fit better somewhere else near by."""
+        away = fit.pose - self.pose
+        return bool(
+            not fit.verdict.is_good
+            or fit.verdict.match < self._usual_match - _BELOW_USUAL
+            or math.hypot(away[0], away[1]) > 0.1 + 3.0 * devs[0]
+            or abs(math.remainder(away[2], 2.0 * math.pi)) > 0.1 + 3.0 * devs[1]
+        )
+
+    def _as_before(self, local: LocalMap, sweep: Sweep, fit: Fit) -> Fit:
+        """Try where the robot would be had it gone on as before, if wheels say otherwise."""
+        kept_on = compose(self._before, self._motion)
+        away = between(self.pose, kept_on)
+        if math.hypot(away[0], away[1]) < _APART_M and abs(away[2]) < _APART_RAD:
+            return fit
+        other = self._fit(local, sweep, kept_on, 0.05)
+        better = other.verdict.value > fit.verdict.value + _LEAD_AS_BEFORE
+        return other if other.verdict.is_good and better else fit
 
     def _fit(self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float) -> Fit:
         """Align from a start; odometry that contradicts the scan counts less."""
@@ -159,7 +188,7 @@ class Tracker:
         away = pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         length = math.sqrt(float(away @ prior @ away))
-        return prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2
+        return np.asarray(prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2, np.float64)
 
     def _search(self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]) -> Fit:
         """Look round about for a pose from which the scan fits clearly better."""
@@ -180,8 +209,10 @@ class Tracker:
         away = fit.pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         together = self.covariance + np.linalg.inv(fit.information + np.eye(3))
-        if float(away @ np.linalg.solve(together, away)) > _CONTRADICTION**2:
-            self.num_slips += 1
+        self.is_slipping = float(away @ np.linalg.solve(together, away)) > _CONTRADICTION**2
+        self.num_slips += self.is_slipping
+        self._motion = between(self._before, fit.pose)
+        self._usual_match += _SMOOTHING * (fit.verdict.match - self._usual_match)
         self.pose = fit.pose
         self._unseen = (0.0, 0.0)
         floor = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])

@@ -32,10 +32,11 @@ def warm_up() -> None:
     prior = GridMap("warm-up", grid.resolution, grid.origin, cells)
     # Without a start pose the robot is lost, which searches the whole map.
     extended = Mapper(MapperConfig(), prior=prior)
-    extended.step(scans[0])
-    job = extended.take_job()
-    if job is not None:
-        extended.finish(job.run())
+    for number in (2, 3):
+        extended.step(scans[number])
+        job = extended.take_job()
+        if job is not None:
+            extended.finish(job.run())
 
 
 def _scan(number: int, x: float) -> ScanInput:
