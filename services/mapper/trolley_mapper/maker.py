@@ -76,7 +76,9 @@ class Maker(Service):
         elif kept is not None:
             self.log.info("Going on with a map", map=kept.name)
             self.note = f"Going on with the map {kept.name}."
-            self.begin(Making(self.config.mapper, kept.name), kept)
+            making = Making(self.config.mapper, kept.name)
+            self.begin(making)
+            self.load(making, kept)
 
     # Beginning.
 
@@ -86,11 +88,18 @@ class Maker(Service):
             self.senses = Senses(self, self._hear)
         return self.senses
 
-    def begin(self, making: Making, kept: Kept | None = None) -> None:
-        """Get ready to make a map, then take the shared topics from the localizer."""
+    def begin(self, making: Making) -> MappingStatus:
+        """Take a map for the one to be made; `load` follows."""
         self.making, self.phase = making, "starting"
         self.listen()
-        self.say()
+        return self.say()
+
+    def load(self, making: Making, kept: Kept | None = None) -> None:
+        """Get ready to make a map, then take the shared topics from the localizer.
+
+        Importing what is needed holds up the service's own thread for seconds: who waits for an
+        answer must have it before.
+        """
         self.work(partial(_load, self.config, kept), partial(self._loaded, making))
 
     def _loaded(self, making: Making, result: Making | ValueError | None) -> None:
