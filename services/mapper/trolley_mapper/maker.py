@@ -269,8 +269,9 @@ class Maker(Service):
             silent = self.senses.silent()
             if silent is not None:
                 return silent
-            if self.making is not None and self.making.estimate is not None:
-                return self.making.estimate.message or self.note
+            estimate = None if self.making is None else self.making.estimate
+            if self.phase == "mapping" and estimate is not None and estimate.message:
+                return f"{estimate.message[:1].upper()}{estimate.message[1:].rstrip('.')}."
         return self.note
 
     def say(self) -> MappingStatus:
