@@ -85,7 +85,9 @@ class Maker(MapEditor):
         elif kept is not None:
             self.log.info("Going on with a map", map=kept.name)
             self.note = f"Going on with the map {kept.name}."
-            self.begin(Making(self.config.mapper, kept.name), kept)
+            making = Making(self.config.mapper, kept.name)
+            self.begin(making)
+            self.load(making, kept)
 
     # Beginning.
 
@@ -95,11 +97,18 @@ class Maker(MapEditor):
             self.senses = Senses(self, self._hear)
         return self.senses
 
-    def begin(self, making: Making, kept: Kept | None = None) -> None:
-        """Get ready to make a map, then take the shared topics from the localizer."""
+    def begin(self, making: Making) -> MappingStatus:
+        """Take a map for the one to be made; `load` follows."""
         self.making, self.phase = making, "starting"
         self.listen()
-        self.say()
+        return self.say()
+
+    def load(self, making: Making, kept: Kept | None = None) -> None:
+        """Get ready to make a map, then take the shared topics from the localizer.
+
+        Importing what is needed holds up the service's own thread for seconds: who waits for an
+        answer must have it before.
+        """
         self.work(partial(_load, self.config, kept), partial(self._loaded, making))
 
     def _loaded(self, making: Making, result: Making | ValueError | None) -> None:
@@ -271,9 +280,11 @@ class Maker(MapEditor):
             silent = self.senses.silent()
             if silent is not None:
                 return silent
-            if self.making is not None and self.making.estimate is not None:
-                explored = "" if self.explorer is None else self.explorer.message
-                return self.making.estimate.message or explored or self.note
+            estimate = None if self.making is None else self.making.estimate
+            if self.phase == "mapping" and estimate is not None and estimate.message:
+                return f"{estimate.message[:1].upper()}{estimate.message[1:].rstrip('.')}."
+            if self.explorer is not None and self.explorer.message:
+                return self.explorer.message
         return self.note
 
     def say(self) -> MappingStatus:

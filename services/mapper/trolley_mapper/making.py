@@ -1,6 +1,7 @@
 """One map while it is being made: the core, the places on it, and what goes with both."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from trolley.config import MapperConfig
@@ -107,6 +108,8 @@ class Making:
                 self.core.pause()
             else:
                 self.core.resume()
+        if self.estimate is not None:  # what it said of the pause before holds no more
+            self.estimate = replace(self.estimate, message="")
 
     def undo(self, seconds: float) -> bool:
         """Forget the last seconds; False where nothing is left of the map."""

@@ -97,8 +97,8 @@ class MapperService(Exploring):
             beginning.reply.refuse(refused)
             return
         self.note = ""
-        self.begin(beginning.making)
-        beginning.reply.reply(self.status())
+        beginning.reply.reply(self.begin(beginning.making))
+        self.load(beginning.making)
 
     # While it is made.
 
