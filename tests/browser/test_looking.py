@@ -71,7 +71,7 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
         points = pose.transform_points(outline).tolist()
         return share_seen(page, points, colour)
 
-    assert seen(start, is_blue) > 0.6
+    poll(page, lambda: seen(start, is_blue) > 0.6, "the footprint where it stands")
     button(page, "Go to …").click()
     expect(page.locator("#trolley-hint")).to_contain_text("Press where to go")
     drag(page, AWAY, BEYOND)

@@ -167,4 +167,3 @@ def test_one_viewer_shows_and_stops_two_robots(
     expect(page.get_by_text("Localized").first).to_be_visible()
     page.get_by_text("All robots", exact=True).click()
     poll(page, lambda: count_seen(page, (START.x, START.y), is_purple, 0.35) == 0, "no echoes")
-    wait_until(lambda: nearest(shown) < KEPT_AWAY_M, 20.0, "what is gone is forgotten")
