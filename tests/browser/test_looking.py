@@ -90,7 +90,7 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
     assert aim is not None
     poll(page, lambda: seen(aim, is_green) > 0.7, "the footprint at the goal")
     poll(page, lambda: seen(truth(), is_blue) > 0.6, "the footprint came along")
-    assert seen(start, is_blue) < 0.3
+    assert seen(start, is_blue) < 0.5  # the way that is left begins here, in blue as well
     page.screenshot(path=pictures / "footprints.png", timeout=60_000)
     button(page, "Cancel").click()
     poll(page, lambda: seen(aim, is_green) < 0.2, "there is no goal any more")
