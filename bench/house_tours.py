@@ -164,9 +164,7 @@ class Roads:
         at = home = self.nearest(start)
         parts: list[NDArray[np.float64]] = []
         while left.any():
-            costs, before = csgraph.dijkstra(
-                self._graph, directed=False, indices=at, return_predecessors=True
-            )
+            costs = csgraph.dijkstra(self._graph, directed=False, indices=at)
             nearest = int(np.argmin(np.where(left, costs[targets], np.inf)))
             way = self.way(at, int(targets[nearest]))
             parts.append(way)

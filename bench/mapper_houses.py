@@ -3,9 +3,9 @@
     python bench/mapper_houses.py [--areas 30 100 300] [--seeds 2] [--full]
 
 A robot with 4 % odometry error and a lidar of 8 m reach is driven once past everything in a house
-drawn at random, while two people walk about. "Walls" is the share of the walls that the lidar could
-see which lie within one cell (0.05 m, or the diagonal of it) of a wall of the map; "false" the share
-of the map's walls farther than that from a true one; "leaks" free floor drawn behind walls.
+drawn at random, while two people walk about. "Walls" is the share of the walls that the lidar
+could see which lie within one cell (0.05 m, or the diagonal of it) of a wall of the map; "false"
+the share of the map's walls farther than that from a true one; "leaks" free floor drawn behind walls.
 Pictures go to bench/out/: walls that are missing on the map are red.
 """
 

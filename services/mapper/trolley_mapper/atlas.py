@@ -112,7 +112,8 @@ class Atlas:
         near = [n for n in self.ways_from(self.newest.number, 2.0) if n != self.prior]
         steps = between(self.poses[-1], self.poses[[self.rows[n] for n in near]])
         is_near = np.hypot(steps[:, 0], steps[:, 1]) < away_m
-        return sorted(np.array(near)[is_near & (np.abs(steps[:, 2]) < turned_rad)].tolist())
+        is_alike = is_near & (np.abs(steps[:, 2]) < turned_rad)
+        return sorted(number for number, same in zip(near, is_alike, strict=True) if same)
 
     def nearest(self, pose: NDArray[np.float64]) -> int:
         """Return the number of the keyframe nearest to a pose (3,), the prior where no other."""

@@ -119,7 +119,7 @@ def bound_at(
         col: see `row`.
         reach: shifts in the block along each axis.
     """
-    total = 0
+    total = np.int64(0)
     height, width = level.shape
     for j in range(rows.size):
         r = rows[j] + row
@@ -127,7 +127,7 @@ def bound_at(
         if -reach < r < height and -reach < c < width:
             # The first cell covers all that a block below the edge can reach.
             total += level[max(r, 0), max(c, 0)]
-    return total / (255.0 * max(rows.size, 1))
+    return float(total) / (255.0 * max(rows.size, 1))
 
 
 @kernel
