@@ -153,6 +153,14 @@ class Atlas:
                     heapq.heappush(queue, (way + cost, other))
         return ways
 
+    def around(self, number: int, pose: NDArray[np.float64], way_m: float, most: int) -> list[int]:
+        """Choose keyframes near a pose (3,) that are tied to one within a way [m]."""
+        ways = self.ways_from(number, way_m)
+        always = [number]
+        if self.prior is not None and self.prior in ways and number != self.prior:
+            always.append(self.prior)
+        return self.choose_near(ways, pose, most, always)
+
     def choose_near(
         self,
         numbers: Iterable[int],
@@ -177,7 +185,7 @@ class Atlas:
         order = np.argsort(np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2]))
         chosen = list(always)
         kept = [self.pose(number) for number in always if number != self.prior]
-        for row in order:
+        for row in order.tolist():
             if len(chosen) >= most:
                 break
             if some[row] in chosen:

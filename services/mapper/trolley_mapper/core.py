@@ -4,7 +4,6 @@ Frames: `map` (fixed by the first keyframe, or by the map that is extended), `od
 """
 
 import math
-from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -215,26 +214,18 @@ class Mapper:
 
     def _local_map(self) -> LocalMap:
         """Return the surfaces near the robot, put together anew when it has moved on."""
-        pose = self._tracker.pose
+        atlas, pose = self._atlas, self._tracker.pose
         away = between(self._local_pose, pose)
         has_moved = math.hypot(away[0], away[1]) > 2.0 * self._config.keyframe_distance_m
         if self._local is None or has_moved:
-            numbers = self._near_numbers()
-            keyframes = [self._atlas.keyframes[self._atlas.rows[n]] for n in numbers]
-            poses = np.array([self._atlas.pose(n) for n in numbers])
+            start = atlas.newest.number if self._is_joined else atlas.nearest(pose)
+            limits = (self._config.local_way_m, self._config.local_keyframes)
+            numbers = atlas.around(start, pose, *limits)
+            keyframes = [atlas.keyframes[atlas.rows[n]] for n in numbers]
+            poses = np.array([atlas.pose(n) for n in numbers])
             self._local = LocalMap(keyframes, poses, pose[:2], self._config.local_reach_m)
             self._local_pose = pose.copy()
         return self._local
-
-    def _near_numbers(self) -> list[int]:
-        """Choose the keyframes to compare scans with."""
-        atlas, pose = self._atlas, self._tracker.pose
-        number = atlas.newest.number if self._is_joined else atlas.nearest(pose)
-        ways = atlas.ways_from(number, self._config.local_way_m)
-        always = [number]
-        if atlas.prior is not None and atlas.prior in ways and number != atlas.prior:
-            always.append(atlas.prior)
-        return atlas.choose_near(ways, pose, self._config.local_keyframes, always)
 
     # Heavy work.
 
@@ -339,8 +330,7 @@ class Mapper:
     def _forget(self, rows: list[int]) -> None:
         """Take keyframes, given by their rows, off the map and draw it anew."""
         atlas = self._atlas
-        for before, after in pairwise(rows):
-            step = between(atlas.poses[before], atlas.poses[after])
+        for step in between(atlas.poses[rows[:-1]], atlas.poses[rows[1:]]):
             noise = self._tracker.noise(math.hypot(step[0], step[1]), abs(step[2]))
             self._way_covariance = self._way_covariance + noise
         numbers = [atlas.keyframes[row].number for row in rows]
