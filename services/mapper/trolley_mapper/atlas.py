@@ -59,6 +59,10 @@ class Atlas:
         first = self.keyframes[0] if self.keyframes else None
         return first.number if first is not None and first.is_prior else None
 
+    def has(self, edge: Edge) -> bool:
+        """Say whether both ends of an edge are here."""
+        return edge.first in self.rows and edge.second in self.rows
+
     def link(self, edge: Edge) -> None:
         """Add an edge between two keyframes."""
         self.edges.append(edge)
@@ -182,10 +186,11 @@ class Atlas:
         poses = self.poses[[self.rows[number] for number in some]]
         steps = between(pose, poses)
         # A keyframe that looks another way shows less of what is seen from here.
-        order = np.argsort(np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2]))
-        chosen = list(always)
+        far = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
+        order: list[int] = np.argsort(far).tolist()
+        chosen: list[int] = list(always)
         kept = [self.pose(number) for number in always if number != self.prior]
-        for row in order.tolist():
+        for row in order:
             if len(chosen) >= most:
                 break
             if some[row] in chosen:

@@ -73,8 +73,7 @@ class Mapper:
         self._local_pose = np.zeros(3)
         self._last: ScanInput | None = None
         self._sweep: Sweep | None = None
-        # Whether the newest keyframe and the robot are joined by a way without a break, and how
-        # sure the odometry is of that way.
+        # Whether the newest keyframe and the robot are joined by a way without a break.
         self._is_joined = False
         self._way_covariance = np.zeros((3, 3))
         self._next_number = 0
@@ -121,10 +120,8 @@ class Mapper:
         may_grow = self._trust.may_grow(fit.verdict, self._is_joined) and not self._is_paused
         if may_grow and self._has_moved():
             self._insert(scan, sweep, fit.pose, fit)
-        message = self._trust.message
-        if not message and self._is_paused:
-            message = "paused: the map does not grow"
-        return self._estimate(scan, fit.verdict.match, message)
+        message = "paused: the map does not grow" if self._is_paused else ""
+        return self._estimate(scan, fit.verdict.match, self._trust.message or message)
 
     def _predict(self, scan: ScanInput) -> tuple[float, float]:
         """Follow the odometry since the scan before; return the time [s] and the way [m]."""
@@ -265,13 +262,11 @@ class Mapper:
 
     def _take_loops(self, job: LoopJob) -> None:
         """Take over closures, and the poses and the grid that follow from them."""
-        rows = self._atlas.rows
-        accepted = [e for e in job.accepted if e.first in rows and e.second in rows]
+        accepted = [edge for edge in job.accepted if self._atlas.has(edge)]
         self._pending = [
             closure
             for closure in [*self._pending, *job.found][-_PENDING:]
-            if closure.edge.first in rows
-            and closure.edge.second in rows
+            if self._atlas.has(closure.edge)
             and all(closure.edge is not edge for edge in job.accepted)
         ]
         if job.occupancy is None:
@@ -336,9 +331,7 @@ class Mapper:
         numbers = [atlas.keyframes[row].number for row in rows]
         self._anchors.forget(atlas, numbers)
         atlas.remove(numbers)
-        self._pending = [
-            c for c in self._pending if c.edge.first in atlas.rows and c.edge.second in atlas.rows
-        ]
+        self._pending = [c for c in self._pending if atlas.has(c.edge)]
         self._is_joined = self._is_joined and not atlas.newest.is_prior
         self._occupancy = draw_all(
             self._config.resolution_m, self._prior, atlas.keyframes, atlas.poses

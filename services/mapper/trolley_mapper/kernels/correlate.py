@@ -224,20 +224,21 @@ def find_best_shift(
         bounds[at] = bound_at(levels[top], rows[a], cols[a], row, col, block)
     found = -1
     best = least
+    kept = np.empty(4)
     out_best[3] = least
     for at in np.argsort(-bounds):
         if bounds[at] < best:
             break
         a = at // (side * side)
         off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
-        at_block = ((at // side) % side * block - half, at % side * block - half, bounds[at])
+        bound = float(bounds[at])
+        at_block = ((at // side) % side * block - half, at % side * block - half, bound)
         window = (half, pull, pull * 0.5 * off * off)
         out_best[0] = -1.0
         score = descend(out_best, levels, rows[a], cols[a], at_block, window)
         if out_best[0] >= 0.0:
             best = score
             found = a
-            kept = out_best.copy()
-    if found >= 0:
-        out_best[:] = kept
+            kept[:] = out_best
+    out_best[:] = kept
     return found
