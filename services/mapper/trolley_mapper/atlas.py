@@ -59,6 +59,10 @@ class Atlas:
         first = self.keyframes[0] if self.keyframes else None
         return first.number if first is not None and first.is_prior else None
 
+    def has(self, edge: Edge) -> bool:
+        """Say whether both ends of an edge are here."""
+        return edge.first in self.rows and edge.second in self.rows
+
     def link(self, edge: Edge) -> None:
         """Add an edge between two keyframes."""
         self.edges.append(edge)
@@ -112,7 +116,8 @@ class Atlas:
         near = [n for n in self.ways_from(self.newest.number, 2.0) if n != self.prior]
         steps = between(self.poses[-1], self.poses[[self.rows[n] for n in near]])
         is_near = np.hypot(steps[:, 0], steps[:, 1]) < away_m
-        return sorted(np.array(near)[is_near & (np.abs(steps[:, 2]) < turned_rad)].tolist())
+        is_alike = is_near & (np.abs(steps[:, 2]) < turned_rad)
+        return sorted(number for number, same in zip(near, is_alike, strict=True) if same)
 
     def nearest(self, pose: NDArray[np.float64]) -> int:
         """Return the number of the keyframe nearest to a pose (3,), the prior where no other."""
@@ -152,6 +157,14 @@ class Atlas:
                     heapq.heappush(queue, (way + cost, other))
         return ways
 
+    def around(self, number: int, pose: NDArray[np.float64], way_m: float, most: int) -> list[int]:
+        """Choose keyframes near a pose (3,) that are tied to one within a way [m]."""
+        ways = self.ways_from(number, way_m)
+        always = [number]
+        if self.prior is not None and self.prior in ways and number != self.prior:
+            always.append(self.prior)
+        return self.choose_near(ways, pose, most, always)
+
     def choose_near(
         self,
         numbers: Iterable[int],
@@ -173,8 +186,9 @@ class Atlas:
         poses = self.poses[[self.rows[number] for number in some]]
         steps = between(pose, poses)
         # A keyframe that looks another way shows less of what is seen from here.
-        order = np.argsort(np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2]))
-        chosen = list(always)
+        far = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
+        order: list[int] = np.argsort(far).tolist()
+        chosen: list[int] = list(always)
         kept = [self.pose(number) for number in always if number != self.prior]
         for row in order:
             if len(chosen) >= most:

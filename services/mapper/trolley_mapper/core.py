@@ -4,7 +4,6 @@ Frames: `map` (fixed by the first keyframe, or by the map that is extended), `od
 """
 
 import math
-from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -74,8 +73,7 @@ class Mapper:
         self._local_pose = np.zeros(3)
         self._last: ScanInput | None = None
         self._sweep: Sweep | None = None
-        # Whether the newest keyframe and the robot are joined by a way without a break, and how
-        # sure the odometry is of that way.
+        # Whether the newest keyframe and the robot are joined by a way without a break.
         self._is_joined = False
         self._way_covariance = np.zeros((3, 3))
         self._next_number = 0
@@ -122,10 +120,8 @@ class Mapper:
         may_grow = self._trust.may_grow(fit.verdict, self._is_joined) and not self._is_paused
         if may_grow and self._has_moved():
             self._insert(scan, sweep, fit.pose, fit)
-        message = self._trust.message
-        if not message and self._is_paused:
-            message = "paused: the map does not grow"
-        return self._estimate(scan, fit.verdict.match, message)
+        message = "paused: the map does not grow" if self._is_paused else ""
+        return self._estimate(scan, fit.verdict.match, self._trust.message or message)
 
     def _predict(self, scan: ScanInput) -> tuple[float, float]:
         """Follow the odometry since the scan before; return the time [s] and the way [m]."""
@@ -215,26 +211,18 @@ class Mapper:
 
     def _local_map(self) -> LocalMap:
         """Return the surfaces near the robot, put together anew when it has moved on."""
-        pose = self._tracker.pose
+        atlas, pose = self._atlas, self._tracker.pose
         away = between(self._local_pose, pose)
         has_moved = math.hypot(away[0], away[1]) > 2.0 * self._config.keyframe_distance_m
         if self._local is None or has_moved:
-            numbers = self._near_numbers()
-            keyframes = [self._atlas.keyframes[self._atlas.rows[n]] for n in numbers]
-            poses = np.array([self._atlas.pose(n) for n in numbers])
+            start = atlas.newest.number if self._is_joined else atlas.nearest(pose)
+            limits = (self._config.local_way_m, self._config.local_keyframes)
+            numbers = atlas.around(start, pose, *limits)
+            keyframes = [atlas.keyframes[atlas.rows[n]] for n in numbers]
+            poses = np.array([atlas.pose(n) for n in numbers])
             self._local = LocalMap(keyframes, poses, pose[:2], self._config.local_reach_m)
             self._local_pose = pose.copy()
         return self._local
-
-    def _near_numbers(self) -> list[int]:
-        """Choose the keyframes to compare scans with."""
-        atlas, pose = self._atlas, self._tracker.pose
-        number = atlas.newest.number if self._is_joined else atlas.nearest(pose)
-        ways = atlas.ways_from(number, self._config.local_way_m)
-        always = [number]
-        if atlas.prior is not None and atlas.prior in ways and number != atlas.prior:
-            always.append(atlas.prior)
-        return atlas.choose_near(ways, pose, self._config.local_keyframes, always)
 
     # Heavy work.
 
@@ -274,13 +262,11 @@ class Mapper:
 
     def _take_loops(self, job: LoopJob) -> None:
         """Take over closures, and the poses and the grid that follow from them."""
-        rows = self._atlas.rows
-        accepted = [e for e in job.accepted if e.first in rows and e.second in rows]
+        accepted = [edge for edge in job.accepted if self._atlas.has(edge)]
         self._pending = [
             closure
             for closure in [*self._pending, *job.found][-_PENDING:]
-            if closure.edge.first in rows
-            and closure.edge.second in rows
+            if self._atlas.has(closure.edge)
             and all(closure.edge is not edge for edge in job.accepted)
         ]
         if job.occupancy is None:
@@ -339,16 +325,13 @@ class Mapper:
     def _forget(self, rows: list[int]) -> None:
         """Take keyframes, given by their rows, off the map and draw it anew."""
         atlas = self._atlas
-        for before, after in pairwise(rows):
-            step = between(atlas.poses[before], atlas.poses[after])
+        for step in between(atlas.poses[rows[:-1]], atlas.poses[rows[1:]]):
             noise = self._tracker.noise(math.hypot(step[0], step[1]), abs(step[2]))
             self._way_covariance = self._way_covariance + noise
         numbers = [atlas.keyframes[row].number for row in rows]
         self._anchors.forget(atlas, numbers)
         atlas.remove(numbers)
-        self._pending = [
-            c for c in self._pending if c.edge.first in atlas.rows and c.edge.second in atlas.rows
-        ]
+        self._pending = [c for c in self._pending if atlas.has(c.edge)]
         self._is_joined = self._is_joined and not atlas.newest.is_prior
         self._occupancy = draw_all(
             self._config.resolution_m, self._prior, atlas.keyframes, atlas.poses

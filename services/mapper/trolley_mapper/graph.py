@@ -5,15 +5,18 @@ Source:
     Spinello, Stachniss, Burgard, Robust Map Optimization using Dynamic Covariance Scaling (2013).
 """
 
+import importlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
-import scipy.sparse.linalg as solvers
 from numpy.typing import NDArray
 
 from trolley.geometry import wrap_angles
+
+# SciPy ships no types.
+_sparse: Any = importlib.import_module("scipy.sparse")
+_solvers: Any = importlib.import_module("scipy.sparse.linalg")
 
 NEXT = 0
 NEAR = 1
@@ -74,20 +77,25 @@ def to_frame(information: NDArray[np.float64], yaw: float) -> NDArray[np.float64
     return turn.T @ information @ turn
 
 
+def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverse of a covariance or of information (3, 3)."""
+    return np.asarray(np.linalg.inv(matrix), np.float64)
+
+
 def turned_round(edge: Edge) -> Edge:
     """Return the same measurement seen from its second keyframe."""
     back = between(edge.step, np.zeros(3))
     # An error d in the frame of `second` is one of -(turned d + lever) in that of `first`.
     carry = _lever(edge.step)
-    information = np.linalg.inv(carry @ np.linalg.inv(edge.information) @ carry.T)
+    information = inverse(carry @ inverse(edge.information) @ carry.T)
     return Edge(edge.second, edge.first, back, information, edge.kind)
 
 
 def chained(one: Edge, other: Edge) -> Edge:
     """Return what two edges say together: `one` leads to where `other` begins."""
     carry = _lever(between(other.step, np.zeros(3)))
-    covariance = carry @ np.linalg.inv(one.information) @ carry.T
-    information = np.linalg.inv(covariance + np.linalg.inv(other.information))
+    covariance = carry @ inverse(one.information) @ carry.T
+    information = inverse(covariance + inverse(other.information))
     kind = NEXT if one.kind == other.kind == NEXT else NEAR
     return Edge(one.first, other.second, compose(one.step, other.step), information, kind)
 
@@ -96,7 +104,7 @@ def averaged(one: Edge, other: Edge) -> Edge:
     """Return the mean of two measurements of the same, by their information."""
     together = one.information + other.information
     away = between(one.step, other.step)
-    step = compose(one.step, np.linalg.solve(together, other.information @ away))
+    step = compose(one.step, inverse(together) @ other.information @ away)
     largest = float(np.linalg.eigvalsh(together)[-1])
     return one._replace(step=step, information=together * min(1.0, _MOST_INFORMATION / largest))
 
@@ -215,7 +223,9 @@ def _step(
     gradient = np.zeros((len(column), 3))
     np.add.at(gradient, problem.first, np.einsum("mba,mb->ma", ia, error))
     np.add.at(gradient, problem.second, np.einsum("mba,mb->ma", ib, error))
-    rows, cols, values = [], [], []
+    rows: list[NDArray[np.int64]] = []
+    cols: list[NDArray[np.int64]] = []
+    values: list[NDArray[np.float64]] = []
     local = np.arange(3)
     for one, other, block in pairs:
         kept = (column[one] >= 0) & (column[other] >= 0)
@@ -225,17 +235,18 @@ def _step(
         rows.append(np.broadcast_to(row, shape).ravel())
         cols.append(np.broadcast_to(col, shape).ravel())
         values.append(block[kept].ravel())
-    hessian: Any = sparse.csc_array(
+    hessian: Any = _sparse.csc_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(size, size)
     )
-    hessian = hessian + damping * sparse.diags_array(hessian.diagonal() + 1e-9, format="csc")
-    factors: Any = solvers.splu(
+    hessian = hessian + damping * _sparse.diags_array(hessian.diagonal() + 1e-9, format="csc")
+    factors: Any = _solvers.splu(
         hessian.tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    return -np.asarray(factors.solve(gradient[column >= 0].ravel())).reshape(-1, 3)
+    found = np.asarray(factors.solve(gradient[column >= 0].ravel()), np.float64)
+    return -found.reshape(-1, 3)
 
 
 def _jacobians(

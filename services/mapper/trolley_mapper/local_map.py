@@ -165,10 +165,11 @@ class LocalMap:
         correlate.turn_cloud(rows, cols, points, yaws, self._fine_frame, around[:2])
         best = np.empty(4)
         half = max(math.ceil(window[0] / FINE_M), 1)
-        if not correlate.find_best_shift(best, levels, rows, cols, half, least, pull):
+        heading = correlate.find_best_shift(best, levels, rows, cols, half, least, pull)
+        if heading < 0:
             return None
         shift = np.array([best[2] * FINE_M, best[1] * FINE_M, 0.0])
-        pose = np.array([around[0], around[1], yaws[int(best[3])]]) + shift
+        pose = np.array([around[0], around[1], yaws[heading]]) + shift
         return pose, float(best[0])
 
     def _pyramid(self) -> NDArray[np.uint8]:

@@ -172,7 +172,8 @@ class LoopSearch:
         chosen: list[tuple[int, float]] = []
         if atlas.prior is not None and atlas.prior not in near:
             chosen.append((atlas.prior, ways.get(atlas.prior, math.inf)))
-        for row in np.argsort(away).tolist():
+        order: list[int] = np.argsort(away).tolist()
+        for row in order:
             number = atlas.keyframes[row].number
             way = ways.get(number, math.inf)
             if number in near or number >= query or number == atlas.prior:

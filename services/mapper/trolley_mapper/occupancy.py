@@ -108,7 +108,7 @@ class Occupancy:
         rows, cols = self._log_odds.shape
         x = (self._origin[0] + np.arange(cols) + 0.5) * self._resolution
         y = (self._origin[1] + np.arange(rows) + 0.5) * self._resolution
-        centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        centres = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
         values = prior.values_at(centres).reshape(rows, cols)
         self._log_odds[prior_walls(values)] = 3 * _RISE
         self._log_odds[(values >= 0) & ~prior_walls(values)] = -6 * _FALL

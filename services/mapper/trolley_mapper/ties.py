@@ -35,7 +35,8 @@ def ties(
         if one.number == previous:
             own = hessians[row]
     edges: list[Edge] = []
-    for row in np.argsort(-counts)[:_TIES].tolist():
+    best: list[int] = np.argsort(-counts)[:_TIES].tolist()
+    for row in best:
         one = local.keyframes[row].number
         if counts[row] < _SHARE * len(cloud.points):
             break

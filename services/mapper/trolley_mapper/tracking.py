@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_mapper.graph import between, compose
+from trolley_mapper.graph import between, compose, inverse
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.scan import Sweep
@@ -184,11 +184,11 @@ class Tracker:
 
     def _prior(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the information (3, 3) of the odometry, less where a pose contradicts it."""
-        prior = np.linalg.inv(self.covariance)
+        prior = inverse(self.covariance)
         away = pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         length = math.sqrt(float(away @ prior @ away))
-        return np.asarray(prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2, np.float64)
+        return prior * min(1.0, _CONTRADICTION / max(length, 1e-9)) ** 2
 
     def _search(self, local: LocalMap, sweep: Sweep, fit: Fit, devs: tuple[float, float]) -> Fit:
         """Look round about for a pose from which the scan fits clearly better."""
@@ -216,4 +216,4 @@ class Tracker:
         self.pose = fit.pose
         self._unseen = (0.0, 0.0)
         floor = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
-        self.covariance = np.linalg.inv(np.linalg.inv(self.covariance) + fit.information) + floor
+        self.covariance = inverse(inverse(self.covariance) + fit.information) + floor

@@ -119,7 +119,7 @@ def bound_at(
         col: see `row`.
         reach: shifts in the block along each axis.
     """
-    total = 0
+    total = np.int64(0)
     height, width = level.shape
     for j in range(rows.size):
         r = rows[j] + row
@@ -127,11 +127,69 @@ def bound_at(
         if -reach < r < height and -reach < c < width:
             # The first cell covers all that a block below the edge can reach.
             total += level[max(r, 0), max(c, 0)]
-    return total / (255.0 * max(rows.size, 1))
+    return float(total) / (255.0 * max(rows.size, 1))
 
 
 @kernel
-def find_best_shift(  # noqa: C901 - one depth-first search, told in one piece
+def descend(
+    out_best: NDArray[np.float64],
+    levels: NDArray[np.uint8],
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    block: tuple[int, int, float],
+    window: tuple[int, float, float],
+) -> float:
+    """Search one block of the highest level, best parts first.
+
+    Args:
+        out_best: (4,) score, rows, cols, as in `find_best_shift`; overwritten if one is better.
+        levels: (heights, rows, cols) of `fill_pyramid`.
+        rows: (points,) of one heading; `cols` alike.
+        cols: see `rows`.
+        block: its lowest shift and its bound.
+        window: half its edge [cells], loss of score at its border, loss for the heading.
+
+    Returns:
+        The best score so far, losses taken off.
+    """
+    half, pull, turned = window
+    best = out_best[3]
+    top = levels.shape[0] - 1
+    stack = np.empty((4 * top + 8, 3), np.int64)
+    bounds = np.empty(4 * top + 8)
+    children = np.empty(4)
+    stack[0, 0], stack[0, 1], stack[0, 2] = top, block[0], block[1]
+    bounds[0] = block[2]
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        if bounds[depth] < best:
+            continue
+        h, row, col = stack[depth, 0], stack[depth, 1], stack[depth, 2]
+        if h == 0:
+            away = (row * row + col * col) / (2.0 * max(half * half, 1))
+            score = bounds[depth] - pull * 0.5 * away - turned
+            if score >= best and abs(row) <= half and abs(col) <= half:
+                best = score
+                out_best[0], out_best[1], out_best[2] = bounds[depth], row, col
+                out_best[3] = score
+            continue
+        step = 1 << (h - 1)
+        for k in range(4):
+            r, c = row + step * (k // 2), col + step * (k % 2)
+            children[k] = bound_at(levels[h - 1], rows, cols, r, c, step)
+        for k in np.argsort(children):
+            if children[k] >= best:
+                stack[depth, 0] = h - 1
+                stack[depth, 1] = row + step * (k // 2)
+                stack[depth, 2] = col + step * (k % 2)
+                bounds[depth] = children[k]
+                depth += 1
+    return best
+
+
+@kernel
+def find_best_shift(
     out_best: NDArray[np.float64],
     levels: NDArray[np.uint8],
     rows: NDArray[np.int32],
@@ -139,11 +197,11 @@ def find_best_shift(  # noqa: C901 - one depth-first search, told in one piece
     half: int,
     least: float,
     pull: float,
-) -> bool:
+) -> int:
     """Find the shift and heading with the highest score in a square window.
 
     Args:
-        out_best: (4,) score, rows, cols, index of the heading; overwritten if one is found.
+        out_best: (4,) score, rows, cols, and score with the loss taken off, overwritten.
         levels: (heights, rows, cols) of `fill_pyramid`.
         rows: (yaws, points) of `turn_cloud`; `cols` alike.
         cols: see `rows`.
@@ -152,70 +210,35 @@ def find_best_shift(  # noqa: C901 - one depth-first search, told in one piece
         pull: loss of score towards the window's corners, for what cannot be told from the scan.
 
     Returns:
-        Whether a score of at least `least` was found.
+        The index of the heading; -1 where no score reaches `least`.
     """
-    heights = levels.shape[0]
+    top = levels.shape[0] - 1
     yaws = rows.shape[0]
-    top = heights - 1
     block = 1 << top
-    per_side = (2 * half + 1 + block - 1) // block
-    count = yaws * per_side * per_side
-    bounds = np.empty(count)
-    for a in range(yaws):
-        for r in range(per_side):
-            for c in range(per_side):
-                bounds[(a * per_side + r) * per_side + c] = bound_at(
-                    levels[top], rows[a], cols[a], r * block - half, c * block - half, block
-                )
-    order = np.argsort(-bounds)
+    side = (2 * half + block) // block
+    bounds = np.empty(yaws * side * side)
+    for at in range(bounds.size):
+        row = (at // side) % side * block - half
+        col = at % side * block - half
+        a = at // (side * side)
+        bounds[at] = bound_at(levels[top], rows[a], cols[a], row, col, block)
+    found = -1
     best = least
-    found = False
-    stack = np.empty((4 * heights + 8, 3), np.int64)
-    stack_bound = np.empty(4 * heights + 8)
-    children = np.empty(4)
-    for at in order:
+    kept = np.empty(4)
+    out_best[3] = least
+    for at in np.argsort(-bounds):
         if bounds[at] < best:
             break
-        a = at // (per_side * per_side)
-        stack[0, 0] = top
-        stack[0, 1] = (at // per_side) % per_side * block - half
-        stack[0, 2] = at % per_side * block - half
-        stack_bound[0] = bounds[at]
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            if stack_bound[depth] < best:
-                continue
-            h = stack[depth, 0]
-            row = stack[depth, 1]
-            col = stack[depth, 2]
-            if h == 0:
-                away = (row * row + col * col) / (2.0 * max(half * half, 1))
-                off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
-                score = stack_bound[depth] - pull * 0.5 * (away + off * off)
-                if score >= best and abs(row) <= half and abs(col) <= half:
-                    best = score
-                    found = True
-                    out_best[0] = stack_bound[depth]
-                    out_best[1] = row
-                    out_best[2] = col
-                    out_best[3] = a
-                continue
-            step = 1 << (h - 1)
-            for k in range(4):
-                children[k] = bound_at(
-                    levels[h - 1],
-                    rows[a],
-                    cols[a],
-                    row + step * (k // 2),
-                    col + step * (k % 2),
-                    step,
-                )
-            for k in np.argsort(children):
-                if children[k] >= best:
-                    stack[depth, 0] = h - 1
-                    stack[depth, 1] = row + step * (k // 2)
-                    stack[depth, 2] = col + step * (k % 2)
-                    stack_bound[depth] = children[k]
-                    depth += 1
+        a = at // (side * side)
+        off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
+        bound = float(bounds[at])
+        at_block = ((at // side) % side * block - half, at % side * block - half, bound)
+        window = (half, pull, pull * 0.5 * off * off)
+        out_best[0] = -1.0
+        score = descend(out_best, levels, rows[a], cols[a], at_block, window)
+        if out_best[0] >= 0.0:
+            best = score
+            found = a
+            kept[:] = out_best
+    out_best[:] = kept
     return found

@@ -178,7 +178,7 @@ def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, r
                 if square < best_square:
                     product = nx * surfels.normal[at, 0] + ny * surfels.normal[at, 1]
                     if not has_normal or product > 0.6:
-                        best = at
+                        best = int(at)
                         best_square = square
                 at = surfels.following[at]
     return best
@@ -206,7 +206,7 @@ def _meets_surface(
             # A beam that grazes a wall, and a thing seen once, prove nothing.
             product = dx * surfels.normal[at, 0] + dy * surfels.normal[at, 1]
             if product < -0.5 * length and surfels.weight[at] >= 3.0:
-                return surfels.seen_through[row, col] <= 1
+                return bool(surfels.seen_through[row, col] <= 1)
             at = surfels.following[at]
     return False
 

@@ -1,0 +1,51 @@
+"""The mapper on recorded drives: a map from scans and wheels alone."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mapper import follow, relation_errors, without_scans
+from mapper_houses import fitted
+from recorded import CREATE3, FREIBURG, FREIBURG_RAW, Recording, read_recording
+
+SECONDS = 150.0
+
+
+def beginning(recording: Recording) -> Recording:
+    count = int(np.searchsorted(recording.stamps, SECONDS))
+    return replace(recording, stamps=recording.stamps[:count])
+
+
+@pytest.mark.parametrize("names", [FREIBURG, FREIBURG_RAW])
+def test_relations_measured_by_hand_hold(recordings: Path, names: tuple[str, str, str]) -> None:
+    result = follow(beginning(read_recording(recordings, *names)))
+    metres, radians = relation_errors(recordings, result.poses)
+    assert len(metres) > 50
+    assert metres.mean() <= 0.045
+    assert radians.mean() <= 0.02
+    assert result.mapping_share > 0.98
+
+
+def test_a_lidar_cut_for_five_seconds_bends_nothing(recordings: Path) -> None:
+    recording = beginning(read_recording(recordings, *FREIBURG))
+    cut = without_scans(
+        replace(
+            recording,
+            odom=recording.odom[: len(recording.stamps)],
+            reference=recording.reference[: len(recording.stamps)],
+            ranges=recording.ranges[: len(recording.stamps)],
+        ),
+        60.0,
+        5.0,
+    )
+    result = follow(cut)
+    _, error_m = fitted(result.poses, [cut.reference_at(k) for k in range(len(cut.stamps))])
+    assert error_m < 0.3
+
+
+def test_create3_is_mapped_among_people(recordings: Path) -> None:
+    recording = read_recording(recordings, *CREATE3)
+    result = follow(recording)
+    truths = [recording.reference_at(k) for k in range(len(recording.stamps))]
+    assert fitted(result.poses, truths)[1] < 0.05

@@ -1,0 +1,170 @@
+"""The mapper as a whole, in a simulated flat."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from trolley.config.mapper import MapperConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap, distance_transform
+from trolley_mapper.core import Mapper
+from trolley_mapper.estimate import Reject
+
+from .conftest import START, Drive
+
+MakeDrive = Callable[..., Drive]
+
+
+def wall_error_m(found: GridMap, truth: GridMap) -> float:
+    """The 95th percentile of how far walls of a map are from true ones."""
+    away = distance_transform(truth.occupied_mask(), truth.resolution)
+    points = found.cell_to_world(np.column_stack(np.nonzero(found.occupied_mask())))
+    cells = truth.world_to_cell(points)
+    inside = truth.contains_cell(cells)
+    assert inside.mean() > 0.99
+    return float(np.quantile(away[cells[inside, 0], cells[inside, 1]], 0.95))
+
+
+def test_the_map_shows_the_flat(make_drive: MakeDrive, flat: GridMap) -> None:
+    drive = make_drive()
+    drive.odometry_scale = 0.95
+    drive.tour()
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.05
+    assert wall_error_m(drive.mapper.grid(), flat) <= 0.0708
+
+
+def test_spinning_wheels_do_not_bend_the_map(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    for _ in range(20):
+        drive.scan(0.3)
+    before = drive.mapper.num_keyframes
+    for _ in range(50):
+        drive.odom = drive.odom @ Pose2D(0.05, 0.0, 0.05)
+        drive.look()
+    assert drive.error_m() < 0.05
+    assert drive.mapper.num_keyframes <= before + 1
+    assert drive.mapper.num_slips > 10
+
+
+def test_a_lidar_cut_for_five_seconds_is_bridged_by_odometry(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    for _ in range(20):
+        drive.scan(0.3)
+    drive.scan(0.3, 0.1, 5.0)
+    for _ in range(10):
+        drive.scan(0.1)
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.05
+
+
+def test_a_lifted_robot_is_lost_and_found_and_the_map_is_not_bent(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    drive.tour()
+    cells, keyframes = drive.mapper.grid().cells.copy(), drive.mapper.num_keyframes
+    drive.pose = Pose2D(6.5, 2.0, 0.3)
+    states = [drive.look().state for _ in range(25)]
+    assert "lost" in states
+    assert drive.mapper.num_keyframes == keyframes
+    assert np.array_equal(cells, drive.mapper.grid().cells)
+    for _ in range(40):
+        drive.scan(0.2, 0.0)
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.05
+
+
+def test_undo_forgets_and_tracking_goes_on(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    for _ in range(60):
+        drive.scan(0.4)
+    place = drive.mapper.anchor(drive.pose)
+    keyframes, version = drive.mapper.num_keyframes, drive.mapper.version
+    left = drive.mapper.undo(3.0)
+    assert left is not None
+    assert drive.mapper.num_keyframes < keyframes
+    assert drive.mapper.version != version
+    assert drive.mapper.moved(place).distance_to(drive.pose) < 0.05
+    for _ in range(10):
+        drive.scan(-0.4)
+    assert drive.error_m() < 0.05
+    assert drive.mapper.undo(1e6) is not None
+    assert drive.mapper.num_keyframes == 1
+
+
+def test_a_paused_map_does_not_grow(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    drive.scan()
+    drive.mapper.pause()
+    for _ in range(20):
+        drive.scan(0.4)
+    assert drive.mapper.num_keyframes == 1
+    assert drive.error_m() < 0.05
+    drive.mapper.resume()
+    drive.scan(0.4)
+    assert drive.mapper.num_keyframes == 2
+
+
+def test_time_alone_costs_no_memory(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    counts = []
+    for _ in range(16):
+        for _ in range(16):
+            drive.scan(0.0, 0.8)
+        counts.append(drive.mapper.num_keyframes)
+    assert counts[-1] <= counts[-6] + 2
+    assert drive.error_m() < 0.05
+
+
+def test_a_mapper_goes_on_from_its_bytes(make_drive: MakeDrive, flat: GridMap) -> None:
+    drive = make_drive()
+    drive.tour()
+    place = drive.mapper.anchor(drive.pose)
+    data = drive.mapper.to_bytes()
+    again = Mapper.from_bytes(MapperConfig(), data)
+    assert again.num_keyframes == drive.mapper.num_keyframes
+    assert again.moved(place).distance_to(drive.pose) < 0.05
+    same = again.grid().cells == drive.mapper.grid().cells
+    assert same.mean() > 0.99
+    drive.mapper = again
+    drive.odom = Pose2D.identity()
+    for _ in range(20):
+        drive.scan(-0.4)
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.05
+
+
+@pytest.mark.parametrize("data", [b"", b"junk", b"x\x9c\x03\x00\x00\x00\x00\x01"])
+def test_bytes_that_are_no_state_are_refused(data: bytes) -> None:
+    with pytest.raises(ValueError, match="state"):
+        Mapper.from_bytes(MapperConfig(), data)
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_map_is_extended_in_its_own_frame(
+    make_drive: MakeDrive, flat: GridMap, is_told: bool
+) -> None:
+    cells = flat.cells.copy()
+    cells[:, :70] = -1
+    prior = GridMap("home", 0.05, Pose2D.identity(), cells)
+    told = START @ Pose2D(0.1, -0.05, 0.1) if is_told else None
+    drive = make_drive(Mapper(MapperConfig(), told, prior))
+    drive.tour()
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.06
+    assert wall_error_m(drive.mapper.grid(), flat) <= 0.0708
+
+
+def test_scans_that_cannot_be_used_are_refused(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    drive.scan()
+    assert drive.mapper.step(drive.make_scan()) is Reject.OLD_STAMP
+    drive.stamp_ns += 1
+    drive.odom = Pose2D(math.nan, 0.0, 0.0)
+    assert drive.mapper.step(drive.make_scan()) is Reject.BAD_ODOMETRY

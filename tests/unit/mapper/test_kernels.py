@@ -1,0 +1,111 @@
+"""The compiled loops against slow, obvious twins and against the truth."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trolley_mapper.kernels import correlate, lines
+from trolley_mapper.kernels.layout import Cloud
+from trolley_mapper.kernels.trace import trace_keyframe
+from trolley_mapper.keyframe import Keyframe
+from trolley_mapper.local_map import LocalMap, without_noise
+from trolley_mapper.scan import Sweep
+
+
+def room(count: int = 240) -> Cloud:
+    """What is seen from the middle of a room of 6 x 4 m with a pillar."""
+    angles = -math.pi + np.arange(count) * 2.0 * math.pi / count
+    with np.errstate(divide="ignore"):
+        x = np.where(np.cos(angles) > 0.0, 3.5, -2.5) / np.cos(angles)
+        y = np.where(np.sin(angles) > 0.0, 2.2, -1.8) / np.sin(angles)
+    ranges = np.minimum(x, y).astype(np.float32)
+    points, beams = np.empty((count, 2)), np.empty(count, np.int32)
+    found = lines.project_scan(
+        points, beams, ranges, np.array([-math.pi, 2.0 * math.pi / count]), np.array([0.1, 9.0]),
+        np.zeros(3), np.zeros(3),
+    )  # fmt: skip
+    assert found == count
+    normals = np.empty((count, 2))
+    lines.fit_normals(normals, points, beams, np.zeros(2), 2.0 * math.pi / count)
+    return Cloud(points, normals)
+
+
+def local_map() -> LocalMap:
+    cloud = room()
+    one = Keyframe.of(0, 0, Sweep(cloud, np.zeros(2), is_blind=False))
+    return LocalMap([one], np.zeros((1, 3)), np.zeros(2), 8.0)
+
+
+def test_normals_look_from_the_walls_to_the_laser() -> None:
+    cloud = room()
+    known = np.any(cloud.normals != 0.0, axis=1)
+    assert known.mean() > 0.85
+    assert np.all(np.sum(cloud.normals * cloud.points, axis=1)[known] < 0.0)
+    right = known & (cloud.points[:, 0] > 3.49) & (np.abs(cloud.points[:, 1]) < 1.5)
+    assert cloud.normals[right] == pytest.approx(np.tile([-1.0, 0.0], (right.sum(), 1)), abs=1e-4)
+
+
+@settings(max_examples=30)
+@given(x=st.floats(-0.12, 0.12), y=st.floats(-0.12, 0.12), yaw=st.floats(-0.06, 0.06))
+def test_alignment_finds_the_way_back(x: float, y: float, yaw: float) -> None:
+    start = np.array([x, y, yaw])
+    pose, information = local_map().align(start, room(), start, 1e-3 * np.eye(3), 0.3)
+    assert pose == pytest.approx(np.zeros(3), abs=0.004)
+    assert np.linalg.eigvalsh(information)[0] > 0.0
+
+
+def test_along_a_corridor_the_prior_decides() -> None:
+    cloud = room()
+    walls = np.abs(cloud.normals[:, 1]) > 0.9
+    corridor = Cloud(cloud.points[walls].copy(), cloud.normals[walls].copy())
+    prior = np.array([0.15, 0.05, 0.0])
+    pose, information = local_map().align(prior, corridor, prior, np.diag([400.0] * 3), 0.3)
+    assert pose == pytest.approx([0.15, 0.0, 0.0], abs=0.01)
+    assert information[0, 0] < 0.02 * information[1, 1]
+
+
+def test_noise_is_no_information() -> None:
+    assert without_noise(np.diag([10.0, 1e4, 9e4]))[0, 0] == 0.0
+    assert without_noise(np.diag([1e4, 1e4, 9e4]))[0, 0] == pytest.approx(9700.0)
+
+
+@given(seed=st.integers(0, 1000))
+def test_branch_and_bound_finds_what_trying_everything_finds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    levels = np.zeros((4, 24, 30), np.uint8)
+    levels[0] = rng.integers(0, 256, (24, 30)) * (rng.random((24, 30)) < 0.2)
+    correlate.fill_pyramid(levels)
+    rows, cols = (rng.integers(-3, 27, (3, 12)).astype(np.int32) for _ in range(2))
+    best = np.empty(4)
+    heading = correlate.find_best_shift(best, levels, rows, cols, 6, 0.0, 0.0)
+    assert heading >= 0
+    tried = [
+        correlate.bound_at(levels[0], rows[a], cols[a], row, col, 1)
+        for a in range(3)
+        for row in range(-6, 7)
+        for col in range(-6, 7)
+    ]
+    assert best[0] == pytest.approx(max(tried))
+    again = correlate.bound_at(
+        levels[0], rows[heading], cols[heading], int(best[1]), int(best[2]), 1
+    )
+    assert again == pytest.approx(best[0])
+
+
+def test_beams_free_what_they_pass_and_raise_where_they_end() -> None:
+    log_odds, marks = np.zeros((40, 40), np.int16), np.zeros((40, 40), np.int32)
+    points = np.array([[1.525, 0.0], [0.0, 0.525]], np.float32)
+    frame = np.array([-0.225, -0.225, 20.0])
+    for mark in (1, 2):
+        trace_keyframe(
+            log_odds, marks, frame, points, np.zeros((2, 2), np.float32),
+            (np.zeros(3), np.zeros(2, np.float32)), (mark, 60, 20, 100),
+        )  # fmt: skip
+    assert log_odds[4, 34] == 100
+    assert log_odds[14, 4] == 100
+    assert np.all(log_odds[4, 4:34] == -40)
+    assert np.all(log_odds[4:14, 4] == -40)
+    assert np.count_nonzero(log_odds) == 2 + 30 + 9
