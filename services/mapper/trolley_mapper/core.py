@@ -333,9 +333,8 @@ class Mapper:
         atlas.remove(numbers)
         self._pending = [c for c in self._pending if atlas.has(c.edge)]
         self._is_joined = self._is_joined and not atlas.newest.is_prior
-        self._occupancy = draw_all(
-            self._config.resolution_m, self._prior, atlas.keyframes, atlas.poses
-        )
+        resolution = self._config.resolution_m
+        self._occupancy = draw_all(resolution, self._prior, atlas.keyframes, atlas.poses)
         self._job, self._local = None, None
         self._version += 1
 
