@@ -92,8 +92,8 @@ class Mapper:
 
     def _extend(self, prior: GridMap, is_told: bool) -> None:
         """Begin on a map made before."""
-        self._atlas.add(prior_keyframe(0, prior), np.zeros(3), [])
-        self._next_number = 1
+        self._atlas.add(prior_keyframe(self._next_number, prior), np.zeros(3), [])
+        self._next_number += 1
         self._trust.doubt(is_lost=not is_told)
         self._tracker.reset(self._tracker.pose, _TOLD_DEVS)
         self._version += 1
@@ -262,7 +262,6 @@ class Mapper:
 
     def _take_loops(self, job: LoopJob) -> None:
         """Take over closures, and the poses and the grid that follow from them."""
-        accepted = [edge for edge in job.accepted if self._atlas.has(edge)]
         self._pending = [
             closure
             for closure in [*self._pending, *job.found][-_PENDING:]
@@ -271,14 +270,14 @@ class Mapper:
         ]
         if job.occupancy is None:
             return
-        for edge in accepted:
+        for edge in filter(self._atlas.has, job.accepted):
             self._atlas.link(edge)
+            self.num_loops += 1
         correction, later = self._atlas.move_to(job.atlas)
         self._tracker.pose = compose(correction, self._tracker.pose)
         self._occupancy = job.occupancy
         for one in later:
             self._occupancy.add(one, self._atlas.pose(one.number))
-        self.num_loops += len(accepted)
         self._closed_loop = True
         self._local = None
         self._version += 1
@@ -333,9 +332,8 @@ class Mapper:
         atlas.remove(numbers)
         self._pending = [c for c in self._pending if atlas.has(c.edge)]
         self._is_joined = self._is_joined and not atlas.newest.is_prior
-        self._occupancy = draw_all(
-            self._config.resolution_m, self._prior, atlas.keyframes, atlas.poses
-        )
+        resolution = self._config.resolution_m
+        self._occupancy = draw_all(resolution, self._prior, atlas.keyframes, atlas.poses)
         self._job, self._local = None, None
         self._version += 1
 
