@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test lint format bench docs lock clean
+.PHONY: help setup demo test slow lint format bench docs lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -31,16 +31,23 @@ setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernel
 demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `trolley demo`.
 	@$(BIN)/trolley demo $(ARGS)
 
+define PYTEST
+@$(BIN)/python -m pytest -m "$(1)" --numprocesses auto --dist worksteal --ignore=tests/process --ignore=tests/browser
+@$(BIN)/python -m pytest -m "$(1)" --numprocesses 3 --dist worksteal tests/process
+@$(BIN)/python -m pytest -m "$(1)" --numprocesses 2 --dist loadfile tests/browser
+endef
+
 # Tests of whole processes wait most of the time, so three of them run side by side. A browser that
 # renders in software takes more, so there are two of those.
-test: lint ## Lint, type check, all tests; ARGS="-k geometry" goes to pytest.
+test: lint ## Lint, type check, the tests; ARGS="-k geometry" goes to pytest.
 ifeq ($(ARGS),)
-	@$(BIN)/python -m pytest --numprocesses auto --dist worksteal --ignore=tests/process --ignore=tests/browser
-	@$(BIN)/python -m pytest --numprocesses 3 --dist worksteal tests/process
-	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile tests/browser
+	$(call PYTEST,not slow)
 else
 	@$(BIN)/python -m pytest $(ARGS)
 endif
+
+slow: setup ## The tests that take longer: whole drives, more seeds, most of the browser's.
+	$(call PYTEST,slow)
 
 lint: setup ## ruff, its formatter and pyright, changing nothing.
 	@$(BIN)/ruff check .

@@ -19,7 +19,7 @@ from .seeing import pixel_of, wait_for_frames
 if TYPE_CHECKING:
     from .conftest import Shown
 
-pytestmark = [pytest.mark.slow, pytest.mark.browser]
+pytestmark = pytest.mark.browser
 
 PLACE, TOWARDS = (1.6, 0.7), (2.2, 1.3)
 BESIDE = (1.2, 0.1)

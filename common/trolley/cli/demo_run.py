@@ -105,8 +105,9 @@ def patiently(ask: Callable[[], R], within_s: float = SERVICE_WITHIN_S) -> R:
         try:
             return ask()
         except (Refused, RobotUnreachable) as error:
-            starting = isinstance(error, RobotUnreachable) or error.code == codes.NOT_READY
-            if not starting or time.monotonic() > deadline_s:
+            is_busy = isinstance(error, Refused) and error.code in (codes.NOT_READY, codes.TIMEOUT)
+            is_starting = is_busy or isinstance(error, RobotUnreachable)
+            if not is_starting or time.monotonic() > deadline_s:
                 raise
         time.sleep(RETRY_S)
 
