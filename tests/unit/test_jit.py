@@ -85,6 +85,7 @@ def test_second_process_finds_the_code_of_the_first(tree: Path) -> None:
     assert run(tree) == "float 9.0 1\n"
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_the_same_moment_do_not_mix(tree: Path) -> None:
     kinds = ["float", "int", "bool"]
     processes = [start(tree, kind) for kind in kinds]

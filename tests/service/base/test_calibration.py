@@ -144,7 +144,10 @@ def check(scales: WheelScales, wheels: dict[str, float]) -> None:
     assert scales.wheel_ratio == pytest.approx(true.wheel_ratio, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", PLANTED)
+@pytest.mark.parametrize(
+    "kind",
+    [kind if kind == "all" else pytest.param(kind, marks=pytest.mark.slow) for kind in PLANTED],
+)
 def test_squares_find_the_planted_errors_within_a_hundredth(tmp_path: Path, kind: str) -> None:
     room, course = Room(tmp_path, 7, PLANTED[kind]), squares_both_ways(SIDE_M, 2)
     drive = CalibrationDrive(course.places, 0.2)
@@ -173,6 +176,7 @@ def test_squares_find_the_planted_errors_within_a_hundredth(tmp_path: Path, kind
         assert after.largest_m < 0.4 * before.largest_m
 
 
+@pytest.mark.slow
 def test_a_second_calibration_finds_what_the_first_left(tmp_path: Path) -> None:
     """Scales in force are half right; what is found is joined with them."""
     wheels = PLANTED["all"]
@@ -186,6 +190,7 @@ def test_a_second_calibration_finds_what_the_first_left(tmp_path: Path) -> None:
     check(combined(estimate(drive.legs()).correction, scales_of(room.config)), wheels)
 
 
+@pytest.mark.slow
 def test_listening_to_a_drive_finds_the_planted_errors(tmp_path: Path) -> None:
     wheels = PLANTED["turn"] | {"left_scale": 1.03}
     room, comparison = Room(tmp_path, 5, wheels), Comparison()
@@ -198,6 +203,7 @@ def test_listening_to_a_drive_finds_the_planted_errors(tmp_path: Path) -> None:
     assert max(found.linear_std, found.angular_std) < 0.01
 
 
+@pytest.mark.slow
 def test_squares_measured_by_hand_find_turn_and_bend(tmp_path: Path) -> None:
     """By odometry alone; the truth stands in for the tape measure, and gives no heading."""
     wheels = {"left_scale": 1.02, "turn_scale": 1.02}

@@ -41,6 +41,7 @@ def test_two_that_meet_in_a_narrow_corridor_get_out_of_it(tmp_path: Path) -> Non
     assert "Waits for robot a at the narrow passage." in house.messages("b")
 
 
+@pytest.mark.slow
 def test_four_come_through_a_narrow_corridor_from_both_sides(tmp_path: Path) -> None:
     starts = [WEST, EAST, Pose2D(1.5, 4.5, 0.0), Pose2D(6.5, 1.5, 3.1)]
     house = Household(tmp_path, WITH_CORRIDOR, starts)
