@@ -12,10 +12,10 @@ from scipy.sparse import csgraph
 
 from trolley.geometry import Pose2D, Twist2D, interpolate
 from trolley.gridmap import GridMap, distance_transform
+from trolley.scan_input import ScanInput
 from trolley_base.drivers.interface import LidarScan
 from trolley_base.world.simulation import RobotBody, Simulation
 from trolley_base.world.spec import LidarSpec, Person, Wheels, WorldSpec
-from trolley_mapper.scan import ScanInput
 
 FOOTPRINT = np.array([[0.15, -0.12], [0.15, 0.12], [-0.15, 0.12], [-0.15, -0.12]])
 BASE_T_LASER = Pose2D(0.05, 0.0, 0.0)

@@ -22,9 +22,9 @@ from recorded import CREATE3, FREIBURG, MAPS, Recording, read_recording
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import load_map
+from trolley.scan_input import ScanInput
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
-from trolley_localizer.scan import ScanInput
 
 RIGHT_M, RIGHT_RAD = 0.3, math.radians(10.0)
 MORE_M = 2.0

@@ -11,7 +11,7 @@ bench/out/.
 import argparse
 import resource
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,6 @@ from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import GridMap
 from trolley_mapper.core import Mapper
 from trolley_mapper.estimate import MapEstimate
-from trolley_mapper.scan import ScanInput
 
 OUT = Path(__file__).with_name("out")
 
@@ -51,9 +50,7 @@ def follow(recording: Recording, config: MapperConfig | None = None) -> Result:
     for index in range(len(recording.stamps)):
         scan = recording.scan(index)
         began_s = time.process_time()
-        estimate = mapper.step(
-            ScanInput(**{f.name: getattr(scan, f.name) for f in fields(ScanInput)})
-        )
+        estimate = mapper.step(scan)
         step_s.append(time.process_time() - began_s)
         assert isinstance(estimate, MapEstimate)
         began_s = time.process_time()

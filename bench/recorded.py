@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import load_map
+from trolley.scan_input import ScanInput
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
-from trolley_localizer.scan import ScanInput
 
 # File, odometry and reference of each drive, and its map.
 FREIBURG = ("freiburg-079", "odom_signed", "reference_refined")

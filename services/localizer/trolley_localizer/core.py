@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley.scan_input import ScanInput
 from trolley_localizer.alignment import Follower
 from trolley_localizer.changes import Change, Changes
 from trolley_localizer.estimate import CandidatePose, Estimate, Reject
 from trolley_localizer.field import build_field, make_lines, sane_covariance
 from trolley_localizer.hypotheses import Hypotheses, Hypothesis, Rivals
 from trolley_localizer.judge import Evidence, Judge, State
-from trolley_localizer.scan import BeamSet, ScanInput, read_beams
+from trolley_localizer.scan import BeamSet, read_beams
 from trolley_localizer.search import Place, SearchJob, SearchMap, is_near
 from trolley_localizer.suspicion import Suspicion
 from trolley_localizer.verify import Support, Verifier

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.scan_input import ScanInput
 from trolley_localizer.kernels import beams as kernels
 from trolley_localizer.kernels.layout import Points
 
@@ -14,30 +14,6 @@ _TELLING_M = 0.5
 # A scan with fewer telling beams, or a smaller share of them, says nothing (a covered lidar).
 _MIN_TELLING = 15
 _MIN_TELLING_SHARE = 0.1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanInput:
-    """One revolution of the lidar and where the wheels were at its first and last beam."""
-
-    stamp_ns: int
-    """Robot time of beam 0 [ns]."""
-    ranges: NDArray[np.float32]
-    """(n,) [m]; no echo is +inf, invalid is 0. May be read-only."""
-    angle_min: float
-    """Direction of beam 0 in `laser` [rad]."""
-    angle_increment: float
-    """Direction from one beam to the next [rad]."""
-    range_min: float
-    """Nearest echo that the sensor can measure [m]."""
-    range_max: float
-    """Farthest echo that the sensor can measure [m]."""
-    base_T_laser: Pose2D
-    """Where the lidar is mounted."""
-    odom_T_base: Pose2D
-    """Odometry at the first beam."""
-    odom_T_base_end: Pose2D
-    """Odometry at the last beam, which is earlier for a lidar that turns clockwise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

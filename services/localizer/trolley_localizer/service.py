@@ -20,14 +20,13 @@ from trolley.messages import (
     Suspects,
 )
 from trolley.messages.asking import Nothing, SetPose
-from trolley.messages.types import floats_from_bytes
 from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import answers, every, on
+from trolley.scan_input import ScanInput
 from trolley_localizer.change_owner import ChangeOwner
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate, Reject
 from trolley_localizer.map_owner import refuse_pose
-from trolley_localizer.scan import ScanInput
 from trolley_localizer.search import SearchJob
 from trolley_localizer.start_pose import WAIT_FOR_NAME_S, LastPose, StartPose, find_saved
 from trolley_localizer.wire import (
@@ -130,7 +129,7 @@ class LocalizerService(ChangeOwner):
         if first is None or last is None:
             self.count("scan/no_odometry")
             return
-        result = localizer.step(_scan_input(scan, laser.pose, first, last))
+        result = localizer.step(ScanInput.of(scan, laser.pose, first, last))
         if isinstance(result, Reject):
             self.count(f"scan/{result.name.lower()}")
             return
@@ -305,18 +304,3 @@ class LocalizerService(ChangeOwner):
                 name=self._start_pose.wanted_name,
                 map=self._map_name,
             )
-
-
-def _scan_input(scan: Scan, base_T_laser: Pose2D, first: Pose2D, last: Pose2D) -> ScanInput:
-    """Return a scan with its odometry as the core takes it."""
-    return ScanInput(
-        stamp_ns=scan.stamp_ns,
-        ranges=floats_from_bytes(scan.ranges),
-        angle_min=scan.angle_min,
-        angle_increment=scan.angle_increment,
-        range_min=scan.range_min,
-        range_max=scan.range_max,
-        base_T_laser=base_T_laser,
-        odom_T_base=first,
-        odom_T_base_end=last,
-    )

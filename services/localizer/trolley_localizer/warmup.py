@@ -5,13 +5,14 @@ import numpy as np
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley.scan_input import ScanInput
 from trolley_localizer.changes import Changes
 from trolley_localizer.core import Localizer
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import changes as kernels
 from trolley_localizer.kernels import groups
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.scan import BeamSet, ScanInput, read_beams
+from trolley_localizer.scan import BeamSet, read_beams
 from trolley_localizer.suspicion import Suspicion
 
 

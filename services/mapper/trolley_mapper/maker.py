@@ -18,6 +18,7 @@ from trolley.messages import (
 )
 from trolley.messages.asking import Yield
 from trolley.runtime.service import Watch, every
+from trolley.scan_input import ScanInput
 from trolley_mapper import kept as keeping
 from trolley_mapper.estimate import Reject
 from trolley_mapper.kept import Kept
@@ -28,7 +29,6 @@ from trolley_mapper.wire import odom_transform, pose_message
 
 if TYPE_CHECKING:  # with numba
     from trolley_mapper.exploring import Explorer
-    from trolley_mapper.scan import ScanInput
 
 KEEP_PERIOD_NS = 30_000_000_000
 _ROOM_BYTES = 4096
@@ -150,7 +150,7 @@ class Maker(MapEditor):
         if self.senses is not None:
             self._hear()
 
-    def _take(self, scan: "ScanInput") -> None:
+    def _take(self, scan: ScanInput) -> None:
         making, senses = self.making, self.senses
         if making is None or senses is None:
             return

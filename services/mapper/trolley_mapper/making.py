@@ -8,6 +8,7 @@ from trolley.config import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages import OccupancyGrid, Zone
+from trolley.scan_input import ScanInput
 from trolley_mapper.estimate import MapEstimate, Reject
 from trolley_mapper.kept import Kept
 from trolley_mapper.places import Places
@@ -15,7 +16,6 @@ from trolley_mapper.wire import map_message
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not carry them
     from trolley_mapper.core import Mapper
-    from trolley_mapper.scan import ScanInput
 
 LONGEST_GAP_S = 10.0
 """Robot time between two scans that counts as time of mapping at most."""
@@ -77,7 +77,7 @@ class Making:
             core=self.core.to_bytes(),
         )
 
-    def step(self, scan: "ScanInput") -> MapEstimate | Reject:
+    def step(self, scan: ScanInput) -> MapEstimate | Reject:
         """Take a scan into account."""
         if self.core is None:
             from trolley_mapper.core import Mapper

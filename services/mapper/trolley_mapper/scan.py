@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, interpolate
+from trolley.scan_input import ScanInput
 from trolley_mapper.estimate import Reject
 from trolley_mapper.kernels import lines as kernels
 from trolley_mapper.kernels.layout import Cloud
@@ -17,30 +18,6 @@ SPACING_M = 0.025
 _TELLING_M = 0.4
 # A scan with fewer telling points says nothing (a covered lidar).
 _MIN_TELLING = 15
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanInput:
-    """One revolution of the lidar and where the wheels were at its first and last beam."""
-
-    stamp_ns: int
-    """Robot time of beam 0 [ns]."""
-    ranges: NDArray[np.float32]
-    """(n,) [m]; no echo is +inf, invalid is 0. May be read-only."""
-    angle_min: float
-    """Direction of beam 0 in `laser` [rad]."""
-    angle_increment: float
-    """Direction from one beam to the next [rad]."""
-    range_min: float
-    """Nearest echo that the sensor can measure [m]."""
-    range_max: float
-    """Farthest echo that the sensor can measure [m]."""
-    base_T_laser: Pose2D
-    """Where the lidar is mounted."""
-    odom_T_base: Pose2D
-    """Odometry at the first beam."""
-    odom_T_base_end: Pose2D
-    """Odometry at the last beam, which is earlier for a lidar that turns clockwise."""
 
 
 def problem_of(scan: ScanInput, last_stamp_ns: int | None) -> Reject | None:

@@ -1,19 +1,13 @@
 """What the mapper hears of the robot while it maps; nothing is listened to while it is idle."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Odometry, Scan
-from trolley.messages.types import floats_from_bytes
 from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import Service
-
-if TYPE_CHECKING:  # with numba: a robot that has its map need not carry it
-    from trolley_mapper.scan import ScanInput
+from trolley.scan_input import ScanInput
 
 SILENT_S = 1.0
 
@@ -83,7 +77,7 @@ class Senses:
     def _hear_odometry(self, _: Odometry) -> None:
         self._heard()
 
-    def take(self) -> "list[ScanInput]":
+    def take(self) -> list[ScanInput]:
         """Return the scans that are complete by now, oldest first."""
         rate = self._service.time_of(self._service.robot).rate
         scan = self._waiting.take(self.odometry.history, self._service.monotonic_ns, rate)
@@ -103,8 +97,6 @@ class Senses:
 
     def _complete(self, scan: Scan) -> None:
         """Put a scan together with the odometry at its ends."""
-        from trolley_mapper.scan import ScanInput
-
         laser = self.laser.latest
         if laser is None or laser.parent != "base_link":
             self._service.count("scan/no_laser_mounting")
@@ -119,15 +111,5 @@ class Senses:
         self._is_new_run = False
         self._newest = self.continued(last)
         self._ready.append(
-            ScanInput(
-                stamp_ns=scan.stamp_ns,
-                ranges=np.asarray(floats_from_bytes(scan.ranges), np.float32),
-                angle_min=scan.angle_min,
-                angle_increment=scan.angle_increment,
-                range_min=scan.range_min,
-                range_max=scan.range_max,
-                base_T_laser=laser.pose,
-                odom_T_base=self.continued(first),
-                odom_T_base_end=self.continued(last),
-            )
+            ScanInput.of(scan, laser.pose, self.continued(first), self.continued(last))
         )

@@ -12,6 +12,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.map_editing import apply
 from trolley.map_editing.proposals import ops_of
+from trolley.scan_input import ScanInput
 from trolley_localizer.change_store import from_file, to_file, unpack
 from trolley_localizer.changes import Change, Changes
 from trolley_localizer.field import build_field
@@ -19,7 +20,7 @@ from trolley_localizer.kernels.beams import BEHIND_MIRROR, explain_beams
 from trolley_localizer.kernels.changes import APPEARED, GONE, TILE_CELLS
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.outline import box_of, convex_hull, runs_of, shared
-from trolley_localizer.scan import ScanInput, read_beams
+from trolley_localizer.scan import read_beams
 from trolley_localizer.wire import change_message
 
 BEAMS = 360

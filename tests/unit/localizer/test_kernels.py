@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trolley.geometry.kernels import solve_spd
 from trolley_localizer.kernels import beams as beam_kernels
 from trolley_localizer.kernels.elementary import exp_below_zero, sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines, Points
 from trolley_localizer.kernels.motion import move_particles, scatter_particles
 from trolley_localizer.kernels.random import normal
-from trolley_localizer.kernels.refine import refine_pose, solve_spd
+from trolley_localizer.kernels.refine import refine_pose
 from trolley_localizer.kernels.resample import (
     count_bins,
     draw_systematic,

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
+from trolley.scan_input import ScanInput
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.field import build_field
 from trolley_localizer.kernels.beams import BEHIND_MIRROR, SUSPECTED, mark_crossing
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.scan import BeamSet, ScanInput, read_beams
+from trolley_localizer.scan import BeamSet, read_beams
 from trolley_localizer.suspicion import Suspicion
 
 BEAMS = 360
