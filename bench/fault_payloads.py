@@ -111,7 +111,8 @@ def _struct(shape: inspect.StructType) -> dict[str, Any]:
         for field in shape.fields
         if field.required
     }
-    return made | SPECIAL.get(shape.cls.__name__, {})
+    tag = {} if shape.tag_field is None else {shape.tag_field: shape.tag}
+    return tag | made | SPECIAL.get(shape.cls.__name__, {})
 
 
 def broken(target: Target, seed: int = 1) -> Iterator[tuple[str, bytes]]:
