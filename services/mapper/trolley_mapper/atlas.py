@@ -24,6 +24,11 @@ class Atlas:
         self.edges: list[Edge] = []
         self._neighbours: dict[int, dict[int, float]] = {}
 
+    @property
+    def num_bytes(self) -> int:
+        """What keyframes and edges take, about."""
+        return sum(one.num_bytes for one in self.keyframes) + 500 * len(self.edges)
+
     def __len__(self) -> int:
         return len(self.keyframes)
 

@@ -368,8 +368,7 @@ class Mapper:
     @property
     def memory_bytes(self) -> int:
         """Bytes of keyframes, graph and grids, about."""
-        kept = sum(one.num_bytes for one in self._atlas.keyframes)
-        return kept + 500 * len(self._atlas.edges) + self._occupancy.num_bytes
+        return self._atlas.num_bytes + self._occupancy.num_bytes
 
     def to_bytes(self) -> bytes:
         """Return all that is needed to go on after a restart, compactly."""
