@@ -93,7 +93,7 @@ def test_echoes_lie_on_the_walls(tmp_path: Path, endpoint: str, model: str, wz: 
             metal.hand.drive(Twist2D(0.0, 0.0, wz))
             time.sleep(1.0)
         track = Track(metal, 6)
-    assert len(track.scans) == 6
+    assert len(track.scans) >= 6
     off_m = off_the_walls(np.concatenate([track.echoes_in_map(scan) for scan in track.scans]))
     assert np.mean(off_m < NEAR_M) > 0.95, np.percentile(off_m, [50, 90, 99])
     # 20 degrees are masked, and a beam fails now and then; to the far corners some do not reach.

@@ -9,9 +9,11 @@ from support.demo import PROGRAM
 from support.processes import Process, find_free_port, write_config
 from support.waiting import wait_until
 
-from trolley import topics, worlds
-from trolley.client import Robot
+from trolley import codes, requests, topics, worlds
+from trolley.client import Refused, Robot
+from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus, PoseEstimate
+from trolley.messages.asking import SendGoal
 
 pytestmark = pytest.mark.slow
 GOALS = ((1.2, 0.0), (2.4, 0.2), (0.3, 0.0))
@@ -58,6 +60,15 @@ def test_a_new_robot_makes_its_map_and_knows_its_home(
         done = trolley("map", "new", "home", "--connect", endpoint)
         assert done.returncode == 0, done.stderr
         assert "trolley map save" in done.stdout
+
+        def can_plan() -> bool:
+            try:
+                robot.ask(requests.GOAL_PREVIEW, SendGoal(pose=Pose2D(*GOALS[0], 0.0)))
+            except Refused as refused:
+                return refused.code != codes.NOT_READY
+            return True
+
+        wait_until(can_plan, 30.0, "the planner has the first of the map")
         for x, y in GOALS:
             robot.go_to((x, y), timeout=90.0)
         status = mapping()
