@@ -47,7 +47,7 @@ class MappingPanel:
             gui.add_html(MARK + SMALL)
             self._how = gui.add_html(note(HOW))
             self._state = gui.add_html("", visible=False)
-            self._name = gui.add_text("Name", "home")
+            self._name = gui.add_text("Map name", "home")
             self._new = gui.add_button("New map", icon=viser.Icon.PLUS, color=GREEN)
             self._extend = gui.add_button("Extend this map", icon=viser.Icon.MAP_2, color=TEAL)
             self._save = gui.add_button("Save map", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
