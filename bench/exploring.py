@@ -31,6 +31,7 @@ from wandering import APARTMENT, START, write_world
 from trolley import requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, cast_rays, distance_transform, save_map
+from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, Truth
 from trolley.messages.asking import MapNamed
 from trolley.runtime.lockstep import Lockstep
@@ -38,7 +39,6 @@ from trolley_base.drivers.world_file import load_world
 from trolley_base.service import BaseService
 from trolley_mapper.exploring import Explorer
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED
-from trolley_mapper.making import grid_of
 from trolley_mapper.service import MapperService
 from trolley_planner.service import PlannerService
 

@@ -1,6 +1,8 @@
 """A scan with the odometry that belongs to it, as algorithms take it."""
 
+import math
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +10,14 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.messages import Scan
 from trolley.messages.types import floats_from_bytes
+
+
+class Reject(Enum):
+    """Why a scan gave no estimate."""
+
+    OLD_STAMP = "the scan is not newer than the one before"
+    BAD_ODOMETRY = "the odometry is not finite"
+    BAD_GEOMETRY = "the scan's angles, ranges or mounting are not finite"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,3 +57,15 @@ class ScanInput:
             odom_T_base=first,
             odom_T_base_end=last,
         )
+
+
+def problem_of(scan: ScanInput, last_stamp_ns: int | None) -> Reject | None:
+    """Say why a scan cannot be used; None if it can."""
+    if last_stamp_ns is not None and scan.stamp_ns <= last_stamp_ns:
+        return Reject.OLD_STAMP
+    if not (scan.odom_T_base.is_finite() and scan.odom_T_base_end.is_finite()):
+        return Reject.BAD_ODOMETRY
+    numbers = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+    if not (all(math.isfinite(n) for n in numbers) and scan.base_T_laser.is_finite()):
+        return Reject.BAD_GEOMETRY
+    return None

@@ -221,3 +221,41 @@ def cast_rays_into(
     x, y, reach = x_grid / resolution_m, y_grid / resolution_m, max_range_m / resolution_m
     for ray in range(angles_grid.shape[0]):
         out_m[ray] = resolution_m * cast_ray(occupied, x, y, angles_grid[ray], reach)
+
+
+@kernel
+def spread_over(
+    out_labels: NDArray[np.int32], seeds: NDArray[np.uint8], members: NDArray[np.uint8], gap: int
+) -> int:
+    """Number the groups of members that hold a seed.
+
+    Args:
+        out_labels: (rows, cols) overwritten: 0 outside all groups, else the group's number.
+        seeds: (rows, cols) 1 where there is one; each is a member.
+        members: (rows, cols) 1 where there is one.
+        gap: members this near to each other, row by row and column by column, are of one group.
+
+    Returns:
+        How many groups there are.
+    """
+    rows, cols = members.shape
+    out_labels[:] = 0
+    waiting = np.empty(members.size, np.int64)
+    count = 0
+    for first in range(members.size):
+        if not seeds[first // cols, first % cols] or out_labels[first // cols, first % cols]:
+            continue
+        count += 1
+        out_labels[first // cols, first % cols] = count
+        waiting[0] = first
+        size = 1
+        while size > 0:
+            size -= 1
+            row, col = waiting[size] // cols, waiting[size] % cols
+            for r in range(max(row - gap, 0), min(row + gap + 1, rows)):
+                for c in range(max(col - gap, 0), min(col + gap + 1, cols)):
+                    if members[r, c] and out_labels[r, c] == 0:
+                        out_labels[r, c] = count
+                        waiting[size] = r * cols + c
+                        size += 1
+    return count

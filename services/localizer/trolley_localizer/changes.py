@@ -8,12 +8,13 @@ places, is proposed: people walk on, and doors open and shut.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
+from trolley.gridmap.kernels import spread_over
+from trolley.messages.changing import ChangeKind
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import changes as kernels
 from trolley_localizer.kernels import groups, reflection
@@ -23,7 +24,6 @@ from trolley_localizer.ledger import CellLedger
 from trolley_localizer.outline import Box, Cells, box_of, convex_hull, runs_of, shared
 from trolley_localizer.scan import BeamSet
 
-ChangeKind = Literal["appeared", "gone"]
 KINDS: dict[ChangeKind, int] = {"appeared": kernels.APPEARED, "gone": kernels.GONE}
 
 # The next look is after so much way or time: scans from one place say the same [m, s].
@@ -306,7 +306,7 @@ def _groups(
     masks[0, places[:, 0], places[:, 1]] = seeds[index]
     masks[1, places[:, 0], places[:, 1]] = 1
     labels = np.empty(shape, np.int32)
-    count = groups.spread_over(labels, masks[0], masks[1], gap)
+    count = spread_over(labels, masks[0], masks[1], gap)
     label = labels[places[:, 0], places[:, 1]]
     return [index[label == number + 1] for number in range(count)]
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scan_input import ScanInput
+from trolley.scan_input import Reject, ScanInput, problem_of
 from trolley_localizer.alignment import Follower
 from trolley_localizer.changes import Change, Changes
-from trolley_localizer.estimate import CandidatePose, Estimate, Reject
+from trolley_localizer.estimate import CandidatePose, Estimate
 from trolley_localizer.field import build_field, make_lines, sane_covariance
 from trolley_localizer.hypotheses import Hypotheses, Hypothesis, Rivals
 from trolley_localizer.judge import Evidence, Judge, State
@@ -184,7 +184,7 @@ class Localizer:
 
     def step(self, scan: ScanInput) -> Estimate | Reject:
         """Take one scan and its odometry into account."""
-        reject = self._problem(scan)
+        reject = problem_of(scan, None if self._last is None else self._last.stamp_ns)
         if reject is not None:
             return reject
         step, elapsed_s = self._step_since_last(scan)
@@ -200,17 +200,6 @@ class Localizer:
         if self._is_searching:
             return self._searching_estimate(scan, beams, "searching")
         return self._follow_step(scan, beams, elapsed_s)
-
-    def _problem(self, scan: ScanInput) -> Reject | None:
-        """Say why a scan cannot be used."""
-        if self._last is not None and scan.stamp_ns <= self._last.stamp_ns:
-            return Reject.OLD_STAMP
-        if not (scan.odom_T_base.is_finite() and scan.odom_T_base_end.is_finite()):
-            return Reject.BAD_ODOMETRY
-        numbers = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-        if not (all(math.isfinite(n) for n in numbers) and scan.base_T_laser.is_finite()):
-            return Reject.BAD_GEOMETRY
-        return None
 
     def _step_since_last(self, scan: ScanInput) -> tuple[Pose2D, float]:
         """Return the odometry step and the time [s] since the scan before."""

@@ -1,21 +1,12 @@
 """What the localizer says after each scan."""
 
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley_localizer.judge import State
-
-
-class Reject(Enum):
-    """Why a scan gave no estimate."""
-
-    OLD_STAMP = "the scan is not newer than the one before"
-    BAD_ODOMETRY = "the odometry is not finite"
-    BAD_GEOMETRY = "the scan's angles, ranges or mounting are not finite"
 
 
 @dataclass(frozen=True, slots=True)

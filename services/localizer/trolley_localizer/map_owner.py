@@ -9,12 +9,13 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import MapError
+from trolley.gridmap.wire import map_message
 from trolley.messages import MapInfo, Suspects, Zone, Zones
 from trolley.messages.asking import LoadMap, Named, Nothing
 from trolley.runtime.service import Later, answers, gets, on, on_delete
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_store import ChosenMap, LoadedMap, MapStore, read_map
-from trolley_localizer.wire import map_info, map_message
+from trolley_localizer.wire import map_info
 from trolley_localizer.yielding import Yielding
 from trolley_localizer.zone_store import (
     ZoneFile,

@@ -22,10 +22,10 @@ from trolley.messages import (
 from trolley.messages.asking import Nothing, SetPose
 from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import answers, every, on
-from trolley.scan_input import ScanInput
+from trolley.scan_input import Reject, ScanInput
 from trolley_localizer.change_owner import ChangeOwner
 from trolley_localizer.core import Localizer
-from trolley_localizer.estimate import Estimate, Reject
+from trolley_localizer.estimate import Estimate
 from trolley_localizer.map_owner import refuse_pose
 from trolley_localizer.search import SearchJob
 from trolley_localizer.start_pose import WAIT_FOR_NAME_S, LastPose, StartPose, find_saved

@@ -99,20 +99,6 @@ def _point(point: NDArray[np.float64]) -> tuple[float, float]:
     return x, y
 
 
-def map_message(stamp_ns: int, grid: GridMap) -> m.OccupancyGrid:
-    """Return a map as the contract's `map`."""
-    return m.OccupancyGrid(
-        stamp_ns=stamp_ns,
-        name=grid.name,
-        frame="map",
-        resolution=grid.resolution,
-        width=grid.cols,
-        height=grid.rows,
-        origin=grid.origin,
-        cells=memoryview(grid.cells.tobytes()),
-    )
-
-
 def map_info(grid: GridMap) -> m.MapInfo:
     """Return what a map is, without its cells."""
     return m.MapInfo(

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 from trolley import codes, topics
 from trolley.codes import Refused
+from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, PoseEstimate, Transform, Zones
 from trolley.runtime.service import Later, Service
-from trolley_mapper.making import Making, grid_of
+from trolley_mapper.making import Making
 
 
 class Beginning:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scan_input import ScanInput
+from trolley.scan_input import Reject, ScanInput, problem_of
 from trolley_mapper.anchors import Anchors
 from trolley_mapper.atlas import Atlas
-from trolley_mapper.estimate import Anchor, MapEstimate, Reject
+from trolley_mapper.estimate import Anchor, MapEstimate
 from trolley_mapper.graph import between, compose, to_frame
 from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.local_map import LocalMap
@@ -24,7 +24,7 @@ from trolley_mapper.occupancy import Occupancy, draw_all
 from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.prior import prior_keyframe
 from trolley_mapper.relocation import RelocationJob
-from trolley_mapper.scan import Sweep, problem_of, read_sweep
+from trolley_mapper.scan import Sweep, read_sweep
 from trolley_mapper.storage import State, pack, unpack
 from trolley_mapper.ties import next_edge, ties
 from trolley_mapper.tracking import Fit, Tracker

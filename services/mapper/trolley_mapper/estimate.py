@@ -1,7 +1,6 @@
 """What the mapper says after each scan, and poses that move with the map."""
 
 from dataclasses import dataclass
-from enum import Enum
 from typing import Literal
 
 import numpy as np
@@ -10,14 +9,6 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 
 State = Literal["mapping", "unsure", "lost"]
-
-
-class Reject(Enum):
-    """Why a scan gave no estimate."""
-
-    OLD_STAMP = "the scan is not newer than the one before"
-    BAD_ODOMETRY = "the odometry is not finite"
-    BAD_GEOMETRY = "the scan's angles, ranges or mounting are not finite"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import distance_transform
+from trolley.gridmap.kernels import spread_over
 from trolley_mapper.floor import Floor
 from trolley_mapper.kernels.frontiers import (
     FREE,
@@ -15,7 +16,6 @@ from trolley_mapper.kernels.frontiers import (
     UNKNOWN,
     UNREACHED,
     edge_into,
-    label_into,
     spread_into,
     unseen_from,
 )
@@ -163,7 +163,7 @@ def _borders(floor: Floor, free: NDArray[np.uint8], width_m: float) -> list[NDAr
     """Return the cells of each frontier that is not narrower than the robot, as their numbers."""
     unknown = (floor.kinds == UNKNOWN).astype(np.uint8)
     label = _empty(floor)
-    count = label_into(label, unknown)
+    count = spread_over(label, unknown, unknown, 1)
     # Specks between beams and under furniture: the robot would not fit in.
     sizes = np.bincount(label.ravel(), minlength=count + 1)
     small = sizes * floor.resolution**2 < width_m**2
@@ -175,7 +175,7 @@ def _borders(floor: Floor, free: NDArray[np.uint8], width_m: float) -> list[NDAr
     unknown[small[label]] = 0
     edge = np.empty_like(free)
     edge_into(edge, free, unknown)
-    groups = label_into(label, edge)
+    groups = spread_over(label, edge, edge, 1)
     order = np.argsort(label.ravel(), kind="stable")
     bounds = np.searchsorted(label.ravel()[order], np.arange(1, groups + 2))
     pieces = [order[bounds[k] : bounds[k + 1]] for k in range(groups)]
@@ -226,6 +226,6 @@ def _area(floor: Floor, free: NDArray[np.uint8], here: Pose2D) -> float:
     if cell is None:
         return 0.0
     label = _empty(floor)
-    label_into(label, free)
+    spread_over(label, free, free, 1)
     group = label.ravel()[cell]
     return 0.0 if group == 0 else float(np.count_nonzero(label == group)) * floor.resolution**2

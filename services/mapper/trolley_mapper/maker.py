@@ -18,9 +18,8 @@ from trolley.messages import (
 )
 from trolley.messages.asking import Yield
 from trolley.runtime.service import Watch, every
-from trolley.scan_input import ScanInput
+from trolley.scan_input import Reject, ScanInput
 from trolley_mapper import kept as keeping
-from trolley_mapper.estimate import Reject
 from trolley_mapper.kept import Kept
 from trolley_mapper.making import Making
 from trolley_mapper.map_editor import MapEditor

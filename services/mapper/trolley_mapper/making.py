@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from trolley.config import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley.gridmap.wire import map_message
 from trolley.messages import OccupancyGrid, Zone
-from trolley.scan_input import ScanInput
-from trolley_mapper.estimate import MapEstimate, Reject
+from trolley.scan_input import Reject, ScanInput
+from trolley_mapper.estimate import MapEstimate
 from trolley_mapper.kept import Kept
 from trolley_mapper.places import Places
-from trolley_mapper.wire import map_message
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not carry them
     from trolley_mapper.core import Mapper
@@ -123,11 +123,3 @@ class Making:
     def map_message(self, stamp_ns: int) -> OccupancyGrid | None:
         """Return the map as it is now."""
         return None if self.core is None else map_message(stamp_ns, self.core.grid(), self.name)
-
-
-def grid_of(message: OccupancyGrid) -> GridMap:
-    """Return a map that came over the wire."""
-    from trolley.messages.arrays import arrays_of
-
-    cells = arrays_of(message)["cells"]
-    return GridMap(message.name, message.resolution, message.origin, cells)

@@ -1,6 +1,5 @@
 """One scan and the odometry that belongs to it, as points in `base_link`."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,6 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, interpolate
 from trolley.scan_input import ScanInput
-from trolley_mapper.estimate import Reject
 from trolley_mapper.kernels import lines as kernels
 from trolley_mapper.kernels.layout import Cloud
 
@@ -18,18 +16,6 @@ SPACING_M = 0.025
 _TELLING_M = 0.4
 # A scan with fewer telling points says nothing (a covered lidar).
 _MIN_TELLING = 15
-
-
-def problem_of(scan: ScanInput, last_stamp_ns: int | None) -> Reject | None:
-    """Say why a scan cannot be used; None if it can."""
-    if last_stamp_ns is not None and scan.stamp_ns <= last_stamp_ns:
-        return Reject.OLD_STAMP
-    if not (scan.odom_T_base.is_finite() and scan.odom_T_base_end.is_finite()):
-        return Reject.BAD_ODOMETRY
-    numbers = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-    if not (all(math.isfinite(n) for n in numbers) and scan.base_T_laser.is_finite()):
-        return Reject.BAD_GEOMETRY
-    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,6 @@ import math
 
 from trolley import messages as m
 from trolley.geometry import Pose2D
-from trolley.gridmap import GridMap
 from trolley_mapper.estimate import MapEstimate
 
 
@@ -26,17 +25,3 @@ def pose_message(estimate: MapEstimate, map_name: str) -> m.PoseEstimate:
 def odom_transform(stamp_ns: int, map_T_odom: Pose2D) -> m.Transform:
     """Return `tf/odom`."""
     return m.Transform(stamp_ns=stamp_ns, parent="map", child="odom", pose=map_T_odom.wrapped())
-
-
-def map_message(stamp_ns: int, grid: GridMap, name: str) -> m.OccupancyGrid:
-    """Return the map as it is so far as the contract's `map`."""
-    return m.OccupancyGrid(
-        stamp_ns=stamp_ns,
-        name=name,
-        frame="map",
-        resolution=grid.resolution,
-        width=grid.cols,
-        height=grid.rows,
-        origin=grid.origin,
-        cells=memoryview(grid.cells.tobytes()),
-    )

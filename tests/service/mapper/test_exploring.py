@@ -13,11 +13,11 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, distance_transform
+from trolley.gridmap.wire import grid_of
 from trolley.messages import BaseState, MappingStatus, VelocityCommand
 from trolley.messages.asking import ExploreMap, MapNamed, PauseMap, SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import every, on
-from trolley_mapper.making import grid_of
 from trolley_mapper.service import MapperService
 from trolley_planner.service import PlannerService
 

@@ -9,8 +9,9 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
+from trolley.scan_input import Reject
 from trolley_localizer.core import Localizer
-from trolley_localizer.estimate import Estimate, Reject
+from trolley_localizer.estimate import Estimate
 from trolley_localizer.kernels.beams import BEHIND_MIRROR, EXPLAINED, NOT_ON_MAP, UNUSED
 
 from .conftest import BASE_T_LASER, BEAMS, Drive, at, make_scan

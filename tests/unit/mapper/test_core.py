@@ -9,8 +9,8 @@ import pytest
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
+from trolley.scan_input import Reject
 from trolley_mapper.core import Mapper
-from trolley_mapper.estimate import Reject
 
 from .conftest import START, Drive
 

@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from trolley.gridmap.kernels import spread_over
 from trolley_mapper.kernels.frontiers import (
     BLOCKED,
     DIAGONAL,
@@ -20,7 +21,6 @@ from trolley_mapper.kernels.frontiers import (
     UNKNOWN,
     UNREACHED,
     edge_into,
-    label_into,
     spread_into,
     unseen_from,
 )
@@ -70,7 +70,7 @@ def test_ways_are_the_shortest(mask: NDArray[np.uint8], wanted: list[int], limit
 @given(MASKS)
 def test_groups_are_those_that_touch(mask: NDArray[np.uint8]) -> None:
     label = np.empty(mask.shape, np.int32)
-    count = label_into(label, mask)
+    count = spread_over(label, mask, mask, 1)
     expected, expected_count = ndimage.label(mask, np.ones((3, 3)))
     assert count == expected_count
     assert np.array_equal(label, expected)  # both count in the order of the cells

@@ -9,44 +9,6 @@ from trolley_localizer.kernels.changes import HIT, REACH, Ledger, find_row
 
 
 @kernel
-def spread_over(
-    out_labels: NDArray[np.int32], seeds: NDArray[np.uint8], members: NDArray[np.uint8], gap: int
-) -> int:
-    """Number the groups of members that hold a seed.
-
-    Args:
-        out_labels: (rows, cols) overwritten: 0 outside all groups, else the group's number.
-        seeds: (rows, cols) 1 where there is one; each is a member.
-        members: (rows, cols) 1 where there is one.
-        gap: members this near to each other, row by row and column by column, are of one group.
-
-    Returns:
-        How many groups there are.
-    """
-    rows, cols = members.shape
-    out_labels[:] = 0
-    waiting = np.empty(members.size, np.int64)
-    count = 0
-    for first in range(members.size):
-        if not seeds[first // cols, first % cols] or out_labels[first // cols, first % cols]:
-            continue
-        count += 1
-        out_labels[first // cols, first % cols] = count
-        waiting[0] = first
-        size = 1
-        while size > 0:
-            size -= 1
-            row, col = waiting[size] // cols, waiting[size] % cols
-            for r in range(max(row - gap, 0), min(row + gap + 1, rows)):
-                for c in range(max(col - gap, 0), min(col + gap + 1, cols)):
-                    if members[r, c] and out_labels[r, c] == 0:
-                        out_labels[r, c] = count
-                        waiting[size] = r * cols + c
-                        size += 1
-    return count
-
-
-@kernel
 def is_at_edge(cells: NDArray[np.int8], row: int, col: int) -> bool:
     """Say whether floor is near to a cell of a wall: there nothing is seen through for certain."""
     for r in range(max(row - REACH, 0), min(row + REACH + 1, cells.shape[0])):

@@ -20,39 +20,6 @@ NONE = -1
 
 
 @kernel
-def label_into(out_label: NDArray[np.int32], mask: NDArray[np.uint8]) -> int:
-    """Number the groups of set cells that touch each other by edge or corner.
-
-    Args:
-        out_label: (rows, cols), overwritten: 0 in cells that are not set, else 1, 2, ...
-        mask: (rows, cols), set where not 0.
-
-    Returns:
-        The number of groups.
-    """
-    rows, cols = mask.shape
-    out_label[:, :] = 0
-    stack = np.empty(mask.size, np.int32)
-    count = 0
-    for first in range(mask.size):
-        if not mask[first // cols, first % cols] or out_label[first // cols, first % cols]:
-            continue
-        count += 1
-        out_label[first // cols, first % cols] = count
-        stack[0], top = first, 1
-        while top > 0:
-            top -= 1
-            row, col = stack[top] // cols, stack[top] % cols
-            for r in range(max(row - 1, 0), min(row + 2, rows)):
-                for c in range(max(col - 1, 0), min(col + 2, cols)):
-                    if mask[r, c] and not out_label[r, c]:
-                        out_label[r, c] = count
-                        stack[top] = r * cols + c
-                        top += 1
-    return count
-
-
-@kernel
 def edge_into(out: NDArray[np.uint8], free: NDArray[np.uint8], beside: NDArray[np.uint8]) -> None:
     """Set the cells that are `free` and share an edge with one of `beside`.
 

@@ -9,7 +9,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.map_editing import apply
-from trolley.messages import MapOp, Merge, OccupancyGrid, Turn
+from trolley.messages import MapOp, Merge, Turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +63,6 @@ class Draft:
         kept = len(self.ops) - 1
         walls = tuple(one for one in self.walls if one[0] < kept)
         return Draft(self.ops[:-1], walls)
-
-
-def grid_of(message: OccupancyGrid) -> GridMap:
-    """View a map's message as a grid."""
-    cells = np.frombuffer(message.cells, np.int8).reshape(message.height, message.width)
-    return GridMap(message.name, message.resolution, message.origin, cells)
 
 
 def draw(base: GridMap, draft: Draft, before: Drawn | None = None) -> Drawn | Refused:

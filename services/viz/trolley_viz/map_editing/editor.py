@@ -13,6 +13,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.gridmap import GridMap
+from trolley.gridmap.wire import grid_of
 from trolley.map_editing import angle_to_straighten
 from trolley.messages import (
     Crop,
@@ -30,7 +31,7 @@ from trolley.runtime.service import Service
 from trolley_viz.drawing.board import Board, Phase, Strokes
 from trolley_viz.drawing.sketch import Point
 from trolley_viz.drawing.wishes import Tell
-from trolley_viz.map_editing.draft import Draft, Drawn, draw, grid_of
+from trolley_viz.map_editing.draft import Draft, Drawn, draw
 from trolley_viz.map_editing.picture import Picture, model_of
 from trolley_viz.scene.ground import MapModel
 from trolley_viz.scene.layer import View

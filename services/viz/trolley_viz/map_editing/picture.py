@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.messages import OccupancyGrid
+from trolley.gridmap.wire import map_message
 from trolley_viz.drawing.sketch import Point
 from trolley_viz.scene.ground import WALL_SIDE, MapModel
 from trolley_viz.scene.layer import WALL_HEIGHT
@@ -19,18 +19,7 @@ Z_STROKE = WALL_HEIGHT + 0.04
 
 def model_of(grid: GridMap) -> MapModel:
     """Make a grid ready for drawing (to be run aside)."""
-    return MapModel.of(
-        OccupancyGrid(
-            stamp_ns=0,
-            name=grid.name,
-            frame="map",
-            resolution=grid.resolution,
-            width=grid.cols,
-            height=grid.rows,
-            origin=grid.origin,
-            cells=memoryview(grid.cells.tobytes()),
-        )
-    )
+    return MapModel.of(map_message(0, grid))
 
 
 class Picture:
