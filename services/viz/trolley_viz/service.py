@@ -36,7 +36,7 @@ from trolley_viz.stage import Stage
 from trolley_viz.stopping import Answered, StopPresses
 from trolley_viz.visitors import Visitor
 
-LOOK_PERIOD_S = 0.025
+LOOK_PERIOD_S = 0.05
 """A scan waits for half of it on average."""
 PANEL_PERIOD_NS = 200_000_000
 JOYSTICK_PATH, OVERLAYS_PATH, GESTURES_PATH = "/joystick", "/overlays", "/gestures"
@@ -118,10 +118,11 @@ class VizService(Service):
             return
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(is_watched=True)
-        self._update_stages()
-        for session in self._sessions.values():
-            session.update_scene(self._stages.keys())
         if self._server is not None:
+            with self._server.atomic():  # viser's thread is woken once for all of it
+                self._update_stages()
+            for session in self._sessions.values():
+                session.update_scene(self._stages.keys())
             self._server.flush()  # viser would wait for more to send together
         if self.monotonic_ns >= self._panels_due_ns:
             self._panels_due_ns = self.monotonic_ns + PANEL_PERIOD_NS

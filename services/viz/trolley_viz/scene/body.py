@@ -31,7 +31,7 @@ class RobotLayer(Layer):
     key, title = "robot", "Robot"
     group = "Robot"
     source = topics.ODOM
-    period_s = 0.05
+    period_s = 0.0  # at each look
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)

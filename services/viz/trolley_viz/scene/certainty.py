@@ -62,7 +62,7 @@ class TruthLayer(Layer):
     group = "Robot"
     source = topics.SIM_TRUTH
     needs = (topics.SIM_TRUTH,)
-    period_s = 0.05
+    period_s = 0.0  # at each look
     on_by_default = False
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:

@@ -11,6 +11,7 @@ from trolley.messages.types import Colour
 from trolley_viz.glb import icon_glb
 from trolley_viz.icons import icon_png
 from trolley_viz.scene.solids import Quaternion, multiplied, within_reach
+from trolley_viz.shapes import is_near
 
 MAX_PICTURES = 64
 """Different ones, by name and colour."""
@@ -56,7 +57,7 @@ class Icons:
     def show(self, icons: list[Icon], camera_wxyz: NDArray[np.float64]) -> None:
         """Draw exactly these, turned to a camera (w, x, y, z, as viser has it)."""
         icons_before, camera_before = self._shown
-        if icons == icons_before and np.allclose(camera_wxyz, camera_before, atol=1e-3):
+        if icons == icons_before and is_near(camera_wxyz, camera_before):
             return
         self._shown = list(icons), camera_wxyz
         by_picture: dict[_Picture, list[Icon]] = {}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from viser.transforms import SO3
 
 from trolley_viz.scene.layer import Z_LABEL
+from trolley_viz.shapes import is_near
 
 HEIGHT_PX, LETTER_PX, PADDING_PX = 20.0, 7.0, 12.0
 """Size of a name as viser writes it, and of its letters on average."""
@@ -108,6 +109,6 @@ def _is_same(one: Eye, other: Eye) -> bool:
     return (
         one.size == other.size
         and one.fov == other.fov
-        and np.allclose(one.position, other.position, atol=1e-3)
-        and np.allclose(one.wxyz, other.wxyz, atol=1e-3)
+        and is_near(one.position, other.position)
+        and is_near(one.wxyz, other.wxyz)
     )
