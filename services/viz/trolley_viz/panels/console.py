@@ -12,7 +12,7 @@ from trolley_viz.panels.control import READABLE, show
 from trolley_viz.panels.go import GoPanel
 from trolley_viz.panels.map_editing import MapEditPanel
 from trolley_viz.panels.mapping import MappingPanel
-from trolley_viz.panels.markup import row
+from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.more import MorePanel
 from trolley_viz.panels.places import PlacePanel
 from trolley_viz.panels.robots import RobotsPanel
@@ -47,6 +47,8 @@ class Console:
         self._robots = RobotsPanel(
             gui, session.folder, session.follow, session.press_stop_all, post
         )
+        if not session.may_drive:
+            gui.add_html(note("This link is for looking; only STOP acts on the robot."))
         self._go: GoPanel | None = None
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
