@@ -4,6 +4,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -126,13 +127,11 @@ def flood_standing(rig: Rig) -> list[Outcome]:
     return [outcome]
 
 
-def flood_driving(rig: Rig) -> list[Outcome]:
+def flood_driving(rig: Rig) -> Iterator[Outcome]:
     """Some keys, by four clients, while the robot drives: how long until it stands."""
-    outcomes: list[Outcome] = []
     by_name = {target.key.split("/", 2)[2]: target for target in targets(ROBOT)}
     for name in DRIVING_KEYS:
         outcome = Outcome(f"4 x {RATE}/s on {name}, then a stop", "")
-        outcomes.append(outcome)
         try:
             rig.wait_for_driving()
             before = rig.saved()
@@ -160,7 +159,7 @@ def flood_driving(rig: Rig) -> list[Outcome]:
             outcome.happened = f"{flood.sent / 4 / FLOOD_S:.0f}/s from each got out; {answered}"
         except Missing as missing:
             outcome.wrong.append(f"{missing} ({describe(rig)})")
-    return outcomes
+        yield outcome
 
 
 def malformed(rig: Rig) -> list[Outcome]:

@@ -16,7 +16,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import fault_host
@@ -42,15 +42,18 @@ def _one_by_one(make: Callable[[], list[Fault]]) -> Group:
     return run
 
 
-def _with_rig(act: Callable[[Rig], list[Outcome]]) -> Group:
+def _with_rig(act: Callable[[Rig], Iterable[Outcome]]) -> Group:
     def run() -> list[Outcome]:
         with tempfile.TemporaryDirectory() as folder, Rig(Path(folder)) as rig:
             rig.prepare()
+            found: list[Outcome] = []
             try:
-                return act(rig)
+                for outcome in act(rig):
+                    found.append(_said(outcome))
             except Missing as missing:
                 wrong = [f"{missing} ({describe(rig)})"]
-                return [Outcome(act.__name__, "could not be tried to its end", wrong=wrong)]
+                found.append(Outcome(act.__name__, "could not be tried to its end", wrong=wrong))
+            return found
 
     return run
 
