@@ -61,6 +61,12 @@ class Topic(Generic[M]):
         """How many chunks vary."""
         return sum(chunk.startswith("{") for chunk in self.chunks)
 
+    @property
+    def has_one_voice(self) -> bool:
+        """Whether one service alone says it, and then nothing for long: it must not be drowned."""
+        is_state = self.qos is Qos.STATE and self.kind is Kind.STREAM
+        return is_state and not self.of_epoch and self.owner != "viz"  # there may be several
+
     def key(self, robot: str, *parts: str) -> str:
         """The full key for these varying chunks ("*" for any); missing ones become "*"."""
         rest = list(parts) + ["*"] * (self.num_parts - len(parts))

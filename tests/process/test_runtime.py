@@ -261,6 +261,17 @@ def test_what_was_said_while_the_router_was_away_is_read_afterwards(
         )
 
 
+def test_a_stranger_does_not_have_the_last_word(keeper: Process, bus: ZenohBus) -> None:
+    key = "trolley/tester/poses"
+    heard: list[bytes] = []
+    bus.subscribe(key, lambda sample: heard.append(sample.payload))
+    strange = codec.encode(SavedPoses(stamp_ns=1, poses=[make_place("strange")]), "msgpack")
+    for _ in range(1000):
+        bus.put(key, strange, codec.MIME["msgpack"], Qos.STATE)
+    wait_until(lambda: heard and heard[-1] != strange, 5.0, "its owner says again what holds")
+    assert keeper.is_running
+
+
 # Supervision.
 
 

@@ -71,6 +71,18 @@ class Closer(Protocol):
         ...
 
 
+class Newest(Protocol):
+    """The newest of a key, without a thought for all that came before."""
+
+    def take(self) -> bytes | None:
+        """Return what was put since the last call, None if nothing was; b"" for a deletion."""
+        ...
+
+    def close(self) -> None:
+        """Listen no more."""
+        ...
+
+
 class Bus(Protocol):
     """A transport. Callbacks may come on any thread and must only store and wake."""
 
@@ -84,6 +96,10 @@ class Bus(Protocol):
 
     def subscribe(self, key_expr: str, callback: Callable[[Sample], None]) -> Closer:
         """Call back for each put and delete that matches."""
+        ...
+
+    def newest(self, key: str) -> Newest:
+        """Keep the newest of what anybody puts to a key, one's own puts too."""
         ...
 
     def serve(self, key_expr: str, callback: Callable[[Query], None]) -> Closer:

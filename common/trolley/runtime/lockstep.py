@@ -89,6 +89,24 @@ class _MemoryQuery:
             self.on_done()
 
 
+class _Newest:
+    """The newest of a key of the memory bus."""
+
+    def __init__(self, bus: "MemoryBus", key: str) -> None:
+        self._payload: bytes | None = None
+        self._declared = bus.subscribe(key, self._hear)
+
+    def _hear(self, sample: Sample) -> None:
+        self._payload = sample.payload
+
+    def take(self) -> bytes | None:
+        payload, self._payload = self._payload, None
+        return payload
+
+    def close(self) -> None:
+        self._declared.close()
+
+
 class MemoryBus:
     """A bus in one process; everything is delivered at once and in order of declaration."""
 
@@ -112,6 +130,10 @@ class MemoryBus:
         self._subscribers.append(declared)
         self._routes.clear()
         return declared
+
+    def newest(self, key: str) -> _Newest:
+        """Keep the newest of what anybody puts to a key, one's own puts too."""
+        return _Newest(self, key)
 
     def serve(self, key_expr: str, callback: Callable[[Query], None]) -> _Declared:
         """Call back for each get that matches."""

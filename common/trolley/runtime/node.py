@@ -313,6 +313,7 @@ class Node:
             self.service.epoch_began()
 
     def _measure_health(self) -> None:
+        self._server.say_again()
         self._usage = self._host.usage()
         self._publish_health()
 

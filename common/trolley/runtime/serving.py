@@ -10,7 +10,7 @@ from trolley.codes import Refused
 from trolley.messages import ErrorReply
 from trolley.requests import Request
 from trolley.runtime import codec
-from trolley.runtime.bus import Closer, Query, has_wildcard, matches
+from trolley.runtime.bus import Closer, Newest, Query, has_wildcard, matches
 from trolley.runtime.receiving import Context
 from trolley.runtime.service import Later
 from trolley.topics import Topic
@@ -38,24 +38,49 @@ class Server:
         self._latest: dict[str, Any] = {}
         self._answering: dict[str, Closer] = {}
         self._hooked: set[str] = set()
+        self._newest: dict[str, tuple[Topic[Any], Newest]] = {}
 
     def close(self) -> None:
         """Take everything back."""
         for closer in self._closers:
             closer.close()
+        for _, newest in self._newest.values():
+            newest.close()
 
     # Latest values.
     def keep(self, topic: Topic[Any], key: str, message: Any) -> None:
         """Keep a published message for `get`."""
         self._latest[key] = message
+        if topic.has_one_voice and key not in self._newest:
+            self._newest[key] = topic, self._context.bus.newest(key)
         if key not in self._answering and topic.name not in self._hooked:
             self._answering[key] = self._serve(
                 key, lambda query: self._answer_get(query, topic, lambda _: self._known(key))
             )
 
+    def say_again(self) -> None:
+        """Put anew what somebody else has overwritten, on keys that are this service's own.
+
+        Else what a stranger said last, a map perhaps, would hold until the next change.
+        """
+        for key, (topic, newest) in self._newest.items():
+            heard = newest.take()
+            if heard is None or key not in self._latest:
+                continue
+            payload = codec.encode(self._latest[key], "msgpack")
+            if heard != payload:
+                self._context.bus.put(key, payload, codec.MIME["msgpack"], topic.qos)
+                self._context.count(f"{topic.chunks[0]}/overwritten")
+                why = "somebody else published here"
+                self._context.log.limited(
+                    f"{topic.name}/overwritten", "Said again", key=key, why=why
+                )
+
     def withdraw(self, key: str) -> None:
         """Answer `get` of a key no more, until something is published there again."""
         self._latest.pop(key, None)
+        if key in self._newest:
+            self._newest.pop(key)[1].close()
         closer = self._answering.pop(key, None)
         if closer is not None:
             closer.close()

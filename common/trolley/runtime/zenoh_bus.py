@@ -103,6 +103,20 @@ class _Declared:
         self._undeclare()
 
 
+class _Newest:
+    """What a ring of one place holds: a flood costs no work in Python."""
+
+    def __init__(self, subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> None:
+        self._subscriber = subscriber
+
+    def take(self) -> bytes | None:
+        sample = self._subscriber.try_recv()
+        return None if sample is None else _read(sample.payload)
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+
+
 class ZenohBus:
     """A session with the router; use `open_bus`."""
 
@@ -140,6 +154,11 @@ class ZenohBus:
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
         return _Declared(self._session.declare_subscriber(key_expr, receive).undeclare)
+
+    def newest(self, key: str) -> _Newest:
+        """Keep the newest of what anybody puts to a key, one's own puts too."""
+        ring = zenoh.handlers.RingChannel[zenoh.Sample](1)
+        return _Newest(self._session.declare_subscriber(key, ring))
 
     def serve(self, key_expr: str, callback: Callable[[Query], None]) -> _Declared:
         """Call back, on one of Zenoh's threads, for each get that matches."""

@@ -359,3 +359,29 @@ def test_a_goal_status_of_an_earlier_run_is_no_measurement(lockstep: Lockstep, l
     lockstep.publish(topics.GOAL, make_goal(1, "a", "paused"))
     lockstep.publish(topics.CLOCK, make_clock(100, epoch=100))
     assert goals.latest == make_goal(1, "a", "paused")
+
+
+def test_what_a_stranger_says_last_holds_for_a_moment_only(
+    lockstep: Lockstep, listener: Listener
+) -> None:
+    """A flood of maps on a key of the localizer's left the planner on the last of them."""
+    speaker = lockstep.add(Speaker())
+    own = make_places(1, "kitchen")
+    speaker.publish(topics.POSES, own)
+    lockstep.run(2.0)
+    num_heard = len(listener.places)
+    for _ in range(3):
+        lockstep.publish(topics.POSES, make_places(2, "elsewhere"))
+    lockstep.run(2.0)
+    assert listener.places[-1] == own
+    assert len(listener.places) == num_heard + 4  # said again once
+    assert lockstep.counters("tour")["poses/overwritten"] == 1
+
+
+def test_what_was_taken_back_is_not_said_again(lockstep: Lockstep, listener: Listener) -> None:
+    speaker = lockstep.add(Speaker())
+    speaker.publish(topics.POSES, make_places(1, "kitchen"))
+    speaker.withdraw(topics.POSES)
+    lockstep.publish(topics.POSES, make_places(2, "elsewhere"))
+    lockstep.run(2.0)
+    assert listener.places[-1] == make_places(2, "elsewhere")
