@@ -38,6 +38,7 @@ class Maker(MapEditor):
     """Makes one map at a time, in place of the localizer."""
 
     def __init__(self, config: RobotConfig) -> None:
+        super().__init__()
         self.config = config
         self.phase: MappingState = "idle"
         self.making: Making | None = None
@@ -279,11 +280,12 @@ class Maker(MapEditor):
             silent = self.senses.silent()
             if silent is not None:
                 return silent
+            said = [] if self.explorer is None else [self.explorer.message]
             estimate = None if self.making is None else self.making.estimate
             if self.phase == "mapping" and estimate is not None and estimate.message:
-                return f"{estimate.message[:1].upper()}{estimate.message[1:].rstrip('.')}."
-            if self.explorer is not None and self.explorer.message:
-                return self.explorer.message
+                said.insert(0, f"{estimate.message[:1].upper()}{estimate.message[1:].rstrip('.')}.")
+            if any(said):
+                return " ".join(filter(None, said))
         return self.note
 
     def say(self) -> MappingStatus:
