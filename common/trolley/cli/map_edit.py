@@ -74,13 +74,26 @@ def ask_to_edit(robot: Robot, params: EditMap) -> MapEdited:
     params = replace(params, id=secrets.token_hex(6))
     progress, until_s = Progress(), time.monotonic() + TIMEOUT_S
     try:
-        while (reply := robot.ask(requests.MAP_EDIT, params)).state == WORKING:
+        while (reply := _answer(robot, params, until_s)) is None:
             progress.show("working ...", WORKING)
-            if time.monotonic() > until_s:
-                raise Refused(codes.TIMEOUT, "The map is still being changed.")
     finally:
         progress.clear()
     return reply
+
+
+def _answer(robot: Robot, params: EditMap, until_s: float) -> MapEdited | None:
+    """Return what came of a change; None while it is being made, or the computer is busy."""
+    try:
+        reply = robot.ask(requests.MAP_EDIT, params)
+    except Refused as refused:
+        if refused.code != codes.TIMEOUT or time.monotonic() > until_s:
+            raise
+        return None
+    if reply.state != WORKING:
+        return reply
+    if time.monotonic() > until_s:
+        raise Refused(codes.TIMEOUT, "The map is still being changed.")
+    return None
 
 
 def _operations(

@@ -24,7 +24,11 @@ def ask_to_edit(
     until_ns = service.monotonic_ns + PATIENCE_NS
 
     def answered(reply: MapEdited | Refused) -> None:
-        if isinstance(reply, Refused) or reply.state != "working":
+        if isinstance(reply, Refused):
+            is_late = reply.code == codes.TIMEOUT
+        else:
+            is_late = reply.state == "working"
+        if not is_late:
             done(reply)
         elif service.monotonic_ns > until_ns:
             done(Refused(codes.TIMEOUT, "The map is still being changed."))
