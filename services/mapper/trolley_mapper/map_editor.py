@@ -75,6 +75,11 @@ class MapEditor(Service):
         self._edit: Edit | None = None
         self._following: Following | None = None
 
+    @property
+    def is_editing(self) -> bool:
+        """Whether a map is being changed, or the robot does not know of it yet."""
+        return self._edit is not None or self._following is not None
+
     def check_idle(self) -> None:
         """Raise `Refused` while a map is being made."""
 
@@ -115,7 +120,7 @@ class MapEditor(Service):
             Refused: `mapping`, or `busy` while another one is being made.
         """
         self.check_idle()
-        if self._edit is not None or self._following is not None:
+        if self.is_editing:
             raise Refused(codes.BUSY, "Another change of a map is being made; wait for it.")
         self._edit = edit = Edit(params)
         if params.id is not None:

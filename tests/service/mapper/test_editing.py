@@ -28,7 +28,7 @@ from trolley.messages import (
     Zone,
     Zones,
 )
-from trolley.messages.asking import LoadMap
+from trolley.messages.asking import LoadMap, MapNamed
 from trolley_localizer.map_owner import MapOwner
 from trolley_mapper import editing, map_editor
 
@@ -222,6 +222,7 @@ def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
     assert home.ask(requests.MAP_EDIT, params).state == "working"
     busy = home.refusal(requests.MAP_EDIT, EditMap(name="flat", ops=[TakeBack()]))
     assert busy.code == codes.BUSY
+    assert home.refusal(requests.MAP_NEW, MapNamed(name="attic")).code == codes.NOT_READY
     assert home.zones[-1].zones == [RUG]
     read(*late[0])
     home.bus.run(1.0)
