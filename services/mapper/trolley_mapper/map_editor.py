@@ -160,8 +160,8 @@ class MapEditor(Service):
             is_on=is_on,
             is_driving=goal is not None and goal.state in UNDER_WAY,
             zones=tuple(zones.zones) if is_on and zones is not None else (),
-            places=() if facts["poses"] is None else tuple(facts["poses"].poses),
-            tours=() if facts["tours"] is None else tuple(facts["tours"].tours),
+            places=None if facts["poses"] is None else tuple(facts["poses"].poses),
+            tours=None if facts["tours"] is None else tuple(facts["tours"].tours),
             state=self.state.path,
             now=self.utc_now(),
         )

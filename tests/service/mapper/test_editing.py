@@ -233,6 +233,23 @@ def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
     assert not list(home.folder.rglob(editing.PENDING_FILE))
 
 
+def test_places_that_are_not_known_are_not_left_behind(home: Home) -> None:
+    before = home.files()
+    home.bus.kill("tour")
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)])
+    refused = home.refusal(requests.MAP_EDIT, params)
+    assert refused.code == codes.NOT_READY
+    assert "saved places" in refused.message
+    assert home.files() == before
+    home.edit(DrawWall(points=[(1.0, 1.0)]))  # which moves nothing
+    home.begin("tour")
+    home.bus.run(1.0)
+    home.edit(Turn(angle=0.5))
+    moved = {place.name: place.pose for place in home.newest(home.places).poses}
+    wanted = Pose2D(0.0, 0.0, 0.5) @ SOFA.pose
+    assert moved["sofa"].distance_to(wanted) < 1e-6
+
+
 def test_one_that_asks_again_hears_of_the_same_change(home: Home) -> None:
     params = EditMap(name="flat", ops=[Turn(angle=0.5)], id="a1")
     assert home.ask(requests.MAP_EDIT, params) == home.ask(requests.MAP_EDIT, params)
