@@ -54,7 +54,7 @@ from trolley.topics import Qos, Topic
 T = TypeVar("T")
 R = TypeVar("R")
 ROBOT = "faulty"
-SERVICES = ("base", "localizer", "planner", "tour", "viz")
+SERVICES = ("base", "localizer", "mapper", "planner", "tour", "viz")
 DEVICES = ("linorobot", "ld19")
 STANDS_MPS, DRIVES_MPS = 0.01, 0.12
 FAR_AWAY = [(-9.0, -9.0), (-8.0, -9.0), (-8.0, -8.0)]

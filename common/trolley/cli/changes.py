@@ -3,6 +3,7 @@
 import click
 
 from trolley import codes, requests, topics
+from trolley.cli.map_edit import ask_to_edit
 from trolley.cli.options import json_option, where_options
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json, print_table
@@ -74,10 +75,10 @@ def _accept(robot: Robot, known: MapChanges, wanted: str, as_name: str | None) -
     ops = ops_of(first_that_fit(_chosen(known, wanted)))
     params = EditMap(name=known.map, ops=ops, as_name=as_name)
     try:
-        return robot.ask(requests.MAP_EDIT, params)
+        return ask_to_edit(robot, params)
     except Refused as refused:
         if refused.code != codes.EXISTS or as_name is not None:
             raise
     # The file that robot.toml names is never written.
     as_name = free_name(known.map, robot.ask(requests.MAP_LIST))
-    return robot.ask(requests.MAP_EDIT, EditMap(name=known.map, ops=ops, as_name=as_name))
+    return ask_to_edit(robot, EditMap(name=known.map, ops=ops, as_name=as_name))

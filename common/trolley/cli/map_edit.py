@@ -1,18 +1,34 @@
 """`trolley map edit`: change a stored map from the command line."""
 
 import math
+import secrets
+import time
 
 import click
+from msgspec.structs import replace
 
-from trolley import requests
+from trolley import codes, requests
 from trolley.cli.options import json_option, where_options
 from trolley.cli.robots import one_robot, reports_errors
-from trolley.cli.show import print_json
+from trolley.cli.show import Progress, print_json
+from trolley.client import Robot
+from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import Crop, DrawWall, EditMap, EraseStroke, MapOp, Merge, TakeBack, Turn
+from trolley.messages import (
+    Crop,
+    DrawWall,
+    EditMap,
+    EraseStroke,
+    MapEdited,
+    MapOp,
+    Merge,
+    TakeBack,
+    Turn,
+)
 
 TIMEOUT_S = 120.0
 """A large map on a small computer takes its time."""
+WORKING = "working"
 LINE = (float, float, float, float)
 Line = tuple[float, float, float, float]
 
@@ -42,11 +58,42 @@ def edit_map(name: str, as_name: str | None, dry_run: bool, as_json: bool, **wha
         raise click.UsageError("Say what to do, such as --turn 3.5 or --undo.")
     params = EditMap(name=name, ops=ops, as_name=as_name, preview=dry_run)
     with one_robot() as robot:
-        reply = robot.ask(requests.MAP_EDIT, params, timeout=TIMEOUT_S)
+        reply = ask_to_edit(robot, params)
     if as_json:
         print_json(reply)
     else:
         click.echo(f"Would do: {reply.message}" if dry_run else reply.message)
+
+
+def ask_to_edit(robot: Robot, params: EditMap) -> MapEdited:
+    """Ask for a change of a map, and wait until it is made.
+
+    Raises:
+        Refused: it is not made, or takes too long.
+    """
+    params = replace(params, id=secrets.token_hex(6))
+    progress, until_s = Progress(), time.monotonic() + TIMEOUT_S
+    try:
+        while (reply := _answer(robot, params, until_s)) is None:
+            progress.show("working ...", WORKING)
+    finally:
+        progress.clear()
+    return reply
+
+
+def _answer(robot: Robot, params: EditMap, until_s: float) -> MapEdited | None:
+    """Return what came of a change; None while it is being made, or the computer is busy."""
+    try:
+        reply = robot.ask(requests.MAP_EDIT, params)
+    except Refused as refused:
+        if refused.code != codes.TIMEOUT or time.monotonic() > until_s:
+            raise
+        return None
+    if reply.state != WORKING:
+        return reply
+    if time.monotonic() > until_s:
+        raise Refused(codes.TIMEOUT, "The map is still being changed.")
+    return None
 
 
 def _operations(

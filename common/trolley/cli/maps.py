@@ -1,8 +1,10 @@
 """`trolley map` and `trolley zones`."""
 
 import math
+import time
 
 import click
+import msgspec
 import numpy as np
 
 from trolley import codes, requests, topics
@@ -11,11 +13,15 @@ from trolley.cli.mapping import add_commands
 from trolley.cli.options import NumbersCommand, json_option, where_options
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table
+from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM
-from trolley.messages import OccupancyGrid, Zone, asking
+from trolley.messages import MapInfo, OccupancyGrid, Zone, asking
 from trolley.messages.arrays import arrays_of
+
+LOAD_S, POLL_S = 60.0, 0.5
+"""How long a map may take to be read by a small computer, and how often it is asked for."""
 
 
 @click.group(name="map")
@@ -92,11 +98,34 @@ def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) ->
     """Let the robot use the map NAME from now on; without --at it searches its place there."""
     pose = None if at is None else Pose2D(*at)
     with one_robot() as robot:
-        info = robot.ask(requests.MAP_LOAD, asking.LoadMap(name=name, pose=pose))
+        info = ask_to_load(robot, asking.LoadMap(name=name, pose=pose))
     if as_json:
         print_json(info)
     else:
         click.echo(f"The robot uses the map {info.name}.")
+
+
+def ask_to_load(robot: Robot, params: asking.LoadMap) -> MapInfo:
+    """Change to another map, and wait until it is read: that may take longer than an answer.
+
+    Raises:
+        Refused: it cannot be used, or takes too long.
+    """
+    before = robot.latest(topics.ZONES)
+    try:
+        return robot.ask(requests.MAP_LOAD, params)
+    except Refused as refused:
+        if refused.code != codes.TIMEOUT:
+            raise
+    until_s = time.monotonic() + LOAD_S
+    while time.monotonic() < until_s:
+        time.sleep(POLL_S)
+        zones = robot.latest(topics.ZONES)
+        if zones is not None and zones.map == params.name and zones != before:
+            grid = robot.latest(topics.MAP)
+            if grid is not None and grid.name == params.name:
+                return msgspec.convert(grid, MapInfo, from_attributes=True)
+    raise Refused(codes.TIMEOUT, f"The map {params.name} is not in use yet; `trolley status` says.")
 
 
 @click.command(name="zones")

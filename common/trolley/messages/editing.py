@@ -70,27 +70,36 @@ class TakeBack(Struct, frozen=True, kw_only=True, tag_field="op", tag="undo"):
 MapOp = EraseArea | EraseStroke | DrawWall | Turn | Crop | Merge | TakeBack
 
 
+EditId = Annotated[str, Meta(pattern=r"\A[a-z0-9-]{1,36}\Z")]
+
+
 class EditMap(Struct, frozen=True, kw_only=True):
     """Do `ops` to the stored map `name`, one after the other, and store what comes of it.
 
     It becomes a new version of that map, or with `as_name` a map of its own. With `preview` nothing
     is stored.
+
+    A large map takes longer than an answer may: then the answer is `working`, and who asks again
+    the same with the same `id` hears what comes of it.
     """
 
     name: MapName
     ops: Annotated[list[MapOp], Meta(min_length=1, max_length=MAX_OPS)]
     as_name: MapName | None = None
     preview: bool = False
+    id: EditId | None = None
 
 
 class MapEdited(Struct, frozen=True, kw_only=True):
     """What came of `map/edit`: the map `name` is in this `version` now (null for a preview).
 
+    `working`: it is still being done.
+
     `placed` says where the map that was merged last lies, this_T_other, and `walls` are points of
     its walls there [m] (at most 2000), to be shown.
     """
 
-    state: Literal["saved", "preview"]
+    state: Literal["saved", "preview", "working"]
     name: str
     message: str
     version: int | None = None

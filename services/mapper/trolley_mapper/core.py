@@ -121,7 +121,9 @@ class Mapper:
         may_grow = self._trust.may_grow(fit.verdict, self._is_joined) and not self._is_paused
         if may_grow and self._has_moved():
             self._insert(scan, sweep, fit.pose, fit)
-        message = "paused: the map does not grow" if self._is_paused else ""
+        message = self._tracker.slipping.message
+        if self._is_paused:
+            message = "paused: the map does not grow"
         return self._estimate(scan, fit.verdict.match, self._trust.message or message)
 
     def _predict(self, scan: ScanInput) -> tuple[float, float]:
@@ -359,11 +361,6 @@ class Mapper:
     def num_keyframes(self) -> int:
         """Number of scans that the map is made of."""
         return len(self._atlas) - (self._atlas.prior is not None)
-
-    @property
-    def num_slips(self) -> int:
-        """How often the wheels said something else than the scans."""
-        return self._tracker.num_slips
 
     @property
     def memory_bytes(self) -> int:

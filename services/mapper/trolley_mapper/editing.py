@@ -6,6 +6,7 @@ All of it touches the disk or takes its time: call it through `Service.work`.
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -23,6 +24,7 @@ from trolley_mapper.versions import Change, MapVersions, Version
 
 PENDING_FILE = "map_edit.json"
 MAX_SHOWN = 2000
+Item = TypeVar("Item", SavedPose, Tour)
 
 
 class Follow(Struct, frozen=True, kw_only=True):
@@ -51,8 +53,8 @@ class Situation:
         is_on: whether the robot is on the map.
         is_driving: whether a goal is under way.
         zones: of the map, where the robot is on it.
-        places: all saved ones.
-        tours: all of them.
+        places: all saved ones; None where the tour service does not answer.
+        tours: all of them, likewise.
         state: the robot's state folder.
         now: UTC, ISO 8601.
     """
@@ -61,8 +63,8 @@ class Situation:
     is_on: bool
     is_driving: bool
     zones: tuple[Zone, ...]
-    places: tuple[SavedPose, ...]
-    tours: tuple[Tour, ...]
+    places: tuple[SavedPose, ...] | None
+    tours: tuple[Tour, ...] | None
     state: Path
     now: str | None
 
@@ -297,14 +299,16 @@ class _Edit:
         step, target = self._old_T_new, self._target
         if target == self._name and step == Pose2D.identity():
             return []
-        mine = (place for place in self._situation.places if place.map == self._name)
+        known = _known(self._situation.places)
+        mine = (place for place in known if place.map == self._name)
         return [moved_place(place, target, step) for place in mine]
 
     def _tours(self) -> list[Tour]:
         """Return the tours that have poses of their own, as they are to be."""
         if self._old_T_new == Pose2D.identity():
             return []
-        moved = [(tour, moved_tour(tour, self._old_T_new)) for tour in self._situation.tours]
+        known = _known(self._situation.tours)
+        moved = [(tour, moved_tour(tour, self._old_T_new)) for tour in known]
         return [after for before, after in moved if after != before]
 
     def _say(self, what: str) -> None:
@@ -327,6 +331,18 @@ class _Edit:
             version=version.number,
             message=f"{message}{version.number}.",
         )
+
+
+def _known(items: tuple[Item, ...] | None) -> tuple[Item, ...]:
+    """Return places or tours; what is not known would stay behind, and lie elsewhere then.
+
+    Raises:
+        Refused: `not_ready`.
+    """
+    if items is None:
+        why = "The saved places are not known, so they could not follow: tour does not answer."
+        raise Refused(codes.NOT_READY, why)
+    return items
 
 
 _WORDS = {

@@ -25,6 +25,7 @@ class Kept(Struct, frozen=True, kw_only=True):
     seconds: float = 0.0
     loops: int = 0
     is_paused: bool = False
+    is_exploring: bool = False
     core: bytes
     """The core's own bytes."""
 

@@ -4,6 +4,8 @@ import importlib
 from functools import partial
 from typing import TYPE_CHECKING
 
+from msgspec import structs
+
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
@@ -20,6 +22,7 @@ from trolley.messages.asking import Yield
 from trolley.runtime.service import Watch, every
 from trolley.scan_input import Reject, ScanInput
 from trolley_mapper import kept as keeping
+from trolley_mapper import wording
 from trolley_mapper.kept import Kept
 from trolley_mapper.making import Making
 from trolley_mapper.map_editor import MapEditor
@@ -38,6 +41,7 @@ class Maker(MapEditor):
     """Makes one map at a time, in place of the localizer."""
 
     def __init__(self, config: RobotConfig) -> None:
+        super().__init__()
         self.config = config
         self.phase: MappingState = "idle"
         self.making: Making | None = None
@@ -84,6 +88,8 @@ class Maker(MapEditor):
         elif kept is not None:
             self.log.info("Going on with a map", map=kept.name)
             self.note = f"Going on with the map {kept.name}."
+            if kept.is_exploring:
+                self.note += f" {wording.PAUSES[codes.RESTARTED]}"
             making = Making(self.config.mapper, kept.name)
             self.begin(making)
             self.load(making, kept)
@@ -231,12 +237,15 @@ class Maker(MapEditor):
         if making is None or making.core is None or self.phase not in ("mapping", "paused"):
             return
         self._kept_ns = self.monotonic_ns
-        now = (making, making.core.version, making.core.num_keyframes, making.is_paused)
+        explores = self.explorer is not None and self.explorer.is_under_way
+        core = making.core
+        now = (making, core.version, core.num_keyframes, making.is_paused, explores)
         if now == self._kept_as:
             return
         kept = making.to_keep()
         if kept is None:
             return
+        kept = structs.replace(kept, is_exploring=explores)
         write = partial(keeping.write, self.state.path, kept)
         self.work(write, partial(self._kept, now))
 
@@ -279,11 +288,12 @@ class Maker(MapEditor):
             silent = self.senses.silent()
             if silent is not None:
                 return silent
+            said = [self.explorer.message if self.explorer is not None else "", self.note]
             estimate = None if self.making is None else self.making.estimate
-            if self.phase == "mapping" and estimate is not None and estimate.message:
-                return f"{estimate.message[:1].upper()}{estimate.message[1:].rstrip('.')}."
-            if self.explorer is not None and self.explorer.message:
-                return self.explorer.message
+            matter = "" if estimate is None or self.phase == "paused" else estimate.message
+            if matter:
+                matter = f"{matter[:1].upper()}{matter[1:].rstrip('.')}."
+            return f"{matter} {next(filter(None, said), '')}".strip()
         return self.note
 
     def say(self) -> MappingStatus:

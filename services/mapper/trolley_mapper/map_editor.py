@@ -10,28 +10,75 @@ import msgspec
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
-from trolley.geometry import Pose2D
 from trolley.messages import EditMap, MapEdited
-from trolley.messages.asking import LoadMap, Named
-from trolley.runtime.service import Later, Service, answers
+from trolley.runtime.service import Later, Service, answers, every
 from trolley_mapper import editing
 from trolley_mapper.editing import Follow, Outcome, Situation
+from trolley_mapper.following import Following
 from trolley_mapper.versions import MapVersions
 
-LOAD_TIMEOUT_S = 20.0
-KNOWN = ("localized", "unsure")
 UNDER_WAY = ("planning", "driving", "recovering", "paused")
 WANTED: tuple[Any, ...] = (topics.POSE, topics.ZONES, topics.POSES, topics.TOURS, topics.GOAL)
 Facts = dict[str, Any]
+ANSWER_NS = 1_400_000_000
+"""Local time after which who asked hears that it takes longer."""
+MAX_REMEMBERED = 8
+"""Changes of which one can still ask what came of them."""
+
+
+class Edit:
+    """A change of a map that is being made or was, and who waits for what comes of it."""
+
+    def __init__(self, params: EditMap) -> None:
+        self.params = params
+        self._outcome: MapEdited | Refused | None = None
+        self._waiting: list[tuple[int, Later[MapEdited]]] = []
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it is known what came of it."""
+        return self._outcome is not None
+
+    def wait(self, reply: Later[MapEdited], until_ns: int) -> None:
+        """Answer when it is done, or at a local time say that it is not."""
+        self._waiting.append((until_ns, reply))
+        self.tell(0)
+
+    def settle(self, outcome: MapEdited | Refused) -> None:
+        """Tell what came of it."""
+        self._outcome = outcome
+        self.tell(0)
+
+    def tell(self, now_ns: int) -> None:
+        """Answer those that have waited long enough, and all once it is done."""
+        waiting, self._waiting = self._waiting, []
+        for until_ns, reply in waiting:
+            if isinstance(self._outcome, Refused):
+                reply.refuse(self._outcome)
+            elif self._outcome is not None:
+                reply.reply(self._outcome)
+            elif now_ns > until_ns:
+                message = "It takes longer; ask the same with the same id to hear what comes of it."
+                name = self.params.as_name or self.params.name
+                reply.reply(MapEdited(state="working", name=name, message=message))
+            else:
+                self._waiting.append((until_ns, reply))
 
 
 class MapEditor(Service):
-    """Answers `map/edit`; the subclass makes maps.
-
-    A reply comes when all is done, which for large maps is later than after 2 s.
-    """
+    """Answers `map/edit`; the subclass makes maps."""
 
     config: RobotConfig
+
+    def __init__(self) -> None:
+        self._edits: dict[str, Edit] = {}
+        self._edit: Edit | None = None
+        self._following: Following | None = None
+
+    @property
+    def is_editing(self) -> bool:
+        """Whether a map is being changed, or the robot does not know of it yet."""
+        return self._edit is not None or self._following is not None
 
     def check_idle(self) -> None:
         """Raise `Refused` while a map is being made."""
@@ -44,15 +91,48 @@ class MapEditor(Service):
     @answers(requests.MAP_EDIT)
     def edit_map(self, params: EditMap) -> Later[MapEdited]:
         """Change a stored map; the version before is kept."""
-        self.check_idle()
+        edit = None if params.id is None else self._edits.get(params.id)
+        if edit is None:
+            edit = self._begin_edit(params)
+        elif edit.params != params:
+            raise Refused(codes.BAD_REQUEST, "This id is that of another change.")
         reply: Later[MapEdited] = self.later()
-        self._gather(partial(self._edit, params, reply))
+        edit.wait(reply, self.monotonic_ns + ANSWER_NS)
         return reply
+
+    @every(0.2, clock="local")
+    def _follow_on(self) -> None:
+        """Answer in time, and see whether the map is there."""
+        if self._edit is not None:
+            self._edit.tell(self.monotonic_ns)
+        if self._following is not None:
+            self._following.look()
 
     # Inside.
 
     def _store(self) -> MapVersions:
         return MapVersions(self.maps.path)
+
+    def _begin_edit(self, params: EditMap) -> Edit:
+        """Begin a change.
+
+        Raises:
+            Refused: `mapping`, or `busy` while another one is being made.
+        """
+        self.check_idle()
+        if self.is_editing:
+            raise Refused(codes.BUSY, "Another change of a map is being made; wait for it.")
+        self._edit = edit = Edit(params)
+        if params.id is not None:
+            self._edits[params.id] = edit
+            for one in list(self._edits)[:-MAX_REMEMBERED]:
+                del self._edits[one]
+        self._gather(partial(self._change, edit))
+        return edit
+
+    def _settle(self, edit: Edit, outcome: MapEdited | Refused) -> None:
+        self._edit = self._following = None
+        edit.settle(outcome)
 
     def _gather(self, then: Callable[[Facts], None]) -> None:
         """Ask the other services what is; who is not there knows nothing."""
@@ -66,104 +146,52 @@ class MapEditor(Service):
         for topic in WANTED:
             self.get(topic, then=partial(heard, topic.name))
 
-    def _edit(self, params: EditMap, reply: Later[MapEdited], facts: Facts) -> None:
+    def _change(self, edit: Edit, facts: Facts) -> None:
+        params = edit.params
         estimate, zones, goal = facts["pose"], facts["zones"], facts["goal"]
         file: Any = self.config.map.file
         is_on = estimate is not None and estimate.map == params.name
         if is_on and (zones is None or zones.map != params.name):
-            reply.refuse(Refused(codes.NOT_READY, "The zones of the map are not known yet."))
+            why = "The zones of the map are not known yet."
+            self._settle(edit, Refused(codes.NOT_READY, why))
             return
         situation = Situation(
             configured=None if file is None else Path(self.config.path(file)),
             is_on=is_on,
             is_driving=goal is not None and goal.state in UNDER_WAY,
             zones=tuple(zones.zones) if is_on and zones is not None else (),
-            places=() if facts["poses"] is None else tuple(facts["poses"].poses),
-            tours=() if facts["tours"] is None else tuple(facts["tours"].tours),
+            places=None if facts["poses"] is None else tuple(facts["poses"].poses),
+            tours=None if facts["tours"] is None else tuple(facts["tours"].tours),
             state=self.state.path,
             now=self.utc_now(),
         )
         self.work(
-            partial(editing.edit, self._store(), params, situation), partial(self._edited, reply)
+            partial(editing.edit, self._store(), params, situation), partial(self._edited, edit)
         )
 
-    def _edited(self, reply: Later[MapEdited], result: Outcome | Refused) -> None:
+    def _edited(self, edit: Edit, result: Outcome | Refused) -> None:
         if isinstance(result, Refused):
-            reply.refuse(result)
+            self._settle(edit, result)
             return
         self.log.info("Map edited", map=result.reply.name, what=result.reply.message)
         if result.follow is None:
-            reply.reply(result.reply)
+            self._settle(edit, result.reply)
             return
-        following = Following(self, result.follow, partial(self._followed, reply, result.reply))
-        self._gather(following.begin)  # where the robot is by now
+        following = Following(self, result.follow, partial(self._followed, edit, result.reply))
+        self._following = following
+        # Where the robot is by now.
+        self.get(topics.POSE, then=lambda found: following.begin(found.get(())))
 
-    def _followed(self, reply: Later[MapEdited], done: MapEdited, problem: str) -> None:
+    def _followed(self, edit: Edit, done: MapEdited, problem: str) -> None:
         message = done.message if not problem else f"{done.message} But: {problem}"
-        reply.reply(msgspec.structs.replace(done, message=message))
+        self._settle(edit, msgspec.structs.replace(done, message=message))
 
     def _found_pending(self, follow: Follow | None) -> None:
-        if follow is not None:
-            self.log.warning("Finishing an edit of the run before", map=follow.map)
-            Following(self, follow, lambda _: None).begin()
-
-
-class Following:
-    """Tells localizer and tour of a changed map, one request after the other."""
-
-    def __init__(self, service: MapEditor, follow: Follow, done: Callable[[str], None]) -> None:
-        self._service, self._follow, self._done = service, follow, done
-        self._problems: list[str] = []
-        self._todo: list[tuple[requests.Request[Any, Any], Any]] = []
-
-    def begin(self, facts: Facts | None = None) -> None:
-        """Begin: with where the robot is now, or unknown to us after a restart."""
-        follow = self._follow
-        estimate = None if facts is None else facts["pose"]
-        pose = None
-        moves = follow.of != follow.map or follow.old_T_new != Pose2D.identity()
-        if moves and estimate is not None and estimate.state in KNOWN:
-            pose = follow.old_T_new.inverse() @ estimate.pose
-        self._todo += [(requests.ZONES_DELETE, Named(name=name)) for name in follow.zones_gone]
-        self._todo += [(requests.ZONES_PUT, zone) for zone in follow.zones]
-        self._todo += [(requests.POSES_PUT, place) for place in follow.places]
-        self._todo += [(requests.TOURS_PUT, tour) for tour in follow.tours]
-        self._ask(
-            requests.MAP_LOAD, LoadMap(name=follow.map, pose=pose), partial(self._loaded, pose)
-        )
-
-    def _loaded(self, pose: Pose2D | None, result: object) -> None:
-        if (
-            isinstance(result, Refused)
-            and pose is not None
-            and result.code
-            in (
-                codes.IN_OBSTACLE,
-                codes.OUTSIDE_MAP,
-            )
-        ):
-            self._problems.append("the robot stands where the new map leaves it no room.")
-            name = self._follow.map
-            self._ask(requests.MAP_LOAD, LoadMap(name=name), partial(self._loaded, None))
+        if follow is None:
             return
-        if isinstance(result, Refused):
-            self._problems.append(result.message)
-        self._next(None)
+        self.log.warning("Finishing an edit of the run before", map=follow.map)
+        self._following = Following(self, follow, self._caught_up)
+        self._following.begin()
 
-    def _next(self, result: object) -> None:
-        if isinstance(result, Refused) and result.code != codes.UNKNOWN_NAME:
-            self._problems.append(result.message)
-        if self._todo:
-            request, params = self._todo.pop(0)
-            self._ask(request, params, self._next)
-            return
-        if not self._problems:
-            self._service.work(partial(editing.forget, self._service.state.path))
-        for problem in self._problems:
-            self._service.log.error("A change of the map did not go through", why=problem)
-        self._done(self._problems[0] if self._problems else "")
-
-    def _ask(
-        self, request: requests.Request[Any, Any], params: Any, then: Callable[[Any], None]
-    ) -> None:
-        self._service.request(request, params, then, timeout_s=LOAD_TIMEOUT_S)
+    def _caught_up(self, _problem: str) -> None:
+        self._following = None

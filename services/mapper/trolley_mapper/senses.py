@@ -62,9 +62,11 @@ class Senses:
         now_ns, service = self._service.monotonic_ns, self._service
         if service.now_ns is None:
             return "The robot's base is silent; the map does not grow."
+        # A simulation that cannot keep up sends as little more rarely.
+        patience_ns = SILENT_S * 1e9 / min(service.time_of(service.robot).rate, 1.0)
         for what, watch in (("lidar", self.scan), ("odometry", self.odometry)):
             arrived_ns = watch.arrived_ns
-            if arrived_ns is None or now_ns - arrived_ns > SILENT_S * 1e9:
+            if arrived_ns is None or now_ns - arrived_ns > patience_ns:
                 return f"The {what} is silent; the map does not grow."
         return None
 

@@ -66,6 +66,8 @@ class MapperService(Exploring):
         if making is not None or self._beginning is not None:
             called = f" {making.name}" if making is not None else ""
             raise Refused(codes.MAPPING, f"The map{called} is being made; save or cancel it first.")
+        if self.is_editing:
+            raise Refused(codes.NOT_READY, "A map is being changed; ask again when that is done.")
         self.listen()
         self._beginning = beginning
         self.wants_to_explore = params.explore

@@ -11,6 +11,7 @@ from trolley_mapper.graph import between, compose, inverse
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.scan import Sweep
+from trolley_mapper.slipping import Slipping
 
 # Odometry between two scans: deviation whatever it says, and as a share of what it says.
 _STILL_M = 0.01
@@ -94,8 +95,10 @@ class Tracker:
     def __init__(self) -> None:
         self.pose = np.zeros(3)
         self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
-        self.num_slips = 0
         self.is_slipping = False
+        """Whether the newest scan contradicted the wheels."""
+        self.slipping = Slipping()
+        self._told = Pose2D.identity()
         self._before = np.zeros(3)
         self._motion = np.zeros(3)
         self._usual_match = GOOD_MATCH
@@ -107,6 +110,7 @@ class Tracker:
         self.covariance = np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
         self._unseen = (0.0, 0.0)
         self._before, self._motion = self.pose, np.zeros(3)
+        self.slipping = Slipping()
 
     def loosen(self, devs: tuple[float, float]) -> None:
         """Take into account that the robot may have moved so far [m, rad]."""
@@ -115,7 +119,7 @@ class Tracker:
     def predict(self, step: Pose2D) -> None:
         """Carry the pose through one odometry step."""
         way = math.hypot(step.x, step.y)
-        self._before = self.pose
+        self._before, self._told = self.pose, step
         moved = compose(self.pose, step.as_array())
         carry = np.eye(3)
         carry[0, 2] = -(moved[1] - self.pose[1])
@@ -210,8 +214,8 @@ class Tracker:
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         together = self.covariance + np.linalg.inv(fit.information + np.eye(3))
         self.is_slipping = float(away @ np.linalg.solve(together, away)) > _CONTRADICTION**2
-        self.num_slips += self.is_slipping
         self._motion = between(self._before, fit.pose)
+        self.slipping.look(self._told, self._motion)
         self._usual_match += _SMOOTHING * (fit.verdict.match - self._usual_match)
         self.pose = fit.pose
         self._unseen = (0.0, 0.0)

@@ -65,5 +65,5 @@ class Trust:
         if self.state == "lost":
             return "the scan does not fit the map made so far: lost, the map does not grow"
         if self.state == "unsure":
-            return "checking the pose before the map grows on"
+            return "checking the pose: drive on a little, then the map grows on"
         return ""

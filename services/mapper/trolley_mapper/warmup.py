@@ -12,6 +12,7 @@ from trolley_mapper import exploring_warmup
 from trolley_mapper.core import Mapper
 
 _BEAMS = 120
+_FAR = Pose2D(30.0, 0.0, 0.0)
 
 
 def warm_up() -> None:
@@ -30,8 +31,9 @@ def warm_up() -> None:
             mapper.finish(job.run())
     grid = mapper.grid()
     cells = np.where(grid.cells < 0, 0, grid.cells).astype(np.int8)
-    prior = GridMap("warm-up", grid.resolution, grid.origin, cells)
-    # Without a start pose the robot is lost, which searches the whole map.
+    # A robot that does not stand on the map at all is lost: it looks round about, and then searches
+    # the whole map.
+    prior = GridMap("warm-up", grid.resolution, _FAR @ grid.origin, cells)
     extended = Mapper(MapperConfig(), prior=prior)
     for number in (2, 3):
         extended.step(scans[number])

@@ -28,7 +28,8 @@ from trolley.messages import (
     Zone,
     Zones,
 )
-from trolley.messages.asking import LoadMap
+from trolley.messages.asking import LoadMap, MapNamed
+from trolley_localizer.map_owner import MapOwner
 from trolley_mapper import editing, map_editor
 
 from .conftest import START, Stage, flat
@@ -200,7 +201,7 @@ def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
     params = EditMap(name="flat", ops=[Turn(angle=0.5)])
     with monkeypatch.context() as patch:
         patch.setattr(map_editor.Following, "begin", lambda *_: None)
-        assert home.refusal(requests.MAP_EDIT, params).code in (codes.TIMEOUT, codes.NOT_READY)
+        assert home.ask(requests.MAP_EDIT, params).state == "working"
     assert home.zones[-1].zones == [RUG]
     home.bus.kill("mapper")
     home.begin("mapper")
@@ -208,3 +209,49 @@ def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
     wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
     np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
     assert not list(home.folder.rglob(editing.PENDING_FILE))
+
+
+def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, late = MapOwner._read_map, []
+    monkeypatch.setattr(MapOwner, "_read_map", lambda *args: late.append(args))
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)], id="a1")
+    assert home.ask(requests.MAP_EDIT, params).state == "working"
+    home.bus.run(3.0)
+    assert home.ask(requests.MAP_EDIT, params).state == "working"
+    busy = home.refusal(requests.MAP_EDIT, EditMap(name="flat", ops=[TakeBack()]))
+    assert busy.code == codes.BUSY
+    assert home.refusal(requests.MAP_NEW, MapNamed(name="attic")).code == codes.NOT_READY
+    assert home.zones[-1].zones == [RUG]
+    read(*late[0])
+    home.bus.run(1.0)
+    reply = home.ask(requests.MAP_EDIT, params)
+    assert (reply.state, reply.message) == ("saved", "Turned: flat is stored as version 2.")
+    wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
+    np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
+    assert not list(home.folder.rglob(editing.PENDING_FILE))
+
+
+def test_places_that_are_not_known_are_not_left_behind(home: Home) -> None:
+    before = home.files()
+    home.bus.kill("tour")
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)])
+    refused = home.refusal(requests.MAP_EDIT, params)
+    assert refused.code == codes.NOT_READY
+    assert "saved places" in refused.message
+    assert home.files() == before
+    home.edit(DrawWall(points=[(1.0, 1.0)]))  # which moves nothing
+    home.begin("tour")
+    home.bus.run(1.0)
+    home.edit(Turn(angle=0.5))
+    moved = {place.name: place.pose for place in home.newest(home.places).poses}
+    wanted = Pose2D(0.0, 0.0, 0.5) @ SOFA.pose
+    assert moved["sofa"].distance_to(wanted) < 1e-6
+
+
+def test_one_that_asks_again_hears_of_the_same_change(home: Home) -> None:
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)], id="a1")
+    assert home.ask(requests.MAP_EDIT, params) == home.ask(requests.MAP_EDIT, params)
+    other = EditMap(name="flat", ops=[Turn(angle=0.6)], id="a1")
+    assert home.refusal(requests.MAP_EDIT, other).code == codes.BAD_REQUEST

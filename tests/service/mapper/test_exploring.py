@@ -18,6 +18,7 @@ from trolley.messages import BaseState, MappingStatus, VelocityCommand
 from trolley.messages.asking import ExploreMap, MapNamed, PauseMap, SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import every, on
+from trolley_mapper import maker
 from trolley_mapper.service import MapperService
 from trolley_planner.service import PlannerService
 
@@ -164,6 +165,20 @@ def test_a_mapper_that_comes_back_drives_nowhere(stage: Stage) -> None:
     stage.bus.run(2.0)
     assert stage.goals[-1].state == "canceled"
     assert stage.status.exploring == "off"
+
+
+def test_a_mapper_that_comes_back_says_that_exploring_waits(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(maker, "KEEP_PERIOD_NS", 2_000_000_000)
+    stage.explore()
+    stage.bus.run(4.0)
+    assert stage.status.exploring == "exploring"
+    stage.bus.kill("mapper")
+    stage.bus.add(MapperService(stage.config))
+    stage.bus.run(1.0)
+    assert stage.status.state == "mapping"
+    assert "tell it to go on" in stage.status.message
 
 
 def test_exploring_needs_a_map_in_the_making(stage: Stage) -> None:

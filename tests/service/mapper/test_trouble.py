@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from trolley import codes, requests, topics
+from trolley.geometry import Pose2D
 from trolley.gridmap import MapError
 from trolley.messages.asking import MapNamed, SaveMap
 from trolley_mapper import kept
@@ -35,6 +36,18 @@ def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     stage.bus.run(2.0)
     assert stage.pose.state == "localized"
     assert stage.error_m(true_T_map) < 0.08
+
+
+def test_wheels_that_slip_are_told_of(stage: Stage) -> None:
+    stage.map(seconds=3.0)
+    num_said = len(stage.said)
+    for _ in range(25):
+        stage.world.odom_T_base = stage.world.odom_T_base @ Pose2D(0.03, 0.0, 0.0)
+        stage.bus.run(0.1)
+    told = {one.message for one in stage.said[num_said:]}
+    assert "The wheels slip: they turn farther than the robot moves." in told
+    stage.bus.run(3.0)
+    assert stage.status.message == ""
 
 
 def test_a_mapper_that_is_stopped_keeps_its_map_at_once(stage: Stage) -> None:

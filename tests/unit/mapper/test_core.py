@@ -11,6 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley.scan_input import Reject
 from trolley_mapper.core import Mapper
+from trolley_mapper.slipping import SLIPS
 
 from .conftest import START, Drive
 
@@ -47,7 +48,23 @@ def test_spinning_wheels_do_not_bend_the_map(make_drive: MakeDrive) -> None:
         drive.look()
     assert drive.error_m() < 0.05
     assert drive.mapper.num_keyframes <= before + 1
-    assert drive.mapper.num_slips > 10
+    assert drive.last is not None
+    assert drive.last.message == SLIPS
+
+
+@pytest.mark.parametrize("step", [Pose2D(0.03, 0.0, 0.0), Pose2D(0.0, 0.0, 0.08)])
+def test_wheels_that_slip_are_told_of_while_they_do(make_drive: MakeDrive, step: Pose2D) -> None:
+    drive = make_drive()
+    drive.odometry_scale = 0.93
+    driven = [drive.scan(0.3, wz).message for wz in (0.0, 0.5, -0.9) for _ in range(8)]
+    assert set(driven) == {""}
+    for _ in range(10):
+        drive.odom = drive.odom @ step
+        drive.look()
+    assert drive.last is not None
+    assert drive.last.message == SLIPS
+    standing = [drive.look().message for _ in range(10)]
+    assert standing[-1] == ""
 
 
 def test_a_lidar_cut_for_five_seconds_is_bridged_by_odometry(make_drive: MakeDrive) -> None:

@@ -38,6 +38,7 @@ class Mapper(Service):
     def __init__(self) -> None:
         self.asked: list[EditMap] = []
         self.refusal: Refused | None = None
+        self.late = 0
 
     @answers(requests.MAP_LIST)
     def names(self, _: Nothing) -> list[str]:
@@ -49,6 +50,9 @@ class Mapper(Service):
         if self.refusal is not None:
             raise self.refusal
         name = params.as_name or params.name
+        if self.late:
+            self.late -= 1
+            return MapEdited(state="working", name=name, message="Wait.")
         if params.preview:
             pose, walls = Pose2D(1.0, 0.0, 0.0), [(4.0, 0.0), (4.0, 1.0)]
             return MapEdited(state="preview", name=name, message="Fits.", placed=pose, walls=walls)
@@ -223,7 +227,16 @@ def test_the_version_before_is_asked_for(hand: Hand, mapper: Mapper) -> None:
     hand.editor.leave()
     hand.editor.undo_stored()
     hand.wait()
-    assert mapper.asked == [EditMap(name="room", ops=[TakeBack()])]
+    assert [(one.name, one.ops) for one in mapper.asked] == [("room", [TakeBack()])]
+
+
+def test_a_change_that_takes_long_is_waited_for(hand: Hand, mapper: Mapper) -> None:
+    hand.editor.leave()
+    mapper.late = 2
+    hand.editor.undo_stored()
+    hand.wait()
+    assert [one == mapper.asked[0] for one in mapper.asked] == [True, True, True]
+    assert hand.browser.notices[-1][1] == "Stored."
 
 
 def test_drawing_a_zone_leaves_the_draft(hand: Hand) -> None:

@@ -16,6 +16,7 @@ from trolley.messages.asking import Nothing, WhichChange
 from trolley.runtime.service import Service
 from trolley_viz.actions import Actions
 from trolley_viz.drawing.suspects import dashes
+from trolley_viz.map_editing.asking import ask_to_edit
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL, View
 from trolley_viz.scene.places import APPEARED_COLOUR, GONE_COLOUR
 from trolley_viz.undo import Step
@@ -146,7 +147,7 @@ class ChangeWishes:
                 self._service.log.info("Refused", request="map/edit", code=reply.code)
                 self._actions.tell("The map is as it was", reply.message, "bad")
 
-        self._service.request(requests.MAP_EDIT, params, finish, robot=robot)
+        ask_to_edit(self._service, params, finish, robot)
 
     def _rename(self, params: EditMap, names: list[str] | Refused) -> None:
         if isinstance(names, Refused):

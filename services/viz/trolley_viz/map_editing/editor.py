@@ -31,6 +31,7 @@ from trolley.runtime.service import Service
 from trolley_viz.drawing.board import Board, Phase, Strokes
 from trolley_viz.drawing.sketch import Point
 from trolley_viz.drawing.wishes import Tell
+from trolley_viz.map_editing.asking import ask_to_edit
 from trolley_viz.map_editing.draft import Draft, Drawn, draw
 from trolley_viz.map_editing.picture import Picture, model_of
 from trolley_viz.scene.ground import MapModel
@@ -47,7 +48,6 @@ BRUSH_M, WALL_M = 0.25, 0.1
 # A point of a stroke is taken when it is so far from the last [share of the brush's width].
 _STEP_SHARE = 0.25
 _MAX_STROKE = 2000
-STORE_TIMEOUT_S = 60.0
 
 
 class MapEditor:
@@ -357,9 +357,7 @@ class MapEditor:
                 self.filled += 1
             self._tell("Not saved", reply.message or codes.SENTENCES[reply.code], "bad")
 
-        self._service.request(
-            requests.MAP_EDIT, params, finish, timeout_s=STORE_TIMEOUT_S, robot=self._robot()
-        )
+        ask_to_edit(self._service, params, finish, self._robot())
 
     def _free_name(self) -> str:
         stem = self.as_name.strip() or "map"
