@@ -66,7 +66,7 @@ class Mapper:
         self._prior = prior
         self._atlas = Atlas()
         self._anchors = Anchors()
-        self._tracker = Tracker()
+        self._tracker = Tracker(config.max_range_m)
         self._scale = OdometryScale()
         self._trust = Trust(config.lost_after_s)
         self._occupancy = Occupancy(config.resolution_m, prior)
@@ -115,12 +115,12 @@ class Mapper:
         if len(self._atlas) == 0:
             self._insert(scan, sweep, self._tracker.pose)
             return self._estimate(scan, 1.0, "")
-        fit = self._tracker.look(self._local_map(), sweep)
+        fit = self._tracker.look(self._local_map(), sweep, scan)
         if self._trust.look(fit.verdict, elapsed_s, way_m) == "lost":
             self._is_joined = False
         may_grow = self._trust.may_grow(fit.verdict, self._is_joined) and not self._is_paused
         if may_grow and self._has_moved():
-            self._insert(scan, sweep, fit.pose, fit)
+            self._insert(scan, fit.sweep, fit.pose, fit)
         message = "paused: the map does not grow" if self._is_paused else ""
         return self._estimate(scan, fit.verdict.match, self._trust.message or message)
 

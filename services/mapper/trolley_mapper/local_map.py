@@ -127,10 +127,12 @@ class LocalMap:
         kept = np.array([without_noise(one) for one in hessian[: len(self.keyframes)]])
         return kept, number[: len(self.keyframes)]
 
-    def classify(self, pose: NDArray[np.float64], sweep: Sweep) -> NDArray[np.uint8]:
+    def classify(
+        self, pose: NDArray[np.float64], sweep: Sweep, near_m: float = NEAR_M
+    ) -> NDArray[np.uint8]:
         """Return what the surfaces and the free space make of each point (n,) of a scan."""
         classes = np.empty(len(sweep.cloud.points), np.uint8)
-        surfels.classify_points(classes, self.surfels, sweep.cloud, sweep.laser, pose, NEAR_M)
+        surfels.classify_points(classes, self.surfels, sweep.cloud, sweep.laser, pose, near_m)
         return classes
 
     def correlate(

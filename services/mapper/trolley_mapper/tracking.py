@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, angle_difference
+from trolley.scan_input import ScanInput
 from trolley_mapper.graph import between, compose, inverse
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.local_map import LocalMap
-from trolley_mapper.scan import Sweep
+from trolley_mapper.scan import Sweep, read_sweep
 
 # Odometry between two scans: deviation whatever it says, and as a share of what it says.
 _STILL_M = 0.01
@@ -45,6 +46,12 @@ _SMOOTHING = 0.05
 _APART_M = 0.05
 _APART_RAD = 0.06
 _LEAD_AS_BEFORE = 0.03
+# Where wheels may have spun during the scan, which bends it by so much [rad] or makes it fit by so
+# much less than usual: how much better it must fit when it is read as one from a standing robot.
+_BENT_RAD = 0.03
+_BELOW_WHEN_BENT = 0.03
+_LEAD_STILL = 0.07
+_CLOSE_M = 0.04
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +80,8 @@ class Fit:
     pose: NDArray[np.float64]
     information: NDArray[np.float64]
     verdict: Verdict
+    sweep: Sweep
+    """The scan, as it was read."""
 
 
 def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
@@ -88,10 +97,21 @@ def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
     return Verdict(match, share, is_good, not is_good and contradicts < _NEW_CONTRADICTS)
 
 
-class Tracker:
-    """The pose and its covariance, by odometry and by scans."""
+def _closely(local: LocalMap, fit: Fit) -> float:
+    """Return the share of a scan's points that lie on surfaces, 0 ... 1, stricter than `judge`."""
+    classes = local.classify(fit.pose, fit.sweep, _CLOSE_M)
+    return int(np.count_nonzero(classes == EXPLAINED)) / max(len(classes), 1)
 
-    def __init__(self) -> None:
+
+class Tracker:
+    """The pose and its covariance, by odometry and by scans.
+
+    Args:
+        max_range_m: farther echoes are left out.
+    """
+
+    def __init__(self, max_range_m: float) -> None:
+        self._max_range_m = max_range_m
         self.pose = np.zeros(3)
         self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
         self.num_slips = 0
@@ -137,8 +157,13 @@ class Tracker:
         across = math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
         return across, math.sqrt(float(self.covariance[2, 2]))
 
-    def look(self, local: LocalMap, sweep: Sweep) -> Fit:
+    def look(self, local: LocalMap, sweep: Sweep, scan: ScanInput) -> Fit:
         """Correct the pose by a scan where it fits; where not, the odometry holds.
+
+        Args:
+            local: the surfaces near by.
+            sweep: the scan, corrected for the motion that the wheels told.
+            scan: the same as it was measured.
 
         Returns:
             Where it fits best if that was good enough, else where the odometry leads.
@@ -148,6 +173,10 @@ class Tracker:
         fit = self._as_before(local, sweep, fit)
         if self._is_doubtful(fit, devs):
             fit = self._search(local, sweep, fit, devs)
+        turned = abs(angle_difference(scan.odom_T_base_end.yaw, scan.odom_T_base.yaw)) > _BENT_RAD
+        is_below = fit.verdict.match < self._usual_match - _BELOW_WHEN_BENT
+        if self.is_slipping or turned or is_below:
+            fit = self._as_still(local, scan, fit)
         if fit.verdict.is_good:
             self._accept(fit)
         return fit if fit.verdict.is_good else replace(fit, pose=self.pose)
@@ -172,6 +201,13 @@ class Tracker:
         better = other.verdict.value > fit.verdict.value + _LEAD_AS_BEFORE
         return other if other.verdict.is_good and better else fit
 
+    def _as_still(self, local: LocalMap, scan: ScanInput, fit: Fit) -> Fit:
+        """Try whether the wheels turned during the scan and the robot did not: that bends it."""
+        sweep = read_sweep(scan, self._max_range_m, is_still=True)
+        other = self._fit(local, sweep, fit.pose, 0.05)
+        lead = _closely(local, other) - _closely(local, fit)
+        return other if other.verdict.is_good and lead > _LEAD_STILL else fit
+
     def _fit(self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float) -> Fit:
         """Align from a start; odometry that contradicts the scan counts less."""
         reach_m = min(max(3.0 * dev_m, 0.2), 0.5)
@@ -180,7 +216,7 @@ class Tracker:
         weaker = self._prior(pose)
         if weaker[0, 0] < 0.9 * prior[0, 0]:
             pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
-        return Fit(pose, information, judge(local, pose, sweep))
+        return Fit(pose, information, judge(local, pose, sweep), sweep)
 
     def _prior(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the information (3, 3) of the odometry, less where a pose contradicts it."""
