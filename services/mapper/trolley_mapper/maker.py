@@ -234,10 +234,10 @@ class Maker(MapEditor):
         now = (making, making.core.version, making.core.num_keyframes, making.is_paused)
         if now == self._kept_as:
             return
-        kept = making.to_keep()
-        if kept is None:
+        make = making.to_keep()
+        if make is None:
             return
-        write = partial(keeping.write, self.state.path, kept)
+        write = partial(keeping.write, self.state.path, make)
         self.work(write, partial(self._kept, now))
 
     def _kept(self, now: tuple[object, ...], problem: str | None) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, angle_difference
 from trolley.scan_input import ScanInput
 from trolley_mapper.graph import between, compose, inverse
+from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.local_map import LocalMap
 from trolley_mapper.scan import Sweep, read_sweep
@@ -24,6 +25,9 @@ _LEAST_DEV_M = 0.004
 _LEAST_DEV_RAD = 0.002
 # Beyond so many standard deviations odometry and scan contradict each other.
 _CONTRADICTION = 3.0
+# Wheels that slipped at the last scan are believed so much less at the next: else they carry the
+# pose along little by little where the scan does not show it well.
+_BELIEVED_SLIPPING = 0.05
 # How good a match has to be: see `Verdict`.
 GOOD_MATCH = 0.6
 _GOOD_EXPLAINED = 0.25
@@ -84,9 +88,16 @@ class Fit:
     """The scan, as it was read."""
 
 
-def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
-    """Say how well a scan fits from a pose (3,)."""
-    classes = local.classify(pose, sweep)
+def judge(
+    local: LocalMap, pose: NDArray[np.float64], sweep: Sweep, *, by_side: bool = False
+) -> Verdict:
+    """Say how well a scan fits from a pose (3,).
+
+    Where the robot may be in the next room, the back of a wall must not pass for its front: judge
+    `by_side`. Near to where it was the directions of surfaces say less than their places: those of
+    sparse scans are vague, and those of bent ones wrong.
+    """
+    classes = local.classify(pose, sweep if by_side else _without_sides(sweep))
     count = len(classes)
     explained = int(np.count_nonzero(classes == EXPLAINED))
     known = count - int(np.count_nonzero(classes == UNKNOWN))
@@ -95,6 +106,11 @@ def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
     contradicts = (known - explained) / max(count, 1)
     is_good = fits and share >= _GOOD_EXPLAINED
     return Verdict(match, share, is_good, not is_good and contradicts < _NEW_CONTRADICTS)
+
+
+def _without_sides(sweep: Sweep) -> Sweep:
+    """Return a scan without the directions of its surfaces."""
+    return replace(sweep, cloud=Cloud(sweep.cloud.points, np.zeros_like(sweep.cloud.normals)))
 
 
 def _closely(local: LocalMap, fit: Fit) -> float:
@@ -220,7 +236,7 @@ class Tracker:
 
     def _prior(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the information (3, 3) of the odometry, less where a pose contradicts it."""
-        prior = inverse(self.covariance)
+        prior = inverse(self.covariance) * (_BELIEVED_SLIPPING if self.is_slipping else 1.0)
         away = pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         length = math.sqrt(float(away @ prior @ away))
@@ -233,7 +249,8 @@ class Tracker:
             min(max(4.0 * devs[0], _LEAST_WINDOW[0] + _WINDOW_PER_M * way), _MOST_WINDOW[0]),
             min(max(4.0 * devs[1], _LEAST_WINDOW[1] + _WINDOW_PER_RAD * turn), _MOST_WINDOW[1]),
         )
-        found = local.correlate(sweep.cloud, self.pose, window, _LEAST_SCORE, _PULL)
+        cloud = _without_sides(sweep).cloud
+        found = local.correlate(cloud, self.pose, window, _LEAST_SCORE, _PULL)
         if found is None:
             return fit
         other = self._fit(local, sweep, found[0], 0.05)

@@ -11,6 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley.scan_input import Reject
 from trolley_mapper.core import Mapper
+from trolley_mapper.storage import pack
 
 from .conftest import START, Drive
 
@@ -141,7 +142,7 @@ def test_a_mapper_goes_on_from_its_bytes(make_drive: MakeDrive, flat: GridMap) -
     drive = make_drive()
     drive.tour()
     place = drive.mapper.anchor(drive.pose)
-    data = drive.mapper.to_bytes()
+    data = pack(drive.mapper.snapshot())
     again = Mapper.from_bytes(MapperConfig(), data)
     assert again.num_keyframes == drive.mapper.num_keyframes
     assert again.moved(place).distance_to(drive.pose) < 0.05
@@ -154,6 +155,21 @@ def test_a_mapper_goes_on_from_its_bytes(make_drive: MakeDrive, flat: GridMap) -
     assert drive.last is not None
     assert drive.last.state == "mapping"
     assert drive.error_m() < 0.05
+
+
+def test_what_is_packed_aside_is_the_map_as_it_was(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    for _ in range(30):
+        drive.scan(0.3)
+    drive.mapper.anchor(drive.pose)
+    snapshot = drive.mapper.snapshot()
+    before = pack(snapshot)
+    for _ in range(30):
+        drive.scan(0.0, 0.8)
+    drive.mapper.anchor(drive.pose)
+    drive.mapper.undo(1.0)
+    assert pack(snapshot) == before
+    assert pack(drive.mapper.snapshot()) != before
 
 
 @pytest.mark.parametrize("data", [b"", b"junk", b"x\x9c\x03\x00\x00\x00\x00\x01"])
