@@ -17,7 +17,7 @@ from trolley_mapper.kernels.layout import Cloud, Surfels
 # wall must not be laid over its front. A layer takes what faces within 75 degrees of its middle,
 # so that points, which go to the nearest middle, may err in their direction by 30.
 LAYERS = 4
-_SAME_SIDE = -0.2
+_SAME_SIDE = 0.25
 
 
 @kernel

@@ -17,7 +17,7 @@ THROUGH_SURFACE = 3
 # aligned, or not to speak against it.
 _SAME_SIDE = 0.75
 PARTNERS = 0.6
-NOT_BEHIND = -0.5
+NOT_BEHIND = 0.0
 # A beam that goes on behind a surface by less than this does not contradict it [m].
 _MARGIN_M = 0.3
 
