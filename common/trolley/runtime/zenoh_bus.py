@@ -157,7 +157,7 @@ class ZenohBus:
 
     def newest(self, key: str) -> _Newest:
         """Keep the newest of what anybody puts to a key, one's own puts too."""
-        ring = zenoh.handlers.RingChannel[zenoh.Sample](1)
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(1)
         return _Newest(self._session.declare_subscriber(key, ring))
 
     def serve(self, key_expr: str, callback: Callable[[Query], None]) -> _Declared:

@@ -18,6 +18,12 @@ class Anchors:
         self.used: set[int] = set()
         self.successors: dict[int, Anchor] = {}
 
+    def copy(self) -> "Anchors":
+        """Return what can be read while this changes."""
+        other = Anchors()
+        other.used, other.successors = set(self.used), dict(self.successors)
+        return other
+
     def tie(self, atlas: Atlas, map_T_pose: Pose2D, hint: int | None) -> Anchor:
         """Tie a pose to the nearest keyframe; to `hint` where that is as good."""
         rows = [row for row, one in enumerate(atlas.keyframes) if not one.is_prior]

@@ -25,7 +25,7 @@ from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.prior import prior_keyframe
 from trolley_mapper.relocation import RelocationJob
 from trolley_mapper.scan import Sweep, read_sweep
-from trolley_mapper.storage import State, pack, unpack
+from trolley_mapper.storage import State, unpack
 from trolley_mapper.ties import next_edge, ties
 from trolley_mapper.tracking import Fit, Tracker
 from trolley_mapper.trust import Trust
@@ -66,7 +66,7 @@ class Mapper:
         self._prior = prior
         self._atlas = Atlas()
         self._anchors = Anchors()
-        self._tracker = Tracker()
+        self._tracker = Tracker(config.max_range_m)
         self._scale = OdometryScale()
         self._trust = Trust(config.lost_after_s)
         self._occupancy = Occupancy(config.resolution_m, prior)
@@ -115,12 +115,12 @@ class Mapper:
         if len(self._atlas) == 0:
             self._insert(scan, sweep, self._tracker.pose)
             return self._estimate(scan, 1.0, "")
-        fit = self._tracker.look(self._local_map(), sweep)
+        fit = self._tracker.look(self._local_map(), sweep, scan)
         if self._trust.look(fit.verdict, elapsed_s, way_m) == "lost":
             self._is_joined = False
         may_grow = self._trust.may_grow(fit.verdict, self._is_joined) and not self._is_paused
         if may_grow and self._has_moved():
-            self._insert(scan, sweep, fit.pose, fit)
+            self._insert(scan, fit.sweep, fit.pose, fit)
         message = self._tracker.slipping.message
         if self._is_paused:
             message = "paused: the map does not grow"
@@ -367,16 +367,15 @@ class Mapper:
         """Bytes of keyframes, graph and grids, about."""
         return self._atlas.num_bytes + self._occupancy.num_bytes
 
-    def to_bytes(self) -> bytes:
-        """Return all that is needed to go on after a restart, compactly."""
+    def snapshot(self) -> State:
+        """Return a copy of all that is needed to go on after a restart; cheap: pack it aside."""
+        atlas, anchors = self._atlas.copy(), self._anchors.copy()
         pose = Pose2D.from_array(self._tracker.pose)
-        return pack(
-            State(self._atlas, self._anchors, self._prior, pose, self._next_number, self.num_loops)
-        )
+        return State(atlas, anchors, self._prior, pose, self._next_number, self.num_loops)
 
     @classmethod
     def from_bytes(cls, config: MapperConfig, data: bytes) -> Self:
-        """Make a mapper that goes on where `to_bytes` was called.
+        """Make a mapper that goes on where `snapshot` was called.
 
         The robot is taken to stand where it stood then; the first scans check it.
 

@@ -1,5 +1,6 @@
 """The map that is being made, on disk: a mapper that was killed goes on with it."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -30,11 +31,11 @@ class Kept(Struct, frozen=True, kw_only=True):
     """The core's own bytes."""
 
 
-def write(folder: Path, kept: Kept) -> str | None:
-    """Write it whole or not at all; returns why that failed, in a few words."""
+def write(folder: Path, make: Callable[[], Kept]) -> str | None:
+    """Make it and write it whole or not at all; returns why that failed, in a few words."""
     try:
         make_folder(folder)
-        write_atomically(folder / FILE, msgspec.msgpack.encode(kept))
+        write_atomically(folder / FILE, msgspec.msgpack.encode(make()))
     except OSError as error:
         return error.strerror or str(error)
     return None

@@ -127,10 +127,12 @@ class LocalMap:
         kept = np.array([without_noise(one) for one in hessian[: len(self.keyframes)]])
         return kept, number[: len(self.keyframes)]
 
-    def classify(self, pose: NDArray[np.float64], sweep: Sweep) -> NDArray[np.uint8]:
+    def classify(
+        self, pose: NDArray[np.float64], sweep: Sweep, near_m: float = NEAR_M
+    ) -> NDArray[np.uint8]:
         """Return what the surfaces and the free space make of each point (n,) of a scan."""
         classes = np.empty(len(sweep.cloud.points), np.uint8)
-        surfels.classify_points(classes, self.surfels, sweep.cloud, sweep.laser, pose, NEAR_M)
+        surfels.classify_points(classes, self.surfels, sweep.cloud, sweep.laser, pose, near_m)
         return classes
 
     def correlate(
@@ -155,17 +157,17 @@ class LocalMap:
         """
         levels = self._pyramid()
         every = max(len(cloud.points) // _SEARCH_POINTS, 1)
-        points = np.ascontiguousarray(cloud.points[::every])
+        some = Cloud(*(np.ascontiguousarray(one[::every]) for one in cloud))
+        points = some.points
         far = float(np.quantile(np.hypot(*points.T), 0.8)) if len(points) else 1.0
         step = FINE_M / max(far, 1.0)
         turns = min(math.ceil(window[1] / step), math.ceil(math.pi / step))
         yaws = around[2] + np.linspace(-window[1], window[1], 2 * turns + 1)
-        rows = np.empty((len(yaws), len(points)), np.int32)
-        cols = np.empty_like(rows)
-        correlate.turn_cloud(rows, cols, points, yaws, self._fine_frame, around[:2])
+        cells = np.empty((len(yaws), len(points), 3), np.int32)
+        correlate.turn_cloud(cells, some, yaws, self._fine_frame, around[:2])
         best = np.empty(4)
         half = max(math.ceil(window[0] / FINE_M), 1)
-        heading = correlate.find_best_shift(best, levels, rows, cols, half, least, pull)
+        heading = correlate.find_best_shift(best, levels, cells, half, least, pull)
         if heading < 0:
             return None
         shift = np.array([best[2] * FINE_M, best[1] * FINE_M, 0.0])
@@ -180,7 +182,7 @@ class LocalMap:
             high = place.max(axis=0) + 0.5 if self.count else np.ones(2)
             cols, rows = np.ceil((high - low) / FINE_M).astype(int)
             self._fine_frame = np.array([low[0], low[1], 1.0 / FINE_M])
-            self._levels = np.empty((_HEIGHTS, rows, cols), np.uint8)
+            self._levels = np.empty((_HEIGHTS, correlate.LAYERS, rows, cols), np.uint8)
             correlate.draw_likelihood(
                 self._levels[0], self.surfels, self.count, self._fine_frame, _BLUR_M
             )

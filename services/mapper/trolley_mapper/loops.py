@@ -216,7 +216,8 @@ class LoopSearch:
         pose, _ = local.align(found[0], sweep.cloud, found[0], np.diag([1.0, 1.0, 1.0]), 0.3)
         # Beams of the others come from elsewhere: only the newest can show what contradicts.
         own = atlas.keyframes[atlas.rows[query]]
-        verdict = judge(local, pose, Sweep(own.cloud(), own.laser.astype(np.float64), False))
+        seen = Sweep(own.cloud(), own.laser.astype(np.float64), False)
+        verdict = judge(local, pose, seen, by_side=True)
         if verdict.match < _GOOD_MATCH or verdict.explained < _GOOD_EXPLAINED:
             return None
         hessians, counts = local.shares(pose, sweep.cloud)

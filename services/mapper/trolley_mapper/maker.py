@@ -4,8 +4,6 @@ import importlib
 from functools import partial
 from typing import TYPE_CHECKING
 
-from msgspec import structs
-
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
@@ -242,11 +240,10 @@ class Maker(MapEditor):
         now = (making, core.version, core.num_keyframes, making.is_paused, explores)
         if now == self._kept_as:
             return
-        kept = making.to_keep()
-        if kept is None:
+        make = making.to_keep(is_exploring=explores)
+        if make is None:
             return
-        kept = structs.replace(kept, is_exploring=explores)
-        write = partial(keeping.write, self.state.path, kept)
+        write = partial(keeping.write, self.state.path, make)
         self.work(write, partial(self._kept, now))
 
     def _kept(self, now: tuple[object, ...], problem: str | None) -> None:

@@ -1,8 +1,10 @@
 """One map while it is being made: the core, the places on it, and what goes with both."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
+
+from msgspec import structs
 
 from trolley.config import MapperConfig
 from trolley.geometry import Pose2D
@@ -62,20 +64,28 @@ class Making:
             making.core.pause()
         return making
 
-    def to_keep(self) -> Kept | None:
-        """Return what is kept on disk; None while there is nothing."""
+    def to_keep(self, *, is_exploring: bool) -> Callable[[], Kept] | None:
+        """Return what makes the map as it is now ready for the disk; None while there is nothing.
+
+        That takes long for a large map: call it aside.
+        """
         if self.core is None:
             return None
-        return Kept(
+        from trolley_mapper.storage import pack
+
+        state = self.core.snapshot()
+        kept = Kept(
             name=self.name,
             extends=self.extends,
             zones=list(self.zones),
-            anchors=self.places.anchors,
+            anchors=dict(self.places.anchors),
             seconds=self.seconds,
             loops=self.loops,
             is_paused=self.core.is_paused,
-            core=self.core.to_bytes(),
+            is_exploring=is_exploring,
+            core=b"",
         )
+        return lambda: structs.replace(kept, core=pack(state))
 
     def step(self, scan: ScanInput) -> MapEstimate | Reject:
         """Take a scan into account."""

@@ -49,7 +49,7 @@ class RelocationJob:
             return self
         nothing = np.diag([1.0, 1.0, 1.0])
         pose, _ = local.align(best[0], self.sweep.cloud, best[0], nothing, 0.3)
-        verdict = judge(local, pose, self.sweep)
+        verdict = judge(local, pose, self.sweep, by_side=True)
         if verdict.match >= _GOOD_MATCH and verdict.explained >= _GOOD_EXPLAINED:
             self.found = pose
         return self

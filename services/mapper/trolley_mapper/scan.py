@@ -33,11 +33,15 @@ class Sweep:
     is_blind: bool
 
 
-def read_sweep(scan: ScanInput, max_range_m: float) -> Sweep:
-    """Put the echoes of a scan up to `max_range_m` [m] into `base_link`."""
+def read_sweep(scan: ScanInput, max_range_m: float, is_still: bool = False) -> Sweep:
+    """Put the echoes of a scan up to `max_range_m` [m] into `base_link`.
+
+    A robot that stood still during the scan, whatever its wheels did, is `is_still`.
+    """
     ranges = np.require(scan.ranges, np.float32, ["C", "W"])
     points, beams = np.empty((ranges.size, 2)), np.empty(ranges.size, np.int32)
     motion = scan.odom_T_base.inverse() @ scan.odom_T_base_end
+    motion = Pose2D.identity() if is_still else motion
     nearest = max(scan.range_min, 1e-3)
     # An echo at the very end of the reach is how some sensors say that there was none.
     farthest = min(0.995 * scan.range_max, max_range_m)

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, angle_difference
+from trolley.scan_input import ScanInput
 from trolley_mapper.graph import between, compose, inverse
+from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.local_map import LocalMap
-from trolley_mapper.scan import Sweep
+from trolley_mapper.scan import Sweep, read_sweep
 from trolley_mapper.slipping import Slipping
 
 # Odometry between two scans: deviation whatever it says, and as a share of what it says.
@@ -24,6 +26,9 @@ _LEAST_DEV_M = 0.004
 _LEAST_DEV_RAD = 0.002
 # Beyond so many standard deviations odometry and scan contradict each other.
 _CONTRADICTION = 3.0
+# Wheels that slipped at the last scan are believed so much less at the next: else they carry the
+# pose along little by little where the scan does not show it well.
+_BELIEVED_SLIPPING = 0.05
 # How good a match has to be: see `Verdict`.
 GOOD_MATCH = 0.6
 _GOOD_EXPLAINED = 0.25
@@ -46,6 +51,12 @@ _SMOOTHING = 0.05
 _APART_M = 0.05
 _APART_RAD = 0.06
 _LEAD_AS_BEFORE = 0.03
+# Where wheels may have spun during the scan, which bends it by so much [rad] or makes it fit by so
+# much less than usual: how much better it must fit when it is read as one from a standing robot.
+_BENT_RAD = 0.03
+_BELOW_WHEN_BENT = 0.03
+_LEAD_STILL = 0.07
+_CLOSE_M = 0.04
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +85,20 @@ class Fit:
     pose: NDArray[np.float64]
     information: NDArray[np.float64]
     verdict: Verdict
+    sweep: Sweep
+    """The scan, as it was read."""
 
 
-def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
-    """Say how well a scan fits from a pose (3,)."""
-    classes = local.classify(pose, sweep)
+def judge(
+    local: LocalMap, pose: NDArray[np.float64], sweep: Sweep, *, by_side: bool = False
+) -> Verdict:
+    """Say how well a scan fits from a pose (3,).
+
+    Where the robot may be in the next room, the back of a wall must not pass for its front: judge
+    `by_side`. Near to where it was the directions of surfaces say less than their places: those of
+    sparse scans are vague, and those of bent ones wrong.
+    """
+    classes = local.classify(pose, sweep if by_side else _without_sides(sweep))
     count = len(classes)
     explained = int(np.count_nonzero(classes == EXPLAINED))
     known = count - int(np.count_nonzero(classes == UNKNOWN))
@@ -89,10 +109,26 @@ def judge(local: LocalMap, pose: NDArray[np.float64], sweep: Sweep) -> Verdict:
     return Verdict(match, share, is_good, not is_good and contradicts < _NEW_CONTRADICTS)
 
 
-class Tracker:
-    """The pose and its covariance, by odometry and by scans."""
+def _without_sides(sweep: Sweep) -> Sweep:
+    """Return a scan without the directions of its surfaces."""
+    return replace(sweep, cloud=Cloud(sweep.cloud.points, np.zeros_like(sweep.cloud.normals)))
 
-    def __init__(self) -> None:
+
+def _closely(local: LocalMap, fit: Fit) -> float:
+    """Return the share of a scan's points that lie on surfaces, 0 ... 1, stricter than `judge`."""
+    classes = local.classify(fit.pose, fit.sweep, _CLOSE_M)
+    return int(np.count_nonzero(classes == EXPLAINED)) / max(len(classes), 1)
+
+
+class Tracker:
+    """The pose and its covariance, by odometry and by scans.
+
+    Args:
+        max_range_m: farther echoes are left out.
+    """
+
+    def __init__(self, max_range_m: float) -> None:
+        self._max_range_m = max_range_m
         self.pose = np.zeros(3)
         self.covariance = np.diag([_LEAST_DEV_M**2, _LEAST_DEV_M**2, _LEAST_DEV_RAD**2])
         self.is_slipping = False
@@ -141,8 +177,13 @@ class Tracker:
         across = math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
         return across, math.sqrt(float(self.covariance[2, 2]))
 
-    def look(self, local: LocalMap, sweep: Sweep) -> Fit:
+    def look(self, local: LocalMap, sweep: Sweep, scan: ScanInput) -> Fit:
         """Correct the pose by a scan where it fits; where not, the odometry holds.
+
+        Args:
+            local: the surfaces near by.
+            sweep: the scan, corrected for the motion that the wheels told.
+            scan: the same as it was measured.
 
         Returns:
             Where it fits best if that was good enough, else where the odometry leads.
@@ -152,6 +193,10 @@ class Tracker:
         fit = self._as_before(local, sweep, fit)
         if self._is_doubtful(fit, devs):
             fit = self._search(local, sweep, fit, devs)
+        turned = abs(angle_difference(scan.odom_T_base_end.yaw, scan.odom_T_base.yaw)) > _BENT_RAD
+        is_below = fit.verdict.match < self._usual_match - _BELOW_WHEN_BENT
+        if self.is_slipping or turned or is_below:
+            fit = self._as_still(local, scan, fit)
         if fit.verdict.is_good:
             self._accept(fit)
         return fit if fit.verdict.is_good else replace(fit, pose=self.pose)
@@ -176,6 +221,13 @@ class Tracker:
         better = other.verdict.value > fit.verdict.value + _LEAD_AS_BEFORE
         return other if other.verdict.is_good and better else fit
 
+    def _as_still(self, local: LocalMap, scan: ScanInput, fit: Fit) -> Fit:
+        """Try whether the wheels turned during the scan and the robot did not: that bends it."""
+        sweep = read_sweep(scan, self._max_range_m, is_still=True)
+        other = self._fit(local, sweep, fit.pose, 0.05)
+        lead = _closely(local, other) - _closely(local, fit)
+        return other if other.verdict.is_good and lead > _LEAD_STILL else fit
+
     def _fit(self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float) -> Fit:
         """Align from a start; odometry that contradicts the scan counts less."""
         reach_m = min(max(3.0 * dev_m, 0.2), 0.5)
@@ -184,11 +236,11 @@ class Tracker:
         weaker = self._prior(pose)
         if weaker[0, 0] < 0.9 * prior[0, 0]:
             pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
-        return Fit(pose, information, judge(local, pose, sweep))
+        return Fit(pose, information, judge(local, pose, sweep), sweep)
 
     def _prior(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the information (3, 3) of the odometry, less where a pose contradicts it."""
-        prior = inverse(self.covariance)
+        prior = inverse(self.covariance) * (_BELIEVED_SLIPPING if self.is_slipping else 1.0)
         away = pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         length = math.sqrt(float(away @ prior @ away))
@@ -201,7 +253,8 @@ class Tracker:
             min(max(4.0 * devs[0], _LEAST_WINDOW[0] + _WINDOW_PER_M * way), _MOST_WINDOW[0]),
             min(max(4.0 * devs[1], _LEAST_WINDOW[1] + _WINDOW_PER_RAD * turn), _MOST_WINDOW[1]),
         )
-        found = local.correlate(sweep.cloud, self.pose, window, _LEAST_SCORE, _PULL)
+        cloud = _without_sides(sweep).cloud
+        found = local.correlate(cloud, self.pose, window, _LEAST_SCORE, _PULL)
         if found is None:
             return fit
         other = self._fit(local, sweep, found[0], 0.05)

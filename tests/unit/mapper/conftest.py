@@ -41,6 +41,8 @@ class Drive:
         self.odom = Pose2D.identity()
         self.stamp_ns = 0
         self.odometry_scale = 1.0
+        # What the wheels tell of the time of a scan, in which the robot stands still.
+        self.told_in_scan = Pose2D.identity()
         self.rng = np.random.default_rng(0)
         self.last: MapEstimate | None = None
 
@@ -77,7 +79,7 @@ class Drive:
             range_max=RANGE_MAX,
             base_T_laser=BASE_T_LASER,
             odom_T_base=self.odom,
-            odom_T_base_end=self.odom,
+            odom_T_base_end=self.odom @ self.told_in_scan,
         )
 
     def tour(self) -> None:

@@ -12,20 +12,21 @@ from trolley.gridmap import GridMap, distance_transform
 from trolley.scan_input import Reject
 from trolley_mapper.core import Mapper
 from trolley_mapper.slipping import SLIPS
+from trolley_mapper.storage import pack
 
 from .conftest import START, Drive
 
 MakeDrive = Callable[..., Drive]
 
 
-def wall_error_m(found: GridMap, truth: GridMap) -> float:
-    """The 95th percentile of how far walls of a map are from true ones."""
+def wall_error_m(found: GridMap, truth: GridMap, share: float = 0.95) -> float:
+    """How far such a share of the walls of a map is from true ones at most."""
     away = distance_transform(truth.occupied_mask(), truth.resolution)
     points = found.cell_to_world(np.column_stack(np.nonzero(found.occupied_mask())))
     cells = truth.world_to_cell(points)
     inside = truth.contains_cell(cells)
     assert inside.mean() > 0.99
-    return float(np.quantile(away[cells[inside, 0], cells[inside, 1]], 0.95))
+    return float(np.quantile(away[cells[inside, 0], cells[inside, 1]], share))
 
 
 def test_the_map_shows_the_flat(make_drive: MakeDrive, flat: GridMap) -> None:
@@ -65,6 +66,23 @@ def test_wheels_that_slip_are_told_of_while_they_do(make_drive: MakeDrive, step:
     assert drive.last.message == SLIPS
     standing = [drive.look().message for _ in range(10)]
     assert standing[-1] == ""
+
+
+@pytest.mark.parametrize(("pushed_rad", "told_rad"), [(0.15, -1.2), (0.3, -1.2), (-0.15, 1.2)])
+def test_scans_taken_while_wheels_spin_are_not_bent(
+    make_drive: MakeDrive, flat: GridMap, pushed_rad: float, told_rad: float
+) -> None:
+    drive = make_drive()
+    for _ in range(20):
+        drive.scan(0.3)
+    # Against a chair: the wheels turn on, the robot is pushed aside little by little.
+    drive.told_in_scan = Pose2D(0.04, 0.0, 0.1 * told_rad)
+    for _ in range(120):
+        drive.odom = drive.odom @ drive.told_in_scan
+        drive.scan(0.0, pushed_rad)
+    assert drive.last is not None
+    assert drive.last.pose.yaw == pytest.approx(drive.pose.yaw, abs=0.01)
+    assert wall_error_m(drive.mapper.grid(), flat, 1.0) <= 0.0708
 
 
 def test_a_lidar_cut_for_five_seconds_is_bridged_by_odometry(make_drive: MakeDrive) -> None:
@@ -141,7 +159,7 @@ def test_a_mapper_goes_on_from_its_bytes(make_drive: MakeDrive, flat: GridMap) -
     drive = make_drive()
     drive.tour()
     place = drive.mapper.anchor(drive.pose)
-    data = drive.mapper.to_bytes()
+    data = pack(drive.mapper.snapshot())
     again = Mapper.from_bytes(MapperConfig(), data)
     assert again.num_keyframes == drive.mapper.num_keyframes
     assert again.moved(place).distance_to(drive.pose) < 0.05
@@ -154,6 +172,21 @@ def test_a_mapper_goes_on_from_its_bytes(make_drive: MakeDrive, flat: GridMap) -
     assert drive.last is not None
     assert drive.last.state == "mapping"
     assert drive.error_m() < 0.05
+
+
+def test_what_is_packed_aside_is_the_map_as_it_was(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    for _ in range(30):
+        drive.scan(0.3)
+    drive.mapper.anchor(drive.pose)
+    snapshot = drive.mapper.snapshot()
+    before = pack(snapshot)
+    for _ in range(30):
+        drive.scan(0.0, 0.8)
+    drive.mapper.anchor(drive.pose)
+    drive.mapper.undo(1.0)
+    assert pack(snapshot) == before
+    assert pack(drive.mapper.snapshot()) != before
 
 
 @pytest.mark.parametrize("data", [b"", b"junk", b"x\x9c\x03\x00\x00\x00\x00\x01"])

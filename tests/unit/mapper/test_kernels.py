@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from trolley_mapper.kernels import correlate, lines
 from trolley_mapper.kernels.layout import Cloud
+from trolley_mapper.kernels.surfels import EXPLAINED
 from trolley_mapper.kernels.trace import trace_keyframe
 from trolley_mapper.keyframe import Keyframe
 from trolley_mapper.local_map import LocalMap, without_noise
@@ -75,24 +76,42 @@ def test_noise_is_no_information() -> None:
 @given(seed=st.integers(0, 1000))
 def test_branch_and_bound_finds_what_trying_everything_finds(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    levels = np.zeros((4, 24, 30), np.uint8)
-    levels[0] = rng.integers(0, 256, (24, 30)) * (rng.random((24, 30)) < 0.2)
+    shape = (correlate.LAYERS, 24, 30)
+    levels = np.zeros((4, *shape), np.uint8)
+    levels[0] = rng.integers(0, 256, shape) * (rng.random(shape) < 0.2)
     correlate.fill_pyramid(levels)
-    rows, cols = (rng.integers(-3, 27, (3, 12)).astype(np.int32) for _ in range(2))
+    low, high = (-3, -3, -1), (27, 27, correlate.LAYERS)
+    cells = rng.integers(low, high, (3, 12, 3)).astype(np.int32)
     best = np.empty(4)
-    heading = correlate.find_best_shift(best, levels, rows, cols, 6, 0.0, 0.0)
+    heading = correlate.find_best_shift(best, levels, cells, 6, 0.0, 0.0)
     assert heading >= 0
     tried = [
-        correlate.bound_at(levels[0], rows[a], cols[a], row, col, 1)
+        correlate.bound_at(levels[0], cells[a], row, col, 1)
         for a in range(3)
         for row in range(-6, 7)
         for col in range(-6, 7)
     ]
     assert best[0] == pytest.approx(max(tried))
-    again = correlate.bound_at(
-        levels[0], rows[heading], cols[heading], int(best[1]), int(best[2]), 1
-    )
+    again = correlate.bound_at(levels[0], cells[heading], int(best[1]), int(best[2]), 1)
     assert again == pytest.approx(best[0])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, 1.0, 2.5])
+def test_the_back_of_a_wall_is_not_laid_over_its_front(turn: float) -> None:
+    pose = np.array([0.0, 0.0, turn])
+    seen = room()
+    one = Keyframe.of(0, 0, Sweep(seen, np.zeros(2), is_blind=False))
+    local = LocalMap([one], pose[None], np.zeros(2), 8.0)
+    clear = np.any(seen.normals != 0.0, axis=1)
+    front = Cloud(seen.points[clear], seen.normals[clear])
+    back = Cloud(front.points, -front.normals)
+    found = local.correlate(front, pose, (0.3, 0.1), 0.5, 0.0)
+    assert found is not None
+    assert found[0] == pytest.approx(pose, abs=0.05)
+    assert local.correlate(back, pose, (0.3, 0.1), 0.5, 0.0) is None
+    classes = [local.classify(pose, Sweep(c, np.zeros(2), is_blind=False)) for c in (front, back)]
+    assert np.mean(classes[0] == EXPLAINED) > 0.95
+    assert not np.any(classes[1] == EXPLAINED)
 
 
 def test_beams_free_what_they_pass_and_raise_where_they_end() -> None:

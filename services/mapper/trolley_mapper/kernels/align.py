@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from trolley.geometry.kernels import solve_spd
 from trolley.jit import kernel
 from trolley_mapper.kernels.layout import Cloud, Matching, Surfels
-from trolley_mapper.kernels.surfels import nearest_surfel
+from trolley_mapper.kernels.surfels import PARTNERS, nearest_surfel
 
 _MAX_SHIFT_M = 0.3
 _MAX_TURN_RAD = 0.15
@@ -51,7 +51,7 @@ def accumulate(
         ny = sin * cloud.normals[i, 0] + cos * cloud.normals[i, 1]
         x = pose[0] + tx
         y = pose[1] + ty
-        at = nearest_surfel(surfels, x, y, nx, ny, reach)
+        at = nearest_surfel(surfels, (x, y, nx, ny), reach, PARTNERS)
         if at < 0:
             continue
         mx = surfels.normal[at, 0]

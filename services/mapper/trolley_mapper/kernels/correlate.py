@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_mapper.kernels.layout import Surfels
+from trolley_mapper.kernels.layout import Cloud, Surfels
+
+# Surfaces are drawn apart by the side that they are seen from, in so many layers: the back of a
+# wall must not be laid over its front. A layer takes what faces within 75 degrees of its middle,
+# so that points, which go to the nearest middle, may err in their direction by 30.
+LAYERS = 4
+_SAME_SIDE = 0.25
 
 
 @kernel
@@ -25,14 +31,14 @@ def draw_likelihood(
     """Write how well a point fits in each cell: 255 on a surface, less beside it.
 
     Args:
-        out_score: (rows, cols), overwritten.
+        out_score: (LAYERS, rows, cols), overwritten; layer k has what faces k quarter turns.
         surfels: of the neighbourhood.
         count: how many there are.
         frame: (3,) x, y [m] of the outer corner of cell (0, 0), and cells per metre.
         sigma: standard deviation of a point [m].
     """
     out_score[:] = 0
-    rows, cols = out_score.shape
+    _, rows, cols = out_score.shape
     half = math.ceil(2.5 * sigma * frame[2])
     scale = -0.5 / (sigma * sigma * frame[2] * frame[2])
     for i in range(count):
@@ -40,13 +46,18 @@ def draw_likelihood(
         y = (surfels.place[i, 1] - frame[1]) * frame[2]
         at_col = math.floor(x)
         at_row = math.floor(y)
-        for row in range(max(at_row - half, 0), min(at_row + half + 1, rows)):
-            for col in range(max(at_col - half, 0), min(at_col + half + 1, cols)):
-                dx = col + 0.5 - x
-                dy = row + 0.5 - y
-                value = np.uint8(255.0 * math.exp(scale * (dx * dx + dy * dy)))
-                if value > out_score[row, col]:
-                    out_score[row, col] = value
+        for layer in range(LAYERS):
+            turn = layer * 0.5 * math.pi
+            facing = surfels.normal[i, 0] * math.cos(turn) + surfels.normal[i, 1] * math.sin(turn)
+            if facing < _SAME_SIDE:
+                continue
+            for row in range(max(at_row - half, 0), min(at_row + half + 1, rows)):
+                for col in range(max(at_col - half, 0), min(at_col + half + 1, cols)):
+                    dx = col + 0.5 - x
+                    dy = row + 0.5 - y
+                    value = np.uint8(255.0 * math.exp(scale * (dx * dx + dy * dy)))
+                    if value > out_score[layer, row, col]:
+                        out_score[layer, row, col] = value
 
 
 @kernel
@@ -54,13 +65,14 @@ def fill_pyramid(levels: NDArray[np.uint8]) -> None:
     """Fill level h with the maxima over 2^h x 2^h cells up and right, from level 0.
 
     Args:
-        levels: (heights, rows, cols); level 0 is read, the others are overwritten.
+        levels: (heights, LAYERS, rows, cols); level 0 is read, the others are overwritten.
     """
-    heights, rows, cols = levels.shape
-    for h in range(1, heights):
+    heights, layers, rows, cols = levels.shape
+    for at in range(layers, heights * layers):
+        h = at // layers
         step = 1 << (h - 1)
-        below = levels[h - 1]
-        above = levels[h]
+        below = levels[h - 1, at % layers]
+        above = levels[h, at % layers]
         for row in range(rows):
             up = min(row + step, rows - 1)
             for col in range(cols):
@@ -73,9 +85,8 @@ def fill_pyramid(levels: NDArray[np.uint8]) -> None:
 
 @kernel
 def turn_cloud(
-    out_rows: NDArray[np.int32],
-    out_cols: NDArray[np.int32],
-    points: NDArray[np.float64],
+    out_cells: NDArray[np.int32],
+    cloud: Cloud,
     yaws: NDArray[np.float64],
     frame: NDArray[np.float64],
     origin: NDArray[np.float64],
@@ -83,9 +94,9 @@ def turn_cloud(
     """Write in which cell each point lies for each heading, with the base at `origin`.
 
     Args:
-        out_rows: (yaws, points), overwritten; `out_cols` alike.
-        out_cols: see `out_rows`.
-        points: (points, 2) in `base_link` [m].
+        out_cells: (yaws, points, 3), overwritten: row, col, and the layer of the side that the
+            surface is seen from; -1 where that is not clear.
+        cloud: the points in `base_link`.
         yaws: (yaws,) [rad] in `map`.
         frame: (3,) of the grid, see `draw_likelihood`.
         origin: (2,) x, y [m] in `map`.
@@ -93,49 +104,58 @@ def turn_cloud(
     for a in range(yaws.size):
         cos = math.cos(yaws[a])
         sin = math.sin(yaws[a])
-        for j in range(points.shape[0]):
-            x = origin[0] + cos * points[j, 0] - sin * points[j, 1]
-            y = origin[1] + sin * points[j, 0] + cos * points[j, 1]
-            out_cols[a, j] = math.floor((x - frame[0]) * frame[2])
-            out_rows[a, j] = math.floor((y - frame[1]) * frame[2])
+        for j in range(cloud.points.shape[0]):
+            x = origin[0] + cos * cloud.points[j, 0] - sin * cloud.points[j, 1]
+            y = origin[1] + sin * cloud.points[j, 0] + cos * cloud.points[j, 1]
+            out_cells[a, j, 0] = math.floor((y - frame[1]) * frame[2])
+            out_cells[a, j, 1] = math.floor((x - frame[0]) * frame[2])
+            nx = cos * cloud.normals[j, 0] - sin * cloud.normals[j, 1]
+            ny = sin * cloud.normals[j, 0] + cos * cloud.normals[j, 1]
+            if nx == 0.0 and ny == 0.0:
+                out_cells[a, j, 2] = -1
+            elif abs(nx) > abs(ny):
+                out_cells[a, j, 2] = 0 if nx > 0.0 else 2
+            else:
+                out_cells[a, j, 2] = 1 if ny > 0.0 else 3
 
 
 @kernel
 def bound_at(
-    level: NDArray[np.uint8],
-    rows: NDArray[np.int32],
-    cols: NDArray[np.int32],
-    row: int,
-    col: int,
-    reach: int,
+    level: NDArray[np.uint8], cells: NDArray[np.int32], row: int, col: int, reach: int
 ) -> float:
     """Return the highest mean score (0 to 1) of any shift in a block; exact where reach is 1.
 
     Args:
-        level: (rows, cols) maxima over `reach` cells up and right.
-        rows: (points,) cells of the points without shift; `cols` alike.
-        cols: see `rows`.
+        level: (LAYERS, rows, cols) maxima over `reach` cells up and right.
+        cells: (points, 3) row, col and layer of the points without shift.
         row: lowest shift of the block [cells]; `col` alike.
         col: see `row`.
         reach: shifts in the block along each axis.
     """
     total = np.int64(0)
-    height, width = level.shape
-    for j in range(rows.size):
-        r = rows[j] + row
-        c = cols[j] + col
-        if -reach < r < height and -reach < c < width:
-            # The first cell covers all that a block below the edge can reach.
-            total += level[max(r, 0), max(c, 0)]
-    return float(total) / (255.0 * max(rows.size, 1))
+    layers, height, width = level.shape
+    for j in range(cells.shape[0]):
+        r = cells[j, 0] + row
+        c = cells[j, 1] + col
+        if not (-reach < r < height and -reach < c < width):
+            continue
+        # The first cell covers all that a block below the edge can reach.
+        r, c = max(r, 0), max(c, 0)
+        if cells[j, 2] >= 0:
+            total += level[cells[j, 2], r, c]
+        else:
+            best = level[0, r, c]
+            for layer in range(1, layers):
+                best = max(best, level[layer, r, c])
+            total += best
+    return float(total) / (255.0 * max(cells.shape[0], 1))
 
 
 @kernel
 def descend(
     out_best: NDArray[np.float64],
     levels: NDArray[np.uint8],
-    rows: NDArray[np.int32],
-    cols: NDArray[np.int32],
+    cells: NDArray[np.int32],
     block: tuple[int, int, float],
     window: tuple[int, float, float],
 ) -> float:
@@ -143,9 +163,8 @@ def descend(
 
     Args:
         out_best: (4,) score, rows, cols, as in `find_best_shift`; overwritten if one is better.
-        levels: (heights, rows, cols) of `fill_pyramid`.
-        rows: (points,) of one heading; `cols` alike.
-        cols: see `rows`.
+        levels: (heights, LAYERS, rows, cols) of `fill_pyramid`.
+        cells: (points, 3) of one heading.
         block: its lowest shift and its bound.
         window: half its edge [cells], loss of score at its border, loss for the heading.
 
@@ -177,7 +196,7 @@ def descend(
         step = 1 << (h - 1)
         for k in range(4):
             r, c = row + step * (k // 2), col + step * (k % 2)
-            children[k] = bound_at(levels[h - 1], rows, cols, r, c, step)
+            children[k] = bound_at(levels[h - 1], cells, r, c, step)
         for k in np.argsort(children):
             if children[k] >= best:
                 stack[depth, 0] = h - 1
@@ -192,8 +211,7 @@ def descend(
 def find_best_shift(
     out_best: NDArray[np.float64],
     levels: NDArray[np.uint8],
-    rows: NDArray[np.int32],
-    cols: NDArray[np.int32],
+    cells: NDArray[np.int32],
     half: int,
     least: float,
     pull: float,
@@ -202,9 +220,8 @@ def find_best_shift(
 
     Args:
         out_best: (4,) score, rows, cols, and score with the loss taken off, overwritten.
-        levels: (heights, rows, cols) of `fill_pyramid`.
-        rows: (yaws, points) of `turn_cloud`; `cols` alike.
-        cols: see `rows`.
+        levels: (heights, LAYERS, rows, cols) of `fill_pyramid`.
+        cells: (yaws, points, 3) of `turn_cloud`.
         half: the window reaches from -half to half [cells].
         least: scores below this are not looked for.
         pull: loss of score towards the window's corners, for what cannot be told from the scan.
@@ -213,7 +230,7 @@ def find_best_shift(
         The index of the heading; -1 where no score reaches `least`.
     """
     top = levels.shape[0] - 1
-    yaws = rows.shape[0]
+    yaws = cells.shape[0]
     block = 1 << top
     side = (2 * half + block) // block
     bounds = np.empty(yaws * side * side)
@@ -221,7 +238,7 @@ def find_best_shift(
         row = (at // side) % side * block - half
         col = at % side * block - half
         a = at // (side * side)
-        bounds[at] = bound_at(levels[top], rows[a], cols[a], row, col, block)
+        bounds[at] = bound_at(levels[top], cells[a], row, col, block)
     found = -1
     best = least
     kept = np.empty(4)
@@ -235,7 +252,7 @@ def find_best_shift(
         at_block = ((at // side) % side * block - half, at % side * block - half, bound)
         window = (half, pull, pull * 0.5 * off * off)
         out_best[0] = -1.0
-        score = descend(out_best, levels, rows[a], cols[a], at_block, window)
+        score = descend(out_best, levels, cells[a], at_block, window)
         if out_best[0] >= 0.0:
             best = score
             found = a

@@ -13,8 +13,11 @@ UNKNOWN = 1
 IN_FREE_SPACE = 2
 THROUGH_SURFACE = 3
 
-# Normals whose product exceeds this belong to the same side of one surface.
+# Normals whose product exceeds this belong to the same side of one surface, to be averaged, to be
+# aligned, or not to speak against it.
 _SAME_SIDE = 0.75
+PARTNERS = 0.6
+NOT_BEHIND = 0.0
 # A beam that goes on behind a surface by less than this does not contradict it [m].
 _MARGIN_M = 0.3
 
@@ -148,17 +151,18 @@ def mark_floor(surfels: Surfels, floor: NDArray[np.float32], times: int) -> None
 
 
 @kernel
-def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, reach: float) -> int:
+def nearest_surfel(
+    surfels: Surfels, point: tuple[float, float, float, float], reach: float, facing: float
+) -> int:
     """Return the nearest surfel that looks the same way, or -1.
 
     Args:
         surfels: of the neighbourhood.
-        x: of the point in `map` [m]; `y` alike.
-        y: see `x`.
-        nx: of the point's unit normal; zero with `ny` if it has none.
-        ny: see `nx`.
+        point: its x, y in `map` [m], and its unit normal; zeros if it has none.
         reach: farther ones do not count [m].
+        facing: least product of the normals.
     """
+    x, y, nx, ny = point
     scale = surfels.frame[2]
     rows, cols = surfels.head.shape
     left = max(math.floor((x - reach - surfels.frame[0]) * scale), 0)
@@ -177,7 +181,7 @@ def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, r
                 square = dx * dx + dy * dy
                 if square < best_square:
                     product = nx * surfels.normal[at, 0] + ny * surfels.normal[at, 1]
-                    if not has_normal or product > 0.6:
+                    if not has_normal or product > facing:
                         best = int(at)
                         best_square = square
                 at = surfels.following[at]
@@ -239,7 +243,10 @@ def classify_points(
         px, py = cloud.points[i, 0], cloud.points[i, 1]
         x = pose[0] + cos * px - sin * py
         y = pose[1] + sin * px + cos * py
-        at = nearest_surfel(surfels, x, y, 0.0, 0.0, max(2.0 * near, 0.15))
+        # The back of a wall is not explained by its front, be it as thin as it may.
+        nx = cos * cloud.normals[i, 0] - sin * cloud.normals[i, 1]
+        ny = sin * cloud.normals[i, 0] + cos * cloud.normals[i, 1]
+        at = nearest_surfel(surfels, (x, y, nx, ny), max(2.0 * near, 0.15), NOT_BEHIND)
         if at >= 0:
             off = surfels.normal[at, 0] * (x - surfels.place[at, 0]) + surfels.normal[at, 1] * (
                 y - surfels.place[at, 1]
