@@ -57,6 +57,12 @@ _BENT_RAD = 0.03
 _BELOW_WHEN_BENT = 0.03
 _LEAD_STILL = 0.07
 _CLOSE_M = 0.04
+# A step from which on it is tried whether the robot stood [m], and how much better the scan must
+# fit then, as a share, less where it stood just before, and in points.
+_STOOD_M = 0.02
+_LEAD_STOOD = 0.03
+_LEAD_STOOD_AGAIN = 0.01
+_MIN_TELLING = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +197,7 @@ class Tracker:
         devs = self.devs
         fit = self._fit(local, sweep, self.pose, devs[0])
         fit = self._as_before(local, sweep, fit)
+        fit = self._as_stood(local, sweep, fit)
         if self._is_doubtful(fit, devs):
             fit = self._search(local, sweep, fit, devs)
         turned = abs(angle_difference(scan.odom_T_base_end.yaw, scan.odom_T_base.yaw)) > _BENT_RAD
@@ -220,6 +227,19 @@ class Tracker:
         other = self._fit(local, sweep, kept_on, 0.05)
         better = other.verdict.value > fit.verdict.value + _LEAD_AS_BEFORE
         return other if other.verdict.is_good and better else fit
+
+    def _as_stood(self, local: LocalMap, sweep: Sweep, fit: Fit) -> Fit:
+        """Try whether the robot stood while the wheels turned, where few surfaces tell."""
+        away = between(self._before, fit.pose)
+        if math.hypot(away[0], away[1]) < _STOOD_M:
+            return fit
+        prior = inverse(self.noise(0.0, 0.0))
+        pose, information = local.align(self._before, sweep.cloud, self._before, prior, 0.2)
+        other = Fit(pose, information, judge(local, pose, sweep), sweep)
+        wanted = _LEAD_STOOD_AGAIN if self.slipping.message else _LEAD_STOOD
+        enough = max(wanted, _MIN_TELLING / max(len(sweep.cloud.points), 1))
+        lead = _closely(local, other) - _closely(local, fit)
+        return other if other.verdict.is_good and lead > enough else fit
 
     def _as_still(self, local: LocalMap, scan: ScanInput, fit: Fit) -> Fit:
         """Try whether the wheels turned during the scan and the robot did not: that bends it."""

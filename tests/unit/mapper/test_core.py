@@ -8,7 +8,7 @@ import pytest
 
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import GridMap, distance_transform
+from trolley.gridmap import FREE, OCCUPIED, GridMap, distance_transform
 from trolley.scan_input import Reject
 from trolley_mapper.core import Mapper
 from trolley_mapper.slipping import SLIPS
@@ -83,6 +83,44 @@ def test_scans_taken_while_wheels_spin_are_not_bent(
     assert drive.last is not None
     assert drive.last.pose.yaw == pytest.approx(drive.pose.yaw, abs=0.01)
     assert wall_error_m(drive.mapper.grid(), flat, 1.0) <= 0.0708
+
+
+CORRIDOR = np.full((44, 604), OCCUPIED, np.int8)
+"""Two pillars in 30 m are all that tells how far along the robot is."""
+CORRIDOR[2:-2, 2:-2] = FREE
+CORRIDOR[30:42, 300:312] = OCCUPIED
+CORRIDOR[2:8, 330:340] = OCCUPIED
+
+
+@pytest.mark.parametrize("told", [Pose2D(0.05, 0.0, 0.0), Pose2D(0.05, 0.0, -0.05)])
+def test_wheels_that_spin_in_a_corridor_do_not_stretch_it(told: Pose2D) -> None:
+    start = Pose2D(13.0, 1.1, 0.0)
+    corridor = GridMap("corridor", 0.05, Pose2D.identity(), CORRIDOR)
+    drive = Drive(corridor, Mapper(MapperConfig(), start), start)
+    drive.look()
+    for _ in range(20):
+        drive.scan(0.3)
+    drive.told_in_scan = told
+    for _ in range(100):
+        drive.odom = drive.odom @ told
+        drive.look()
+    assert drive.error_m() < 0.05
+    assert drive.last is not None
+    assert drive.last.message == SLIPS
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.0, 1.03])
+def test_a_corridor_is_driven_as_long_as_it_is(scale: float) -> None:
+    start = Pose2D(12.0, 1.1, 0.0)
+    corridor = GridMap("corridor", 0.05, Pose2D.identity(), CORRIDOR)
+    drive = Drive(corridor, Mapper(MapperConfig(), start), start)
+    drive.odometry_scale = scale
+    drive.look()
+    errors: list[float] = []
+    for _ in range(150):
+        drive.scan(0.3)
+        errors.append(drive.error_m())
+    assert max(errors) < 0.04
 
 
 def test_a_lidar_cut_for_five_seconds_is_bridged_by_odometry(make_drive: MakeDrive) -> None:
