@@ -22,6 +22,7 @@ from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
 from trolley_mapper.service import MapperService
+from trolley_tour.service import TourService
 
 # Where these are, x0, x1, y0, y1 [m]: what went, and where the sofa stands now.
 TELEVISION = (1.0, 2.3, -0.95, -0.6)
@@ -50,7 +51,7 @@ class Room:
         self.changes: list[MapChanges] = self.lockstep.record(topics.CHANGES)
         self.maps: list[OccupancyGrid] = self.lockstep.record(topics.MAP)
         self.poses = self.lockstep.record(topics.POSE)
-        for service in (BaseService, LocalizerService, MapperService):
+        for service in (BaseService, LocalizerService, MapperService, TourService):
             self.lockstep.add(service(config))
 
     def drive(self, seconds: float) -> None:
