@@ -16,17 +16,23 @@ _LEAST_SCORE = 0.55
 _GOOD_MATCH = 0.85
 _GOOD_EXPLAINED = 0.75
 _MARGIN_M = 2.0
+# What lies so far from the best place is another one [m, rad]. Where that fits almost as well, by
+# its score and in the end, nobody can tell which of the two it is.
+_ELSEWHERE_M = 1.0
+_ELSEWHERE_RAD = 0.5
+_RIVAL_SCORE = 0.15
+_RIVAL_MATCH = 0.1
 
 
 @dataclass(eq=False)
 class RelocationJob:
-    """Search of all poses on the map for the one from which a scan fits.
+    """Search of all poses on the map for the one from which a scan fits, and no other.
 
     Attributes:
         atlas: a copy.
         sweep: the scan.
         odom_T_base: where the odometry was at it.
-        found: map_T_base (3,), None where nothing fits.
+        found: map_T_base (3,), None where nothing fits, or several places do.
     """
 
     atlas: Atlas
@@ -47,9 +53,39 @@ class RelocationJob:
         best = local.correlate(self.sweep.cloud, centre, (half, math.pi), _LEAST_SCORE, 0.0)
         if best is None:
             return self
-        nothing = np.diag([1.0, 1.0, 1.0])
-        pose, _ = local.align(best[0], self.sweep.cloud, best[0], nothing, 0.3)
-        verdict = judge(local, pose, self.sweep, by_side=True)
-        if verdict.match >= _GOOD_MATCH and verdict.explained >= _GOOD_EXPLAINED:
+        pose, match = self._look_closely(local, best[0])
+        if match >= _GOOD_MATCH and not self._has_rival(local, best, half, match):
             self.found = pose
         return self
+
+    def _look_closely(
+        self, local: LocalMap, start: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Return the aligned pose and how well the scan fits there; 0 where it shows too little."""
+        nothing = np.diag([1.0, 1.0, 1.0])
+        pose, _ = local.align(start, self.sweep.cloud, start, nothing, 0.3)
+        verdict = judge(local, pose, self.sweep, by_side=True)
+        return pose, verdict.match if verdict.explained >= _GOOD_EXPLAINED else 0.0
+
+    def _has_rival(
+        self, local: LocalMap, best: tuple[NDArray[np.float64], float], half: float, match: float
+    ) -> bool:
+        """Say whether the scan fits elsewhere almost as well as at the best pose."""
+        pose, score = best
+        least = max(_LEAST_SCORE, score - _RIVAL_SCORE)
+        far = 2.0 * half
+        away = far + _ELSEWHERE_M
+        # Elsewhere is: turned round anywhere, or alike on any of the four sides.
+        windows = [(np.array([0.0, 0.0, math.pi]), far, math.pi - _ELSEWHERE_RAD)]
+        windows += [
+            (np.array([x, y, 0.0]), far, _ELSEWHERE_RAD)
+            for x, y in ((away, 0.0), (-away, 0.0), (0.0, away), (0.0, -away))
+        ]
+        for shift, reach_m, reach_rad in windows:
+            window = (reach_m, reach_rad)
+            rival = local.correlate(self.sweep.cloud, pose + shift, window, least, 0.0)
+            if rival is None:
+                continue
+            if self._look_closely(local, rival[0])[1] >= match - _RIVAL_MATCH:
+                return True
+        return False

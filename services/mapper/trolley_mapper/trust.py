@@ -7,6 +7,8 @@ from trolley_mapper.tracking import Verdict
 
 # A pause of the lidar is no proof against the pose: it counts as a bad match of at most [s].
 _LONGEST_STEP_S = 0.3
+# A lost robot is somewhere else: what fits no better where it was is chance.
+_FOUND_MATCH = 0.85
 # A place that was found anew is believed after so long a way without a bad match [m].
 _PROOF_M = 0.4
 
@@ -37,6 +39,8 @@ class Trust:
             elapsed_s: time since the one before [s].
             way_m: driven since then [m].
         """
+        if self.state == "lost" and verdict.match < _FOUND_MATCH:
+            return self.state
         if verdict.is_good or (verdict.is_new and self.state == "mapping"):
             self._bad_s = 0.0
             self._proof_m = 0.0 if self.state == "lost" else self._proof_m + way_m

@@ -151,6 +151,49 @@ def test_a_lifted_robot_is_lost_and_found_and_the_map_is_not_bent(make_drive: Ma
     assert drive.error_m() < 0.05
 
 
+def make_twins() -> GridMap:
+    """Two rooms alike, each with a door to one corridor."""
+    cells = np.full((124, 244), OCCUPIED, np.int8)
+    cells[2:30, 2:-2] = FREE
+    for left in (2, 124):
+        cells[32:120, left : left + 118] = FREE
+        cells[30:32, left + 50 : left + 70] = FREE
+        cells[80:96, left + 90 : left + 110] = OCCUPIED
+    return GridMap("twins", 0.05, Pose2D.identity(), cells)
+
+
+def test_a_robot_lifted_to_where_two_rooms_look_alike_waits_until_it_can_tell() -> None:
+    start = Pose2D(3.0, 4.5, -0.5 * math.pi)
+    drive = Drive(make_twins(), Mapper(MapperConfig(), start), start)
+    drive.look()
+    quarter = 0.5 * math.pi
+    # Down through the door, along the corridor, up into the other room.
+    for seconds, vx, wz in (
+        (9.25, 0.4, 0.0),
+        (2.0, 0.0, 0.5 * quarter),
+        (15.25, 0.4, 0.0),
+        (2.0, 0.0, 0.5 * quarter),
+        (9.25, 0.4, 0.0),
+    ):
+        for _ in range(round(10 * seconds)):
+            drive.scan(vx, wz)
+    assert drive.error_m() < 0.05
+    drive.pose = Pose2D(2.0, 5.0, -1.0)
+    states = [drive.scan(0.0, 0.3).state for _ in range(40)]
+    assert states[-1] == "lost"
+    # Back into the corridor, whose ends tell.
+    drive.pose = Pose2D(3.0, 2.5, -quarter)
+    for _ in range(60):
+        drive.scan(0.2 if drive.pose.y > 0.8 else 0.0, 0.0)
+    for _ in range(20):
+        drive.scan(0.0, 0.5 * quarter)
+    for _ in range(30):
+        drive.scan(0.2)
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.05
+
+
 def test_undo_forgets_and_tracking_goes_on(make_drive: MakeDrive) -> None:
     drive = make_drive()
     for _ in range(60):
