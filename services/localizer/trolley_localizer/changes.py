@@ -23,6 +23,7 @@ from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.ledger import CellLedger
 from trolley_localizer.outline import Box, Cells, box_of, convex_hull, runs_of, shared
 from trolley_localizer.scan import BeamSet
+from trolley_localizer.suspicion import judge_beams
 
 KINDS: dict[ChangeKind, int] = {"appeared": kernels.APPEARED, "gone": kernels.GONE}
 
@@ -151,7 +152,8 @@ class Changes:
         ledger, grid = self.ledger.arrays, self._field.grid.cells
         rays = np.empty((classes.size, 5))
         kernels.place_rays(rays, pose, beams.end, beams.start)
-        verdicts, mirrored = self._judge(pose, beams, classes)
+        verdicts, _, keys = judge_beams(self._field, pose, beams, classes)
+        mirrored = np.where(verdicts >= reflection.MIRRORED, keys // 4, -1)
         moment = Moment(
             self._look, int(self.clock_s), self._visit_s, round(pose[0]), round(pose[1])
         )
@@ -217,24 +219,6 @@ class Changes:
                 return False
         self._looked = float(pose[0]), float(pose[1]), self.clock_s
         return True
-
-    def _judge(
-        self, pose: NDArray[np.float64], beams: BeamSet, classes: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """Return the verdict on each beam, and the cell that it seems mirrored at, or -1."""
-        count = classes.size
-        verdicts, keys = np.empty(count, np.uint8), np.zeros(count, np.int64)
-        reflection.judge_beams(
-            verdicts,
-            np.zeros((count, 5)),
-            keys,
-            pose,
-            (beams.end, beams.start),
-            classes,
-            self._field.distance,
-            self._field.resolution,
-        )
-        return verdicts, np.where(verdicts >= reflection.MIRRORED, keys // 4, -1)
 
     # Proposals.
 

@@ -109,20 +109,7 @@ class Suspicion:
         if place is not None and np.hypot(*(pose[:2] - place)) < _STEP_M * self._cells:
             return False
         self._place = pose[:2].copy()
-        count = classes.size
-        verdicts = np.empty(count, np.uint8)
-        places = np.zeros((count, 5))
-        keys = np.zeros(count, np.int64)
-        reflection.judge_beams(
-            verdicts,
-            places,
-            keys,
-            pose,
-            (beams.end, beams.start),
-            classes,
-            self._field.distance,
-            self._field.resolution,
-        )
+        verdicts, places, keys = judge_beams(self._field, pose, beams, classes)
         if not self._gather(pose, verdicts, places, keys):
             return False
         before = self.suspects
@@ -262,3 +249,38 @@ def _is_near(
         if math.hypot(x - centre[0], y - centre[1]) <= half + _LINE_WIDTH_M * cells:
             return True
     return False
+
+
+def judge_beams(
+    field: LikelihoodField,
+    pose: NDArray[np.float64],
+    beams: BeamSet,
+    classes: NDArray[np.uint8],
+) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.int64]]:
+    """Say what each beam tells of the wall that it ought to end at.
+
+    Args:
+        field: of the map.
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        beams: of the scan.
+        classes: (n,) of the beams.
+
+    Returns:
+        Verdicts (n,), places (n, 5) [cells] and keys (n,) of the walls, as
+        `kernels.reflection.judge_beams` writes them.
+    """
+    count = classes.size
+    verdicts = np.empty(count, np.uint8)
+    places = np.zeros((count, 5))
+    keys = np.zeros(count, np.int64)
+    reflection.judge_beams(
+        verdicts,
+        places,
+        keys,
+        pose,
+        (beams.end, beams.start),
+        classes,
+        field.distance,
+        field.resolution,
+    )
+    return verdicts, places, keys

@@ -34,11 +34,6 @@ class Edit:
         self._outcome: MapEdited | Refused | None = None
         self._waiting: list[tuple[int, Later[MapEdited]]] = []
 
-    @property
-    def is_done(self) -> bool:
-        """Whether it is known what came of it."""
-        return self._outcome is not None
-
     def wait(self, reply: Later[MapEdited], until_ns: int) -> None:
         """Answer when it is done, or at a local time say that it is not."""
         self._waiting.append((until_ns, reply))

@@ -120,6 +120,18 @@ def _without_sides(sweep: Sweep) -> Sweep:
     return replace(sweep, cloud=Cloud(sweep.cloud.points, np.zeros_like(sweep.cloud.normals)))
 
 
+def _better(fit: Fit, other: Fit, lead: float) -> Fit:
+    """Return another fit where it is good and better by more than a lead, else the first."""
+    is_better = other.verdict.value > fit.verdict.value + lead
+    return other if other.verdict.is_good and is_better else fit
+
+
+def _closer(local: LocalMap, fit: Fit, other: Fit, lead: float) -> Fit:
+    """Return another fit where it is good and by more than a lead closer, else the first."""
+    is_closer = _closely(local, other) - _closely(local, fit) > lead
+    return other if other.verdict.is_good and is_closer else fit
+
+
 def _closely(local: LocalMap, fit: Fit) -> float:
     """Return the share of a scan's points that lie on surfaces, 0 ... 1, stricter than `judge`."""
     classes = local.classify(fit.pose, fit.sweep, _CLOSE_M)
@@ -224,9 +236,7 @@ class Tracker:
         away = between(self.pose, kept_on)
         if math.hypot(away[0], away[1]) < _APART_M and abs(away[2]) < _APART_RAD:
             return fit
-        other = self._fit(local, sweep, kept_on, 0.05)
-        better = other.verdict.value > fit.verdict.value + _LEAD_AS_BEFORE
-        return other if other.verdict.is_good and better else fit
+        return _better(fit, self._fit(local, sweep, kept_on, 0.05), _LEAD_AS_BEFORE)
 
     def _as_stood(self, local: LocalMap, sweep: Sweep, fit: Fit) -> Fit:
         """Try whether the robot stood while the wheels turned, where few surfaces tell."""
@@ -238,15 +248,12 @@ class Tracker:
         other = Fit(pose, information, judge(local, pose, sweep), sweep)
         wanted = _LEAD_STOOD_AGAIN if self.slipping.message else _LEAD_STOOD
         enough = max(wanted, _MIN_TELLING / max(len(sweep.cloud.points), 1))
-        lead = _closely(local, other) - _closely(local, fit)
-        return other if other.verdict.is_good and lead > enough else fit
+        return _closer(local, fit, other, enough)
 
     def _as_still(self, local: LocalMap, scan: ScanInput, fit: Fit) -> Fit:
         """Try whether the wheels turned during the scan and the robot did not: that bends it."""
         sweep = read_sweep(scan, self._max_range_m, is_still=True)
-        other = self._fit(local, sweep, fit.pose, 0.05)
-        lead = _closely(local, other) - _closely(local, fit)
-        return other if other.verdict.is_good and lead > _LEAD_STILL else fit
+        return _closer(local, fit, self._fit(local, sweep, fit.pose, 0.05), _LEAD_STILL)
 
     def _fit(self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float) -> Fit:
         """Align from a start; odometry that contradicts the scan counts less."""
@@ -277,9 +284,7 @@ class Tracker:
         found = local.correlate(cloud, self.pose, window, _LEAST_SCORE, _PULL)
         if found is None:
             return fit
-        other = self._fit(local, sweep, found[0], 0.05)
-        better = other.verdict.value > fit.verdict.value + _LEAD
-        return other if other.verdict.is_good and better else fit
+        return _better(fit, self._fit(local, sweep, found[0], 0.05), _LEAD)
 
     def _accept(self, fit: Fit) -> None:
         """Take a fit over; count it as slip where the wheels said something else."""
