@@ -50,6 +50,7 @@ class Navigator(Report):
         self._over_ns: int | None = None
         self._trouble_since_ns: int | None = None
         self._scanned_ns = 0
+        self._set_off_ns = 0
         self._num_jumps = 0
 
     # What is sensed.
@@ -92,11 +93,16 @@ class Navigator(Report):
             self._giving_way.meet(rig, others, now_ns)
 
     def take_base(self, base: BaseState, now_ns: int) -> None:
-        """Take what the base does: a stop or somebody else's hand pauses the goal."""
+        """Take what the base does: a stop or somebody else's hand pauses the goal.
+
+        What it said before the robot set off may arrive after that: requests go first.
+        """
         before = self.senses.base
         self.senses.base = base
         goal = self.board.goal
         if not self.board.is_active or goal is None or self.board.state == "paused":
+            return
+        if 0 < base.stamp_ns < self._set_off_ns:  # 0: without robot time
             return
         if base.mode in ("stopped", "fault"):
             reason = codes.STOPPED if base.mode == "stopped" else base.reason
@@ -327,6 +333,7 @@ class Navigator(Report):
     def _set_off(self, admitted: Admitted, rig: Rig, now_ns: int) -> None:
         """Begin to drive along a first path."""
         self.drive = Drive(admitted.goal, rig, self.config, admitted.path, now_ns)
+        self._set_off_ns = now_ns
         self._giving_way.forget()
         self._over_ns = None
         self._trouble_since_ns = None

@@ -1,6 +1,10 @@
 """The planner as a service: goals and senses in, velocities, path and costmap out."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 from trolley import requests, topics
+from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import (
@@ -19,10 +23,11 @@ from trolley.messages import (
     Zones,
 )
 from trolley.messages.asking import SendGoal, WhichGoal
-from trolley.runtime.service import Service, answers, every, gets, on
+from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_planner.navigator import OWN_SOURCE, Navigator
 from trolley_planner.warmup import warm_up
 
+R = TypeVar("R")
 VALID_S = 0.15
 """A command is good for so long: three periods of commands, and short enough that with the way to
 brake from full speed a robot whose planner dies stands within half a second."""
@@ -179,17 +184,21 @@ class PlannerService(Service):
     # What is asked.
 
     @answers(requests.GOAL_SEND)
-    def send_goal(self, params: SendGoal) -> GoalStatus:
+    def send_goal(self, params: SendGoal) -> GoalStatus | Later[GoalStatus]:
         """Take a goal."""
-        status = self._navigator.send(params, self.new_id(), self.now_ns)
-        self.log.info("Goal", id=status.id, x=_x(status.pose), y=_y(status.pose))
-        self._publish_changes()
-        return status
+
+        def send() -> GoalStatus:
+            status = self._navigator.send(params, self.new_id(), self.now_ns)
+            self.log.info("Goal", id=status.id, x=_x(status.pose), y=_y(status.pose))
+            self._publish_changes()
+            return status
+
+        return self._unless_stopped(send)
 
     @answers(requests.GOAL_PREVIEW)
-    def preview_goal(self, params: SendGoal) -> Path:
+    def preview_goal(self, params: SendGoal) -> Path | Later[Path]:
         """Show the way without driving it."""
-        return self._navigator.preview(params, self.now_ns)
+        return self._unless_stopped(lambda: self._navigator.preview(params, self.now_ns))
 
     @answers(requests.GOAL_CANCEL)
     def cancel_goal(self, params: WhichGoal) -> GoalStatus:
@@ -206,11 +215,36 @@ class PlannerService(Service):
         return status
 
     @answers(requests.GOAL_RESUME)
-    def resume_goal(self, params: WhichGoal) -> GoalStatus:
+    def resume_goal(self, params: WhichGoal) -> GoalStatus | Later[GoalStatus]:
         """Drive on."""
-        status = self._navigator.resume(params, self.now_ns)
-        self._publish_changes()
-        return status
+
+        def resume() -> GoalStatus:
+            status = self._navigator.resume(params, self.now_ns)
+            self._publish_changes()
+            return status
+
+        return self._unless_stopped(resume)
+
+    def _unless_stopped(self, act: Callable[[], R]) -> R | Later[R]:
+        """Do what a stop forbids; one that is known of may be over, so base is asked first.
+
+        What base publishes may arrive after a request that came later: requests go first.
+        """
+        base = self._navigator.senses.base
+        if base is None or base.mode != "stopped":
+            return act()
+        later: Later[R] = self.later()
+
+        def decide(found: dict[tuple[str, ...], BaseState]) -> None:
+            if () in found:
+                self.take_base(found[()])
+            try:
+                later.reply(act())
+            except Refused as refused:
+                later.refuse(refused)
+
+        self.get(topics.BASE, then=decide)
+        return later
 
     @gets(topics.GOAL)
     def get_goal(self, parameters: dict[str, str]) -> dict[tuple[str, ...], GoalStatus]:

@@ -51,6 +51,7 @@ class Trip:
         self._held = False
         self._source: str | None = None
         self._asking = Asking()
+        self._asked_ns = 0
         # Robot seconds.
         self._robot_ns: int | None = None
         self._wait_s: float | None = None
@@ -66,7 +67,7 @@ class Trip:
             goal_before: The planner's present goal, which this trip replaces.
             source: Who drove the robot until now.
         """
-        self._source = source
+        self._source, self._asked_ns = source, at.robot_ns or 0
         self.record.started_at, self.record.map = at.utc, at.map
         self.record.goal_before = goal_before
         self._drive(at)
@@ -83,7 +84,7 @@ class Trip:
     def resume(self, at: Moment, goal_before: str | None) -> None:
         """Drive to the same stop again."""
         if self.record.state == "paused":
-            self._held = False
+            self._held, self._asked_ns = False, at.robot_ns or 0
             self.record.goal_before = goal_before
             self._drive(at)
 
@@ -179,7 +180,12 @@ class Trip:
 
     # The base.
     def hear_base(self, base: BaseState) -> None:
-        """A stop or a hand on the robot pauses the trip, whatever it is doing."""
+        """A stop or a hand on the robot pauses the trip, whatever it is doing.
+
+        What base said before the trip was asked for may arrive after that: requests go first.
+        """
+        if 0 < base.stamp_ns < self._asked_ns:  # 0: without robot time
+            return
         taken = base.source not in (None, PLANNER) and base.source != self._source
         self._source = base.source
         if base.mode == "stopped":

@@ -10,7 +10,7 @@ from support.flatland import Flatland, empty_room, with_block
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import Path, SavedPose, SavedPoses
+from trolley.messages import BaseState, Path, SavedPose, SavedPoses
 from trolley.messages.asking import SendGoal, WhichGoal
 from trolley_planner.service import PlannerService
 
@@ -187,6 +187,27 @@ def test_a_goal_is_refused_while_the_robot_is_stopped(stage: Stage, far_side: Po
     stage.lockstep.run(0.1)
     with pytest.raises(Refused) as refusal:
         stage.send(far_side)
+    assert refusal.value.code == codes.STOPPED
+
+
+def test_a_stop_that_is_over_counts_no_more_however_late_it_is_heard(
+    stage: Stage, far_side: Pose2D
+) -> None:
+    stopped = BaseState(stamp_ns=stage.robot.robot_ns, mode="stopped", reason="button")
+    stage.lockstep.run(0.1)
+    stage.robot.say(mode="ok")
+    stage.lockstep.publish(topics.BASE, stopped)  # it was held up on its way
+    stage.lockstep.run(0.0)
+    assert stage.send(far_side).state == "driving"
+    stage.lockstep.publish(topics.BASE, stopped)
+    stage.lockstep.run(1.0)
+    assert stage.goals[-1].state == "driving"
+    stage.robot.say(mode="stopped", reason="button")
+    assert stage.stands()
+    assert stage.goals[-1].state == "paused"
+    stage.lockstep.kill("base")
+    with pytest.raises(Refused) as refusal:
+        stage.lockstep.ask(requests.GOAL_RESUME, WhichGoal())
     assert refusal.value.code == codes.STOPPED
 
 

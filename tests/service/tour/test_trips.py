@@ -7,7 +7,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import SavedPose, Stop
+from trolley.messages import BaseState, SavedPose, Stop
 from trolley.messages.asking import Named, SendGoal, StartTour, WhichGoal
 from trolley.messages.touring import Tour
 
@@ -300,6 +300,21 @@ def test_stop_of_the_base_pauses_the_trip_for_good(home: "Home"):
     assert (home.status.state, home.status.reason) == ("paused", codes.STOPPED)
     assert home.status.message.startswith("The stop button was pressed; resume")
     assert len(home.planner.ids) == 1
+
+
+def test_stop_from_before_the_trip_that_is_heard_late_does_not_pause_it(home: "Home"):
+    late = BaseState(stamp_ns=home.base.robot_ns, mode="stopped")
+    home.lockstep.run(0.2)
+    home.start("corridor", "kitchen")
+    home.lockstep.publish(topics.BASE, late)
+    home.lockstep.run(0.5)
+    assert home.status.state == "driving"
+    home.base.say("stopped")
+    home.lockstep.run(0.5)
+    assert home.status.state == "paused"
+    home.lockstep.ask(requests.TOUR_RESUME)
+    home.lockstep.publish(topics.BASE, late)
+    home.run_until("done")
 
 
 def test_hand_on_the_robot_pauses_the_trip(home: "Home"):
