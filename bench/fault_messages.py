@@ -17,6 +17,7 @@ from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.connection import RobotUnreachable
 from trolley.messages import ErrorReply
+from trolley.messages.asking import LoadMap
 from trolley.runtime import codec
 from trolley.runtime.bus import Reply
 from trolley.topics import Qos
@@ -38,6 +39,7 @@ DRIVING_KEYS = (
     "@do/goal/preview",
     "@do/poses/put",
 )
+MAP = "apartment"
 REFUSALS = (codes.BAD_REQUEST, codes.TOO_LARGE, codes.UNKNOWN_NAME)
 
 
@@ -97,6 +99,14 @@ def _drive_again(rig: Rig) -> None:
     rig.wait_for_driving(BACK_WITHIN_S)
 
 
+def _put_map_back(rig: Rig) -> None:
+    """A person loads the map of the house again: valid requests have made and saved another."""
+    if rig.pose is None or rig.pose.map != MAP:
+        truth = rig.seen[-1].truth.pose
+        rig.ask_patiently(requests.MAP_LOAD, LoadMap(name=MAP, pose=truth))
+        rig.wait(lambda: rig.pose and rig.pose.map == MAP, BACK_WITHIN_S, "the map is back")
+
+
 def flood_standing(rig: Rig) -> list[Outcome]:
     """Every key, by one client: how long a stop takes to be answered."""
     outcome = Outcome(f"{RATE} messages/s on each key and request in turn", "")
@@ -116,6 +126,7 @@ def flood_standing(rig: Rig) -> list[Outcome]:
         sent += flood.sent
     if rig.restarts != restarts:
         outcome.wrong.append(f"services ended: {rig.restarts}, before {restarts}")
+    _put_map_back(rig)
     outcome.lost = [one for one in lost(before, rig.saved()) if "poses.toml" not in one]
     began_s = time.monotonic()
     _drive_again(rig)

@@ -12,7 +12,8 @@ from trolley_mapper.kernels.trace import trace_keyframe
 from trolley_mapper.keyframe import Keyframe
 
 # Log-odds in hundredths. A cell is a wall from two keyframes' ends on (0.65 is OCCUPIED_FROM), and
-# as long as at least one beam in four ends there.
+# as long as at least one beam in four ends there. As long as there is but one, its ends are all the
+# walls there are.
 _RISE = 60
 _FALL = 20
 _WALL_FROM = 62
@@ -74,7 +75,7 @@ class Occupancy:
         odds = self._log_odds[part]
         cells = np.full(odds.shape, UNKNOWN, np.int8)
         cells[odds < 0] = FREE
-        cells[odds >= _WALL_FROM] = OCCUPIED
+        cells[odds >= (_RISE if self._mark == 1 else _WALL_FROM)] = OCCUPIED
         corner = (self._origin + np.array([cols[0], rows[0]])) * self._resolution
         return GridMap(
             NAME, self._resolution, Pose2D(float(corner[0]), float(corner[1]), 0.0), cells

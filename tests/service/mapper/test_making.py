@@ -64,6 +64,18 @@ def test_a_new_robot_has_a_map_after_one_drive(make_stage: MakeStage) -> None:
     assert (stage.pose.state, stage.pose.map) == ("localized", "home")
 
 
+def test_a_map_of_what_is_seen_from_one_place_has_walls_to_go_by(stage: Stage) -> None:
+    true_T_map = stage.world.map_T_base
+    stage.ask(requests.MAP_NEW, MapNamed(name="home"))
+    stage.bus.run(3.0)
+    assert stage.status.scans == 1
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(3.0)
+    assert (load_map(stage.bus.state / "maps" / "home.yaml").cells == 100).sum() > 100
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home")
+    assert stage.error_m(true_T_map) < 0.05
+
+
 def test_while_a_map_is_made_the_localizer_owns_nothing(stage: Stage) -> None:
     stage.map(seconds=2.0)
     for topic in (topics.MAP, topics.POSE, topics.ZONES):
