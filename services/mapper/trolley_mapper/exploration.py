@@ -40,6 +40,7 @@ class Exploring(Maker):
         self.wants_to_explore = False
         """Whether exploring begins as soon as all is there."""
         self._home: Anchor | None = None
+        self._asked_ns = 0
         self._is_looking = False
         self._told: tuple[str, str] = ("", "")
         self._goal: Watch[GoalStatus] | None = None
@@ -87,8 +88,7 @@ class Exploring(Maker):
         if not params.on:
             self.stand()
         elif self.explorer is not None and self.explorer.state == "paused":
-            self.explorer.begin(*self._before)
-            self._carry_out()
+            self._let_explore(self.explorer)
         elif self.explorer is None or self.explorer.state == "done":
             self.wants_to_explore = True
         return self.say()
@@ -100,12 +100,13 @@ class Exploring(Maker):
             self.explorer.pause(codes.PAUSED, wording.PAUSES[codes.PAUSED])
             self._carry_out()
 
-    @property
-    def _before(self) -> tuple[str | None, str | None]:
-        """The planner's present goal, and who drives the robot."""
+    def _let_explore(self, explorer: "Explorer") -> None:
+        """Set off from the planner's present goal, and from who drives the robot."""
+        self._asked_ns = self.stamp_ns
         goal = None if self._goal is None else self._goal.latest
         base = None if self._base is None else self._base.latest
-        return None if goal is None else goal.id, None if base is None else base.source
+        explorer.begin(None if goal is None else goal.id, None if base is None else base.source)
+        self._carry_out()
 
     # The map.
 
@@ -146,8 +147,7 @@ class Exploring(Maker):
         self._home = making.core.anchor(pose)
         self.wants_to_explore = False
         self.explorer = Explorer(self.new_id(), body, limits, self._sees_all_round)
-        self.explorer.begin(*self._before)
-        self._carry_out()
+        self._let_explore(self.explorer)
 
     @property
     def _sees_all_round(self) -> bool:
@@ -221,7 +221,9 @@ class Exploring(Maker):
             self._carry_out()
 
     def _hear_base(self, state: BaseState) -> None:
-        if self.explorer is not None:
+        # What base said before may arrive late: requests go first. 0: without robot time.
+        is_late = 0 < state.stamp_ns < self._asked_ns
+        if self.explorer is not None and not is_late:
             self.explorer.hear_base(state)
             self._carry_out()
 

@@ -49,7 +49,7 @@ class DrivenBase(Base):
         if self.monotonic_ns - self.commanded_ns > SILENT_NS:
             self.twist = Twist2D.zero()
 
-    def say(self, mode: str, source: str | None) -> None:
+    def say(self, mode: str, source: str | None = None) -> None:
         """Publish a state of the base."""
         state = {"stamp_ns": self.stamp(), "mode": mode, "source": source}
         self.publish(topics.BASE, msgspec.convert(state, BaseState))
@@ -131,6 +131,17 @@ def test_it_stands_after_a_hand_on_the_robot_until_it_is_told(stage: Stage) -> N
     stage.bus.run(3.0)
     assert stage.status.exploring == "exploring"
     assert stage.world.pose != stood
+
+
+def test_a_stop_from_before_that_is_heard_late_does_not_hold_it(stage: Stage) -> None:
+    late = BaseState(stamp_ns=stage.base.stamp(), mode="stopped")
+    stage.explore()
+    stage.bus.publish(topics.BASE, late)
+    stage.bus.run(1.0)
+    assert stage.status.exploring == "exploring"
+    stage.base.say("stopped")
+    stage.bus.run(1.0)
+    assert stage.status.exploring == "paused"
 
 
 @pytest.mark.parametrize("how", ["off", "pause", "cancel", "save", "stop", "goal"])
