@@ -40,8 +40,8 @@ def write_page(groups: Sequence[str]) -> None:
             cells = [*one.cells[:-1], "yes" if not (one.wrong or one.lost) else one.cells[-1]]
             rows.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
     words = (
-        f"Measured {max(days)} on {os.cpu_count()} cores ({platform.machine()}), with other "
-        f"programs running (load {min(loads):.0f} to {max(loads):.0f})."
+        f"Measured {max(days)} on {os.cpu_count()} cores ({platform.machine()}), at a load of "
+        f"{min(loads):.0f} to {max(loads):.0f}, what the faults themselves cause included."
     )
     head = "| " + " | ".join(HEADS) + " |\n" + "|---" * len(HEADS) + "|"
     put_between(PAGE, f"{words}\n\n{head}\n" + "\n".join(rows), BEGIN, END)
