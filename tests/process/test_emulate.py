@@ -23,7 +23,6 @@ from trolley.runtime import codec
 
 TOPICS_PLEASE = bytes.fromhex("fffe0000ff0000ff")
 TROLLEY = str(Path(sys.executable).with_name("trolley"))
-Trolley = Callable[..., subprocess.CompletedProcess[str]]
 
 
 class Emulator:
@@ -183,19 +182,3 @@ def test_without_a_router_it_works_alone(emulate, port: int):
         one.wait_for("working alone until there is one")
         with serial.Serial(str(one.ports / "ld19"), 230400, timeout=0.05) as lidar:
             assert len(read_some(lidar, 1000)) >= 1000
-
-
-def test_mistakes_are_named(trolley: Trolley):
-    for arguments, says in {
-        ("ld20",): "there is no device 'ld20'; there are linorobot",
-        ("ld19", "--fault", "ld19:x"): "there is no fault x, only silence",
-        ("ld19", "--world", "nowhere"): "there is no file nowhere.toml",
-        ("ld19", "--start", "0,0"): "X,Y,YAW",
-        ("ld19", "--start", "90,0,0"): "lies outside of the map",
-        ("ld19", "--connect", "tcp/127.0.0.1:1"): "--connect needs --robot NAME",
-        (): "Missing argument",
-    }.items():
-        done = trolley("emulate", *arguments)
-        assert done.returncode == 2, done.stderr
-        assert says in done.stderr
-        assert "Traceback" not in done.stderr

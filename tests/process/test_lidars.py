@@ -82,7 +82,7 @@ def off_the_walls(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.minimum(np.abs(x - 4.0), np.abs(y - 2.0))
 
 
-@pytest.mark.parametrize("wz", [0.0, 1.0])
+@pytest.mark.parametrize("wz", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
 @pytest.mark.parametrize("model", MODELS)
 def test_echoes_lie_on_the_walls(tmp_path: Path, endpoint: str, model: str, wz: float) -> None:
     more = SETTINGS + ('mode = "standard"\n' if model == STANDARD else "")

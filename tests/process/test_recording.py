@@ -233,7 +233,7 @@ def test_a_full_disk_ends_it_with_words(
     add_robot("one")
     folder = tmp_path / "small"
     folder.mkdir()
-    if os.system(f"mount -t tmpfs -o size=64k tmpfs {folder} 2>/dev/null") != 0:
+    if os.system(f"mount -t tmpfs -o size=32k tmpfs {folder} 2>/dev/null") != 0:
         pytest.skip("file systems cannot be mounted here")
     try:
         file = folder / "one.mcap"

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from soak_lockstep import Soak, new_results
 
 from trolley.messages import StopResult
@@ -16,6 +17,7 @@ def drive(folder: Path, seed: int) -> Soak:
     return soak
 
 
+@pytest.mark.slow
 def test_same_seed_is_the_same_drive_restarts_and_all(tmp_path: Path) -> None:
     one, same = (drive(tmp_path / name, 3) for name in ("one", "same"))
     assert one.digest == same.digest

@@ -103,6 +103,7 @@ def test_damaged_code_is_compiled_again(tree: Path) -> None:
     assert run(tree) == "float 9.0 1\n"
 
 
+@pytest.mark.slow
 def test_code_cut_short_is_compiled_again(tree: Path) -> None:
     run(tree)
     for file in compiled(tree.parent):
@@ -124,6 +125,7 @@ def test_change_in_another_file_is_seen(tree: Path, before: str, after: str, res
     assert len(compiled(tree.parent)) == 2  # what the older version left is gone
 
 
+@pytest.mark.slow
 def test_kernels_made_by_one_function_do_not_drop_each_other(tree: Path) -> None:
     (tree / "outer.py").write_text(
         "from trolley.jit import kernel\n"
@@ -139,6 +141,7 @@ def test_kernels_made_by_one_function_do_not_drop_each_other(tree: Path) -> None
     assert run(tree) == "2 3 1 1\n"
 
 
+@pytest.mark.slow
 def test_exchanged_fields_of_a_tuple_are_seen(tree: Path) -> None:
     source = OUTER.replace("Pair(value, value)", "Pair(a=value, b=4 * value)")
     source = source.replace("pair.b / pair.b", "pair.b")
@@ -149,6 +152,7 @@ def test_exchanged_fields_of_a_tuple_are_seen(tree: Path) -> None:
     assert run(tree) == "float 18.0 0\n"
 
 
+@pytest.mark.slow
 def test_settings_that_change_code_are_kept_apart(tree: Path) -> None:
     run(tree)
     assert run(tree, NUMBA_BOUNDSCHECK="1") == "float 9.0 0\n"
@@ -170,6 +174,7 @@ def test_read_only_tree_uses_the_user_s_cache(tree: Path) -> None:
     tree.chmod(0o755)
 
 
+@pytest.mark.slow
 def test_code_beside_the_source_is_read_where_another_cache_is_written(tree: Path) -> None:
     assert run(tree, NUMBA_CACHE_DIR="") == "float 9.0 0\n"
     assert len(compiled(tree / "__pycache__")) == 2
