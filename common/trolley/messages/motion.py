@@ -134,6 +134,13 @@ class BaseState(Struct, frozen=True, kw_only=True):
     links: list[Link] = []
     battery: Battery | None = None
 
+    def is_from_before(self, asked_ns: int) -> bool:
+        """Whether it was said before something was asked for at this robot time.
+
+        It may arrive after that: requests go first. A stamp of 0 (no robot time) tells nothing.
+        """
+        return 0 < self.stamp_ns < asked_ns
+
 
 class Truth(Struct, frozen=True, kw_only=True):
     """Where the simulated robot really is: world_T_base, 20 Hz.

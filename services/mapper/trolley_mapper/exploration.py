@@ -221,9 +221,7 @@ class Exploring(Maker):
             self._carry_out()
 
     def _hear_base(self, state: BaseState) -> None:
-        # What base said before may arrive late: requests go first. 0: without robot time.
-        is_late = 0 < state.stamp_ns < self._asked_ns
-        if self.explorer is not None and not is_late:
+        if self.explorer is not None and not state.is_from_before(self._asked_ns):
             self.explorer.hear_base(state)
             self._carry_out()
 

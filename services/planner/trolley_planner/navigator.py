@@ -93,16 +93,13 @@ class Navigator(Report):
             self._giving_way.meet(rig, others, now_ns)
 
     def take_base(self, base: BaseState, now_ns: int) -> None:
-        """Take what the base does: a stop or somebody else's hand pauses the goal.
-
-        What it said before the robot set off may arrive after that: requests go first.
-        """
+        """Take what the base does: a stop or somebody else's hand pauses the goal."""
         before = self.senses.base
         self.senses.base = base
         goal = self.board.goal
         if not self.board.is_active or goal is None or self.board.state == "paused":
             return
-        if 0 < base.stamp_ns < self._set_off_ns:  # 0: without robot time
+        if base.is_from_before(self._set_off_ns):
             return
         if base.mode in ("stopped", "fault"):
             reason = codes.STOPPED if base.mode == "stopped" else base.reason

@@ -180,11 +180,8 @@ class Trip:
 
     # The base.
     def hear_base(self, base: BaseState) -> None:
-        """A stop or a hand on the robot pauses the trip, whatever it is doing.
-
-        What base said before the trip was asked for may arrive after that: requests go first.
-        """
-        if 0 < base.stamp_ns < self._asked_ns:  # 0: without robot time
+        """A stop or a hand on the robot pauses the trip, whatever it is doing."""
+        if base.is_from_before(self._asked_ns):
             return
         taken = base.source not in (None, PLANNER) and base.source != self._source
         self._source = base.source
