@@ -19,7 +19,7 @@ from trolley.config import RobotConfig, load_config
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, save_map
 from trolley.messages import Truth
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_base.stop_field import StopField

@@ -17,7 +17,7 @@ from trolley import codes, requests, topics
 from trolley.config import RobotConfig, load_config
 from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, StopResult, Tour, TourStatus, Truth
-from trolley.messages.asking import Named, StartTour
+from trolley.messages.request_params import Named, StartTour
 from trolley.messages.touring import Stop
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService

@@ -33,7 +33,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, cast_rays, distance_transform, save_map
 from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, Truth
-from trolley.messages.asking import MapNamed
+from trolley.messages.request_params import MapNamed
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.drivers.world_file import load_world
 from trolley_base.service import BaseService

@@ -25,7 +25,7 @@ from fault_saved import lost
 from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.messages import SavedPose, Zone
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 from trolley.requests import Request
 
 SQUARE = [(-7.0, -9.0), (-6.0, -9.0), (-6.0, -8.0)]

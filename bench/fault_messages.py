@@ -17,7 +17,7 @@ from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.connection import RobotUnreachable
 from trolley.messages import ErrorReply
-from trolley.messages.asking import LoadMap
+from trolley.messages.request_params import LoadMap
 from trolley.runtime import codec
 from trolley.runtime.bus import Reply
 from trolley.topics import Qos

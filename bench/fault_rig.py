@@ -43,7 +43,7 @@ from trolley.messages import (
     Truth,
     Zone,
 )
-from trolley.messages.asking import Nothing, StartTour
+from trolley.messages.request_params import Nothing, StartTour
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample

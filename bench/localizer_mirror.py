@@ -26,7 +26,7 @@ from wandering import APARTMENT, START, Wanderer, write_world
 
 from trolley import requests, topics
 from trolley.messages import BeamClasses, Suspects
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 from trolley.messages.sensing import SUSPECTED, UNUSED
 from trolley.runtime.lockstep import Lockstep
 

@@ -14,7 +14,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap, cast_rays, distance_transform
 from trolley.messages import GoalState, GoalStatus, Zone
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley_mapper.errand import Cancel, Limits, Scene, Send, look
 from trolley_mapper.exploring import Explorer
 from trolley_mapper.floor import lay_floor

@@ -25,7 +25,7 @@ from houses import free_poses
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.gridmap import load_map
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService

@@ -15,7 +15,7 @@ from trolley.files import make_folder
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, save_map
 from trolley.messages import SavedPose, Stop, Tour, Zone
-from trolley.messages.asking import LoadMap, Named, StartTour
+from trolley.messages.request_params import LoadMap, Named, StartTour
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder

@@ -28,7 +28,7 @@ from trolley import codes, requests, topics
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Path, PoseEstimate, Truth
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample

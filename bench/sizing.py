@@ -29,7 +29,7 @@ from figures import table
 from trolley import requests
 from trolley.geometry import Pose2D
 from trolley.messages import Tour
-from trolley.messages.asking import StartTour
+from trolley.messages.request_params import StartTour
 from trolley.messages.touring import Stop
 from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus, router_config

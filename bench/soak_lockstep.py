@@ -20,7 +20,7 @@ from wandering import APARTMENT, START, write_world
 from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.messages import BaseState, PoseEstimate, Stop, StopResult, Tour, TourStatus, Truth
-from trolley.messages.asking import StartTour
+from trolley.messages.request_params import StartTour
 from trolley.runtime.bus import Sample
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service

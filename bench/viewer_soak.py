@@ -28,7 +28,7 @@ from viewer_clients import ARGUMENTS, CHROMIUM
 from trolley import requests, topics
 from trolley.client import Robot
 from trolley.messages import Stop, Tour
-from trolley.messages.asking import StartTour
+from trolley.messages.request_params import StartTour
 
 PERIOD_S = 10.0
 WARM_UP_S = 20.0

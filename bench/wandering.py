@@ -16,7 +16,7 @@ from trolley import codes, requests, topics
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import GridMap, distance_transform, load_map, save_map
 from trolley.messages import PoseEstimate
-from trolley.messages.asking import SendGoal, SetPose
+from trolley.messages.request_params import SendGoal, SetPose
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.drivers.world_file import load_world
 from trolley_base.service import BaseService

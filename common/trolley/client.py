@@ -45,7 +45,7 @@ from trolley.messages import (
     PoseEstimate,
     TourStatus,
     VelocityCommand,
-    asking,
+    request_params,
 )
 from trolley.requests import Request
 from trolley.topics import Topic
@@ -176,12 +176,12 @@ class Robot:
         Raises:
             Refused: `lost`, `stale`, `moving`, `not_converged`, `exists`.
         """
-        params = asking.Capture(name=name, icon=icon, replace=replace)
+        params = request_params.Capture(name=name, icon=icon, replace=replace)
         return self.ask(requests.POSE_CAPTURE, params)
 
     # Where it goes.
     def send(self, place: Place, **options: Any) -> GoalStatus:
-        """Send a goal without waiting; `options` are fields of `messages.asking.SendGoal`."""
+        """Send a goal without waiting; `options` are fields of `request_params.SendGoal`."""
         return self.ask(requests.GOAL_SEND, goal_to(place, **options))
 
     def go_to(
@@ -227,7 +227,7 @@ class Robot:
 
     def cancel(self, goal: str | None = None) -> GoalStatus:
         """Cancel a goal, or the current one."""
-        return self.ask(requests.GOAL_CANCEL, asking.WhichGoal(id=goal))
+        return self.ask(requests.GOAL_CANCEL, request_params.WhichGoal(id=goal))
 
     # Trips.
     def tour(self, name: str, wait: bool = True, timeout: float | None = None) -> TourStatus:
@@ -236,7 +236,7 @@ class Robot:
         Raises:
             Refused: It cannot be started; `timeout`.
         """
-        status = self.ask(requests.TOUR_START, asking.StartTour(name=name))
+        status = self.ask(requests.TOUR_START, request_params.StartTour(name=name))
         if not wait:
             return status
         *_, last = self.follow_tour(status.trip, timeout)
@@ -345,7 +345,7 @@ class Robot:
         raise RobotUnreachable(f"{service} of {self.name} is silent")
 
 
-def goal_to(place: Place, **options: Any) -> asking.SendGoal:
+def goal_to(place: Place, **options: Any) -> request_params.SendGoal:
     """A goal at a place, with an id; without a yaw any heading will do.
 
     Raises:
@@ -353,15 +353,15 @@ def goal_to(place: Place, **options: Any) -> asking.SendGoal:
     """
     options.setdefault("id", f"py-{secrets.token_hex(6)}")
     if isinstance(place, str):
-        return asking.SendGoal(name=place, **options)
+        return request_params.SendGoal(name=place, **options)
     if isinstance(place, Pose2D):
-        return asking.SendGoal(pose=place, **options)
+        return request_params.SendGoal(pose=place, **options)
     if len(place) not in (2, 3):
         raise ValueError(f"a place has two or three numbers (x, y, yaw), not {len(place)}")
     if len(place) == 2:
         options.setdefault("yaw_tolerance", ANY_HEADING)
     pose = Pose2D.from_array((*place, 0.0)[:3])
-    return asking.SendGoal(pose=pose, **options)
+    return request_params.SendGoal(pose=pose, **options)
 
 
 def _deadline(timeout: float | None) -> float | None:

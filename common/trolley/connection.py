@@ -23,7 +23,7 @@ from trolley.messages import BaseState, Clock
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard
-from trolley.runtime.gathering import outcome
+from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
 from trolley.security.host_keys import DEFAULT_FOLDER, HostKeys, KeysError, keys_for

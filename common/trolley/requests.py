@@ -7,7 +7,7 @@ import msgspec
 
 from trolley import codes
 from trolley import messages as m
-from trolley.messages import asking
+from trolley.messages import request_params
 from trolley.topics import ROOT
 
 P = TypeVar("P", bound=msgspec.Struct)
@@ -44,7 +44,7 @@ GOAL_REFUSALS = (
 
 POSE_CAPTURE = Request(
     "pose/capture",
-    asking.Capture,
+    request_params.Capture,
     m.CapturedPose,
     "tour",
     (
@@ -58,79 +58,99 @@ POSE_CAPTURE = Request(
 )
 POSE_SET = Request(
     "pose/set",
-    asking.SetPose,
+    request_params.SetPose,
     m.PoseEstimate,
     "localizer",
     (codes.OUTSIDE_MAP, codes.IN_OBSTACLE, codes.MAPPING),
 )
-POSE_FIND = Request("pose/find", asking.Nothing, m.PoseEstimate, "localizer", (codes.MAPPING,))
-GOAL_SEND = Request("goal/send", asking.SendGoal, m.GoalStatus, "planner", GOAL_REFUSALS)
-GOAL_PREVIEW = Request("goal/preview", asking.SendGoal, m.Path, "planner", GOAL_REFUSALS)
+POSE_FIND = Request(
+    "pose/find", request_params.Nothing, m.PoseEstimate, "localizer", (codes.MAPPING,)
+)
+GOAL_SEND = Request("goal/send", request_params.SendGoal, m.GoalStatus, "planner", GOAL_REFUSALS)
+GOAL_PREVIEW = Request("goal/preview", request_params.SendGoal, m.Path, "planner", GOAL_REFUSALS)
 GOAL_CANCEL = Request(
-    "goal/cancel", asking.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT,)
+    "goal/cancel", request_params.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT,)
 )
-GOAL_PAUSE = Request("goal/pause", asking.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT,))
+GOAL_PAUSE = Request(
+    "goal/pause", request_params.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT,)
+)
 GOAL_RESUME = Request(
-    "goal/resume", asking.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT, codes.STOPPED)
+    "goal/resume",
+    request_params.WhichGoal,
+    m.GoalStatus,
+    "planner",
+    (codes.NOT_CURRENT, codes.STOPPED),
 )
-TOUR_START = Request("tour/start", asking.StartTour, m.TourStatus, "tour")
-TOUR_STOP = Request("tour/stop", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
-TOUR_PAUSE = Request("tour/pause", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
-TOUR_RESUME = Request("tour/resume", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
-TOUR_SKIP = Request("tour/skip", asking.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
-TOUR_HISTORY = Request("tour/history", asking.AskHistory, list[m.PastTrip], "tour")
-TOUR_OFFER = Request("tour/offer", asking.AskOffer, m.Offer, "tour")
+TOUR_START = Request("tour/start", request_params.StartTour, m.TourStatus, "tour")
+TOUR_STOP = Request("tour/stop", request_params.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
+TOUR_PAUSE = Request(
+    "tour/pause", request_params.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,)
+)
+TOUR_RESUME = Request(
+    "tour/resume", request_params.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,)
+)
+TOUR_SKIP = Request("tour/skip", request_params.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
+TOUR_HISTORY = Request("tour/history", request_params.AskHistory, list[m.PastTrip], "tour")
+TOUR_OFFER = Request("tour/offer", request_params.AskOffer, m.Offer, "tour")
 POSES_PUT = Request("poses/put", m.SavedPose, m.SavedPose, "tour", (codes.NOT_SAVED,))
-POSES_DELETE = Request("poses/delete", asking.Named, m.SavedPose, "tour", (codes.NOT_SAVED,))
+POSES_DELETE = Request(
+    "poses/delete", request_params.Named, m.SavedPose, "tour", (codes.NOT_SAVED,)
+)
 TOURS_PUT = Request("tours/put", m.Tour, m.Tour, "tour", (codes.NOT_SAVED,))
-TOURS_DELETE = Request("tours/delete", asking.Named, m.Tour, "tour", (codes.NOT_SAVED,))
+TOURS_DELETE = Request("tours/delete", request_params.Named, m.Tour, "tour", (codes.NOT_SAVED,))
 ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING))
 ZONES_DELETE = Request(
-    "zones/delete", asking.Named, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING)
+    "zones/delete", request_params.Named, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING)
 )
 CHANGES_DISMISS = Request(
     "changes/dismiss",
-    asking.WhichChange,
+    request_params.WhichChange,
     m.MapChange,
     "localizer",
     (codes.NOT_SAVED, codes.MAPPING),
 )
-BASE_STOP = Request("base/stop", asking.Nothing, m.BaseState, "base", always=True)
-BASE_RESUME = Request("base/resume", asking.Nothing, m.BaseState, "base")
-MAP_LIST = Request("map/list", asking.Nothing, list[str], "localizer")
+BASE_STOP = Request("base/stop", request_params.Nothing, m.BaseState, "base", always=True)
+BASE_RESUME = Request("base/resume", request_params.Nothing, m.BaseState, "base")
+MAP_LIST = Request("map/list", request_params.Nothing, list[str], "localizer")
 MAP_LOAD = Request(
     "map/load",
-    asking.LoadMap,
+    request_params.LoadMap,
     m.MapInfo,
     "localizer",
     (codes.OUTSIDE_MAP, codes.IN_OBSTACLE, codes.MAPPING),
 )
 LOCALIZER_YIELD = Request(
-    "localizer/yield", asking.Yield, m.PoseEstimate, "localizer", (codes.NOT_CURRENT,)
+    "localizer/yield", request_params.Yield, m.PoseEstimate, "localizer", (codes.NOT_CURRENT,)
 )
 MAP_NEW = Request(
-    "map/new", asking.MapNamed, m.MappingStatus, "mapper", (codes.MAPPING, codes.EXISTS)
+    "map/new", request_params.MapNamed, m.MappingStatus, "mapper", (codes.MAPPING, codes.EXISTS)
 )
 MAP_EXTEND = Request(
     "map/extend",
-    asking.MapNamed,
+    request_params.MapNamed,
     m.MappingStatus,
     "mapper",
     (codes.MAPPING, codes.WRONG_MAP, codes.NOT_LOCALIZED),
 )
 MAP_SAVE = Request(
     "map/save",
-    asking.SaveMap,
+    request_params.SaveMap,
     m.MappingStatus,
     "mapper",
     (codes.NOT_MAPPING, codes.EXISTS, codes.NOT_SAVED),
 )
-MAP_PAUSE = Request("map/pause", asking.PauseMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
-MAP_EXPLORE = Request(
-    "map/explore", asking.ExploreMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
+MAP_PAUSE = Request(
+    "map/pause", request_params.PauseMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
 )
-MAP_UNDO = Request("map/undo", asking.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
-MAP_CANCEL = Request("map/cancel", asking.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,))
+MAP_EXPLORE = Request(
+    "map/explore", request_params.ExploreMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
+)
+MAP_UNDO = Request(
+    "map/undo", request_params.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
+)
+MAP_CANCEL = Request(
+    "map/cancel", request_params.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
+)
 MAP_EDIT = Request(
     "map/edit",
     m.EditMap,

@@ -14,7 +14,7 @@ from support.waiting import wait_until
 from trolley import requests, topics
 from trolley.client import Refused, Robot
 from trolley.geometry import Pose2D, wrap_angle
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 
 CHROMIUM = Path("/usr/bin/chromium")
 # Rendered in software: slow, but it needs no graphics card. No sandbox: containers forbid it.

@@ -20,7 +20,7 @@ from trolley.cli.demo_robot import Choices, settings
 from trolley.client import Robot
 from trolley.geometry import Pose2D
 from trolley.messages import floats_from_bytes
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 
 from .conftest import run_demo
 from .seeing import count_seen, is_purple, poll

@@ -15,7 +15,7 @@ from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.messages import Path as Way
 from trolley.messages import SuspectLine, Suspects, Zone, floats_from_bytes
-from trolley.messages.asking import Named, SendGoal
+from trolley.messages.request_params import Named, SendGoal
 
 from .conftest import open_page
 from .seeing import pixel_of

@@ -29,7 +29,7 @@ from trolley.messages import (
     Transform,
     Twist2D,
 )
-from trolley.messages.asking import Nothing, SendGoal, WhichGoal
+from trolley.messages.request_params import Nothing, SendGoal, WhichGoal
 from trolley.runtime.log import Log
 from trolley.runtime.node import Node
 from trolley.runtime.process import Run

@@ -10,7 +10,7 @@ from support.waiting import wait_until
 
 from trolley import Refused, Robot, RobotUnreachable, SeveralRobots, requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, Marker, Overlay, asking
+from trolley.messages import GoalStatus, Marker, Overlay, request_params
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 
@@ -138,7 +138,7 @@ def test_a_service_that_is_not_there_is_not_ready(add_robot: Callable, endpoint:
         assert refused.value.code == "not_ready"
         assert "tour" in refused.value.message
         with pytest.raises(Refused):
-            robot.ask(requests.TOUR_OFFER, asking.AskOffer(name="kitchen"), timeout=0.5)
+            robot.ask(requests.TOUR_OFFER, request_params.AskOffer(name="kitchen"), timeout=0.5)
 
 
 def test_subscribe_gives_messages_and_a_time_out(add_robot: Callable, endpoint: str) -> None:

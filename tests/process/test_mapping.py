@@ -13,7 +13,7 @@ from trolley import codes, requests, topics, worlds
 from trolley.client import Refused, Robot
 from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus, PoseEstimate
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 
 pytestmark = pytest.mark.slow
 GOALS = ((1.2, 0.0), (2.4, 0.2), (0.3, 0.0))

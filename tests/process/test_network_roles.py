@@ -19,7 +19,7 @@ from trolley.codes import Refused
 from trolley.connection import Connection, RobotUnreachable
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Marker, SavedPose, Transform, VelocityCommand
-from trolley.messages.asking import Nothing, SendGoal
+from trolley.messages.request_params import Nothing, SendGoal
 from trolley.requests import Request
 from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import NotConnected, open_router

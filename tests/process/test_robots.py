@@ -13,7 +13,7 @@ from trolley import requests, topics, worlds
 from trolley.codes import Refused
 from trolley.connection import Connection, RobotUnreachable
 from trolley.geometry import Pose2D
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 
 STARTS = {"ann": (2.4, 3.2), "bob": (2.4, 4.75), "cleo": (4.7, 6.3)}
 GOALS = {"ann": (1.2, 4.75), "bob": (2.4, 2.8), "cleo": (3.6, 6.4)}

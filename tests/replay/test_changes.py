@@ -17,7 +17,7 @@ from trolley.geometry import Twist2D
 from trolley.gridmap import save_map
 from trolley.map_editing.proposals import free_name, ops_of
 from trolley.messages import EditMap, MapChange, MapChanges, OccupancyGrid, VelocityCommand
-from trolley.messages.asking import Named, WhichChange
+from trolley.messages.request_params import Named, WhichChange
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService

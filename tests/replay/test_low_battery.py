@@ -8,7 +8,7 @@ from drives import CORRIDOR, KITCHEN, WORLDS, make_config, open_robot
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour
-from trolley.messages.asking import StartTour
+from trolley.messages.request_params import StartTour
 
 START = Pose2D(0.549, 0.218, 0.2579)
 REST = f"""

@@ -11,7 +11,8 @@ import pytest
 if TYPE_CHECKING:
     from .conftest import Source
 
-SERVICES = ("base", "localizer", "mqtt", "planner", "tour", "viz")
+ROOT = Path(__file__).resolve().parents[2]
+SERVICES = tuple(sorted(path.parent.name for path in ROOT.glob("services/*/pyproject.toml")))
 RUNTIME = Path("common/trolley/runtime")
 
 

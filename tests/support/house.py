@@ -13,7 +13,7 @@ from trolley.config import FootprintConfig, PlannerConfig, RobotConfig, RobotSec
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley.messages import BaseState, Battery, Clock, GoalStatus, VelocityCommand
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every, on
 from trolley_planner.others import discs_of

@@ -16,7 +16,7 @@ from trolley.codes import Refused
 from trolley.connection import Arrival, Connection, RobotTime, RobotUnreachable
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import VelocityCommand
-from trolley.messages.asking import Nothing, SendGoal
+from trolley.messages.request_params import Nothing, SendGoal
 from trolley.runtime.bus import Sample
 from trolley.teleop import PERIOD_S, SOURCE, VALID_S
 from trolley.topics import Topic

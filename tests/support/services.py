@@ -9,7 +9,7 @@ import msgspec
 from trolley import requests, topics
 from trolley.config import RobotConfig
 from trolley.messages import BaseState, SavedPose, SavedPoses
-from trolley.messages.asking import Nothing
+from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, answers, every, gets, on
 
 

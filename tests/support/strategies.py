@@ -11,7 +11,7 @@ from msgspec import inspect
 
 from trolley import messages, requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import asking
+from trolley.messages import request_params
 from trolley.messages.arrays import ARRAY_FIELDS
 from trolley.messages.mapping import MAX_ORIGIN_M
 
@@ -24,7 +24,7 @@ def message_types() -> list[type[msgspec.Struct]]:
     found: set[type[msgspec.Struct]] = {topic.message for topic in topics.TOPICS}
     found |= {request.params for request in requests.REQUESTS}
     found |= {request.reply for request in requests.REQUESTS if issubclass_of_struct(request.reply)}
-    for module in (messages, asking):
+    for module in (messages, request_params):
         found |= {value for value in vars(module).values() if issubclass_of_struct(value)}
     return sorted(found, key=lambda kind: kind.__name__)
 

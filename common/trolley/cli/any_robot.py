@@ -6,15 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 from trolley import codes, requests
 from trolley.codes import SENTENCES, Refused
 from trolley.connection import Connection, RobotUnreachable
-from trolley.messages import Offer, asking
+from trolley.messages import Offer, request_params
 
 MOST_ASKED = 16
 """So many are asked at the same time."""
 
 
-def ask_offers(connection: Connection, goal: asking.SendGoal) -> dict[str, Offer]:
+def ask_offers(connection: Connection, goal: request_params.SendGoal) -> dict[str, Offer]:
     """Ask every robot how soon it could be at a goal; one that does not answer offers nothing."""
-    params = asking.AskOffer(pose=goal.pose, name=goal.name)
+    params = request_params.AskOffer(pose=goal.pose, name=goal.name)
 
     def ask(robot: str) -> Offer:
         try:

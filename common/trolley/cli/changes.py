@@ -10,7 +10,7 @@ from trolley.cli.show import print_json, print_table
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.map_editing.proposals import first_that_fit, free_name, ops_of
-from trolley.messages import EditMap, MapChange, MapChanges, MapEdited, asking
+from trolley.messages import EditMap, MapChange, MapChanges, MapEdited, request_params
 
 ALL = "all"
 
@@ -42,7 +42,7 @@ def map_changes(
             return
         if dismissed is not None:
             for one in _chosen(known, dismissed):
-                robot.ask(requests.CHANGES_DISMISS, asking.WhichChange(id=one.id))
+                robot.ask(requests.CHANGES_DISMISS, request_params.WhichChange(id=one.id))
                 click.echo(f"{one.id} is not proposed any more.")
             return
     if as_json:

@@ -17,7 +17,7 @@ from trolley.cli.tour import all_reached, follow_trip
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.connection import RobotUnreachable
-from trolley.messages import PoseEstimate, SavedPose, TourStatus, Truth, asking
+from trolley.messages import PoseEstimate, SavedPose, TourStatus, Truth, request_params
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 
@@ -137,7 +137,9 @@ def drive_tour(robot: Robot) -> int:
     closer = robot.connection.listen(topics.SIM_TRUTH.key(robot.name), watch.take)
     try:
         # The planner may still be reading its map.
-        status = patiently(lambda: robot.ask(requests.TOUR_START, asking.StartTour(name=TOUR.name)))
+        status = patiently(
+            lambda: robot.ask(requests.TOUR_START, request_params.StartTour(name=TOUR.name))
+        )
         status = follow_trip(robot, status.trip)
     finally:
         closer.close()

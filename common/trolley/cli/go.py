@@ -15,7 +15,7 @@ from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, seconds_text
 from trolley.client import Place, Robot, goal_to
 from trolley.codes import Refused
-from trolley.messages import GoalStatus, asking
+from trolley.messages import GoalStatus, request_params
 
 
 def _place(where: tuple[str, ...], *, deg: bool) -> Place:
@@ -75,7 +75,7 @@ def go_command(
 
 
 @contextmanager
-def _whoever_is_first(goal: asking.SendGoal) -> Generator[Robot]:
+def _whoever_is_first(goal: request_params.SendGoal) -> Generator[Robot]:
     """The robot that is free and would be at the goal first; its name is said on stderr."""
     if given("robot"):
         raise click.UsageError("--any asks all robots: leave out --robot")
@@ -85,7 +85,7 @@ def _whoever_is_first(goal: asking.SendGoal) -> Generator[Robot]:
         yield Robot.over(connection, name)
 
 
-def _preview(robot: Robot, goal: asking.SendGoal, *, as_json: bool) -> None:
+def _preview(robot: Robot, goal: request_params.SendGoal, *, as_json: bool) -> None:
     path = robot.ask(requests.GOAL_PREVIEW, goal)
     if as_json:
         print_json(path)

@@ -12,7 +12,7 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, print_json, seconds_text
 from trolley.client import Robot
 from trolley.codes import Refused
-from trolley.messages import MappingStatus, asking
+from trolley.messages import MappingStatus, request_params
 from trolley.requests import Request
 
 START_TIMEOUT_S = 900.0
@@ -31,8 +31,12 @@ def add_commands(group: click.Group) -> None:
         new_map,
         extend_map,
         save_map,
-        _control("pause", requests.MAP_PAUSE, asking.PauseMap(), "Let the map be as it is."),
-        _control("resume", requests.MAP_PAUSE, asking.PauseMap(on=False), "Go on with the map."),
+        _control(
+            "pause", requests.MAP_PAUSE, request_params.PauseMap(), "Let the map be as it is."
+        ),
+        _control(
+            "resume", requests.MAP_PAUSE, request_params.PauseMap(on=False), "Go on with the map."
+        ),
         undo_map,
         explore_map,
         cancel_map,
@@ -86,7 +90,7 @@ def extend_map(name: str, explore: bool, as_json: bool) -> None:
 def explore_map(switch: str, as_json: bool) -> None:
     """Let the robot drive by itself to what the map in the making lacks, or stand (`off`)."""
     with one_robot() as robot:
-        status = robot.ask(requests.MAP_EXPLORE, asking.ExploreMap(on=switch == "on"))
+        status = robot.ask(requests.MAP_EXPLORE, request_params.ExploreMap(on=switch == "on"))
     _show(status, as_json=as_json, text=EXPLORES if switch == "on" else status_text(status))
 
 
@@ -98,7 +102,7 @@ def explore_map(switch: str, as_json: bool) -> None:
 def save_map(name: str | None, as_json: bool) -> None:
     """Save the map, under another NAME if one is given; the robot uses it from then on."""
     with one_robot() as robot:
-        asked = robot.ask(requests.MAP_SAVE, asking.SaveMap(name=name))
+        asked = robot.ask(requests.MAP_SAVE, request_params.SaveMap(name=name))
         status = _wait(robot, asked, "saving", SAVE_TIMEOUT_S)
     if status.state != "idle":
         raise Refused(codes.NOT_SAVED, status.message or None)
@@ -113,7 +117,7 @@ def save_map(name: str | None, as_json: bool) -> None:
 def undo_map(seconds: float, as_json: bool) -> None:
     """Forget what was mapped last."""
     with one_robot() as robot:
-        status = robot.ask(requests.MAP_UNDO, asking.UndoMap(seconds=seconds))
+        status = robot.ask(requests.MAP_UNDO, request_params.UndoMap(seconds=seconds))
     _show(status, as_json=as_json, text=status_text(status))
 
 
@@ -174,10 +178,14 @@ def _control(
 
 
 def _begin(
-    robot: Robot, request: Request[asking.MapNamed, MappingStatus], name: str, *, explore: bool
+    robot: Robot,
+    request: Request[request_params.MapNamed, MappingStatus],
+    name: str,
+    *,
+    explore: bool,
 ) -> MappingStatus:
     """Ask for a map and wait until it is being made."""
-    asked = robot.ask(request, asking.MapNamed(name=name, explore=explore))
+    asked = robot.ask(request, request_params.MapNamed(name=name, explore=explore))
     status = _wait(robot, asked, "starting", START_TIMEOUT_S)
     if status.state not in ("mapping", "paused"):
         raise Refused(codes.NOT_READY, status.message or "The mapper has given up.")

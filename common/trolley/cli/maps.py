@@ -17,7 +17,7 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM
-from trolley.messages import MapInfo, OccupancyGrid, Zone, asking
+from trolley.messages import MapInfo, OccupancyGrid, Zone, request_params
 from trolley.messages.arrays import arrays_of
 
 LOAD_S, POLL_S = 60.0, 0.5
@@ -98,14 +98,14 @@ def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) ->
     """Let the robot use the map NAME from now on; without --at it searches its place there."""
     pose = None if at is None else Pose2D(*at)
     with one_robot() as robot:
-        info = ask_to_load(robot, asking.LoadMap(name=name, pose=pose))
+        info = ask_to_load(robot, request_params.LoadMap(name=name, pose=pose))
     if as_json:
         print_json(info)
     else:
         click.echo(f"The robot uses the map {info.name}.")
 
 
-def ask_to_load(robot: Robot, params: asking.LoadMap) -> MapInfo:
+def ask_to_load(robot: Robot, params: request_params.LoadMap) -> MapInfo:
     """Change to another map, and wait until it is read: that may take longer than an answer.
 
     Raises:

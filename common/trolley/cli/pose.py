@@ -12,7 +12,7 @@ from trolley.cli.show import Progress, pose_text, print_json, print_table
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import CapturedPose, PoseEstimate, SavedPose, asking
+from trolley.messages import CapturedPose, PoseEstimate, SavedPose, request_params
 
 FIND_TIMEOUT_S = 60.0
 
@@ -73,7 +73,7 @@ def set_pose(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
     x, y, yaw = (as_number(text, name) for text, name in zip(where, ("X", "Y", "YAW"), strict=True))
     pose = Pose2D.from_array((x, y, math.radians(yaw) if deg else yaw))
     with one_robot() as robot:
-        estimate = robot.ask(requests.POSE_SET, asking.SetPose(pose=pose))
+        estimate = robot.ask(requests.POSE_SET, request_params.SetPose(pose=pose))
     if as_json:
         print_json(estimate)
     else:
@@ -154,5 +154,5 @@ def _row(saved: SavedPose) -> tuple[str, ...]:
 def delete_pose(name: str) -> None:
     """Forget the saved place NAME."""
     with one_robot() as robot:
-        robot.ask(requests.POSES_DELETE, asking.Named(name=name))
+        robot.ask(requests.POSES_DELETE, request_params.Named(name=name))
     click.echo(f"deleted {name}")

@@ -19,7 +19,7 @@ from trolley.connection import RobotUnreachable
 from trolley.doctor.computer_facts import Host
 from trolley.doctor.units import read_units
 from trolley.messages import BaseState, GoalStatus, Health, PoseEstimate, TourStatus
-from trolley.printable import printable
+from trolley.sanitize import sanitize
 
 EXPECTED = ("base", "localizer", "planner", "tour")
 """What a robot needs to drive tours."""
@@ -148,10 +148,10 @@ def problems(found: dict[str, Any]) -> list[str]:
 
 def _print_all(found: list[dict[str, Any]]) -> None:
     """A line for each robot; what is wrong with it below."""
-    print_table(("ROBOT", "NOW"), [(one["name"], printable(one["sentence"])) for one in found])
+    print_table(("ROBOT", "NOW"), [(one["name"], sanitize(one["sentence"])) for one in found])
     for one in found:
         for problem in one["problems"]:
-            click.secho(printable(f"{one['name']}: {problem}"), fg="red")
+            click.secho(sanitize(f"{one['name']}: {problem}"), fg="red")
 
 
 def _print(found: dict[str, Any]) -> None:
@@ -160,13 +160,13 @@ def _print(found: dict[str, Any]) -> None:
     kind = ""
     if robot is not None:
         kind = f", {'simulated ' if robot.simulated else ''}{robot.drive}"
-    click.secho(printable(f"{found['name']}{title}{kind}"), bold=True)
-    click.echo(printable(found["sentence"]))
+    click.secho(sanitize(f"{found['name']}{title}{kind}"), bold=True)
+    click.echo(sanitize(found["sentence"]))
     click.echo()
-    click.echo(printable(f"base   {_base_text(found['base'])}"))
-    click.echo(printable(f"pose   {_pose_text(found['pose'], found['pose_age'])}"))
-    click.echo(printable(f"goal   {_goal_text(found['goal'])}"))
-    click.echo(printable(f"trip   {_trip_text(found['trip'])}"))
+    click.echo(sanitize(f"base   {_base_text(found['base'])}"))
+    click.echo(sanitize(f"pose   {_pose_text(found['pose'], found['pose_age'])}"))
+    click.echo(sanitize(f"goal   {_goal_text(found['goal'])}"))
+    click.echo(sanitize(f"trip   {_trip_text(found['trip'])}"))
     click.echo()
     width = shutil.get_terminal_size().columns
     rows = [_service_row(name, service) for name, service in found["services"].items()]
@@ -177,7 +177,7 @@ def _print(found: dict[str, Any]) -> None:
     if found["problems"]:
         click.echo()
         for problem in found["problems"]:
-            click.secho(printable(problem), fg="red")
+            click.secho(sanitize(problem), fg="red")
 
 
 def _base_text(base: BaseState | None) -> str:
@@ -219,15 +219,15 @@ def _trip_text(trip: TourStatus | None) -> str:
 def _service_row(name: str, service: dict[str, Any]) -> tuple[str, ...]:
     health: Health | None = service["health"]
     if not service["runs"]:
-        return printable(name), "not running", *[""] * (len(COLUMNS) - 2)
+        return sanitize(name), "not running", *[""] * (len(COLUMNS) - 2)
     up_s, age_s, restarts = service["up_s"], service["age_s"], service["restarts"]
     return (
-        printable(name),
+        sanitize(name),
         "starting" if health is None else health.state,
         "-" if age_s is None else short_time(age_s),
         "-" if health is None else f"{health.cpu:.1%}",
         "-" if health is None else f"{health.rss / 1e6:.0f} MB",
         "-" if up_s is None else short_time(up_s),
         "-" if restarts is None else str(restarts),
-        "" if health is None else printable(health.message),
+        "" if health is None else sanitize(health.message),
     )

@@ -7,8 +7,8 @@ from typing import Literal
 from trolley import topics
 from trolley.cli.columns import Column, table_lines
 from trolley.messages import Health
-from trolley.printable import printable
 from trolley.runtime.clash import Run
+from trolley.sanitize import sanitize
 from trolley.traffic import ONLY_AT_WORK, Expected, Flow, expected
 
 Order = Literal["bytes", "rate", "name"]
@@ -143,7 +143,7 @@ def lines_of(picture: Picture, width: int, height: int | None) -> list[tuple[str
     """The lines with their colours; `height` None: as many as there are."""
     lines: list[tuple[str, str | None]] = []
     for robot, sentence in picture.sentences.items():
-        lines.append((printable(f"{robot}: {sentence}", width), None))
+        lines.append((sanitize(f"{robot}: {sentence}", width), None))
     several = len(picture.sentences) > 1
     lines += [("", None), *_service_lines(picture.services, width, several=several)]
     lines += [("", None), *_topic_lines(picture.topics, width, several=several)]
@@ -201,7 +201,7 @@ def _topic_lines(
 
 
 def _name(robot: str, name: str, *, several: bool) -> str:
-    return printable(f"{robot}/{name}" if several else name, LONGEST_NAME)
+    return sanitize(f"{robot}/{name}" if several else name, LONGEST_NAME)
 
 
 def short_time(seconds: float) -> str:

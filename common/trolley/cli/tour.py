@@ -9,7 +9,7 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table, seconds_text
 from trolley.client import Robot
 from trolley.codes import Refused
-from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus, asking
+from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus, request_params
 from trolley.requests import Request
 
 
@@ -30,7 +30,7 @@ def start_tour(name: str, no_wait: bool, as_json: bool) -> None:
     Exit code 1 unless every stop was reached.
     """
     with one_robot() as robot:
-        status = robot.ask(requests.TOUR_START, asking.StartTour(name=name))
+        status = robot.ask(requests.TOUR_START, request_params.StartTour(name=name))
         if not no_wait:
             status = follow_trip(robot, status.trip, quiet=as_json)
     if as_json:
@@ -83,7 +83,7 @@ def _summary(status: TourStatus) -> str:
     return f"{text}: {status.message} ({status.reason})" if status.reason else text
 
 
-def _control(name: str, request: Request[asking.Nothing, TourStatus], text: str) -> None:
+def _control(name: str, request: Request[request_params.Nothing, TourStatus], text: str) -> None:
     """Add a subcommand that asks a request without parameters."""
 
     @tour_command.command(name=name, help=text)
@@ -177,7 +177,9 @@ def _stop_row(index: int, stop: Stop) -> tuple[str, ...]:
 def trip_history(since: str | None, limit: int, stops: bool, as_json: bool) -> None:
     """List past trips, the newest first."""
     with one_robot() as robot:
-        trips = robot.ask(requests.TOUR_HISTORY, asking.AskHistory(since=since, limit=limit))
+        trips = robot.ask(
+            requests.TOUR_HISTORY, request_params.AskHistory(since=since, limit=limit)
+        )
     if as_json:
         print_json(trips)
     elif not trips:

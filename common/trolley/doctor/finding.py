@@ -4,7 +4,7 @@ import dataclasses
 import enum
 from collections.abc import Callable
 
-from trolley.printable import printable
+from trolley.sanitize import sanitize
 
 
 class Level(enum.IntEnum):
@@ -34,7 +34,7 @@ class Finding:
     def __post_init__(self) -> None:
         """Take out what would disturb a terminal: names and messages come from outside."""
         for field in ("about", "sentence", "remedy"):
-            object.__setattr__(self, field, printable(getattr(self, field), 600))
+            object.__setattr__(self, field, sanitize(getattr(self, field), 600))
 
 
 def ok(about: str, sentence: str) -> Finding:

@@ -77,17 +77,22 @@ def gets(topic: Topic[Any], *parts: str) -> Callable[[F], F]:
     return _bind(Binding("gets", topic=topic, parts=parts))
 
 
-def bindings_of(service: object) -> list[tuple[Binding, Callable[..., Any]]]:
-    """Every bound method of a service, in the order of definition."""
-    found: list[tuple[Binding, Callable[..., Any]]] = []
-    seen: set[str] = set()
+def bindings_of(*owners: object) -> list[tuple[Binding, Callable[..., Any]]]:
+    """Every bound method of a service and its parts: owner by owner, in the order of definition."""
+    return [
+        (binding, getattr(owner, name))
+        for owner in owners
+        for name, bindings in _marked(type(owner)).items()
+        for binding in bindings
+    ]
+
+
+def _marked(kind: type) -> dict[str, tuple[Binding, ...]]:
+    """The bindings of a class's methods by name; a subclass's method stands for its base's."""
+    found: dict[str, tuple[Binding, ...]] = {}
     members: Mapping[str, Any]
-    for cls in type(service).__mro__:
+    for cls in kind.__mro__:
         members = vars(cls)
         for name, member in members.items():
-            if name not in seen:
-                seen.add(name)
-                found += [
-                    (binding, getattr(service, name)) for binding in getattr(member, BINDINGS, ())
-                ]
+            found.setdefault(name, getattr(member, BINDINGS, ()))
     return found

@@ -17,13 +17,13 @@ from typing import Any, TypeVar
 import msgspec
 
 from trolley.codes import Refused
-from trolley.messages.asking import Nothing
+from trolley.messages.request_params import Nothing
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Query, Reply, Sample, matches
-from trolley.runtime.gathering import outcome
 from trolley.runtime.log import Log
 from trolley.runtime.node import Node
+from trolley.runtime.replies import outcome
 from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder
 from trolley.topics import Qos, Topic

@@ -14,10 +14,10 @@ from trolley.messages import Clock, Health
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Bus
-from trolley.runtime.gathering import Gathering, outcome
 from trolley.runtime.inbox import Inbox
 from trolley.runtime.log import Log
 from trolley.runtime.receiving import Context, Receiver, Watching
+from trolley.runtime.replies import Gathering, outcome
 from trolley.runtime.robot_time import FollowedTime, TimeSource
 from trolley.runtime.service import Binding, Service, Watch, bindings_of
 from trolley.runtime.serving import Server
@@ -103,7 +103,7 @@ class Node:
             everybody = "*" if self.service.all_robots else None
             clocks = Watching(Watch(topics.CLOCK, 0.0), everybody, (), then=self._hear_clock)
             self._receiver.open(clocks)
-        bindings = bindings_of(self.service)
+        bindings = bindings_of(self.service, *self.service.parts)
         self._owned = {binding.topic for binding, _ in bindings if binding.kind == "gets"}
         for binding, method in bindings:
             self._open_binding(binding, method)

@@ -9,9 +9,9 @@ from trolley import topics
 from trolley.codes import Refused
 from trolley.runtime import codec
 from trolley.runtime.bus import Bus, Closer, Reply, Sample, has_wildcard, matches
-from trolley.runtime.gathering import Gathering
 from trolley.runtime.inbox import Inbox
 from trolley.runtime.log import Log
+from trolley.runtime.replies import Gathering
 from trolley.runtime.robot_time import TimeSource
 from trolley.runtime.watch import Watch
 from trolley.topics import Kind, Qos, Topic

@@ -20,9 +20,14 @@ through `work`. The same class runs as a process over Zenoh and in the lock-step
             if outside:
                 raise Refused(codes.OUTSIDE_MAP)
             return estimate
+
+A service that does several things consists of parts: plain objects, made in `__init__` and named in
+`parts`, whose decorated methods the runtime binds as it binds the service's own. A part is given
+the service it belongs to as a `Service`: it sees the wire, the clocks and the files, nothing else.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, Literal, TypeVar, overload
 
 import msgspec
@@ -76,6 +81,8 @@ class Service:
     """Whether it listens to the clocks of all robots."""
     own_time: TimeSource | None = None
     """Set in `__init__` by the service that owns robot time (`base`); the others follow `clock`."""
+    parts: tuple[object, ...] = ()
+    """Set in `__init__`: the objects whose decorated methods are bound after the service's own."""
 
     _port: Port
 
@@ -223,6 +230,34 @@ class Service:
         see is returned by `fn` as a value.
         """
         self._port.work(fn, then)
+
+    def save(
+        self,
+        name: str,
+        value: msgspec.Struct,
+        then: Callable[[OSError | None], None] | None = None,
+        *,
+        is_secret: bool = False,
+    ) -> None:
+        """Write a state file aside, whole or not at all; `then` hears None, or why it failed.
+
+        Without `then` a failure is counted as `state/not_saved` and logged.
+        """
+        state, heard = self.state, then or partial(self._say_not_saved, name)
+
+        def write() -> OSError | None:
+            try:
+                state.write(name, value, is_secret=is_secret)
+            except OSError as error:
+                return error
+            return None
+
+        self.work(write, heard)
+
+    def _say_not_saved(self, name: str, error: OSError | None) -> None:
+        if error is not None:
+            self.count("state/not_saved")
+            self.log.limited(name, "Not saved", file=name, why=error.strerror)
 
     def call_soon(self, fn: Callable[[], None], *, urgent: bool = False) -> None:
         """Call `fn` on the service's thread; the one method that any other thread may call.

@@ -20,7 +20,7 @@ from trolley.messages import (
     VelocityCommand,
     floats_to_bytes,
 )
-from trolley.messages.asking import Nothing
+from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_base.dead_reckoning import DeadReckoning
 from trolley_base.description import footprint_of, limits_of, mesh_of, robot_message

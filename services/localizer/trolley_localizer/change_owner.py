@@ -6,7 +6,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.gridmap import GridMap
 from trolley.messages import MapChange, MapChanges
-from trolley.messages.asking import WhichChange
+from trolley.messages.request_params import WhichChange
 from trolley.runtime.service import Later, answers, every
 from trolley_localizer.change_store import ChangeFile, from_file, state_file, to_file
 from trolley_localizer.changes import Changes

@@ -11,7 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import MapError
 from trolley.gridmap.wire import map_message
 from trolley.messages import MapInfo, Suspects, Zone, Zones
-from trolley.messages.asking import LoadMap, Named, Nothing
+from trolley.messages.request_params import LoadMap, Named, Nothing
 from trolley.runtime.service import Later, answers, gets, on, on_delete
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_store import ChosenMap, LoadedMap, MapStore, read_map

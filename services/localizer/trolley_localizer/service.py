@@ -19,7 +19,7 @@ from trolley.messages import (
     SuspectLine,
     Suspects,
 )
-from trolley.messages.asking import Nothing, SetPose
+from trolley.messages.request_params import Nothing, SetPose
 from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import answers, every, on
 from trolley.scan_input import Reject, ScanInput

@@ -3,7 +3,7 @@
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import MappingStatus, PoseEstimate
-from trolley.messages.asking import Yield
+from trolley.messages.request_params import Yield
 from trolley.runtime.service import Service, answers, every
 
 LEASE_NS = 3_000_000_000

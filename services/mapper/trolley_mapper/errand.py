@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages import Zone
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley_mapper.floor import Floor, lay_floor
 from trolley_mapper.frontiers import Body, Frontier, Outlook, look_out
 

@@ -10,7 +10,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry.footprint import circumscribed_radius, inscribed_radius
 from trolley.messages import BaseState, GoalStatus, MappingStatus, Robot
-from trolley.messages.asking import ExploreMap, SendGoal, WhichGoal
+from trolley.messages.request_params import ExploreMap, SendGoal, WhichGoal
 from trolley.runtime.service import Watch, answers, every
 from trolley_mapper import wording
 from trolley_mapper.estimate import Anchor

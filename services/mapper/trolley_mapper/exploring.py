@@ -16,7 +16,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley_mapper import wording
 from trolley_mapper.errand import Cancel, Errand, Limits, Scene, Send, Sight, Wish
 from trolley_mapper.floor import Floor

@@ -8,7 +8,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, Zones
-from trolley.messages.asking import LoadMap, Named
+from trolley.messages.request_params import LoadMap, Named
 from trolley.runtime.service import Service
 from trolley_mapper import editing
 from trolley_mapper.editing import Follow

@@ -16,7 +16,7 @@ from trolley.messages import (
     SavedPoses,
     Zones,
 )
-from trolley.messages.asking import Yield
+from trolley.messages.request_params import Yield
 from trolley.runtime.service import Watch, every
 from trolley.scan_input import Reject, ScanInput
 from trolley_mapper import kept as keeping

@@ -7,7 +7,7 @@ from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import MapInfo, MappingStatus, PoseEstimate
-from trolley.messages.asking import (
+from trolley.messages.request_params import (
     LoadMap,
     MapNamed,
     Nothing,

@@ -10,7 +10,7 @@ from typing import Any
 from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
-from trolley.messages.asking import Nothing, SendGoal, StartTour, WhichGoal
+from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.requests import Request
 from trolley_mqtt.telling import GOING
 

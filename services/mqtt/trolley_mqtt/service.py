@@ -11,7 +11,7 @@ from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.config import ConfigError, RobotConfig
 from trolley.messages import SavedPose
-from trolley.messages.asking import Nothing
+from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, every
 from trolley_mqtt import commands
 from trolley_mqtt.announcing import Announcements

@@ -8,7 +8,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley_planner.approach import Tolerances
 from trolley_planner.goal import Goal, free_pose_near
 from trolley_planner.path import PlannedPath

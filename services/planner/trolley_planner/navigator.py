@@ -9,7 +9,7 @@ from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, GoalStatus, Odometry, Path, Scan
-from trolley.messages.asking import SendGoal, WhichGoal
+from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley_planner import wire
 from trolley_planner.admission import Admitted, admit, check_ready, check_state, goal_pose
 from trolley_planner.approach import Tolerances

@@ -22,7 +22,7 @@ from trolley.messages import (
     VelocityCommand,
     Zones,
 )
-from trolley.messages.asking import SendGoal, WhichGoal
+from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_planner.navigator import OWN_SOURCE, Navigator
 from trolley_planner.warmup import warm_up

@@ -18,7 +18,7 @@ from trolley.messages import (
     Zone,
     Zones,
 )
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.controller import Motion, limits_of
 from trolley_planner.costmap import Costmap

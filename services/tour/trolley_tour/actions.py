@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import CapturedPose, Odometry, PoseEstimate, SavedPose
-from trolley.messages.asking import Capture
+from trolley.messages.request_params import Capture
 from trolley.runtime.service import Later, Watch, answers, every
 from trolley_tour import store
 from trolley_tour.capture import (

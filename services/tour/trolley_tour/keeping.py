@@ -9,7 +9,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import PoseEstimate, SavedPose, SavedPoses, Tour, Tours
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
 from trolley_tour import store
 from trolley_tour.shelf import Shelf

@@ -6,7 +6,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import Marker, Offer, Overlay, Path
-from trolley.messages.asking import AskOffer, SendGoal
+from trolley.messages.request_params import AskOffer, SendGoal
 from trolley.runtime.service import Later, answers, gets, on, on_delete
 from trolley_tour.capturing import Capturing
 from trolley_tour.drawings import checked_marker, new_markers, new_overlays

@@ -9,7 +9,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PastTrip, Tour, TourStatus
-from trolley.messages.asking import AskHistory, Nothing, StartTour, WhichGoal
+from trolley.messages.request_params import AskHistory, Nothing, StartTour, WhichGoal
 from trolley.runtime.service import Later, Watch, answers, every
 from trolley_tour import history, store, wording
 from trolley_tour.actions import Cancel, Limits, Pause, Send

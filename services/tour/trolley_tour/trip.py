@@ -11,7 +11,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.messages.touring import TripState
 from trolley_tour import wording
 from trolley_tour.actions import Action, Cancel, Limits, Pause, Send

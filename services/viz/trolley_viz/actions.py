@@ -6,7 +6,7 @@ from typing import Any, Literal
 from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
-from trolley.messages.asking import Nothing, SendGoal, StartTour, WhichGoal
+from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.requests import Request
 from trolley.runtime.service import Service
 from trolley_viz.errands import MAX_STOPS, Errands

@@ -12,7 +12,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Path, floats_from_bytes
-from trolley.messages.asking import SendGoal, SetPose
+from trolley.messages.request_params import SendGoal, SetPose
 from trolley.runtime.service import Service
 from trolley_viz.actions import Actions
 from trolley_viz.pointing import Pointed, Pointing, Tool

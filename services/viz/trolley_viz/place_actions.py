@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from trolley import requests, topics
 from trolley.geometry.frames import MAP
 from trolley.messages import SavedPose, Tour
-from trolley.messages.asking import Capture, Named
+from trolley.messages.request_params import Capture, Named
 from trolley_viz.actions import Actions
 from trolley_viz.aiming import Aiming, ignore
 from trolley_viz.pointing import Pointed, Tool

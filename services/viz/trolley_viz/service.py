@@ -12,7 +12,7 @@ import viser
 from trolley import requests, teleop, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
-from trolley.messages.asking import AskHistory, Nothing
+from trolley.messages.request_params import AskHistory, Nothing
 from trolley.runtime.service import Service, Watch, every
 from trolley.topics import Topic
 from trolley_viz import camera, visitors

@@ -6,7 +6,7 @@ from msgspec import structs
 
 from trolley import requests
 from trolley.messages import Tour
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 from trolley_viz.actions import Actions
 from trolley_viz.undo import Step
 

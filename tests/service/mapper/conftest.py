@@ -14,7 +14,7 @@ from trolley.config import RobotConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley.messages import Clock, MappingStatus, PoseEstimate
-from trolley.messages.asking import MapNamed
+from trolley.messages.request_params import MapNamed
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every
 from trolley_localizer.service import LocalizerService

@@ -28,7 +28,7 @@ from trolley.messages import (
     Zone,
     Zones,
 )
-from trolley.messages.asking import LoadMap, MapNamed
+from trolley.messages.request_params import LoadMap, MapNamed
 from trolley_localizer.map_owner import MapOwner
 from trolley_mapper import editing, map_editor
 

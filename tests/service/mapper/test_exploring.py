@@ -15,7 +15,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley.gridmap.wire import grid_of
 from trolley.messages import BaseState, MappingStatus, VelocityCommand
-from trolley.messages.asking import ExploreMap, MapNamed, PauseMap, SendGoal
+from trolley.messages.request_params import ExploreMap, MapNamed, PauseMap, SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import every, on
 from trolley_mapper import maker

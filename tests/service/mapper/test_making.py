@@ -8,7 +8,7 @@ from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import load_map
 from trolley.messages import OccupancyGrid, SavedPose, Zone
-from trolley.messages.asking import (
+from trolley.messages.request_params import (
     Capture,
     LoadMap,
     MapNamed,

@@ -10,7 +10,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import MapError
-from trolley.messages.asking import MapNamed, SaveMap
+from trolley.messages.request_params import MapNamed, SaveMap
 from trolley_mapper import kept
 from trolley_mapper.versions import MapVersions
 

@@ -25,7 +25,7 @@ from trolley.messages import (
     Tours,
     TourStatus,
 )
-from trolley.messages.asking import Nothing, SendGoal, StartTour, WhichGoal
+from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 from trolley_mqtt.link import Arrived, Broker, Connected, Event, Interest, Lost

@@ -11,7 +11,7 @@ from trolley import requests, topics
 from trolley.config import FootprintConfig, PlannerConfig, RobotConfig, RobotSection
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, Clock, GoalStatus, VelocityCommand
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every, on
 from trolley_planner.service import PlannerService

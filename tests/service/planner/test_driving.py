@@ -11,7 +11,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Path, SavedPose, SavedPoses
-from trolley.messages.asking import SendGoal, WhichGoal
+from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley_planner.service import PlannerService
 
 from .conftest import START, Stage

@@ -13,7 +13,7 @@ from support.flatland import empty_room, with_block
 from trolley import requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import distance_transform, save_map
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_from_bytes
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService

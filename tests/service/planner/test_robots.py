@@ -9,7 +9,7 @@ from support.house import Household
 from trolley import codes, requests
 from trolley.geometry import Pose2D
 from trolley.messages import Offer
-from trolley.messages.asking import AskOffer
+from trolley.messages.request_params import AskOffer
 from trolley_tour.service import TourService
 
 WEST, EAST = Pose2D(1.5, 3.0, 0.0), Pose2D(6.5, 3.0, 3.1)

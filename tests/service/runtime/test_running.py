@@ -7,7 +7,7 @@ from support.samples import make_clock, make_places
 
 from trolley import requests, topics
 from trolley.messages import Health, Offer
-from trolley.messages.asking import AskOffer
+from trolley.messages.request_params import AskOffer
 from trolley.runtime import codec
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every, on

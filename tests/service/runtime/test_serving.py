@@ -12,7 +12,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, Offer, SavedPose, Stop, Tour
-from trolley.messages.asking import AskOffer, Named, Nothing, SendGoal, WhichGoal
+from trolley.messages.request_params import AskOffer, Named, Nothing, SendGoal, WhichGoal
 from trolley.runtime.bus import Reply
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Later, Service, answers, gets

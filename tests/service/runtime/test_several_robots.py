@@ -4,7 +4,7 @@ from pathlib import Path
 
 from trolley import requests, topics
 from trolley.messages import BaseState
-from trolley.messages.asking import Nothing
+from trolley.messages.request_params import Nothing
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 

@@ -24,7 +24,7 @@ from trolley.messages import (
     TourStatus,
 )
 from trolley.messages import Path as PlannedPath
-from trolley.messages.asking import SendGoal, WhichGoal
+from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every, gets
 from trolley_tour.service import TourService

@@ -8,7 +8,7 @@ import pytest
 from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.geometry import Pose2D, Twist2D
-from trolley.messages.asking import AskOffer, Capture
+from trolley.messages.request_params import AskOffer, Capture
 
 from .conftest import replace
 

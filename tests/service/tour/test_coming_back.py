@@ -8,7 +8,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import Stop
-from trolley.messages.asking import SendGoal, WhichGoal
+from trolley.messages.request_params import SendGoal, WhichGoal
 
 if TYPE_CHECKING:
     from .conftest import Home, Plan

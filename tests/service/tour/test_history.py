@@ -11,7 +11,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, ScheduleEntry, Stop, Tour
-from trolley.messages.asking import AskHistory
+from trolley.messages.request_params import AskHistory
 from trolley.messages.touring import Day
 from trolley_tour import history
 

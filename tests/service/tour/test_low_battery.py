@@ -7,7 +7,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Battery, SavedPose, Stop, Tour
-from trolley.messages.asking import AskOffer, SendGoal
+from trolley.messages.request_params import AskOffer, SendGoal
 
 if TYPE_CHECKING:
     from collections.abc import Callable

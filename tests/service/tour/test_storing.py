@@ -10,7 +10,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 
 if TYPE_CHECKING:
     from .conftest import Home

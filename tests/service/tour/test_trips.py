@@ -8,7 +8,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, SavedPose, Stop
-from trolley.messages.asking import Named, SendGoal, StartTour, WhichGoal
+from trolley.messages.request_params import Named, SendGoal, StartTour, WhichGoal
 from trolley.messages.touring import Tour
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from trolley import codes, topics
 from trolley.cli import maps
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import OccupancyGrid, Zones, asking
+from trolley.messages import OccupancyGrid, Zones, request_params
 
 
 class SlowRobot:
@@ -43,17 +43,17 @@ def test_a_map_that_takes_longer_than_an_answer_is_waited_for(
 ) -> None:
     monkeypatch.setattr(maps, "POLL_S", 0.001)
     slow: Any = SlowRobot(codes.TIMEOUT)
-    assert maps.ask_to_load(slow, asking.LoadMap(name="attic")).name == "attic"
+    assert maps.ask_to_load(slow, request_params.LoadMap(name="attic")).name == "attic"
     assert slow.asked >= 4
     slow = SlowRobot(codes.TIMEOUT)
     monkeypatch.setattr(maps, "LOAD_S", 0.0)
     with pytest.raises(Refused, match="not in use yet"):
-        maps.ask_to_load(slow, asking.LoadMap(name="attic"))
+        maps.ask_to_load(slow, request_params.LoadMap(name="attic"))
 
 
 def test_one_that_cannot_be_used_is_said_at_once() -> None:
     robot: Any = SlowRobot(codes.IN_OBSTACLE)
     with pytest.raises(Refused) as refused:
-        maps.ask_to_load(robot, asking.LoadMap(name="attic"))
+        maps.ask_to_load(robot, request_params.LoadMap(name="attic"))
     assert refused.value.code == codes.IN_OBSTACLE
     assert robot.asked == 1

@@ -26,7 +26,7 @@ from trolley.messages import (
     Zone,
     floats_to_bytes,
 )
-from trolley.messages.asking import LoadMap, Named, SetPose
+from trolley.messages.request_params import LoadMap, Named, SetPose
 from trolley.runtime.lockstep import Lockstep
 from trolley_localizer.service import LocalizerService
 

@@ -14,7 +14,7 @@ from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.messages import BaseState, GoalState, GoalStatus, Zone
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley_mapper.errand import Cancel, Limits, Scene, Send
 from trolley_mapper.exploring import MOST_FAILED, START_S, WAIT_S, Explorer
 

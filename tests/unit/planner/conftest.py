@@ -8,7 +8,7 @@ from support.flatland import MAP_T_ODOM, Flatland
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, GoalStatus
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley_planner.navigator import Navigator
 
 STEP_NS = 50_000_000

@@ -13,7 +13,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import UNKNOWN, GridMap
 from trolley.messages import OccupancyGrid, Scan
-from trolley.messages.asking import SendGoal
+from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
 
 START = Pose2D(1.0, 3.0, 0.0)

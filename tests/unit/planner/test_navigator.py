@@ -12,7 +12,7 @@ from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.messages import BaseState, Zone
-from trolley.messages.asking import SendGoal, WhichGoal
+from trolley.messages.request_params import SendGoal, WhichGoal
 
 MakeRide = Callable[..., "object"]
 START = Pose2D(1.0, 3.0, 0.0)

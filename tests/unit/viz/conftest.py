@@ -30,7 +30,7 @@ from trolley.messages import (
     Transform,
     floats_to_bytes,
 )
-from trolley.messages.asking import Nothing, SendGoal, SetPose, StartTour, WhichGoal
+from trolley.messages.request_params import Nothing, SendGoal, SetPose, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 from trolley_viz.gate import Access, Gate

@@ -8,7 +8,7 @@ from trolley import requests, topics
 from trolley.codes import EXISTS, UNKNOWN_NAME, Refused
 from trolley.map_editing.proposals import first_that_fit, free_name, ops_of
 from trolley.messages import EditMap, MapChange, MapChanges, MapEdited
-from trolley.messages.asking import Nothing, WhichChange
+from trolley.messages.request_params import Nothing, WhichChange
 from trolley.runtime.service import Service, answers
 from trolley_viz.panels.changes import ACCEPT, LATER, NEVER
 

@@ -21,7 +21,7 @@ from trolley.messages import (
     TakeBack,
     Turn,
 )
-from trolley.messages.asking import Nothing
+from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, answers
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from trolley.messages import (
     Tours,
     TourStatus,
 )
-from trolley.messages.asking import AskHistory, Named, Nothing, StartTour
+from trolley.messages.request_params import AskHistory, Named, Nothing, StartTour
 from trolley.runtime.service import Service, answers
 from trolley_viz.panels.past_trips import summary as trip_summary
 from trolley_viz.panels.past_trips import tone_of, trips_html, when_text

@@ -10,7 +10,7 @@ import pytest
 from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.messages import SuspectLine, Suspects, Zone, Zones
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 from trolley.runtime.service import Service, answers
 from trolley_localizer.zone_store import check_zone, with_zone, without_zone
 from trolley_viz.settings import Dismissed

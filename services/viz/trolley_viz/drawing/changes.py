@@ -12,7 +12,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.map_editing.proposals import first_that_fit, free_name, ops_of
 from trolley.messages import EditMap, MapChange, MapEdited, TakeBack
-from trolley.messages.asking import Nothing, WhichChange
+from trolley.messages.request_params import Nothing, WhichChange
 from trolley.runtime.service import Service
 from trolley_viz.actions import Actions
 from trolley_viz.drawing.suspects import dashes

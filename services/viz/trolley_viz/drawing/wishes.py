@@ -7,7 +7,7 @@ from typing import Any
 from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.messages import Zone
-from trolley.messages.asking import Named
+from trolley.messages.request_params import Named
 from trolley.requests import Request
 from trolley.runtime.service import Service
 from trolley_viz.undo import History, Step

@@ -26,7 +26,7 @@ from trolley.messages import (
     OccupancyGrid,
     TakeBack,
 )
-from trolley.messages.asking import Nothing
+from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service
 from trolley_viz.drawing.board import Board, Phase, Strokes
 from trolley_viz.drawing.sketch import Point

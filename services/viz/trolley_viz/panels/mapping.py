@@ -6,7 +6,7 @@ import viser
 
 from trolley import requests, topics
 from trolley.messages import MappingStatus
-from trolley.messages.asking import (
+from trolley.messages.request_params import (
     ExploreMap,
     MapNamed,
     Nothing,
