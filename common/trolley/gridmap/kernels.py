@@ -4,6 +4,7 @@ All lengths inside are in cells; x runs along the columns, y along the rows.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,48 +154,105 @@ def clip_to_grid(
     return enter, leave
 
 
+class March(NamedTuple):
+    """A ray in one of the cells that it passes; all lengths along the ray in cells."""
+
+    row: int
+    col: int
+    travelled: float
+    """From the start of the ray to where it enters this cell."""
+    next_col: float
+    """From the start of the ray to the next border between columns; `next_row` alike."""
+    next_row: float
+    per_col: float
+    """Between two borders between columns; `per_row` alike."""
+    per_row: float
+    step_col: int
+    """The column after this border is so many further: 1 or -1; `step_row` alike."""
+    step_row: int
+
+
 @kernel
-def cast_ray(occupied: NDArray[np.uint8], x: float, y: float, angle: float, reach: float) -> float:
+def begin_march(
+    start: tuple[float, float],
+    direction: tuple[float, float],
+    cell: tuple[int, int],
+    travelled: float,
+) -> March:
+    """Begin to march along a ray from cell to cell.
+
+    Args:
+        start: x, y of the ray [cells].
+        direction: x, y, a unit vector.
+        cell: row and column in which the march begins.
+        travelled: where along the ray that is [cells].
+
+    Source:
+        Amanatides, Woo, A Fast Voxel Traversal Algorithm for Ray Tracing (1987).
+    """
+    (x, y), (dx, dy), (row, col) = start, direction, cell
+    return March(
+        row,
+        col,
+        travelled,
+        ((col + (dx > 0.0)) - x) / dx if dx != 0.0 else math.inf,
+        ((row + (dy > 0.0)) - y) / dy if dy != 0.0 else math.inf,
+        abs(1.0 / dx) if dx != 0.0 else math.inf,
+        abs(1.0 / dy) if dy != 0.0 else math.inf,
+        1 if dx > 0.0 else -1,
+        1 if dy > 0.0 else -1,
+    )
+
+
+@kernel
+def next_cell(at: March) -> March:
+    """Return the march in the next cell of its ray."""
+    steps = at.per_col, at.per_row, at.step_col, at.step_row
+    if at.next_col < at.next_row:
+        col, travelled = at.col + at.step_col, at.next_col
+        return March(at.row, col, travelled, at.next_col + at.per_col, at.next_row, *steps)
+    row, travelled = at.row + at.step_row, at.next_row
+    return March(row, at.col, travelled, at.next_col, at.next_row + at.per_row, *steps)
+
+
+@kernel
+def first_occupied(
+    occupied: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, reach: float
+) -> float:
     """Return how far a ray runs before it enters an occupied cell [cells], or +inf.
 
     Args:
         occupied: (rows, cols), set where not 0.
         x: start along the columns [cells]; may lie outside the grid.
         y: start along the rows [cells].
-        angle: direction [rad], counter-clockwise from +x.
+        dx: direction, unit length together with `dy`.
+        dy: direction.
         reach: farther hits do not count [cells].
+    """
+    rows, cols = occupied.shape
+    enter, leave = clip_to_grid(x, y, dx, dy, cols, rows)
+    if not enter <= min(leave, reach):
+        return math.inf
+    col = min(max(math.floor(x + enter * dx), 0), cols - 1)
+    row = min(max(math.floor(y + enter * dy), 0), rows - 1)
+    at = begin_march((x, y), (dx, dy), (row, col), enter)
+    while at.travelled <= reach and 0 <= at.row < rows and 0 <= at.col < cols:
+        if occupied[at.row, at.col]:
+            return at.travelled
+        at = next_cell(at)
+    return math.inf
 
-    A ray whose start or direction is not finite hits nothing.
 
-    Source:
-        Amanatides, Woo, A Fast Voxel Traversal Algorithm for Ray Tracing (1987).
+@kernel
+def cast_ray(occupied: NDArray[np.uint8], x: float, y: float, angle: float, reach: float) -> float:
+    """Return how far a ray runs before it enters an occupied cell [cells], or +inf.
+
+    As `first_occupied`, by an angle [rad], counter-clockwise from +x. A ray whose start or
+    direction is not finite hits nothing.
     """
     if not math.isfinite(x + y + angle):
         return math.inf
-    rows, cols = occupied.shape
-    dx, dy = math.cos(angle), math.sin(angle)
-    travelled, leave = clip_to_grid(x, y, dx, dy, cols, rows)
-    if not travelled <= min(leave, reach):
-        return math.inf
-    col = min(max(math.floor(x + travelled * dx), 0), cols - 1)
-    row = min(max(math.floor(y + travelled * dy), 0), rows - 1)
-    step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-    next_x = ((col + (dx > 0.0)) - x) / dx if dx != 0.0 else math.inf
-    next_y = ((row + (dy > 0.0)) - y) / dy if dy != 0.0 else math.inf
-    per_col = abs(1.0 / dx) if dx != 0.0 else math.inf
-    per_row = abs(1.0 / dy) if dy != 0.0 else math.inf
-    while travelled <= reach:
-        if occupied[row, col]:
-            return travelled
-        if next_x < next_y:
-            travelled, col = next_x, col + step_col
-            next_x += per_col
-        else:
-            travelled, row = next_y, row + step_row
-            next_y += per_row
-        if col < 0 or col >= cols or row < 0 or row >= rows:
-            break
-    return math.inf
+    return first_occupied(occupied, x, y, math.cos(angle), math.sin(angle), reach)
 
 
 @kernel
@@ -221,6 +279,44 @@ def cast_rays_into(
     x, y, reach = x_grid / resolution_m, y_grid / resolution_m, max_range_m / resolution_m
     for ray in range(angles_grid.shape[0]):
         out_m[ray] = resolution_m * cast_ray(occupied, x, y, angles_grid[ray], reach)
+
+
+@kernel
+def interpolate(values: NDArray[np.float32], x_cells: float, y_cells: float) -> float:
+    """Return a grid's value between cell centres; outside, that of the nearest cell.
+
+    Args:
+        values: (rows, cols), at least two of each.
+        x_cells: from the centre of the first column [cells].
+        y_cells: from the centre of the first row [cells].
+    """
+    rows, cols = values.shape
+    u = min(max(x_cells, 0.0), cols - 1.001)
+    v = min(max(y_cells, 0.0), rows - 1.001)
+    col, row = math.floor(u), math.floor(v)
+    a, b = u - col, v - row
+    low = values[row, col] + a * (values[row, col + 1] - values[row, col])
+    high = values[row + 1, col] + a * (values[row + 1, col + 1] - values[row + 1, col])
+    return low + b * (high - low)
+
+
+@kernel
+def disc_box(
+    x_cells: float, y_cells: float, radius_cells: float, rows: int, cols: int
+) -> tuple[int, int, int, int]:
+    """Return the cells about a disc: the first row and column, and those after the last."""
+    return (
+        max(0, math.floor(y_cells - radius_cells)),
+        max(0, math.floor(x_cells - radius_cells)),
+        min(rows, math.ceil(y_cells + radius_cells)),
+        min(cols, math.ceil(x_cells + radius_cells)),
+    )
+
+
+@kernel
+def is_in_disc(row: int, col: int, x_cells: float, y_cells: float, radius_cells: float) -> bool:
+    """Say whether a cell's centre lies within a disc."""
+    return math.hypot(col + 0.5 - x_cells, row + 0.5 - y_cells) <= radius_cells
 
 
 @kernel

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.gridmap.kernels import first_occupied
 from trolley.jit import kernel
 
 OPAQUE, MIRROR, MIRROR_LEFT, GLASS = range(4)
@@ -73,59 +74,11 @@ def grid_range(
         dy: the same.
         reach: end of the ray [m].
     """
-    rows, cols = solid.shape
     edge = frame[4]
     px, py = (x - frame[0]) / edge, (y - frame[1]) / edge
     gx, gy = px * frame[2] + py * frame[3], py * frame[2] - px * frame[3]
     ux, uy = dx * frame[2] + dy * frame[3], dy * frame[2] - dx * frame[3]
-    end = reach / edge
-    enter, leave = _grid_interval(gx, gy, ux, uy, float(cols), float(rows))
-    enter = max(enter, 0.0)
-    if enter >= min(leave, end):
-        return reach
-    col = min(cols - 1, max(0, math.floor(gx + enter * ux)))
-    row = min(rows - 1, max(0, math.floor(gy + enter * uy)))
-    step_col, step_row = (1 if ux > 0.0 else -1), (1 if uy > 0.0 else -1)
-    per_col = abs(1.0 / ux) if ux != 0.0 else math.inf
-    per_row = abs(1.0 / uy) if uy != 0.0 else math.inf
-    next_col = ((col + (1 if ux > 0.0 else 0)) - gx) / ux if ux != 0.0 else math.inf
-    next_row = ((row + (1 if uy > 0.0 else 0)) - gy) / uy if uy != 0.0 else math.inf
-    travelled = enter
-    while travelled < end:
-        if solid[row, col]:
-            return travelled * edge
-        if next_col < next_row:
-            travelled = next_col
-            next_col += per_col
-            col += step_col
-            if col < 0 or col >= cols:
-                return reach
-        else:
-            travelled = next_row
-            next_row += per_row
-            row += step_row
-            if row < 0 or row >= rows:
-                return reach
-    return reach
-
-
-@kernel
-def _grid_interval(
-    gx: float, gy: float, ux: float, uy: float, width: float, height: float
-) -> tuple[float, float]:
-    """Return where a ray enters and leaves a rectangle at (0, 0); enter > leave: it misses."""
-    enter, leave = -math.inf, math.inf
-    if ux != 0.0:
-        first, second = -gx / ux, (width - gx) / ux
-        enter, leave = max(enter, min(first, second)), min(leave, max(first, second))
-    elif gx < 0.0 or gx >= width:
-        return math.inf, -math.inf
-    if uy != 0.0:
-        first, second = -gy / uy, (height - gy) / uy
-        enter, leave = max(enter, min(first, second)), min(leave, max(first, second))
-    elif gy < 0.0 or gy >= height:
-        return math.inf, -math.inf
-    return enter, leave
+    return min(first_occupied(solid, gx, gy, ux, uy, reach / edge) * edge, reach)
 
 
 @kernel
