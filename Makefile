@@ -18,7 +18,8 @@ STAMPS := $(VENV)/.stamps
 MEMBERS := common $(patsubst %/pyproject.toml,%,$(wildcard services/*/pyproject.toml))
 MEMBER_FILES := $(addsuffix /pyproject.toml,$(MEMBERS))
 KERNEL_FILES := $(shell grep -rlE --include='*.py' '^from trolley.jit import' common services)
-BENCHES := $(shell grep -lE '__main__' bench/*.py 2>/dev/null)
+# Programs that say in their first lines how they are run; what others start does not.
+BENCHES = $(shell grep -rhoE '^(    )?(TROLLEY_DATA=\S+ )?python -m bench[a-z_.]+' --include='*.py' bench | grep -oE 'bench[a-z_.]+' | sort -u)
 
 export UV_PYTHON_DOWNLOADS := never
 
@@ -60,7 +61,7 @@ format: setup ## Let ruff mend and format the code.
 
 bench: setup ## Run every program in bench/.
 	@failed=(); for bench in $(BENCHES); do \
-		echo "== $$bench"; $(BIN)/python "$$bench" $(ARGS) || failed+=("$$bench"); \
+		echo "== $$bench"; $(BIN)/python -m "$$bench" $(ARGS) || failed+=("$$bench"); \
 	done; \
 	test $${#failed[@]} -eq 0 || { echo "failed: $${failed[*]}"; exit 1; }
 

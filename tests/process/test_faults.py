@@ -5,9 +5,9 @@ import signal
 from collections.abc import Generator
 
 import pytest
-from fault_cases import COMMAND_LOST_S, FAULTS, Fault, disturb
-from fault_rig import Rig
-from fault_saved import lost
+from bench.faults.cases import COMMAND_LOST_S, FAULTS, Fault, disturb
+from bench.faults.robot import Rig
+from bench.faults.saved import lost
 
 pytestmark = pytest.mark.slow
 

@@ -2,9 +2,9 @@
 
 import shutil
 
-import power_cut
 import pytest
-from power_cut import Operation, cut_everywhere, judge
+from bench.faults import power_cut
+from bench.faults.power_cut import Operation, cut_everywhere, judge
 
 PLACES = "trolley/poses.toml"
 OLD, NEW = (

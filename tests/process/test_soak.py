@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from soak_lockstep import Soak, new_results
+from bench.soak.lockstep import Soak, new_results
 
 from trolley.messages import StopResult
 

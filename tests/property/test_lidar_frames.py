@@ -4,10 +4,10 @@ from collections import Counter
 from itertools import islice, pairwise
 
 import pytest
+from bench.base.lidar_streams import STREAMS, x4_frame
+from bench.base.plain_lidars import PLAIN, PlainFrames
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lidar_streams import STREAMS, x4_frame
-from plain_lidars import PLAIN, PlainFrames
 
 from trolley_base.drivers.lidars import ld19, lds01, rplidar_capsules, xv11, ydlidar_x4
 from trolley_base.drivers.lidars.frames import FrameFinder, FrameFormat

@@ -3,10 +3,10 @@
 from collections import Counter
 from itertools import islice, pairwise
 
+from bench.base.lidar_streams import standard_sample, standard_stream
+from bench.base.plain_lidars import PlainSamples
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lidar_streams import standard_sample, standard_stream
-from plain_lidars import PlainSamples
 
 from trolley_base.drivers.lidars.rplidar_samples import SampleFinder
 

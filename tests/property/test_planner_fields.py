@@ -4,7 +4,7 @@ import itertools
 import math
 
 import numpy as np
-from best_paths import grid_cost, taut_length
+from bench.planner.best_paths import grid_cost, taut_length
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

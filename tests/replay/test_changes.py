@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drives import WORLDS, make_config
+from bench.harness.drives import make_config
+from bench.harness.paths import WORLDS
+from bench.harness.wandering import APARTMENT, START, Wanderer, write_world
 from msgspec.structs import replace
-from wandering import APARTMENT, START, Wanderer, write_world
 
 from trolley import requests, topics
 from trolley.codes import EXISTS, UNKNOWN_NAME, Refused

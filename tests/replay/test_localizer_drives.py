@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded import (
+from bench.harness.recorded import (
     CREATE3,
     FREIBURG,
     FREIBURG_RAW,

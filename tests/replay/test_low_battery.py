@@ -3,7 +3,8 @@
 import math
 
 import pytest
-from drives import CORRIDOR, KITCHEN, WORLDS, make_config, open_robot
+from bench.harness.drives import CORRIDOR, KITCHEN, make_config, open_robot
+from bench.harness.paths import WORLDS
 
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D

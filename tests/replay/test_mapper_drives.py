@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mapper import follow, relation_errors, without_scans
-from mapper_houses import fitted
-from recorded import CREATE3, FREIBURG, FREIBURG_RAW, Recording, read_recording
+from bench.harness.recorded import CREATE3, FREIBURG, FREIBURG_RAW, Recording, read_recording
+from bench.mapper.recorded_drives import follow, relation_errors, without_scans
+from bench.mapper.simulated_houses import fitted
 
 SECONDS = 150.0
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from recorded import Recording, Score, read_recording, score, start_nearby
+from bench.harness.recorded import Recording, Score, read_recording, score, start_nearby
 
 from trolley import topics
 from trolley.config import RobotConfig

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import pytest
-from drives import CORRIDOR, ENTRANCE, KITCHEN, WORLDS, Drive, drive_tour, simulated
-from localizer_mirror import MIRROR, ON_MIRROR_M, Ear, from_mirror_m
+from bench.harness.drives import CORRIDOR, ENTRANCE, KITCHEN, Drive, drive_tour, simulated
+from bench.harness.paths import WORLDS
+from bench.localizer.mirror import MIRROR, ON_MIRROR_M, Ear, from_mirror_m
 
 from trolley.geometry import Pose2D
 from trolley.runtime.lockstep import Lockstep

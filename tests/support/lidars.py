@@ -4,7 +4,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 
-from lidar_streams import STREAMS, chunks
+from bench.base.lidar_streams import STREAMS, chunks
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.dialogue import LidarDialogue, Status

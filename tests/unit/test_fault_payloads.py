@@ -1,7 +1,7 @@
 """What the table of faults sends: something valid and something broken for every row there is."""
 
 import pytest
-from fault_payloads import Target, broken, targets, valid
+from bench.faults.payloads import Target, broken, targets, valid
 
 from trolley import requests, topics
 from trolley.topics import Kind

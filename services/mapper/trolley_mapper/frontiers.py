@@ -68,7 +68,7 @@ class Frontier:
         """What it shows for the way: the greater the better.
 
         The way decides: who runs after the greatest gain drives half as far again, since what was
-        left behind must be come back for (bench/exploring.py).
+        left behind must be come back for (bench/mapper/exploring.py).
         """
         return math.sqrt(self.gain_m2) / (self.way_m + 1.0)
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from drives import make_config
+from bench.harness.drives import make_config
 
 from trolley import codes, requests, topics
 from trolley.config import RobotConfig

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import make_config
+from bench.harness.drives import make_config
 from support.flatland import empty_room, with_block
 
 from trolley import requests, topics

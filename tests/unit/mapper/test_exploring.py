@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from houses import draw_house, free_poses
-from perfect_robot import BODY, LIMITS, PerfectRobot, advance
+from bench.harness.houses import draw_house, free_poses
+from bench.mapper.perfect_robot import BODY, LIMITS, PerfectRobot, advance
 
 from trolley import codes
 from trolley.codes import Refused

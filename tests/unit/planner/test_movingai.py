@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from movingai import (
+from bench.planner.movingai import (
     BLOCKED,
     GROUND,
     WATER,
@@ -15,7 +15,7 @@ from movingai import (
     write_map,
     write_scen,
 )
-from planner_mazes import draw_files, drawn_maps, run
+from bench.planner.movingai_maps import draw_files, drawn_maps, run
 
 MAP = """type octile
 height 3

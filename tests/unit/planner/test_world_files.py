@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fields import FIELD_CELLS, GOAL_M, load_worlds
+from bench.planner.fields import FIELD_CELLS, GOAL_M, load_worlds
 
 MODEL = """
     <model name='unit_cylinder_{k}'>

@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lidar_streams import STREAMS, chunks, distance_m, ld19_frame, ld19_stream, xv11_stream
+from bench.base.lidar_streams import (
+    STREAMS,
+    chunks,
+    distance_m,
+    ld19_frame,
+    ld19_stream,
+    xv11_stream,
+)
 from numpy.typing import NDArray
 from support.lidars import Session, started, stream
 

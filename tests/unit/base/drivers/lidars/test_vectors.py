@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from lidar_streams import capsule
+from bench.base.lidar_streams import capsule
 
 from trolley_base.drivers.lidars.decoding import Decoded, Decoder
 from trolley_base.drivers.lidars.ld19 import Ld19Decoder
@@ -102,7 +102,7 @@ def test_a_capsule_before_one_that_begins_a_scan_is_dropped() -> None:
 
 
 def test_an_xv11_distance_marked_invalid_is_none() -> None:
-    from lidar_streams import xv11_frame
+    from bench.base.lidar_streams import xv11_frame
 
     frame = xv11_frame(3, 300.0, [(0x8035, 0), (0x4000 | 700, 9), (0x8000 | 900, 1), (5000, 2)])
     result = decoded(Xv11Decoder(Counter()), frame)

@@ -1,0 +1,298 @@
+"""Lidar decoders as one writes them first: byte by byte, in plain Python.
+
+They state the rule of acceptance and nothing else: what the fast decoders are measured by, and
+compared with.
+"""
+
+import itertools
+import math
+import struct
+from collections.abc import Callable
+from functools import reduce
+from operator import xor
+
+from bench.base.lidar_streams import crc8
+
+Length = Callable[[bytes], int | None]
+"""Of the first bytes: how long the frame is, 0 for none, None while that cannot be told."""
+
+
+def ld19_length(data: bytes) -> int | None:
+    """54 2C, 47 bytes."""
+    if data[0] != 0x54:
+        return 0
+    return None if len(data) < 2 else 47 * (data[1] == 0x2C)
+
+
+def ld19_check(frame: bytes) -> bool:
+    """CRC-8."""
+    return crc8(frame[:46]) == frame[46]
+
+
+def xv11_length(data: bytes) -> int | None:
+    """FA and A0...F9, 22 bytes."""
+    if data[0] != 0xFA:
+        return 0
+    return None if len(data) < 2 else 22 * (0xA0 <= data[1] <= 0xF9)
+
+
+def xv11_check(frame: bytes) -> bool:
+    """A sum that folds."""
+    total = 0
+    for (word,) in struct.iter_unpack("<H", frame[:20]):
+        total = (total << 1) + word & 0xFFFFFFFF
+    return ((total & 0x7FFF) + (total >> 15)) & 0x7FFF == frame[20] | frame[21] << 8
+
+
+def lds01_length(data: bytes) -> int | None:
+    """FA and A0...DB, 42 bytes."""
+    if data[0] != 0xFA:
+        return 0
+    return None if len(data) < 2 else 42 * (0xA0 <= data[1] <= 0xDB)
+
+
+def lds01_check(frame: bytes) -> bool:
+    """What the sum lacks, twice."""
+    return frame[40] == frame[41] == 0xFF - sum(frame[:40]) % 256
+
+
+def x4_length(data: bytes) -> int | None:
+    """AA 55, kind, number of samples, two angles whose lowest bit is set."""
+    if data[0] != 0xAA or (len(data) > 1 and data[1] != 0x55):
+        return 0
+    if len(data) > 3 and not 1 <= data[3] <= 40:
+        return 0
+    if (len(data) > 4 and not data[4] & 1) or (len(data) > 6 and not data[6] & 1):
+        return 0
+    return None if len(data) < 7 else 10 + 2 * data[3]
+
+
+def x4_check(frame: bytes) -> bool:
+    """XOR of header, first angle, samples, size with kind, and last angle."""
+    header, kind, size, first, last, check = struct.unpack("<HBBHHH", frame[:10])
+    samples = struct.unpack(f"<{size}H", frame[10:])
+    return reduce(xor, (header, first, *samples, size << 8 | kind, last)) == check
+
+
+def capsule_length(data: bytes) -> int | None:
+    """A. 5., 84 bytes."""
+    if data[0] >> 4 != 0xA:
+        return 0
+    return None if len(data) < 2 else 84 * (data[1] >> 4 == 5)
+
+
+def capsule_check(frame: bytes) -> bool:
+    """XOR of the rest, in two halves."""
+    return reduce(xor, frame[2:]) == (frame[0] & 15 | (frame[1] & 15) << 4)
+
+
+class PlainFrames:
+    """Finds frames: at each position a good frame, or on at the next byte."""
+
+    def __init__(self, length: Length, check: Callable[[bytes], bool]) -> None:
+        self._length = length
+        self._check = check
+        self.held = bytearray()
+        self.bad = self.skipped = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the frames that these bytes complete."""
+        found: list[bytes] = []
+        for byte in data:
+            self.held.append(byte)
+            while self.held:
+                length = self._length(bytes(self.held))
+                if length is None or len(self.held) < length:
+                    break
+                frame = bytes(self.held[:length])
+                if length and self._check(frame):
+                    found.append(frame)
+                    del self.held[:length]
+                    continue
+                self.bad += length > 0
+                self.skipped += 1
+                del self.held[0]
+        return found
+
+
+class PlainSamples:
+    """Finds the samples of an RPLIDAR's standard scan, by the rule of `rplidar_samples`."""
+
+    def __init__(self, *, in_step: bool) -> None:
+        self.held = bytearray()
+        self._in_step = in_step
+        self._behind: int | None = None
+        self._behind_step = 0
+        self.lost = self.skipped = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the samples that these bytes complete."""
+        found: list[bytes] = []
+        for byte in data:
+            self.held.append(byte)
+            while len(self.held) >= (5 if self._in_step else 40):
+                if not self._in_step:
+                    if self._is_step():
+                        self._in_step, self._behind, self._behind_step = True, None, 0
+                    else:
+                        self._drop()
+                    continue
+                sample = bytes(self.held[:5])
+                if self._accepts(sample):
+                    found.append(sample)
+                    del self.held[:5]
+                else:
+                    self._in_step = False
+                    self.lost += 1
+                    self._drop()
+        return found
+
+    def _drop(self) -> None:
+        self.skipped += 1
+        del self.held[0]
+
+    def _is_step(self) -> bool:
+        samples = [bytes(self.held[i : i + 5]) for i in range(0, 40, 5)]
+        if not all(map(is_good_sample, samples)) or sum(one[0] & 1 for one in samples) > 1:
+            return False
+        angles = [sample_angle(one) for one in samples]
+        steps = [(b - a + 180.0) % 360.0 - 180.0 for a, b in itertools.pairwise(angles)]
+        return all(abs(step) < 20.0 for step in steps) and 0.0 < sum(steps) < 60.0
+
+    def _accepts(self, sample: bytes) -> bool:
+        behind = self._behind_step if self._behind is None else self._behind
+        starts = sample[0] & 1 == 1
+        if not is_good_sample(sample) or behind >= 4000:
+            return False
+        if starts and self._behind is not None and self._behind < 50:
+            return False
+        self._behind_step += 1
+        if starts:
+            self._behind = 1
+        elif self._behind is not None:
+            self._behind += 1
+        return True
+
+
+def is_good_sample(sample: bytes) -> bool:
+    """S and not S differ, the check bit is set, the angle is in the circle."""
+    return (
+        sample[0] & 1 != sample[0] >> 1 & 1 and sample[1] & 1 == 1 and sample_angle(sample) < 360.0
+    )
+
+
+def sample_angle(sample: bytes) -> float:
+    """Degrees."""
+    return (sample[1] | sample[2] << 8) / 2 // 1 / 64.0
+
+
+PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
+    "RPLIDAR A1 standard": lambda: PlainSamples(in_step=True),
+    "RPLIDAR A1 express": lambda: PlainFrames(capsule_length, capsule_check),
+    "YDLIDAR X4": lambda: PlainFrames(x4_length, x4_check),
+    "LD19": lambda: PlainFrames(ld19_length, ld19_check),
+    "XV11": lambda: PlainFrames(xv11_length, xv11_check),
+    "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
+}
+"""Decoders by the titles of `lidar_streams.STREAMS`."""
+
+
+Polar = list[tuple[float, float]]
+"""Angles [deg] and distances [mm]."""
+
+
+def ld19_samples(frame: bytes) -> Polar:
+    """Twelve, evenly between two angles."""
+    first, last = struct.unpack_from("<H", frame, 4)[0], struct.unpack_from("<H", frame, 42)[0]
+    step = (last - first) % 36000 / 11
+    return [
+        ((first + i * step) / 100 % 360, frame[6 + 3 * i] | frame[7 + 3 * i] << 8)
+        for i in range(12)
+    ]
+
+
+def xv11_samples(frame: bytes) -> Polar:
+    """Four, a degree each."""
+    words = struct.unpack_from("<8H", frame, 4)
+    first = 4 * (frame[1] - 0xA0)
+    return [(first + i, 0 if one & 0x8000 else one & 0x3FFF) for i, one in enumerate(words[::2])]
+
+
+def lds01_samples(frame: bytes) -> Polar:
+    """Six, a degree each."""
+    words = struct.unpack_from("<18H", frame, 4)
+    return [(6 * (frame[1] - 0xA0) + i, one) for i, one in enumerate(words[1::3])]
+
+
+def x4_samples(frame: bytes) -> Polar:
+    """Up to forty, each corrected by its distance."""
+    size = frame[3]
+    first, last = (one >> 1 for one in struct.unpack_from("<HH", frame, 4))
+    step = (last - first) % 23040 / 64 / max(size - 1, 1)
+    samples: Polar = []
+    for i, quarter in enumerate(struct.unpack_from(f"<{size}H", frame, 10)):
+        mm = quarter / 4
+        beside = math.atan(21.8 * (155.3 - mm) / (155.3 * mm)) if mm else 0.0
+        samples.append(((first / 64 + i * step + math.degrees(beside)) % 360, mm))
+    return samples
+
+
+def standard_samples(frame: bytes) -> Polar:
+    """One."""
+    return [(sample_angle(frame), (frame[3] | frame[4] << 8) / 4)]
+
+
+class PlainCapsules:
+    """Reads capsules, each with the next."""
+
+    def __init__(self) -> None:
+        self._last: bytes | None = None
+
+    def __call__(self, frame: bytes) -> Polar:
+        """Return the 32 samples of the capsule before this one."""
+        before, self._last = self._last, frame
+        if before is None:
+            return []
+        start, end = ((one[2] | one[3] << 8) & 0x7FFF for one in (before, frame))
+        step = (end - start) % 23040 / 64 / 32
+        samples: Polar = []
+        for i in range(16):
+            one, two, low = struct.unpack_from("<HHB", before, 4 + 5 * i)
+            for k, word, rest in ((2 * i, one, low & 15), (2 * i + 1, two, low >> 4)):
+                lag = ((word & 3) << 4 | rest) / 8
+                samples.append(((start / 64 + k * step - lag) % 360, word >> 2))
+        return samples
+
+
+class PlainDriver:
+    """Finds frames and sorts their samples into the degrees of a turn, the nearest first."""
+
+    def __init__(self, title: str) -> None:
+        self._finder = PLAIN[title]()
+        self._samples = SAMPLES[title]()
+        self._degrees = [math.inf] * 360
+        self._last_deg = 0.0
+        self.turns: list[list[float]] = []
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes; whole turns are added to `turns`."""
+        for frame in self._finder.feed(data):
+            for angle, mm in self._samples(frame):
+                if angle < self._last_deg - 180:
+                    self.turns.append(self._degrees)
+                    self._degrees = [math.inf] * 360
+                self._last_deg = angle
+                if mm:
+                    degree = int(angle)
+                    self._degrees[degree] = min(self._degrees[degree], mm)
+
+
+SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
+    "RPLIDAR A1 standard": lambda: standard_samples,
+    "RPLIDAR A1 express": PlainCapsules,
+    "YDLIDAR X4": lambda: x4_samples,
+    "LD19": lambda: ld19_samples,
+    "XV11": lambda: xv11_samples,
+    "LDS-01": lambda: lds01_samples,
+}
+"""Readers of frames by the same titles."""

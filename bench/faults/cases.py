@@ -1,0 +1,267 @@
+"""Breaks one thing of a driving robot and looks what comes of it."""
+
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from bench.faults.robot import STANDS_MPS, Missing, Rig, describe
+from bench.faults.saved import lost
+
+from trolley import requests
+
+# Commands hold for 0.5 s at most; then comes the way to brake from 0.5 m/s with 0.8 m/s².
+COMMAND_LOST_S = 0.5 + 0.7
+# The pose is stale after 1 s; the planner says zero then.
+POSE_LOST_S = 1.0 + COMMAND_LOST_S
+BACK_WITHIN_S = 90.0
+# Nothing sets off by itself: so long it is watched.
+WATCHED_S = 2.0
+# What the network and the judge's 20 Hz add to a time.
+GRAIN_S = 0.15
+
+
+@dataclass
+class Outcome:
+    """A row of the table."""
+
+    fault: str
+    happened: str
+    stood_s: float | None = None
+    """None: it drove on."""
+    back_s: float | None = None
+    """None: there was nothing to come back from."""
+    lost: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+    """What is not as it must be."""
+    has_robot: bool = True
+
+    @property
+    def cells(self) -> list[str]:
+        """As a row."""
+        stood = "drives on" if self.stood_s is None else f"{self.stood_s:.2f} s"
+        back = "at once" if self.back_s is None else f"{self.back_s:.1f} s"
+        return [
+            self.fault,
+            self.happened,
+            stood if self.has_robot else "–",
+            back if self.has_robot else "–",
+            "; ".join(self.lost) or "nothing",
+            "; ".join(self.wrong) or "ok",
+        ]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is broken, and what must come of it.
+
+    Attributes:
+        name: of the row.
+        happens: what comes of it, in words.
+        apply: breaks it, and may return when that came about (local monotonic time) [s].
+        undo: mends it again, None: it mends itself.
+        lasts_s: between the two [s].
+        stands_s: the robot must stand so long after `apply` [s]; None: it may drive on.
+        asks: whether the trip waits for a person afterwards.
+        restarts: the service that must be started again.
+    """
+
+    name: str
+    happens: str
+    apply: Callable[[Rig], float | None]
+    undo: Callable[[Rig], None] | None = None
+    lasts_s: float = 0.0
+    stands_s: float | None = None
+    asks: bool = False
+    restarts: str | None = None
+
+
+def disturb(rig: Rig, fault: Fault) -> Outcome:
+    """Break a thing while the robot drives."""
+    outcome = Outcome(fault.name, fault.happens)
+    try:
+        _disturb(rig, fault, outcome)
+    except Missing as missing:
+        outcome.wrong.append(f"{missing} ({describe(rig)})")
+    return outcome
+
+
+def _disturb(rig: Rig, fault: Fault, outcome: Outcome) -> None:
+    rig.wait_for_driving()
+    before, collisions = rig.saved(), rig.collisions
+    restarts = rig.restarts
+    began_s = time.monotonic()
+    began_s = fault.apply(rig) or began_s
+    if fault.stands_s is not None:
+        limit_s = fault.stands_s + GRAIN_S
+        rig.wait(lambda: rig.stood_after(began_s) is not None, 10.0, "the robot stands")
+        outcome.stood_s = rig.stood_after(began_s)
+        if outcome.stood_s is not None and outcome.stood_s > limit_s:
+            outcome.wrong.append(f"stood only after {outcome.stood_s:.2f} s, {limit_s:.2f} allowed")
+    time.sleep(max(0.0, fault.lasts_s - (time.monotonic() - began_s)))
+    mended_s = time.monotonic() if fault.lasts_s > 0.0 else began_s
+    if fault.undo is not None:
+        fault.undo(rig)
+    if (name := fault.restarts) is not None:
+        rig.wait(lambda: rig.restarts[name] > restarts[name], BACK_WITHIN_S, f"{name} is back")
+    if fault.asks:
+        _let_it_go_on(rig, outcome)
+    rig.wait_for_driving(BACK_WITHIN_S)
+    if fault.stands_s is not None:
+        outcome.back_s = time.monotonic() - mended_s
+    outcome.lost = lost(before, rig.saved())
+    if rig.collisions > collisions:
+        outcome.wrong.append(f"{rig.collisions - collisions} collisions")
+
+
+def _let_it_go_on(rig: Rig, outcome: Outcome) -> None:
+    """A person comes; before that nothing may move."""
+    rig.wait(lambda: rig.tour and rig.tour.state == "paused", BACK_WITHIN_S, "the trip waits")
+    rig.wait(lambda: rig.speed < STANDS_MPS, 5.0, "the robot stands")
+    watched_s = time.monotonic()
+    time.sleep(WATCHED_S)
+    moved = rig.fastest_between(watched_s, time.monotonic())
+    if moved > STANDS_MPS:
+        outcome.wrong.append(f"set off by itself with {moved:.2f} m/s")
+    end_s = time.monotonic() + BACK_WITHIN_S
+    while rig.tour is not None and rig.tour.state == "paused":
+        if rig.base is not None and rig.base.mode == "stopped":
+            rig.ask_patiently(requests.BASE_RESUME)
+        rig.ask_patiently(requests.TOUR_RESUME)
+        time.sleep(0.5)
+        if time.monotonic() > end_s:
+            raise Missing("the trip goes on")
+
+
+def _signal(service: str, number: signal.Signals) -> Callable[[Rig], None]:
+    return lambda rig: rig.signal(service, number)
+
+
+def _gone(rig: Rig) -> None:
+    rig.stop_router()
+
+
+def _back(rig: Rig) -> None:
+    rig.start_router()
+
+
+HOW_IT_STANDS = {
+    "base": ("the board stops by itself; the trip waits for a person", COMMAND_LOST_S, True),
+    "localizer": ("the planner stops without a pose; the trip goes on", POSE_LOST_S, False),
+    "planner": ("base holds without commands; the trip goes on", COMMAND_LOST_S, False),
+    "tour": ("the robot drives on to its goal; the trip is taken up", None, False),
+    "viz": ("nothing but the page stops", None, False),
+    "router": ("base holds without commands; the trip goes on", COMMAND_LOST_S, False),
+}
+
+
+def _killed() -> list[Fault]:
+    faults: list[Fault] = []
+    for service, (happens, stands_s, asks) in HOW_IT_STANDS.items():
+        if service == "router":
+            continue
+        apply = _signal(service, signal.SIGKILL)
+        faults.append(Fault(f"kill -9 of {service}", happens, apply, stands_s=stands_s, asks=asks))
+    return faults
+
+
+def _frozen() -> list[Fault]:
+    """SIGSTOP for 4 s, which everything survives, and for good, which the watchdog ends."""
+    faults: list[Fault] = []
+    for service, (happens, stands_s, asks) in HOW_IT_STANDS.items():
+        stop, go = _signal(service, signal.SIGSTOP), _signal(service, signal.SIGCONT)
+        # A base that was away for a while comes back in the same run: the goal goes on.
+        faults.append(
+            Fault(
+                f"{service} frozen for 4 s",
+                "it goes on where it was" if stands_s is None else "stands, then goes on",
+                stop,
+                go,
+                4.0,
+                stands_s,
+            )
+        )
+        if service != "router":  # in the terminal it is no child of the supervisor
+            happens = f"the watchdog starts it again; {happens}"
+            name = f"{service} frozen for good"
+            faults.append(
+                Fault(name, happens, stop, stands_s=stands_s, asks=asks, restarts=service)
+            )
+    return faults
+
+
+def _without_router() -> list[Fault]:
+    happens, stands_s, _ = HOW_IT_STANDS["router"]
+    return [
+        Fault(f"router gone for {seconds:g} s", happens, _gone, _back, seconds, stands_s)
+        for seconds in (1.0, 5.0, 30.0)
+    ]
+
+
+def _planner_cut_off() -> list[Fault]:
+    happens = "base holds without commands; the trip goes on"
+    return [
+        Fault(
+            "planner cut off for 5 s, not told",
+            happens,
+            lambda rig: rig.proxy.cut(),
+            lambda rig: rig.proxy.mend(),
+            5.0,
+            COMMAND_LOST_S,
+        ),
+        Fault(
+            "planner's link broken for 5 s",
+            happens,
+            lambda rig: rig.proxy.break_off(),
+            lambda rig: rig.proxy.mend(),
+            5.0,
+            COMMAND_LOST_S,
+        ),
+    ]
+
+
+def _devices() -> list[Fault]:
+    lidar, board = "ld19", "linorobot"
+    return [
+        Fault(
+            "lidar silent for 5 s",
+            "base holds 0.5 s after the last scan; the trip goes on",
+            lambda rig: rig.device_fault(f"{lidar}:silence+5"),
+            None,
+            5.0,
+            0.5 + COMMAND_LOST_S,
+        ),
+        Fault(
+            "lidar unplugged for 5 s",
+            "base holds and opens the port again; the trip goes on",
+            lambda rig: rig.device_fault(f"{lidar}:unplug+5"),
+            None,
+            5.0,
+            0.5 + COMMAND_LOST_S,
+        ),
+        Fault(
+            "board unplugged for 5 s",
+            "the board stops by itself; base opens the port again; the trip goes on",
+            lambda rig: rig.device_fault(f"{board}:unplug+5"),
+            None,
+            5.0,
+            COMMAND_LOST_S,
+        ),
+        Fault(
+            "board silent for 5 s",
+            "base holds without odometry; the trip goes on",
+            lambda rig: rig.device_fault(f"{board}:silence+5"),
+            None,
+            5.0,
+            0.5 + COMMAND_LOST_S,
+        ),
+    ]
+
+
+FAULTS: dict[str, Callable[[], list[Fault]]] = {
+    "killed": _killed,
+    "frozen": _frozen,
+    "router": _without_router,
+    "network": _planner_cut_off,
+    "devices": _devices,
+}

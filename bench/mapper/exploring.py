@@ -1,0 +1,257 @@
+"""Exploring by itself: how much of a house is found, how far is driven, and what is touched.
+
+    python -m bench.mapper.exploring [--house SIZE:SEED ...] [--apartment] [--mirror] [--perfect]
+
+In lock-step: simulated base (odometry 1-2 % wrong, a noisy lidar of 8 m), mapper and planner in
+generated houses of SIZE x SIZE m, and with --apartment in the demo's; with --mirror its mirror
+hangs there too, which no new map shows. Judged by the truth: the share of the floor that the map
+knows (where the robot can get, and 1 m round), the way, the time, and collisions.
+
+Beside it what a robot drives that knows where it is, sees without errors and obeys at once, and
+the tour of one that knows the house beforehand: the fewest places from which all floor is seen, in
+the shortest order found. With --perfect only these two, in more houses.
+"""
+
+import argparse
+import itertools
+import math
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from bench.harness.drives import make_config
+from bench.harness.figures import table
+from bench.harness.houses import draw_house, free_poses
+from bench.harness.wandering import APARTMENT, START, write_world
+from bench.mapper.perfect_robot import BODY, LIMITS, REACH_M, PerfectRobot, wanted_floor, way_from
+from numpy.typing import NDArray
+
+from trolley import requests, topics
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap, cast_rays, distance_transform, save_map
+from trolley.gridmap.wire import grid_of
+from trolley.messages import MappingStatus, OccupancyGrid, Truth
+from trolley.messages.request_params import MapNamed
+from trolley.runtime.lockstep import Lockstep
+from trolley_base.drivers.world_file import load_world
+from trolley_base.service import BaseService
+from trolley_mapper.exploring import Explorer
+from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED
+from trolley_mapper.service import MapperService
+from trolley_planner.service import PlannerService
+
+HOUSES = ("6:1", "8:2", "10:3")
+PERFECT = ("6:1", "8:2", "10:3", "10:6", "12:4", "12:7", "15:5")
+LIMIT_S = 1500.0
+NUM_PLACES = 60
+"""So many places are candidates for the tour of who knows the house."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How it went."""
+
+    state: str
+    message: str
+    share: float
+    way_m: float
+    seconds: float
+    home_m: float
+    """From where it ended to where it began."""
+    collisions: int
+    cpu_s: float
+
+
+def share_known(found: GridMap, true_T_map: Pose2D, truth: GridMap, start: Pose2D) -> float:
+    """Share of the wanted floor that a map knows."""
+    points = truth.cell_to_world(np.argwhere(wanted_floor(truth, start)))
+    known = found.values_at(true_T_map.inverse().transform_points(points)) >= 0
+    return float(np.count_nonzero(known)) / len(known)
+
+
+def explore(world: Path, map_file: Path, start: Pose2D, seed: int) -> Outcome:
+    """Let the services explore a world."""
+    rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
+    config = make_config(map_file, start, rest)
+    began_s = time.process_time()
+    with Lockstep(config.robot.name, seed) as bus:
+        truths, said = bus.record(topics.SIM_TRUTH), bus.record(topics.MAPPING)
+        maps = bus.record(topics.MAP)
+        for service in (BaseService, PlannerService, MapperService):
+            bus.add(service(config))
+        bus.run(2.0)
+        home = truths[-1].pose
+        bus.ask(requests.MAP_NEW, MapNamed(name="new", explore=True))
+        bus.run_until(lambda: said[-1].exploring in ("done", "paused"), LIMIT_S)
+        bus.run(2.0)
+        cpu_s = time.process_time() - began_s
+        return judged(said[-1], truths, maps[-1], load_world(world).grid, (home, bus.now_s, cpu_s))
+
+
+def judged(
+    status: MappingStatus,
+    truths: list[Truth],
+    found: OccupancyGrid,
+    truth: GridMap,
+    run: tuple[Pose2D, float, float],
+) -> Outcome:
+    """What came of it; `run` is where it began, the seconds that it took, and those of the CPU."""
+    home, seconds, cpu_s = run
+    poses = [one.pose for one in truths]
+    return Outcome(
+        status.exploring,
+        status.message,
+        share_known(grid_of(found), home, truth, home),
+        sum(a.distance_to(b) for a, b in itertools.pairwise(poses)),
+        seconds,
+        poses[-1].distance_to(home),
+        truths[-1].collisions,
+        cpu_s,
+    )
+
+
+def perfect(house: GridMap, start: Pose2D) -> Outcome:
+    """Let the perfect robot explore a house."""
+    robot, explorer = PerfectRobot(house, start), Explorer("perfect", BODY, LIMITS)
+    began_s = time.process_time()
+    robot.explore(explorer)
+    return Outcome(
+        explorer.state,
+        explorer.message,
+        robot.share_found(),
+        robot.way_m,
+        robot.now_s,
+        robot.pose.distance_to(start),
+        0,
+        time.process_time() - began_s,
+    )
+
+
+def scripted_way(house: GridMap, start: Pose2D, seed: int) -> float:
+    """Length of a short tour from which all floor is seen, by who knows the house [m]."""
+    wanted, edge = wanted_floor(house, start), house.resolution
+    passable = (distance_transform(1 - house.free_mask(), edge) >= BODY.passes_m).astype(np.uint8)
+    within = (way_from(house, passable, start) != UNREACHED) & (passable != 0)
+    cells = np.argwhere(within)
+    rng = np.random.default_rng(seed)
+    chosen = cells[rng.choice(len(cells), NUM_PLACES, replace=False)]
+    places = [start, *(Pose2D(x, y, 0.0) for x, y in house.cell_to_world(chosen).tolist())]
+    seen = [seen_cells(house, place) & wanted for place in places]
+    left, stops = wanted & ~seen[0], [0]
+    while left.any():
+        gains = [int(np.count_nonzero(one & left)) for one in seen]
+        best = int(np.argmax(gains))
+        if gains[best] < 0.002 * np.count_nonzero(wanted):
+            break
+        stops.append(best)
+        left &= ~seen[best]
+    costs = [way_from(house, passable, places[stop]) for stop in stops]
+    rows_cols = house.world_to_cell(np.array([(places[k].x, places[k].y) for k in stops]))
+    ways = np.array([cost[rows_cols[:, 0], rows_cols[:, 1]] for cost in costs])
+    return shortest_tour(ways.astype(np.float64) * edge / STRAIGHT)
+
+
+def seen_cells(house: GridMap, place: Pose2D) -> NDArray[np.bool_]:
+    """The cells that a lidar sees from a place, (rows, cols)."""
+    at = house.origin.inverse() @ place
+    angles = np.linspace(-math.pi, math.pi, 720, endpoint=False)
+    ranges = cast_rays(house.occupied_mask(), house.resolution, (at.x, at.y), angles, REACH_M)
+    away = np.arange(0.0, REACH_M, 0.5 * house.resolution)
+    ray, step = np.nonzero(away[None, :] < np.minimum(ranges, REACH_M)[:, None])
+    cols = np.floor((at.x + away[step] * np.cos(angles[ray])) / house.resolution).astype(int)
+    rows = np.floor((at.y + away[step] * np.sin(angles[ray])) / house.resolution).astype(int)
+    inside = (rows >= 0) & (rows < house.rows) & (cols >= 0) & (cols < house.cols)
+    seen = np.zeros(house.cells.shape, np.bool_)
+    seen[rows[inside], cols[inside]] = True
+    return seen
+
+
+def shortest_tour(ways: NDArray[np.float64]) -> float:
+    """Length of a round trip over all places, by turning pieces of it round (Croes 1958)."""
+    order = list(range(len(ways)))
+
+    def length(tour: list[int]) -> float:
+        return float(sum(ways[a, b] for a, b in zip(tour, [*tour[1:], tour[0]], strict=True)))
+
+    best, improves = length(order), True
+    while improves:
+        improves = False
+        for i in range(1, len(order) - 1):
+            for j in range(i + 1, len(order)):
+                turned = [*order[:i], *reversed(order[i : j + 1]), *order[j + 1 :]]
+                if length(turned) < best - 1e-9:
+                    order, best, improves = turned, length(turned), True
+    return best
+
+
+def row(name: str, outcome: Outcome, scripted_m: float | None) -> list[str]:
+    """One line of the table."""
+    return [
+        name,
+        outcome.state,
+        f"{100.0 * outcome.share:.1f} %",
+        f"{outcome.way_m:.0f} m",
+        "" if scripted_m is None else f"{scripted_m:.0f} m",
+        f"{outcome.seconds:.0f} s",
+        f"{outcome.home_m:.2f} m",
+        str(outcome.collisions),
+        f"{outcome.cpu_s:.0f} s",
+        outcome.message,
+    ]
+
+
+HEADS = ("", "ends", "found", "way", "scripted", "time", "to home", "collisions", "CPU", "says")
+
+
+def house_of(named: str) -> tuple[GridMap, Pose2D, int]:
+    """A house, where the robot starts in it, and its seed, from SIZE:SEED."""
+    size, seed = named.split(":")
+    house = draw_house(float(size), int(seed))
+    start = free_poses(house, 0.35, 1, np.random.default_rng(int(seed)))[0]
+    return house, start, int(seed)
+
+
+def in_house(named: str, folder: Path) -> list[str]:
+    """Explore a generated house by all services."""
+    house, start, seed = house_of(named)
+    save_map(house, folder / "house.yaml")
+    world = folder / "house.toml"
+    pose = f"{{ x = {start.x}, y = {start.y}, yaw = {start.yaw} }}"
+    world.write_text(f'map = "house.yaml"\nstart = {pose}\n')
+    outcome = explore(world, folder / "house.yaml", start, seed)
+    return row(f"house {named}", outcome, scripted_way(house, start, seed))
+
+
+def main() -> None:
+    """Explore and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--house", action="append", metavar="SIZE:SEED")
+    parser.add_argument("--apartment", action="store_true")
+    parser.add_argument("--mirror", action="store_true")
+    parser.add_argument("--perfect", action="store_true")
+    asked = parser.parse_args()
+    lines: list[list[str]] = []
+    if asked.perfect:
+        for named in PERFECT:
+            house, start, seed = house_of(named)
+            scripted_m = scripted_way(house, start, seed)
+            lines.append(row(f"perfect {named}", perfect(house, start), scripted_m))
+        table(HEADS, lines)
+        return
+    is_apartment = asked.apartment or asked.mirror
+    for named in asked.house or ([] if is_apartment else HOUSES):
+        with tempfile.TemporaryDirectory() as folder:
+            lines.append(in_house(named, Path(folder)))
+            table(HEADS, lines[-1:])
+    if is_apartment:
+        with tempfile.TemporaryDirectory() as folder:
+            world = write_world(Path(folder), mirror=asked.mirror)
+            name = "apartment with mirror" if asked.mirror else "apartment"
+            lines.append(row(name, explore(world, APARTMENT, START, 1), None))
+    table(HEADS, lines)
+
+
+if __name__ == "__main__":
+    main()

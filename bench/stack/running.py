@@ -1,0 +1,135 @@
+"""The whole stack as real processes at real time: reaction from scan to command, CPU and memory.
+
+    python -m bench.stack.running [--port 7461]
+
+Starts the demo without a browser, drives its tour, and prints, as one subscriber on the bus sees
+them, the time from each scan to the first command computed with it, and per process the share of
+one core and the proportional set size (PSS) while the robot drives.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from trolley import topics
+from trolley.messages import Scan, VelocityCommand
+from trolley.runtime import codec
+from trolley.runtime.bus import Sample
+from trolley.runtime.zenoh_bus import open_bus
+
+ROBOT = "bench"
+CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+class Reaction:
+    """Pairs scans with the first commands computed with them."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._lock = threading.Lock()
+        self._scans: dict[int, float] = {}
+        self.delays_s: list[float] = []
+        self.num_scans = 0
+        self.num_commands = 0
+
+    def scan(self, sample: Sample) -> None:
+        """Take a scan."""
+        now_s = time.perf_counter()
+        scan = codec.decode(Scan, sample.payload, sample.encoding)
+        with self._lock:
+            self._scans[scan.stamp_ns] = now_s
+            self.num_scans += 1
+
+    def command(self, sample: Sample) -> None:
+        """Take a command."""
+        now_s = time.perf_counter()
+        command = codec.decode(VelocityCommand, sample.payload, sample.encoding)
+        with self._lock:
+            self.num_commands += 1
+            seen_s = self._scans.pop(command.scan_ns, None)
+            if seen_s is not None:
+                self.delays_s.append(now_s - seen_s)
+
+
+def tree(root: int) -> Iterator[tuple[int, str]]:
+    """A process and all below it: pid and what it is."""
+    command = Path(f"/proc/{root}/cmdline").read_bytes().decode().split("\0")
+    modules = [part for part in command if part.startswith("trolley_")]
+    yield root, modules[0] if modules else "router and supervisor"
+    for task in Path(f"/proc/{root}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            yield from tree(int(child))
+
+
+def cpu_s(pid: int) -> float:
+    """Seconds of processor time used so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / CLOCK_TICKS
+
+
+def pss_mb(pid: int) -> float:
+    """Proportional set size [MB]."""
+    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
+        if line.startswith("Pss:"):
+            return int(line.split()[1]) * 1024 / 1e6
+    return 0.0
+
+
+def report_reaction(reaction: Reaction) -> None:
+    """Print the delays."""
+    delays_ms = np.array(reaction.delays_s) * 1000.0
+    print(
+        f"{reaction.num_scans} scans, {reaction.num_commands} commands;"
+        f" scan to first command: p50 {np.quantile(delays_ms, 0.5):.1f} ms,"
+        f" p95 {np.quantile(delays_ms, 0.95):.1f} ms, p99 {np.quantile(delays_ms, 0.99):.1f} ms,"
+        f" max {delays_ms.max():.1f} ms over {len(delays_ms)} scans"
+    )
+
+
+def main() -> None:
+    """Run the demo and measure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--port", type=int, default=7461)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--with-viewer", action="store_true", help="no browser, but the viewer runs"
+    )
+    options = parser.parse_args()
+    trolley = Path(sys.executable).with_name("trolley")
+    command = [str(trolley), "demo", "--tour", "--name", ROBOT, "--port", str(options.port)]
+    command += ["--seed", str(options.seed)]
+    command += ["--viz-port", str(options.port + 1000)] if options.with_viewer else ["--headless"]
+    demo = subprocess.Popen(command)
+    reaction = Reaction()
+    try:
+        with open_bus([f"tcp/127.0.0.1:{options.port}"], 20.0) as bus:
+            driving = threading.Event()
+            bus.subscribe(topics.COMMAND.key(ROBOT, "planner"), lambda _: driving.set())
+            driving.wait(60.0)
+            before = {pid: (what, cpu_s(pid)) for pid, what in tree(demo.pid)}
+            started_s = time.monotonic()
+            bus.subscribe(topics.SCAN.key(ROBOT), reaction.scan)
+            bus.subscribe(topics.COMMAND.key(ROBOT, "planner"), reaction.command)
+            time.sleep(20.0)
+            elapsed_s = time.monotonic() - started_s
+            total_cpu = total_pss = 0.0
+            for pid, (what, used_s) in before.items():
+                share, size_mb = (cpu_s(pid) - used_s) / elapsed_s, pss_mb(pid)
+                total_cpu, total_pss = total_cpu + share, total_pss + size_mb
+                print(f"{what:24s} {100 * share:5.1f} % of a core  {size_mb:6.1f} MB PSS")
+            print(f"{'together':24s} {100 * total_cpu:5.1f} % of a core  {total_pss:6.1f} MB PSS")
+    finally:
+        demo.terminate()
+        demo.wait(20.0)
+    report_reaction(reaction)
+
+
+if __name__ == "__main__":
+    main()
