@@ -10,9 +10,9 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalState, GoalStatus, Stop, Tour
 from trolley.runtime.state import _without_none
-from trolley_tour.actions import Limits, Send
-from trolley_tour.record import Moment, TripRecord
-from trolley_tour.trip import Trip
+from trolley_tour.trips.actions import Limits, Send
+from trolley_tour.trips.record import Moment, TripRecord
+from trolley_tour.trips.trip import Trip
 
 STATES = ["idle", "planning", "driving", "recovering", "paused", "arrived", "failed", "canceled"]
 REFUSALS = [codes.NOT_READY, codes.STOPPED, codes.NO_PATH, codes.NOT_LOCALIZED, codes.TIMEOUT]

@@ -12,7 +12,7 @@ from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.requests import Request
-from trolley_mqtt.telling import GOING
+from trolley_mqtt.sentences import GOING
 
 GO, TOUR, STOP, PAUSE, RESUME, CANCEL = "go", "tour", "stop", "pause", "resume", "cancel"
 VERBS = (GO, TOUR, STOP, PAUSE, RESUME, CANCEL)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from trolley_mqtt import commands
-from trolley_mqtt.telling import ACTIVITIES, POSITIONS
+from trolley_mqtt.sentences import ACTIVITIES, POSITIONS
 
 Payload = dict[str, Any]
 

@@ -14,12 +14,12 @@ from trolley.messages import SavedPose
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, every
 from trolley_mqtt import commands
-from trolley_mqtt.announcing import Announcements
+from trolley_mqtt.announcements import Announcements
 from trolley_mqtt.commands import Order, name_in, order_of
+from trolley_mqtt.connection import Arrived, Broker, BrokerLink, Connected, Interest, Link, Lost
 from trolley_mqtt.discovery import Device
 from trolley_mqtt.freshness import Freshness
-from trolley_mqtt.link import Arrived, Broker, BrokerLink, Connected, Interest, Link, Lost
-from trolley_mqtt.telling import Known, State, tell
+from trolley_mqtt.sentences import Known, State, tell
 
 ONLINE, OFFLINE = b"online", b"offline"
 MAX_EACH_SECOND = 8

@@ -13,7 +13,7 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import angle_difference
 from trolley.messages import SavedPose, Tour, name_problem
-from trolley_tour.goalpoints import GoalPoint, GoalPointsError, read_goal_points, tour_of
+from trolley_tour.goal_points import GoalPoint, GoalPointsError, read_goal_points, tour_of
 
 SAME_M, SAME_RAD = 0.01, 0.01
 """A saved pose this near to the imported one is the same place."""

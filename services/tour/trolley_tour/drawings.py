@@ -10,7 +10,7 @@ from trolley import codes, topics
 from trolley.codes import Refused
 from trolley.messages import Marker, Overlay
 from trolley.runtime.bus import matches
-from trolley_tour.store import plain_name
+from trolley_tour.stored.checks import plain_name
 
 M = TypeVar("M", bound=msgspec.Struct)
 Chunks = tuple[str, ...]

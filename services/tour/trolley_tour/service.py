@@ -8,10 +8,10 @@ from trolley.config import RobotConfig
 from trolley.messages import Marker, Offer, Overlay, Path
 from trolley.messages.request_params import AskOffer, SendGoal
 from trolley.runtime.service import Later, answers, gets, on, on_delete
-from trolley_tour.capturing import Capturing
 from trolley_tour.drawings import checked_marker, new_markers, new_overlays
-from trolley_tour.homing import Homing
-from trolley_tour.trip import ACTIVE
+from trolley_tour.return_home import Homing
+from trolley_tour.stored.capture import Capturing
+from trolley_tour.trips.trip import ACTIVE
 
 PREVIEW_S = 1.5
 

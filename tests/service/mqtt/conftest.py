@@ -28,7 +28,7 @@ from trolley.messages import (
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
-from trolley_mqtt.link import Arrived, Broker, Connected, Event, Interest, Lost
+from trolley_mqtt.connection import Arrived, Broker, Connected, Event, Interest, Lost
 from trolley_mqtt.service import MqttService
 
 BASE = "trolley/robby"

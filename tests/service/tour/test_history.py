@@ -13,7 +13,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, ScheduleEntry, Stop, Tour
 from trolley.messages.request_params import AskHistory
 from trolley.messages.touring import Day
-from trolley_tour import history
+from trolley_tour.trips import history_file as history
 
 if TYPE_CHECKING:
     from .conftest import Home, Plan

@@ -13,7 +13,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Stop, Tour, TourStatus
 from trolley_mqtt.discovery import slug
 from trolley_mqtt.freshness import Freshness
-from trolley_mqtt.telling import ACTIVITIES, MAX_TEXT, Known, tell
+from trolley_mqtt.sentences import ACTIVITIES, MAX_TEXT, Known, tell
 
 KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
 

@@ -196,7 +196,7 @@ def test_file_that_cannot_be_opened_is_kept_aside_too(empty: "Home"):
 
 
 def test_list_never_outgrows_a_message(empty: "Home", monkeypatch):
-    monkeypatch.setattr("trolley_tour.store.MAX_LIST_BYTES", 3000)
+    monkeypatch.setattr("trolley_tour.stored.checks.MAX_LIST_BYTES", 3000)
     note = "n" * 1000
     for name in ("one", "two"):
         empty.lockstep.ask(

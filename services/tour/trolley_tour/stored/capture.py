@@ -10,14 +10,14 @@ from trolley.geometry import Pose2D
 from trolley.messages import CapturedPose, Odometry, PoseEstimate, SavedPose
 from trolley.messages.request_params import Capture
 from trolley.runtime.service import Later, Watch, answers, every
-from trolley_tour import store
-from trolley_tour.capture import (
+from trolley_tour.stored import checks
+from trolley_tour.stored.places import Keeping
+from trolley_tour.stored.pose_estimates import (
     Averaging,
     age_s,
     check_standing,
     checked_estimate,
 )
-from trolley_tour.keeping import Keeping
 
 DEADLINE_NS = 1_300_000_000
 """Local time for collecting estimates: the answer, saved, is due within 2 s."""
@@ -55,7 +55,7 @@ class Capturing(Keeping):
                 icon=params.icon,
             )
             return self._captured(place, estimate)
-        name = store.plain_name(params.name)
+        name = checks.plain_name(params.name)
         if name in self.poses.items and not params.replace:
             raise Refused(codes.EXISTS, name=name)
         _check_sure(estimate)
@@ -100,7 +100,7 @@ class Capturing(Keeping):
         if not running.is_standing:
             raise Refused(codes.STALE, "There is no odometry: base is not running.")
         estimate, pose, covariance = running.averaging.mean()
-        place = store.checked_pose(
+        place = checks.checked_pose(
             SavedPose(
                 name=running.name,
                 map=estimate.map or "",
@@ -118,7 +118,7 @@ class Capturing(Keeping):
             before = items.get(place.name)
             if before is not None and not running.params.replace:
                 raise Refused(codes.EXISTS, name=place.name)
-            return store.with_item(items, place), place
+            return checks.with_item(items, place), place
 
         def answer(result: SavedPose | Refused) -> None:
             if isinstance(result, Refused):

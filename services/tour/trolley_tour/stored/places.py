@@ -11,8 +11,8 @@ from trolley.config import RobotConfig
 from trolley.messages import PoseEstimate, SavedPose, SavedPoses, Tour, Tours
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
-from trolley_tour import store
-from trolley_tour.shelf import Shelf
+from trolley_tour.stored import checks
+from trolley_tour.stored.named_store import Shelf
 
 T = TypeVar("T", SavedPose, Tour)
 F = TypeVar("F", bound=Struct)
@@ -29,12 +29,12 @@ class Keeping(Service):
         self._problems: dict[str, str] = {}
         self._locked: set[str] = set()
         self.poses: Shelf[SavedPose] = Shelf(
-            lambda poses: store.PosesFile(poses=poses),
+            lambda poses: checks.PosesFile(poses=poses),
             lambda content, then: self.save(POSES_FILE, content, then),
             self._publish_poses,
         )
         self.tours: Shelf[Tour] = Shelf(
-            lambda tours: store.ToursFile(tours=tours),
+            lambda tours: checks.ToursFile(tours=tours),
             lambda content, then: self.save(TOURS_FILE, content, then),
             self._publish_tours,
         )
@@ -42,10 +42,10 @@ class Keeping(Service):
     def start(self) -> None:
         """Read what is stored and say it."""
         self.pose = self.watch(topics.POSE, then=self.hear_pose)
-        poses = self.read(POSES_FILE, store.PosesFile)
-        tours = self.read(TOURS_FILE, store.ToursFile)
-        self.poses.items = store.by_name(poses.poses if poses else [])
-        self.tours.items = store.by_name(tours.tours if tours else [])
+        poses = self.read(POSES_FILE, checks.PosesFile)
+        tours = self.read(TOURS_FILE, checks.ToursFile)
+        self.poses.items = checks.by_name(poses.poses if poses else [])
+        self.tours.items = checks.by_name(tours.tours if tours else [])
         self._publish_poses()
         self._publish_tours()
 
@@ -110,10 +110,10 @@ class Keeping(Service):
         self, pose: SavedPose, key: str | None, answer: Callable[[SavedPose | Refused], None]
     ) -> None:
         """Check a pose and save it; a refusal that is known at once is raised."""
-        checked = store.checked_pose(pose, key, self.map_name)
+        checked = checks.checked_pose(pose, key, self.map_name)
         if checked.saved_at is None:
             checked = structs.replace(checked, saved_at=self.utc_now())
-        self.poses.change(lambda items: (store.with_item(items, checked), checked), answer)
+        self.poses.change(lambda items: (checks.with_item(items, checked), checked), answer)
 
     @on(topics.SAVED_POSE)
     def _wish_pose(self, pose: SavedPose, name: str) -> None:
@@ -132,7 +132,7 @@ class Keeping(Service):
     @answers(requests.POSES_DELETE)
     def _ask_delete_pose(self, params: Named) -> Later[SavedPose]:
         later = self.later()
-        self.poses.change(lambda items: store.without_item(items, params.name), _settling(later))
+        self.poses.change(lambda items: checks.without_item(items, params.name), _settling(later))
         return later
 
     @gets(topics.SAVED_POSE)
@@ -147,9 +147,9 @@ class Keeping(Service):
     # Tours.
     @on(topics.STORED_TOUR)
     def _wish_tour(self, tour: Tour, name: str) -> None:
-        checked = store.checked_tour(tour, name)
+        checked = checks.checked_tour(tour, name)
         self.tours.change(
-            lambda items: (store.with_item(items, checked), checked),
+            lambda items: (checks.with_item(items, checked), checked),
             lambda result: self._note_wish("tours", name, result),
         )
 
@@ -159,17 +159,17 @@ class Keeping(Service):
 
     @answers(requests.TOURS_PUT)
     def _ask_put_tour(self, tour: Tour) -> Later[Tour]:
-        checked = store.checked_tour(tour, tour.name)
+        checked = checks.checked_tour(tour, tour.name)
         later = self.later()
         self.tours.change(
-            lambda items: (store.with_item(items, checked), checked), _settling(later)
+            lambda items: (checks.with_item(items, checked), checked), _settling(later)
         )
         return later
 
     @answers(requests.TOURS_DELETE)
     def _ask_delete_tour(self, params: Named) -> Later[Tour]:
         later = self.later()
-        self.tours.change(lambda items: store.without_item(items, params.name), _settling(later))
+        self.tours.change(lambda items: checks.without_item(items, params.name), _settling(later))
         return later
 
     @gets(topics.STORED_TOUR)
@@ -186,7 +186,7 @@ class Keeping(Service):
         if len(chunks) != 1:
             raise Refused(codes.BAD_REQUEST, "A deletion names one thing.")
         shelf.change(
-            lambda items: store.without_item(items, chunks[0]),
+            lambda items: checks.without_item(items, chunks[0]),
             lambda result: self._note_wish(what, chunks[0], result),
         )
 

@@ -9,8 +9,8 @@ from trolley import codes
 from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus
 from trolley.messages.touring import TripState
-from trolley_tour import wording
-from trolley_tour.route import lap_stops
+from trolley_tour import sentences
+from trolley_tour.trips.route import lap_stops
 
 StopState = Literal["reached", "skipped", "failed"]
 MIN_RESULTS = 200
@@ -116,13 +116,13 @@ class TripRecord(Struct, kw_only=True):
     @property
     def title(self) -> str:
         """The stop in words."""
-        return wording.stop_title(self.stop_index, self.stop)
+        return sentences.stop_title(self.stop_index, self.stop)
 
     @property
     def driving_words(self) -> tuple[str, str]:
         """The reason and the message while it drives."""
         if self.battery is not None:
-            return codes.LOW_BATTERY, f"{wording.charge(self.battery)}: driving home."
+            return codes.LOW_BATTERY, f"{sentences.charge(self.battery)}: driving home."
         return "", f"Driving to {self.title}."
 
     @property
@@ -130,7 +130,7 @@ class TripRecord(Struct, kw_only=True):
         """The reason and the message at its end."""
         if self.battery is not None:
             return codes.LOW_BATTERY, "At home, since the battery was low."
-        return "", wording.done(self.reached, self.missed)
+        return "", sentences.done(self.reached, self.missed)
 
     @property
     def via(self) -> list[Pose2D]:

@@ -11,7 +11,7 @@ import msgspec
 
 from trolley.files import keep_aside, make_folder
 from trolley.messages import PastTrip
-from trolley_tour.store import parse_utc
+from trolley_tour.stored.checks import parse_utc
 
 FILE = "history.sqlite"
 MAX_TRIPS = 10_000

@@ -1,7 +1,7 @@
 """What is known of the goal that a trip asked the planner for."""
 
 from trolley.messages import GoalStatus
-from trolley_tour.record import Moment
+from trolley_tour.trips.record import Moment
 
 ASK_AGAIN_NS = 1_000_000_000
 """A goal that the planner has not taken is sent again this often."""

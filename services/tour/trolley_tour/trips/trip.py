@@ -13,10 +13,10 @@ from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus
 from trolley.messages.request_params import SendGoal
 from trolley.messages.touring import TripState
-from trolley_tour import wording
-from trolley_tour.actions import Action, Cancel, Limits, Pause, Send
-from trolley_tour.asking import Asking
-from trolley_tour.record import Moment, TripRecord
+from trolley_tour import sentences
+from trolley_tour.trips.actions import Action, Cancel, Limits, Pause, Send
+from trolley_tour.trips.goal_attempt import Asking
+from trolley_tour.trips.record import Moment, TripRecord
 
 PLANNER = "planner"
 ACTIVE = ("planning", "driving", "recovering")
@@ -93,7 +93,7 @@ class Trip:
         record, was_paused = self.record, self.record.state == "paused"
         self._let_go()
         if not record.reached_here:
-            message = wording.opened(record.title, "skipped by a person")
+            message = sentences.opened(record.title, "skipped by a person")
             record.note("skipped", codes.SKIPPED, message, at)
         self._advance(at)
         if was_paused and not record.is_over:
@@ -123,9 +123,9 @@ class Trip:
             code = codes.NO_PLANNER if absent else codes.NOT_READY
             self._set("waiting", code, codes.SENTENCES[code] if absent else result.message)
         elif result.code == codes.NOT_LOCALIZED:
-            self._set("waiting", result.code, wording.opened(self.record.title, result.message))
+            self._set("waiting", result.code, sentences.opened(self.record.title, result.message))
         elif result.code == codes.STOPPED:
-            self.pause(codes.STOPPED, wording.PAUSES[codes.STOPPED])
+            self.pause(codes.STOPPED, sentences.PAUSES[codes.STOPPED])
         else:
             self._fail(result.code, result.message, at)
 
@@ -145,7 +145,7 @@ class Trip:
                 self._correct(Cancel(status.id), at)
         elif status.id != record.goal_before:
             record.goal_before = status.id
-            self.pause(codes.OTHER_GOAL, wording.PAUSES[codes.OTHER_GOAL])
+            self.pause(codes.OTHER_GOAL, sentences.PAUSES[codes.OTHER_GOAL])
 
     def _hear_own(self, status: GoalStatus, at: Moment) -> None:
         if self.record.state == "paused":
@@ -155,15 +155,15 @@ class Trip:
                 case "arrived":
                     self._reach(at)
                 case "failed":
-                    self._fail(status.reason, status.message or wording.of(status.reason), at)
+                    self._fail(status.reason, status.message or sentences.of(status.reason), at)
                 case "paused":
                     self._stand(status.reason or codes.PAUSED, status.message)
                 case "canceled":
                     replaced = status.reason == codes.REPLACED
                     self._stand(codes.OTHER_GOAL if replaced else codes.CANCELED, "")
                 case "recovering":
-                    why = status.message or wording.of(status.reason)
-                    self._set("driving", status.reason, wording.opened(self.record.title, why))
+                    why = status.message or sentences.of(status.reason)
+                    self._set("driving", status.reason, sentences.opened(self.record.title, why))
                 case "planning" | "driving":
                     self._set_driving()
                 case "idle":
@@ -189,14 +189,14 @@ class Trip:
             why = base.message.rstrip(".") or "The robot was stopped"
             self.pause(codes.STOPPED, f"{why}; resume the robot, then the tour.")
         elif taken:
-            self.pause(codes.TAKEN_OVER, wording.PAUSES[codes.TAKEN_OVER])
+            self.pause(codes.TAKEN_OVER, sentences.PAUSES[codes.TAKEN_OVER])
 
     def epoch_began(self, epoch_ns: int) -> None:
         """A restart of `base` pauses the trip (one that was loaded waits for `go_on`)."""
         self._robot_ns = None
         if not self._held and self.record.epoch_ns != epoch_ns:
             if self.record.epoch_ns is not None:
-                self.pause(codes.RESTARTED, wording.PAUSES[codes.RESTARTED])
+                self.pause(codes.RESTARTED, sentences.PAUSES[codes.RESTARTED])
             self.record.epoch_ns = epoch_ns
             self.needs_saving = True
 
@@ -230,7 +230,7 @@ class Trip:
             if record.tour.resume:
                 self._drive(at)
             else:
-                self.pause(codes.RESTARTED, wording.PAUSES[codes.RESTARTED])
+                self.pause(codes.RESTARTED, sentences.PAUSES[codes.RESTARTED])
             return
         if record.reached_here:
             self._dwell()
@@ -281,7 +281,7 @@ class Trip:
             record.visit_seconds += step_s
         limit_s = record.stop.timeout or self._limits.stop_timeout_s
         if self._try_s >= limit_s:
-            why = f"not reached within {wording.seconds(limit_s)}"
+            why = f"not reached within {sentences.seconds(limit_s)}"
             self._let_go()
             self._fail(codes.TIMEOUT, f"{why}; {record.message}" if unlocalized else why, at)
             return
@@ -317,17 +317,17 @@ class Trip:
     def _reach(self, at: Moment) -> None:
         record = self.record
         if not record.reached_here:
-            record.note("reached", "", wording.opened(record.title, "reached"), at)
+            record.note("reached", "", sentences.opened(record.title, "reached"), at)
         self._dwell()
 
     def _dwell(self) -> None:
         self._dwell_s = self.record.stop.dwell
-        stay = f" for {wording.seconds(self._dwell_s)}" if self._dwell_s > 0.0 else ""
+        stay = f" for {sentences.seconds(self._dwell_s)}" if self._dwell_s > 0.0 else ""
         self._set("dwelling", "", f"At {self.record.title}{stay}.")
 
     def _stand(self, reason: str, message: str) -> None:
         """Pause because the goal is paused or gone at the planner already."""
-        self._set("paused", reason, wording.PAUSES.get(reason) or message or wording.of(reason))
+        self._set("paused", reason, sentences.PAUSES.get(reason) or message or sentences.of(reason))
         self._asking.is_standing = True
 
     def _fail(self, code: str, why: str, at: Moment) -> None:
@@ -339,13 +339,13 @@ class Trip:
         if record.failures <= stop.retries or endless:
             doubled_s = self._limits.retry_wait_s * 2.0 ** min(record.failures - 1, 10)
             wait_s = min(doubled_s, max(LONGEST_WAIT_S, self._limits.retry_wait_s))
-            again = f"tried again in {wording.seconds(wait_s)}"
-            self._set("waiting", code, wording.opened(record.title, why, again))
+            again = f"tried again in {sentences.seconds(wait_s)}"
+            self._set("waiting", code, sentences.opened(record.title, why, again))
             self._wait_s = wait_s
             return
         skips = stop.on_failure == "skip"
         then = "skipped" if skips else "the trip was given up"
-        message = wording.opened(record.title, why, then)
+        message = sentences.opened(record.title, why, then)
         if not record.reached_here:
             record.note("skipped" if skips else "failed", code, message, at)
         if skips:

@@ -11,12 +11,14 @@ from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PastTrip, Tour, TourStatus
 from trolley.messages.request_params import AskHistory, Nothing, StartTour, WhichGoal
 from trolley.runtime.service import Later, Watch, answers, every
-from trolley_tour import history, store, wording
-from trolley_tour.actions import Cancel, Limits, Pause, Send
-from trolley_tour.keeping import Keeping
-from trolley_tour.record import Moment, TripRecord
-from trolley_tour.schedule import Minutes, tours_due
-from trolley_tour.trip import Trip
+from trolley_tour import sentences
+from trolley_tour.stored import checks
+from trolley_tour.stored.places import Keeping
+from trolley_tour.trips import history_file as history
+from trolley_tour.trips.actions import Cancel, Limits, Pause, Send
+from trolley_tour.trips.record import Moment, TripRecord
+from trolley_tour.trips.schedule import Minutes, tours_due
+from trolley_tour.trips.trip import Trip
 
 TRIP_FILE = "trip.toml"
 HISTORY_BYTES = 900_000
@@ -78,7 +80,7 @@ class Travelling(Keeping):
     @answers(requests.TOUR_START)
     def _start(self, params: StartTour) -> TourStatus:
         if params.tour is not None:
-            tour = store.checked_tour(params.tour)
+            tour = checks.checked_tour(params.tour)
         else:
             tour = self._find_tour(params.name or "")
         for stop in tour.stops:
@@ -118,7 +120,7 @@ class Travelling(Keeping):
     def _history(self, params: AskHistory) -> Later[list[PastTrip]]:
         since: datetime.datetime | None = None
         if params.since is not None:
-            since = store.parse_utc(params.since)
+            since = checks.parse_utc(params.since)
             if since is None:
                 raise Refused(codes.BAD_REQUEST, f"{params.since!r} is no time in ISO 8601.")
         later: Later[list[PastTrip]] = self.later()
@@ -138,14 +140,14 @@ class Travelling(Keeping):
 
     # Trips.
     def _find_tour(self, name: str) -> Tour:
-        tour = self.tours.items.get(store.plain_name(name))
+        tour = self.tours.items.get(checks.plain_name(name))
         if tour is None:
             raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}.", name=name)
         return tour
 
     def find_place(self, name: str) -> Pose2D:
         """Where a saved pose is on the present map; raises `Refused`."""
-        return store.find_place(self.poses.items, name, self.map_name)
+        return checks.find_place(self.poses.items, name, self.map_name)
 
     def _begin(self, tour: Tour, battery: float | None = None) -> TourStatus:
         """Start a trip in place of the one under way; because of a `battery` so low, that waits."""
@@ -154,7 +156,7 @@ class Travelling(Keeping):
             if battery is None:
                 self._trip.stop(self._moment, codes.REPLACED, "Another trip was started.")
             else:
-                self._trip.pause(codes.LOW_BATTERY, wording.PAUSES[codes.LOW_BATTERY])
+                self._trip.pause(codes.LOW_BATTERY, sentences.PAUSES[codes.LOW_BATTERY])
                 interrupted = self._trip.record.copy()
             self._carry_out()
         record = TripRecord(
@@ -219,7 +221,7 @@ class Travelling(Keeping):
     def _each_second(self) -> None:
         self._publish(self._status())
         now = self.utc_now()
-        moment = None if now is None else store.parse_utc(now)
+        moment = None if now is None else checks.parse_utc(now)
         if moment is None:
             return
         minute = self._minutes.next(moment.astimezone())

@@ -8,8 +8,8 @@ from msgspec import Struct
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose
-from trolley_tour.shelf import Shelf
-from trolley_tour.store import PosesFile, with_item, without_item
+from trolley_tour.stored.checks import PosesFile, with_item, without_item
+from trolley_tour.stored.named_store import Shelf
 
 
 class SlowDisk:

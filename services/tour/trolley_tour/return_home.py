@@ -8,10 +8,10 @@ from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import Stop, Tour, TourStatus
 from trolley.runtime.service import every
-from trolley_tour import wording
-from trolley_tour.battery import Doing, Gauge, WayHome
-from trolley_tour.travelling import Travelling
-from trolley_tour.trip import ACTIVE, PLANNER, Trip
+from trolley_tour import sentences
+from trolley_tour.charge_monitor import Doing, Gauge, WayHome
+from trolley_tour.trips.runner import Travelling
+from trolley_tour.trips.trip import ACTIVE, PLANNER, Trip
 
 HOME = "home"
 HOME_TOUR = Tour(stops=[Stop(name=HOME, retries=20)])
@@ -71,7 +71,7 @@ class Homing(Travelling):
         pose = None if self.pose.latest is None else self.pose.latest.pose
         if pose is not None and math.hypot(pose.x - home.x, pose.y - home.y) <= AT_HOME_M:
             return
-        self.log.warning(f"{wording.charge(charge)}: driving home")
+        self.log.warning(f"{sentences.charge(charge)}: driving home")
         self._begin(HOME_TOUR, charge)
 
     @property
@@ -108,10 +108,10 @@ class Homing(Travelling):
         if not is_low and not self._was_low:
             return
         if is_low and not self._was_low:
-            self.log.warning(f"{wording.charge(charge)}: it is low")
+            self.log.warning(f"{sentences.charge(charge)}: it is low")
         self._was_low = is_low
         lacks = "" if self._home is not None else f" There is no place “{HOME}” to go to."
-        problem = f"{wording.charge(charge)}: charge the robot.{lacks}"
+        problem = f"{sentences.charge(charge)}: charge the robot.{lacks}"
         self.set_problem(PROBLEM, problem if is_low else None)
 
     def _status(self) -> TourStatus:
@@ -125,7 +125,7 @@ class Homing(Travelling):
             trip=None,
             state="idle",
             reason=codes.LOW_BATTERY,
-            message=f"{wording.charge(charge)}: charge the robot.",
+            message=f"{sentences.charge(charge)}: charge the robot.",
         )
 
     def _begin_scheduled(self, tour: Tour) -> None:

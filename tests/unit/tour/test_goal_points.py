@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from trolley_tour.goalpoints import GoalPointsError, read_goal_points, tour_of
+from trolley_tour.goal_points import GoalPointsError, read_goal_points, tour_of
 
 SCRIPT = '''#!/usr/bin/env python
 import rospy
