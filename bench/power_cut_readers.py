@@ -14,7 +14,7 @@ from trolley_localizer.map_store import ChosenMap
 from trolley_localizer.service import LAST_POSE_FILE
 from trolley_localizer.start_pose import LastPose
 from trolley_localizer.zone_store import ZoneFile, state_file
-from trolley_tour.stored import checks, places
+from trolley_tour.stored import checks, places, tours
 from trolley_tour.trips import history_file, runner
 from trolley_tour.trips.record import TripRecord
 from trolley_viz import settings
@@ -29,7 +29,7 @@ TYPES: dict[str, type[Any]] = {
     CHOSEN_MAP_FILE: ChosenMap,
     state_file(MAP): ZoneFile,
     places.POSES_FILE: checks.PosesFile,
-    places.TOURS_FILE: checks.ToursFile,
+    tours.TOURS_FILE: checks.ToursFile,
     runner.TRIP_FILE: TripRecord,
     settings.FILE: settings.ViewerSettings,
 }

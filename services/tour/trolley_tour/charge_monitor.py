@@ -1,62 +1,72 @@
-"""A low battery: how low it is, and when a robot that drives is to go home because of it."""
+"""How low the battery is, and when a robot that drives is to go home because of it."""
 
+import dataclasses
 from typing import Literal
 
 from trolley.messages import BaseState
 
-LOW_FOR_NS = 10_000_000_000
-"""A motor that starts pulls the voltage down for a moment; that is no empty battery."""
-RECOVERED_SHARE = 0.1
-"""This much above the limit it is no longer low."""
-URGENT_PART = 0.5
-"""Below this part of the limit the present drive is not finished."""
-STAY_NS = 30_000_000_000
-"""How long a robot that was sent somewhere stays there before it goes home."""
+Activity = Literal["driving", "between_goals", "arrived", "held"]
+"""What the robot is doing, as far as its way home is concerned.
 
-Doing = Literal["driving", "between", "arrived", "held"]
-"""On its way or staying at a stop; between two stops; where it was sent to; held by a person."""
+On its way or staying at a stop; between two goals of a trip; where it was sent; or held: stopped,
+driven by a person, idle or going home already.
+"""
 
 
-class Limit:
+@dataclasses.dataclass(frozen=True, slots=True)
+class BatteryParams:
+    """When a battery is low. All by hand; the first can be configured."""
+
+    low: float
+    """Share of the charge below which it is low, 0 never."""
+    low_for_s: float = 10.0
+    """A motor that starts pulls the voltage down for a moment; that is not an empty battery."""
+    recovered_above: float = 0.1
+    """So much above the limit it is no longer low."""
+    urgent_part: float = 0.5
+    """Below this part of the limit the present drive is not finished."""
+    stay_s: float = 30.0
+    """How long a robot that was sent somewhere stays there before it goes home."""
+
+
+class ChargeThreshold:
     """Whether the charge is below a limit, for long enough to be believed."""
 
-    def __init__(self, share: float) -> None:
+    def __init__(self, limit: float, params: BatteryParams) -> None:
         self.is_passed = False
-        self._share = share
+        self._limit = limit
+        self._params = params
         self._since_ns: int | None = None
 
-    def hear(self, charge: float, stamp_ns: int) -> None:
-        """Take a measurement."""
-        if charge >= self._share:
+    def update(self, fraction: float, stamp_ns: int) -> None:
+        """Take a measurement of the charge."""
+        if fraction >= self._limit:
             self._since_ns = None
-            self.is_passed &= charge < min(1.0, self._share + RECOVERED_SHARE)
+            self.is_passed &= fraction < min(1.0, self._limit + self._params.recovered_above)
         else:
             self._since_ns = stamp_ns if self._since_ns is None else self._since_ns
-            self.is_passed |= stamp_ns - self._since_ns >= LOW_FOR_NS
+            self.is_passed |= stamp_ns - self._since_ns >= int(self._params.low_for_s * 1e9)
 
 
-class Gauge:
-    """What the battery says.
+class ChargeMonitor:
+    """What the battery says."""
 
-    Args:
-        low: The share of the charge below which it is low, 0 never.
-    """
+    def __init__(self, params: BatteryParams) -> None:
+        self.fraction = 0.0
+        """The newest charge as a share; 0 while unknown."""
+        self._low = ChargeThreshold(params.low, params)
+        self._urgent = ChargeThreshold(params.low * params.urgent_part, params)
 
-    def __init__(self, low: float) -> None:
-        self.charge: float | None = None
-        """The newest; None while unknown."""
-        self._low, self._urgent = Limit(low), Limit(low * URGENT_PART)
-
-    def hear(self, state: BaseState) -> None:
+    def update(self, state: BaseState) -> None:
         """Take the state of the base; one that says nothing of the charge changes nothing."""
         battery = state.battery
         if battery is None or battery.fraction is None:
             return
-        self.charge = battery.fraction
+        self.fraction = battery.fraction
         # One that is being charged counts as full: the robot is where it should be.
         counted = 1.0 if battery.charging else battery.fraction
-        for limit in (self._low, self._urgent):
-            limit.hear(counted, state.stamp_ns)
+        for threshold in (self._low, self._urgent):
+            threshold.update(counted, state.stamp_ns)
 
     @property
     def is_low(self) -> bool:
@@ -69,22 +79,27 @@ class Gauge:
         return self._urgent.is_passed
 
 
-class WayHome:
+class ReturnDecision:
     """When to set off home: only ever at the end of a drive that a person wanted."""
 
-    def __init__(self) -> None:
+    def __init__(self, params: BatteryParams) -> None:
+        self._stay_ns = int(params.stay_s * 1e9)
         self._is_due = False
         self._arrived_ns: int | None = None
 
-    def is_time(self, gauge: Gauge, doing: Doing, now_ns: int) -> bool:
+    def is_time(self, charge: ChargeMonitor, activity: Activity, now_ns: int) -> bool:
         """Whether to set off now (asked a few times a second)."""
         arrived_ns, self._arrived_ns = self._arrived_ns, None
-        if not gauge.is_low or doing == "held":
+        if not charge.is_low or activity == "held":
             self._is_due = False
-        elif doing == "driving":
+        elif activity == "driving":
             self._is_due = True
-            return gauge.is_urgent
-        elif self._is_due and doing == "arrived":
+            return charge.is_urgent
+        elif self._is_due and activity == "arrived":
             self._arrived_ns = now_ns if arrived_ns is None else arrived_ns
-            return now_ns - self._arrived_ns >= STAY_NS
+            return now_ns - self._arrived_ns >= self._stay_ns
         return self._is_due
+
+    def set_off(self) -> None:
+        """Begin anew once the robot was sent home."""
+        self._is_due, self._arrived_ns = False, None

@@ -31,7 +31,7 @@ def test_without_a_name_the_newest_estimate_is_told_and_nothing_saved(home: "Hom
     assert (told.name, told.map, told.pose) == ("", "apartment", Pose2D(1.0, 2.0, 0.5))
     assert (told.state, told.match) == ("localized", 0.9)
     assert 0.0 <= told.age < 0.2
-    assert "" not in home.tour.poses.items
+    assert "" not in home.tour.places.items
 
 
 def test_with_a_name_the_mean_of_five_is_saved(home: "Home"):
@@ -46,14 +46,14 @@ def test_with_a_name_the_mean_of_five_is_saved(home: "Home"):
     assert abs(saved.pose.yaw) == pytest.approx(math.pi)
     assert saved.covariance is not None
     assert saved.covariance[0] == pytest.approx(1e-4 + 2e-4)
-    kept = home.tour.poses.items["sofa"]
+    kept = home.tour.places.items["sofa"]
     assert (kept.pose, kept.icon, kept.map) == (saved.pose, "home", "apartment")
 
 
 def test_name_that_is_taken_needs_replace(home: "Home"):
     assert code_of(home, name="kitchen") == codes.EXISTS
     assert capture(home, name="kitchen", replace=True).name == "kitchen"
-    assert home.tour.poses.items["kitchen"].pose == Pose2D(1.0, 2.0, 0.5)
+    assert home.tour.places.items["kitchen"].pose == Pose2D(1.0, 2.0, 0.5)
 
 
 def test_bad_name_is_refused(home: "Home"):
@@ -65,7 +65,7 @@ def test_moving_robot_is_refused_only_with_a_name(home: "Home", twist: Twist2D):
     home.base.twist = twist
     assert code_of(home, name="sofa") == codes.MOVING
     assert capture(home).pose == Pose2D(1.0, 2.0, 0.5)
-    assert "sofa" not in home.tour.poses.items
+    assert "sofa" not in home.tour.places.items
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_two_estimates_are_enough(home: "Home"):
     assert len(replies) == 1
     assert not replies[0].is_error
     assert home.lockstep.now_ns - before_ns < 1.9e9
-    assert "sofa" in home.tour.poses.items
+    assert "sofa" in home.tour.places.items
 
 
 def test_without_a_base_nothing_is_told(home: "Home"):

@@ -1,12 +1,13 @@
 """A low battery ends the drive with the way home."""
 
+import datetime
 from typing import TYPE_CHECKING
 
 import pytest
 
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, Battery, SavedPose, Stop, Tour
+from trolley.messages import BaseState, Battery, SavedPose, ScheduleEntry, Stop, Tour
 from trolley.messages.request_params import AskOffer, SendGoal
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def test_a_trip_goes_home_after_the_present_drive_and_waits_there(
     assert housed.status.trip == first.trip
     assert housed.results() == [(0, "reached", "")]
     past = housed.lockstep.ask(requests.TOUR_HISTORY, requests.TOUR_HISTORY.params())
-    assert [trip.message for trip in past] == ["At home, since the battery was low."]
+    assert [trip.message for trip in past] == ["Home, because the battery was low."]
     live(housed, 60, 1.0)
     assert len(targets(housed)) == 2  # nothing sets off by itself
     housed.lockstep.ask(requests.TOUR_RESUME)
@@ -99,10 +100,11 @@ def test_it_is_low_until_it_is_well_above_the_limit(housed: "Home") -> None:
 
 
 def test_an_idle_robot_says_so_and_stays_where_it_is(housed: "Home") -> None:
+    health = housed.lockstep.record(topics.HEALTH, "tour")
     live(housed, 120, 0.05)
     assert housed.planner.sent == []
     assert housed.status.message == "Battery at 5 %: charge the robot."
-    assert housed.lockstep.nodes["tour"]._health.message == "Battery at 5 %: charge the robot."
+    assert health[-1].message == "Battery at 5 %: charge the robot."
 
 
 def test_a_direct_goal_is_driven_then_the_robot_goes_home(housed: "Home") -> None:
@@ -169,10 +171,11 @@ def test_another_tour_takes_the_place_of_both(housed: "Home", plan: "type[Plan]"
 
 
 def test_without_a_home_the_trip_goes_on_and_it_is_said(home: "Home") -> None:
+    health = home.lockstep.record(topics.HEALTH, "tour")
     home.start("corridor", "kitchen")
     live(home, 20, 0.08)
     assert home.status.state == "done"
-    assert "no place “home”" in home.lockstep.nodes["tour"]._health.message
+    assert "no place “home”" in health[-1].message
 
 
 def test_at_home_already_it_stays(housed: "Home") -> None:
@@ -233,10 +236,17 @@ def test_a_home_that_cannot_be_reached_is_told_with_the_tour_that_waits(
     assert "blocked" in housed.status.message
 
 
-def test_a_scheduled_tour_waits_for_a_charged_battery(housed: "Home") -> None:
+def test_a_scheduled_tour_waits_for_a_charged_battery(
+    housed: "Home", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    due = datetime.datetime(2026, 11, 2, 12, 0, 5, tzinfo=datetime.UTC)
+    schedule = [ScheduleEntry(at=f"{due.astimezone():%H:%M}")]
+    tour = Tour(name="dawn", stops=[Stop(name="kitchen")], schedule=schedule)
+    housed.lockstep.ask(requests.TOURS_PUT, tour)
     live(housed, 12, 0.1)
-    housed.tour._begin_scheduled(Tour(name="dawn", stops=[Stop(name="kitchen")]))
-    live(housed, 5, 0.1)
+    for now in ((due - datetime.timedelta(seconds=30)).isoformat(), due.isoformat()):
+        monkeypatch.setattr(type(housed.tour), "utc_now", lambda _, now=now: now)
+        live(housed, 3, 0.1)
     assert housed.planner.sent == []
     assert housed.lockstep.counters("tour")["schedule/low_battery"] == 1
 

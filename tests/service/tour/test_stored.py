@@ -50,7 +50,7 @@ def test_put_on_a_key_is_stored_published_and_given(empty: "Home"):
 
 def test_pose_without_a_map_belongs_to_the_present_one(empty: "Home"):
     put(empty, "poses/kitchen", {"pose": {"x": 1.0, "y": 2.0, "yaw": 4.0}})
-    saved = empty.tour.poses.items["kitchen"]
+    saved = empty.tour.places.items["kitchen"]
     assert saved.map == "apartment"
     assert saved.pose.yaw == pytest.approx(4.0 - 2 * 3.141592653589793)
 
@@ -72,7 +72,7 @@ def test_delete_of_a_key(empty: "Home"):
     empty.lockstep.ask(requests.TOURS_PUT, TOUR)
     empty.lockstep.delete("trolley/trolley/poses/kitchen")
     empty.lockstep.delete("trolley/trolley/tours/evening")
-    assert empty.tour.poses.items == {}
+    assert empty.tour.places.items == {}
     assert empty.tour.tours.items == {}
 
 
@@ -80,14 +80,14 @@ def test_delete_with_a_wildcard_is_dropped(empty: "Home"):
     empty.lockstep.ask(requests.POSES_PUT, PLACE)
     for key in ("poses/*", "poses/**", "**"):
         empty.lockstep.delete(f"trolley/trolley/{key}")
-    assert list(empty.tour.poses.items) == ["kitchen"]
+    assert list(empty.tour.places.items) == ["kitchen"]
 
 
 def test_what_is_stored_survives_a_kill(empty: "Home"):
     empty.lockstep.ask(requests.POSES_PUT, PLACE)
     empty.lockstep.ask(requests.TOURS_PUT, TOUR)
     empty.restart_tour()
-    assert empty.tour.poses.items == {"kitchen": PLACE}
+    assert empty.tour.places.items == {"kitchen": PLACE}
     assert empty.tour.tours.items == {"evening": TOUR}
     ((_, listed),) = get(empty, "tours")
     assert listed["tours"][0]["name"] == "evening"
@@ -113,7 +113,7 @@ def test_what_is_stored_survives_a_kill(empty: "Home"):
 def test_bad_wish_changes_nothing_and_is_counted(empty: "Home", key: str, body):
     before = sum(empty.lockstep.counters("tour").values())
     put(empty, key, body)
-    assert empty.tour.poses.items == {}
+    assert empty.tour.places.items == {}
     assert empty.tour.tours.items == {}
     assert sum(empty.lockstep.counters("tour").values()) == before + 1
 
@@ -123,7 +123,7 @@ def test_garbage_changes_nothing(empty: "Home", payload):
     payload = bytes(payload) if isinstance(payload, int) else payload
     empty.lockstep.put("trolley/trolley/poses/kitchen", payload)
     empty.lockstep.put("trolley/trolley/tours/kitchen", payload)
-    assert empty.tour.poses.items == {}
+    assert empty.tour.places.items == {}
     assert empty.tour.tours.items == {}
     assert empty.lockstep.ask(requests.POSES_PUT, PLACE) == PLACE
 
@@ -133,11 +133,11 @@ def test_the_same_name_in_another_normalization_is_the_same(empty: "Home"):
     body = {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}}
     put(empty, f"poses/{decomposed}", body)
     put(empty, f"poses/{composed}", {**body, "name": decomposed})
-    assert list(empty.tour.poses.items) == [composed]
+    assert list(empty.tour.places.items) == [composed]
     ((key, _),) = get(empty, f"poses/{decomposed}")
     assert key == f"trolley/trolley/poses/{decomposed}"
     empty.lockstep.ask(requests.POSES_DELETE, Named(name=decomposed))
-    assert empty.tour.poses.items == {}
+    assert empty.tour.places.items == {}
 
 
 def test_unnamed_tour_is_not_stored(empty: "Home"):
@@ -162,7 +162,7 @@ def test_full_disk_refuses_and_keeps_what_was_saved(empty: "Home", monkeypatch):
         empty.lockstep.run(1.5)
     assert caught.value.code == codes.NOT_SAVED
     assert "No space left" in caught.value.message
-    assert list(empty.tour.poses.items) == ["kitchen"]
+    assert list(empty.tour.places.items) == ["kitchen"]
     assert lists == []
     assert health[-1].state == "degraded"
     assert empty.lockstep.ask(requests.POSES_PUT, PLACE) == PLACE
@@ -207,4 +207,4 @@ def test_list_never_outgrows_a_message(empty: "Home", monkeypatch):
             requests.POSES_PUT, SavedPose(name="three", map="a", pose=PLACE.pose, note=note)
         )
     assert caught.value.code == codes.TOO_LARGE
-    assert list(empty.tour.poses.items) == ["one", "two"]
+    assert list(empty.tour.places.items) == ["one", "two"]

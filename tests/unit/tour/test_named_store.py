@@ -9,7 +9,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose
 from trolley_tour.stored.checks import PosesFile, with_item, without_item
-from trolley_tour.stored.named_store import Shelf
+from trolley_tour.stored.named_store import NamedStore
 
 
 class SlowDisk:
@@ -19,7 +19,7 @@ class SlowDisk:
         self.waiting: list[tuple[list[str], Callable[[str | None], None]]] = []
         self.num_published = 0
         self.answers: list[str] = []
-        self.shelf: Shelf[SavedPose] = Shelf(
+        self.store: NamedStore[SavedPose] = NamedStore(
             lambda poses: PosesFile(poses=poses),
             self.save,
             self.publish,
@@ -37,10 +37,10 @@ class SlowDisk:
 
     def put(self, name: str) -> None:
         pose = SavedPose(name=name, map="a", pose=Pose2D(0.0, 0.0, 0.0))
-        self.shelf.change(lambda items: (with_item(items, pose), pose), self.answer)
+        self.store.change(lambda items: (with_item(items, pose), pose), self.answer)
 
     def delete(self, name: str) -> None:
-        self.shelf.change(lambda items: without_item(items, name), self.answer)
+        self.store.change(lambda items: without_item(items, name), self.answer)
 
     def finish(self, problem: str | None = None) -> list[str]:
         names, then = self.waiting.pop(0)
@@ -55,9 +55,9 @@ def disk() -> SlowDisk:
 
 def test_change_counts_once_it_is_saved(disk: SlowDisk):
     disk.put("a")
-    assert (disk.shelf.items, disk.answers, disk.num_published) == ({}, [], 0)
+    assert (disk.store.items, disk.answers, disk.num_published) == ({}, [], 0)
     disk.finish()
-    assert (list(disk.shelf.items), disk.answers, disk.num_published) == (["a"], ["a"], 1)
+    assert (list(disk.store.items), disk.answers, disk.num_published) == (["a"], ["a"], 1)
 
 
 def test_changes_that_wait_for_the_disk_are_saved_together(disk: SlowDisk):
@@ -78,6 +78,6 @@ def test_what_could_not_be_saved_does_not_count(disk: SlowDisk):
     disk.delete("a")
     disk.finish("The disk is full.")
     disk.finish("The disk is full.")
-    assert list(disk.shelf.items) == ["a"]
+    assert list(disk.store.items) == ["a"]
     assert disk.answers == ["a", "not_saved", "not_saved"]
     assert disk.num_published == 1

@@ -1,20 +1,20 @@
-"""The part of the service that answers where the robot is, and saves it under a name."""
+"""The request `pose/capture`: where the robot is, saved under a name if one is given."""
 
 import dataclasses
-from collections.abc import Mapping
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import CapturedPose, Odometry, PoseEstimate, SavedPose
 from trolley.messages.request_params import Capture
-from trolley.runtime.service import Later, Watch, answers, every
-from trolley_tour.stored import checks
-from trolley_tour.stored.places import Keeping
+from trolley.runtime.service import Later, Service, Watch, answers, every
+from trolley_tour.robot_state import RobotState
+from trolley_tour.stored.checks import plain_name
+from trolley_tour.stored.places import Places
 from trolley_tour.stored.pose_estimates import (
-    Averaging,
+    PoseAverage,
     age_s,
+    check_match,
     check_standing,
     checked_estimate,
 )
@@ -22,31 +22,34 @@ from trolley_tour.stored.pose_estimates import (
 DEADLINE_NS = 1_300_000_000
 """Local time for collecting estimates: the answer, saved, is due within 2 s."""
 MAX_CAPTURES = 16
+"""Captures that collect at the same time; more are refused."""
 
 
 @dataclasses.dataclass
-class _Running:
-    """A capture that collects estimates."""
+class _Collection:
+    """A capture that is collecting estimates."""
 
-    params: Capture
     name: str
+    params: Capture
     later: Later[CapturedPose]
     ends_ns: int
-    averaging: Averaging = dataclasses.field(default_factory=Averaging)
+    average: PoseAverage = dataclasses.field(default_factory=PoseAverage)
     is_standing: bool = False
 
 
-class Capturing(Keeping):
-    """`pose/capture`."""
+class PoseCapture:
+    """Captures under way."""
 
-    def __init__(self, config: RobotConfig) -> None:
-        super().__init__(config)
-        self._running: list[_Running] = []
+    def __init__(self, service: Service, places: Places, robot: RobotState) -> None:
+        self._service = service
+        self._places = places
+        self._robot = robot
+        self._collections: list[_Collection] = []
         self._odometry: Watch[Odometry] | None = None
 
     @answers(requests.POSE_CAPTURE)
     def _capture(self, params: Capture) -> CapturedPose | Later[CapturedPose]:
-        estimate = checked_estimate(self.pose.latest, self.now_ns)
+        estimate = checked_estimate(self._robot.pose.latest, self._service.now_ns)
         if params.name is None:
             place = SavedPose(
                 map=estimate.map or "",
@@ -55,89 +58,79 @@ class Capturing(Keeping):
                 icon=params.icon,
             )
             return self._captured(place, estimate)
-        name = checks.plain_name(params.name)
-        if name in self.poses.items and not params.replace:
+        name = plain_name(params.name)
+        if name in self._places.items and not params.replace:
             raise Refused(codes.EXISTS, name=name)
-        _check_sure(estimate)
-        if len(self._running) >= MAX_CAPTURES:
-            raise Refused(codes.NOT_READY, "Other poses are being saved: try again.")
-        later: Later[CapturedPose] = self.later()
-        self._running.append(_Running(params, name, later, self.monotonic_ns + DEADLINE_NS))
+        check_match(estimate)
+        if len(self._collections) >= MAX_CAPTURES:
+            raise Refused(codes.NOT_READY, "Other poses are being saved; try again.")
+        later: Later[CapturedPose] = self._service.later()
+        ends_ns = self._service.monotonic_ns + DEADLINE_NS
+        self._collections.append(_Collection(name, params, later, ends_ns))
         # Odometry comes 50 times a second and is of no interest otherwise.
         if self._odometry is None:
-            self._odometry = self.watch(topics.ODOM, then=self._hear_odometry)
+            self._odometry = self._service.watch(topics.ODOM, then=self._update_odometry)
         return later
 
-    def _hear_odometry(self, odometry: Odometry) -> None:
-        for running in list(self._running):
+    def _update_odometry(self, odometry: Odometry) -> None:
+        for collection in list(self._collections):
             try:
                 check_standing(odometry.twist)
-                running.is_standing = True
+                collection.is_standing = True
             except Refused as refused:
-                self._refuse(running, refused)
+                self._refuse(collection, refused)
 
-    def hear_pose(self, estimate: PoseEstimate) -> None:
-        """Take an estimate for the captures that collect some."""
-        for running in list(self._running):
+    def update_pose(self, estimate: PoseEstimate) -> None:
+        """Add an estimate to the captures that are collecting."""
+        for collection in list(self._collections):
             try:
-                checked = checked_estimate(estimate, self.now_ns)
-                _check_sure(checked)
-                if running.averaging.add(checked) and running.is_standing:
-                    self._finish(running)
+                checked = checked_estimate(estimate, self._service.now_ns)
+                check_match(checked)
+                if collection.average.add(checked) and collection.is_standing:
+                    self._save(collection)
             except Refused as refused:
-                self._refuse(running, refused)
+                self._refuse(collection, refused)
 
     @every(0.1, clock="local")
-    def _end_captures(self) -> None:
-        for running in list(self._running):
-            if self.monotonic_ns >= running.ends_ns:
+    def _end_overdue(self) -> None:
+        for collection in list(self._collections):
+            if self._service.monotonic_ns >= collection.ends_ns:
                 try:
-                    self._finish(running)
+                    self._save(collection)
                 except Refused as refused:
-                    self._refuse(running, refused)
+                    self._refuse(collection, refused)
 
-    def _finish(self, running: _Running) -> None:
-        if not running.is_standing:
-            raise Refused(codes.STALE, "There is no odometry: base is not running.")
-        estimate, pose, covariance = running.averaging.mean()
-        place = checks.checked_pose(
-            SavedPose(
-                name=running.name,
-                map=estimate.map or "",
-                pose=pose,
-                covariance=covariance,
-                saved_at=self.utc_now(),
-                icon=running.params.icon,
-            ),
-            None,
-            self.map_name,
-        )
-        self._end(running)
-
-        def change(items: Mapping[str, SavedPose]) -> tuple[dict[str, SavedPose], SavedPose]:
-            before = items.get(place.name)
-            if before is not None and not running.params.replace:
-                raise Refused(codes.EXISTS, name=place.name)
-            return checks.with_item(items, place), place
+    def _save(self, collection: _Collection) -> None:
+        if not collection.is_standing:
+            raise Refused(codes.STALE, "There is no odometry; the base is not running.")
+        estimate, pose, covariance = collection.average.mean()
+        self._remove(collection)
 
         def answer(result: SavedPose | Refused) -> None:
             if isinstance(result, Refused):
-                running.later.refuse(result)
+                collection.later.refuse(result)
             else:
-                self.log.info("Pose saved", name=result.name, map=result.map)
-                running.later.reply(self._captured(result, estimate))
+                self._service.log.info("Pose saved", name=result.name, map=result.map)
+                collection.later.reply(self._captured(result, estimate))
 
-        self.poses.change(change, answer)
+        place = SavedPose(
+            name=collection.name,
+            map=estimate.map or "",
+            pose=pose,
+            covariance=covariance,
+            icon=collection.params.icon,
+        )
+        self._places.put(place, answer, replace=collection.params.replace)
 
-    def _refuse(self, running: _Running, refused: Refused) -> None:
-        self._end(running)
-        running.later.refuse(refused)
+    def _refuse(self, collection: _Collection, refused: Refused) -> None:
+        self._remove(collection)
+        collection.later.refuse(refused)
 
-    def _end(self, running: _Running) -> None:
-        if running in self._running:
-            self._running.remove(running)
-        if not self._running and self._odometry is not None:
-            self.close_watch(self._odometry)
+    def _remove(self, collection: _Collection) -> None:
+        if collection in self._collections:
+            self._collections.remove(collection)
+        if not self._collections and self._odometry is not None:
+            self._service.close_watch(self._odometry)
             self._odometry = None
 
     def _captured(self, place: SavedPose, estimate: PoseEstimate) -> CapturedPose:
@@ -151,14 +144,5 @@ class Capturing(Keeping):
             note=place.note,
             state=estimate.state,
             match=estimate.match,
-            age=age_s(estimate, self.now_ns) or 0.0,
-        )
-
-
-def _check_sure(estimate: PoseEstimate) -> None:
-    """Refuse to save where the scan does not fit the map: what is certain may still be wrong."""
-    if estimate.state == "unsure":
-        raise Refused(
-            codes.NOT_CONVERGED,
-            "The scan does not fit the map well; drive a little or set the pose.",
+            age=age_s(estimate, self._service.now_ns) or 0.0,
         )

@@ -1,4 +1,4 @@
-"""What people store: saved poses and tours, by name. Every change makes a new store."""
+"""What may be stored: the rules for names, saved poses and tours, and the files they lie in."""
 
 import datetime
 import re
@@ -17,9 +17,11 @@ from trolley.messages import SavedPose, Stop, Tour, name_problem
 T = TypeVar("T", SavedPose, Tour)
 
 MAX_LIST_BYTES = (1 << 20) - 4096
-"""All of them travel as one list, and a message is at most 1 MiB."""
+"""All values travel as one list, and a message is at most 1 MiB."""
 MAX_VIA = 1000
+"""Via points of one stop."""
 MAX_TEXT = 1000
+"""Characters of an icon or a note."""
 _MAP_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")
 
 
@@ -36,10 +38,10 @@ class ToursFile(Struct, frozen=True, kw_only=True):
 
 
 def plain_name(name: str) -> str:
-    """A name as it is stored: NFC.
+    """The name as it is stored: NFC.
 
     Raises:
-        Refused: It is no name; the message says why.
+        Refused: It is not a valid name; the message says why.
     """
     problem = name_problem(name)
     if problem is not None:
@@ -48,10 +50,10 @@ def plain_name(name: str) -> str:
 
 
 def key_name(key: str | None, body: str) -> str:
-    """The name of a thing whose key, if it has one, says `key` and whose body says `body`.
+    """The name of a value whose key, if it has one, says `key` and whose body says `body`.
 
     Raises:
-        Refused: The two differ, or it is no name.
+        Refused: The two differ, or the name is not valid.
     """
     if key is None:
         return plain_name(body)
@@ -64,8 +66,19 @@ def key_name(key: str | None, body: str) -> str:
     return name
 
 
+def only_chunk(chunks: tuple[str, ...]) -> str:
+    """The one name in the key of a deletion.
+
+    Raises:
+        Refused: The key has several chunks.
+    """
+    if len(chunks) != 1:
+        raise Refused(codes.BAD_REQUEST, "A deletion names one value.")
+    return chunks[0]
+
+
 def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> SavedPose:
-    """A saved pose as it is stored; without a map of its own it belongs to the present one.
+    """The saved pose as it is stored; without a map of its own it belongs to the present one.
 
     Raises:
         Refused: Something in it is not allowed, or no map is known.
@@ -73,18 +86,18 @@ def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> Save
     name = key_name(key, pose.name)
     on_map = pose.map or map_name
     if on_map is None:
-        raise Refused(codes.NOT_READY, "No map is loaded yet: say the pose's map.")
+        raise Refused(codes.NOT_READY, "No map is loaded yet; say which map the pose is on.")
     if not _MAP_NAME.fullmatch(on_map):
-        raise Refused(codes.BAD_REQUEST, f"{on_map!r} is no name of a map.")
+        raise Refused(codes.BAD_REQUEST, f"{on_map!r} is not a valid map name.")
     if max(len(pose.icon), len(pose.note)) > MAX_TEXT:
-        raise Refused(codes.TOO_LARGE, f"Icon and note are at most {MAX_TEXT} characters.")
+        raise Refused(codes.TOO_LARGE, f"Icon and note may have {MAX_TEXT} characters at most.")
     if pose.saved_at is not None and parse_utc(pose.saved_at) is None:
-        raise Refused(codes.BAD_REQUEST, f"{pose.saved_at!r} is no time in ISO 8601.")
+        raise Refused(codes.BAD_REQUEST, f"{pose.saved_at!r} is not an ISO 8601 time.")
     return structs.replace(pose, name=name, map=on_map, pose=pose.pose.wrapped())
 
 
 def checked_tour(tour: Tour, key: str | None = None) -> Tour:
-    """A tour as it is stored or driven; one that is only driven needs no name.
+    """The tour as it is stored or driven; one that is only driven needs no name.
 
     Raises:
         Refused: Something in it is not allowed.
@@ -96,12 +109,12 @@ def checked_tour(tour: Tour, key: str | None = None) -> Tour:
 
 def _checked_stop(stop: Stop, index: int) -> Stop:
     if len(stop.via) > MAX_VIA:
-        raise Refused(codes.TOO_LARGE, f"Stop {index + 1} has over {MAX_VIA} points on its way.")
+        raise Refused(codes.TOO_LARGE, f"Stop {index + 1} has more than {MAX_VIA} via points.")
     return stop if stop.name is None else structs.replace(stop, name=plain_name(stop.name))
 
 
 def parse_utc(text: str) -> datetime.datetime | None:
-    """A moment in ISO 8601 (UTC where it names no zone), None if it is none."""
+    """Parse an ISO 8601 time (UTC where it names no zone); None if it is not one."""
     try:
         moment = datetime.datetime.fromisoformat(text)
     except ValueError:
@@ -112,19 +125,19 @@ def parse_utc(text: str) -> datetime.datetime | None:
 
 
 def with_item(items: Mapping[str, T], item: T) -> dict[str, T]:
-    """These things and one more, or one changed.
+    """The values with one added or replaced.
 
     Raises:
         Refused: All together would no longer fit into one message.
     """
     changed = {**items, item.name: item}
     if len(msgspec.json.encode(list(changed.values()))) > MAX_LIST_BYTES:
-        raise Refused(codes.TOO_LARGE, f"There is no more room for {item.name!r}: delete others.")
+        raise Refused(codes.TOO_LARGE, f"There is no room for {item.name!r}; delete others first.")
     return changed
 
 
 def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
-    """These things without the one called `name`, and that one.
+    """The values without the one called `name`, and that one.
 
     Raises:
         Refused: There is none.
@@ -137,7 +150,7 @@ def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
 
 
 def by_name(items: list[T]) -> dict[str, T]:
-    """Things read from a file, by their names in NFC."""
+    """The values read from a file, by their names in NFC."""
     names = [unicodedata.normalize("NFC", item.name) for item in items]
     return {name: structs.replace(item, name=name) for name, item in zip(names, items, strict=True)}
 

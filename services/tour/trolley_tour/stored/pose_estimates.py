@@ -1,5 +1,6 @@
-"""Saving where the robot stands: what an estimate must be, and the mean of several."""
+"""How good a pose estimate must be to be saved, and the mean of several."""
 
+import dataclasses
 import math
 
 from trolley import codes
@@ -7,14 +8,30 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D, Twist2D, angle_difference
 from trolley.messages import PoseEstimate
 
-MAX_AGE_S = 1.0
-MAX_STD_M = 0.15
-MAX_STD_RAD = math.radians(5.0)
-STANDING_MPS = 0.02
-STANDING_RADPS = 0.05
-MIN_ESTIMATES = 2
-MAX_ESTIMATES = 5
-WINDOW_S = 1.5
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class CaptureLimits:
+    """What the robot must know of its pose for it to be saved. All by hand."""
+
+    max_age_s: float = 1.0
+    """Of the newest estimate."""
+    max_std_m: float = 0.15
+    """Standard deviation along the long axis of the position's ellipse."""
+    max_std_rad: float = math.radians(5.0)
+    """Standard deviation of the heading."""
+    standing_mps: float = 0.02
+    """Up to this speed the robot counts as standing."""
+    standing_radps: float = 0.05
+    """Up to this turning speed the robot counts as standing."""
+    min_estimates: int = 2
+    """Fewer do not make a mean."""
+    max_estimates: int = 5
+    """So many are enough."""
+    window_s: float = 1.5
+    """Robot time that the estimates may span."""
+
+
+LIMITS = CaptureLimits()
 
 
 def age_s(estimate: PoseEstimate | None, now_ns: int | None) -> float | None:
@@ -32,8 +49,10 @@ def checked_estimate(estimate: PoseEstimate | None, now_ns: int | None) -> PoseE
     """
     age = age_s(estimate, now_ns)
     if estimate is None or age is None:
-        raise Refused(codes.STALE, "There is no pose yet: localizer or base are not running.")
-    if age > MAX_AGE_S:
+        raise Refused(
+            codes.STALE, "There is no pose yet; the localizer or the base is not running."
+        )
+    if age > LIMITS.max_age_s:
         raise Refused(codes.STALE, f"The newest pose is {age:.1f} s old.", age=age)
     if estimate.state in ("lost", "searching") or estimate.pose is None or estimate.map is None:
         raise Refused(codes.LOST, state=estimate.state)
@@ -56,12 +75,12 @@ def check_spread(covariance: list[float] | None) -> None:
     # The larger eigenvalue of the position's block: the long half axis of its ellipse, squared.
     largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
     std_m, std_rad = math.sqrt(max(0.0, largest)), math.sqrt(max(0.0, covariance[8]))
-    if not (std_m <= MAX_STD_M and std_rad <= MAX_STD_RAD):
+    if not (std_m <= LIMITS.max_std_m and std_rad <= LIMITS.max_std_rad):
         raise Refused(
             codes.NOT_CONVERGED,
-            f"The pose is certain to {std_m:.2f} m and {math.degrees(std_rad):.0f} degrees only; "
-            f"{MAX_STD_M:.2f} m and {math.degrees(MAX_STD_RAD):.0f} degrees are needed: drive a "
-            "little or set the pose.",
+            f"The pose is only certain to {std_m:.2f} m and {math.degrees(std_rad):.0f} degrees; "
+            f"{LIMITS.max_std_m:.2f} m and {math.degrees(LIMITS.max_std_rad):.0f} degrees are "
+            "needed. Drive a little or set the pose.",
             std_m=std_m,
             std_deg=math.degrees(std_rad),
         )
@@ -73,18 +92,31 @@ def check_standing(twist: Twist2D) -> None:
     Raises:
         Refused: `moving`.
     """
-    if twist.speed > STANDING_MPS or abs(twist.wz) > STANDING_RADPS:
+    if twist.speed > LIMITS.standing_mps or abs(twist.wz) > LIMITS.standing_radps:
         raise Refused(codes.MOVING)
 
 
-class Averaging:
-    """Collects estimates of a robot that stands, for the mean of 2 to 5 within 1.5 s."""
+def check_match(estimate: PoseEstimate) -> None:
+    """Refuse an estimate whose scan does not match the map: what is certain may still be wrong.
+
+    Raises:
+        Refused: `not_converged`.
+    """
+    if estimate.state == "unsure":
+        raise Refused(
+            codes.NOT_CONVERGED,
+            "The scan does not match the map well; drive a little or set the pose.",
+        )
+
+
+class PoseAverage:
+    """The mean of 2 to 5 estimates of a standing robot within 1.5 s."""
 
     def __init__(self) -> None:
         self._estimates: list[PoseEstimate] = []
 
     def add(self, estimate: PoseEstimate) -> bool:
-        """Take an estimate that was checked; True when there are enough.
+        """Add an estimate that was checked; True when there are enough.
 
         One that lies more than 1.5 s (robot time) after the first does not count, and ends it.
         """
@@ -92,12 +124,12 @@ class Averaging:
             first, last = self._estimates[0], self._estimates[-1]
             if estimate.stamp_ns <= last.stamp_ns:
                 return False
-            if (estimate.stamp_ns - first.stamp_ns) * 1e-9 > WINDOW_S:
+            if (estimate.stamp_ns - first.stamp_ns) * 1e-9 > LIMITS.window_s:
                 return True
             if estimate.map != first.map:
-                raise Refused(codes.NOT_CONVERGED, "The map was changed meanwhile.")
+                raise Refused(codes.NOT_CONVERGED, "The map changed meanwhile.")
         self._estimates.append(estimate)
-        return len(self._estimates) >= MAX_ESTIMATES
+        return len(self._estimates) >= LIMITS.max_estimates
 
     def mean(self) -> tuple[PoseEstimate, Pose2D, list[float]]:
         """The newest estimate, the mean pose, and its covariance.
@@ -110,7 +142,7 @@ class Averaging:
         """
         number = len(self._estimates)
         poses = [one.pose for one in self._estimates if one.pose is not None]
-        if number < MIN_ESTIMATES:
+        if number < LIMITS.min_estimates:
             raise Refused(codes.STALE, "The localizer gave too few poses to save one.")
         x = math.fsum(pose.x for pose in poses) / number
         y = math.fsum(pose.y for pose in poses) / number

@@ -1,65 +1,54 @@
-"""What is known of the goal that a trip asked the planner for."""
+"""One goal that a trip asks the planner for: does the planner have it, and when to ask again."""
 
 from trolley.messages import GoalStatus
 from trolley_tour.trips.record import Moment
-
-ASK_AGAIN_NS = 1_000_000_000
-"""A goal that the planner has not taken is sent again this often."""
-SILENCE_NS = 2_000_000_000
-"""The planner reports at 5 Hz; after this long it is asked whether it still drives."""
+from trolley_tour.trips.trip_params import TripParams
 
 
-class Asking:
-    """Whether the planner has the goal, and when to ask it again."""
+class GoalAttempt:
+    """What is known of the goal under way."""
 
-    def __init__(self) -> None:
-        self.is_accepted = False
+    def __init__(self, params: TripParams) -> None:
+        self.seconds = 0.0
+        """Robot time [s] of driving to it so far."""
+        self._params = params
+        self._is_accepted = False
         """Whether the planner has said that it has the goal."""
-        self.is_standing = False
-        """Whether the planner has said that a paused trip's goal stands."""
-        self._waits_for: str | None = None
+        self._is_answer_due = False
+        """Whether the goal was sent and the answer is still to come."""
         self._stamp_ns = 0
         self._heard_ns = 0
-        self._due_ns = 0
-        self._corrected_ns: int | None = None
+        self._send_again_ns = 0
 
-    def renew(self) -> None:
-        """Begin anew, with another goal."""
-        self.is_accepted, self._stamp_ns = False, 0
-
-    def sent(self, goal_id: str | None, at: Moment) -> None:
+    def sent(self, at: Moment) -> None:
         """The goal was sent."""
-        self._waits_for, self._due_ns = goal_id, at.monotonic_ns + ASK_AGAIN_NS
+        self._is_answer_due = True
+        self._send_again_ns = at.monotonic_ns + int(self._params.ask_again_s * 1e9)
 
-    def answered(self, goal_id: str) -> None:
-        """The answer to a goal that was sent is there."""
-        if self._waits_for == goal_id:
-            self._waits_for = None
+    def answered(self) -> None:
+        """The planner answered, whatever it said."""
+        self._is_answer_due = False
 
-    def heard(self, status: GoalStatus, at: Moment) -> None:
-        """The planner said how the goal goes."""
+    def refused(self) -> None:
+        """The planner did not accept the goal yet."""
+        self._is_accepted = False
+
+    def update(self, status: GoalStatus, at: Moment) -> None:
+        """The planner reported on the goal."""
         self._stamp_ns = max(self._stamp_ns, status.stamp_ns)
-        self.is_accepted, self._heard_ns = True, at.monotonic_ns
+        self._is_accepted, self._heard_ns = True, at.monotonic_ns
 
-    def heard_nothing(self, status: GoalStatus, at: Moment) -> None:
-        """The planner has no goal: it was restarted, unless it said so before it took ours."""
-        if self.is_accepted and status.stamp_ns > self._stamp_ns:
+    def update_idle(self, status: GoalStatus, at: Moment) -> None:
+        """The planner reported that it has no goal: restarted, or it has not taken ours yet."""
+        if self._is_accepted and status.stamp_ns > self._stamp_ns:
             self.lost(at)
 
     def lost(self, at: Moment) -> None:
-        """The planner does not have the goal any more: send it again at once."""
-        self.is_accepted, self._due_ns = False, at.monotonic_ns
+        """The planner no longer has the goal: send it again at once."""
+        self._is_accepted, self._send_again_ns = False, at.monotonic_ns
 
     def is_due(self, at: Moment) -> bool:
-        """Whether to send the goal (again): it is not taken, or the planner has fallen silent."""
-        silent = at.monotonic_ns - self._heard_ns > SILENCE_NS
-        free = self._waits_for is None and at.monotonic_ns >= self._due_ns
-        return free and (silent or not self.is_accepted)
-
-    def may_correct(self, at: Moment) -> bool:
-        """Whether to repeat what a goal of ours did not heed, once a second."""
-        last_ns = self._corrected_ns
-        if last_ns is not None and at.monotonic_ns - last_ns < ASK_AGAIN_NS:
-            return False
-        self._corrected_ns = at.monotonic_ns
-        return True
+        """Whether to send the goal (again): it is not accepted, or the planner is silent."""
+        is_silent = at.monotonic_ns - self._heard_ns > int(self._params.silence_s * 1e9)
+        may_send = not self._is_answer_due and at.monotonic_ns >= self._send_again_ns
+        return may_send and (is_silent or not self._is_accepted)

@@ -15,9 +15,11 @@ from trolley_tour.stored.checks import parse_utc
 
 FILE = "history.sqlite"
 MAX_TRIPS = 10_000
+"""Older trips are dropped."""
 MAX_BYTES = 64 << 20
-"""Of trips as JSON; what is older than fits is dropped."""
+"""Of all trips as JSON; older trips that do not fit are dropped."""
 BUSY_S = 1.0
+"""How long to wait for another reader of the file."""
 DAY_S = 86_400.0
 _CREATE = """
 CREATE TABLE IF NOT EXISTS trips (
@@ -45,7 +47,7 @@ DELETE FROM trips WHERE number IN (
 T = TypeVar("T")
 
 
-class Done(NamedTuple):
+class Outcome(NamedTuple):
     """What became of saving or reading."""
 
     problem: str | None = None
@@ -57,15 +59,17 @@ class Done(NamedTuple):
     """Trips that are there but cannot be read."""
 
 
-def keep_trip(folder: Path, trip: PastTrip, days: float) -> Done:
+def keep_trip(folder: Path, trip: PastTrip, days: float) -> Outcome:
     """Add a trip and drop those older than `days` before it.
 
     A trip that is there already stays as it is.
     """
-    return _done(folder / FILE, lambda path: _insert(path, trip, days))
+    return _with_recovery(folder / FILE, lambda path: _insert(path, trip, days))
 
 
-def read_trips(folder: Path, since: datetime.datetime | None, limit: int, max_bytes: int) -> Done:
+def read_trips(
+    folder: Path, since: datetime.datetime | None, limit: int, max_bytes: int
+) -> Outcome:
     """Find the newest `limit` trips that began at or after `since`, newest first.
 
     Where they would not fit into `max_bytes` of JSON, the older ones are left out. Trips that began
@@ -73,12 +77,12 @@ def read_trips(folder: Path, since: datetime.datetime | None, limit: int, max_by
     """
     path = folder / FILE
     if not path.exists():
-        return Done()
-    return _done(path, lambda path: _select(path, since, limit, max_bytes))
+        return Outcome()
+    return _with_recovery(path, lambda path: _select(path, since, limit, max_bytes))
 
 
-def _done(path: Path, act: Callable[[Path], Done]) -> Done:
-    """Do something to the file; one that is no database is kept aside, and a new one begun."""
+def _with_recovery(path: Path, act: Callable[[Path], Outcome]) -> Outcome:
+    """Run `act` on the file; one that is not a database is kept aside, and a new one begun."""
     try:
         try:
             return act(path)
@@ -88,7 +92,7 @@ def _done(path: Path, act: Callable[[Path], Done]) -> Done:
             kept = keep_aside(path)
             return act(path)._replace(kept=kept.name)
     except (sqlite3.Error, OSError) as error:
-        return Done(problem=str(error))
+        return Outcome(problem=str(error))
 
 
 @contextlib.contextmanager
@@ -106,13 +110,13 @@ def _unix(text: str | None) -> float | None:
     return None if moment is None else moment.timestamp()
 
 
-def _insert(path: Path, trip: PastTrip, days: float) -> Done:
+def _insert(path: Path, trip: PastTrip, days: float) -> Outcome:
     started, document = _unix(trip.started_at), msgspec.json.encode(trip)
     row = (trip.trip, trip.name, trip.state, trip.started_at, started, document)
     with _opened(path) as connection:
         there = connection.execute("SELECT document FROM trips WHERE trip = ?", (trip.trip,))
         if any(known == document for (known,) in there):
-            return Done()
+            return Outcome()
         connection.execute(
             "INSERT INTO trips (trip, name, state, started_at, started, document)"
             " VALUES (?, ?, ?, ?, ?, ?)",
@@ -121,10 +125,10 @@ def _insert(path: Path, trip: PastTrip, days: float) -> Done:
         if started is not None:
             connection.execute("DELETE FROM trips WHERE started < ?", (started - days * DAY_S,))
         connection.execute(_DROP_WHAT_DOES_NOT_FIT, (MAX_TRIPS, MAX_BYTES))
-    return Done()
+    return Outcome()
 
 
-def _select(path: Path, since: datetime.datetime | None, limit: int, max_bytes: int) -> Done:
+def _select(path: Path, since: datetime.datetime | None, limit: int, max_bytes: int) -> Outcome:
     trips: list[PastTrip] = []
     num_unreadable = 0
     with _opened(path) as connection:
@@ -141,4 +145,4 @@ def _select(path: Path, since: datetime.datetime | None, limit: int, max_bytes: 
                 trips.append(msgspec.json.decode(document, type=PastTrip))
             except msgspec.DecodeError:
                 num_unreadable += 1
-    return Done(trips=tuple(trips), num_unreadable=num_unreadable)
+    return Outcome(trips=tuple(trips), num_unreadable=num_unreadable)

@@ -1,4 +1,4 @@
-"""What is known of a trip: all of it is saved, so that it can go on after a restart."""
+"""What is known of a trip. All of it is saved, so that it can go on after a restart."""
 
 import dataclasses
 from typing import Literal
@@ -14,9 +14,11 @@ from trolley_tour.trips.route import lap_stops
 
 StopState = Literal["reached", "skipped", "failed"]
 MIN_RESULTS = 200
-MAX_TOLD_POINTS = 300
-"""A tour of more is not repeated in every status."""
+"""Results that are kept at least, or those of two laps; the oldest are dropped."""
+MAX_REPEATED_POINTS = 300
+"""A tour of more stops and via points is not repeated in every status."""
 UNDER_WAY = ("driving", "dwelling", "waiting")
+"""The states in which a trip goes on by itself."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Moment:
     utc: str | None = None
     map: str | None = None
     pose: Pose2D | None = None
-    """Where the robot takes itself to be on that map."""
+    """Where the robot believes it is on that map."""
 
 
 class TripRecord(Struct, kw_only=True):
@@ -119,18 +121,18 @@ class TripRecord(Struct, kw_only=True):
         return sentences.stop_title(self.stop_index, self.stop)
 
     @property
-    def driving_words(self) -> tuple[str, str]:
-        """The reason and the message while it drives."""
+    def driving_reason_and_message(self) -> tuple[str, str]:
+        """What its status says while it drives."""
         if self.battery is not None:
-            return codes.LOW_BATTERY, f"{sentences.charge(self.battery)}: driving home."
+            return codes.LOW_BATTERY, f"{sentences.battery_at(self.battery)}: driving home."
         return "", f"Driving to {self.title}."
 
     @property
-    def done_words(self) -> tuple[str, str]:
-        """The reason and the message at its end."""
+    def done_reason_and_message(self) -> tuple[str, str]:
+        """What its status says at its end."""
         if self.battery is not None:
-            return codes.LOW_BATTERY, "At home, since the battery was low."
-        return "", sentences.done(self.reached, self.missed)
+            return codes.LOW_BATTERY, "Home, because the battery was low."
+        return "", sentences.trip_done(self.reached, self.missed)
 
     @property
     def via(self) -> list[Pose2D]:
@@ -148,7 +150,7 @@ class TripRecord(Struct, kw_only=True):
         return self.goal
 
     def note(self, state: StopState, code: str, message: str, at: Moment) -> None:
-        """Add how the stop ended; a trip that goes round for ever keeps the newest results."""
+        """Add how the stop ended; a trip without end keeps the newest results."""
         result = StopResult(
             stop=self.stop_index,
             name=self.stop.name,
@@ -170,7 +172,7 @@ class TripRecord(Struct, kw_only=True):
             self.missed += 1
 
     def advance(self) -> Literal["visit", "lap", "end"]:
-        """Turn to the next visit and tell whether a new lap or the end came."""
+        """Turn to the next visit; says whether it is one, a new lap or the end."""
         came: Literal["visit", "lap", "end"] = "visit"
         if self.position + 1 == len(self.visits):
             if self.tour.repeat and self.lap + 1 >= self.tour.repeat:
@@ -185,7 +187,7 @@ class TripRecord(Struct, kw_only=True):
         return came
 
     def copy(self) -> "TripRecord":
-        """A copy that later changes do not reach."""
+        """A copy that later changes do not affect."""
         return structs.replace(self, tries=list(self.tries), results=list(self.results))
 
     def status(self, stamp_ns: int) -> TourStatus:
@@ -201,7 +203,7 @@ class TripRecord(Struct, kw_only=True):
             lap=self.lap,
             results=self.results,
             seconds=self.seconds,
-            tour=self.tour if self._num_points <= MAX_TOLD_POINTS else None,
+            tour=self.tour if self._num_points <= MAX_REPEATED_POINTS else None,
         )
 
     def past(self) -> PastTrip:
