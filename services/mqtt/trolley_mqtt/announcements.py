@@ -1,4 +1,4 @@
-"""What Home Assistant has been told there is, and what is left to tell it or to take back."""
+"""What Home Assistant has been told there is, and what is yet to be told or taken back."""
 
 import json
 from collections.abc import Iterator
@@ -7,25 +7,25 @@ from trolley.messages import Battery
 from trolley_mqtt.discovery import Device, buttons, entities
 
 MAX_KEPT = 2000
-"""Of how many announcements that the broker keeps is remembered: a stranger may send any number."""
+"""Announcements at the broker that are remembered; a stranger may send any number."""
 
 
 class Announcements:
-    """Announcements of one robot."""
+    """The announcements of one robot."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._told: dict[str, bytes] = {}
+        self._announced: dict[str, bytes] = {}
         self._kept: set[str] = set()
         """Topics of this robot at which the broker keeps something, of earlier runs too."""
         self._has_battery = self._has_charging = False
 
     def repeat(self) -> None:
-        """Tell everything again."""
-        self._told.clear()
+        """Announce everything again."""
+        self._announced.clear()
 
-    def hear(self, topic: str, *, is_empty: bool) -> bool:
-        """Take what the broker keeps; False where it is no announcement of this robot."""
+    def update(self, topic: str, *, is_empty: bool) -> bool:
+        """Take what the broker keeps; False where it is not an announcement of this robot."""
         parts = topic.split("/")
         prefix = self._device.prefix.split("/")
         if not self._device.prefix or parts[: len(prefix)] != prefix:
@@ -58,14 +58,14 @@ class Announcements:
             wanted |= buttons(self._device, *names)
         for topic, content in wanted.items():
             payload = json.dumps(content, ensure_ascii=False).encode()
-            if self._told.get(topic) != payload:
-                self._told[topic] = payload
+            if self._announced.get(topic) != payload:
+                self._announced[topic] = payload
                 yield topic, payload
         if names is None:
             return
-        for topic in sorted((self._kept | self._told.keys()) - wanted.keys() - self._lasting):
+        for topic in sorted((self._kept | self._announced.keys()) - wanted.keys() - self._lasting):
             self._kept.discard(topic)
-            self._told.pop(topic, None)
+            self._announced.pop(topic, None)
             yield topic, b""
 
     @property

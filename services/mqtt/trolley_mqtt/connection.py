@@ -15,25 +15,30 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
+from trolley.config import ConfigError, RobotConfig
+
 KEEP_ALIVE_S = 10
 """A broker that is silent for this long, or half as long again, is taken for lost."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1, 30
+"""Between attempts to connect; doubled each time."""
 MAX_STORED = 1024
-MAX_PAYLOAD = 1024
-"""Of what is longer only so much, and one byte that tells so, is kept."""
+"""Messages that wait for the service; more are dropped."""
+MAX_RECEIVED = 1024
+"""Bytes of a payload that are kept, and one more that shows that it was longer."""
 MAX_PACKET = 65_535
 """The broker is asked to keep anything larger to itself."""
 GOODBYE_S = 1.0
+"""How long to wait for the last word to go out."""
 
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """The broker has let the robot in."""
+    """The broker has accepted the connection."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """The connection was lost or not let in: one sentence why."""
+    """The connection was lost or refused: one sentence why."""
 
     why: str
 
@@ -51,8 +56,8 @@ Event = Connected | Lost | Arrived
 
 
 @dataclass(frozen=True, slots=True)
-class Interest:
-    """Topics to hear of; `with_kept`: also what the broker has kept of them."""
+class Subscription:
+    """Topics to hear of; `with_kept`: also what the broker keeps there."""
 
     topics: str
     with_kept: bool = False
@@ -60,7 +65,7 @@ class Interest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Broker:
-    """Where the broker is and how to be let in."""
+    """Where the broker is and how to log in."""
 
     host: str
     port: int
@@ -69,21 +74,21 @@ class Broker:
     password: str = ""
     tls: ssl.SSLContext | None = None
     will: tuple[str, bytes]
-    """A topic, and what the broker says there when the robot is gone; it is kept."""
+    """A topic, and what the broker publishes and keeps there when the robot is gone."""
 
 
-class Link(Protocol):
+class Connection(Protocol):
     """A connection that opens itself again."""
 
-    def start(self, interests: Sequence[Interest], wake: Callable[[], None]) -> None:
+    def start(self, subscriptions: Sequence[Subscription], wake: Callable[[], None]) -> None:
         """Begin to connect; `wake` is called, on any thread, when there is something to take."""
         ...
 
-    def take(self) -> list[Event]:
+    def take_events(self) -> list[Event]:
         """What happened since the last call, oldest first."""
         ...
 
-    def take_dropped(self) -> int:
+    def take_num_dropped(self) -> int:
         """How many messages were dropped since the last call because too many came."""
         ...
 
@@ -96,7 +101,7 @@ class Link(Protocol):
         ...
 
 
-class BrokerLink:
+class BrokerConnection:
     """A connection by paho.
 
     Args:
@@ -110,10 +115,10 @@ class BrokerLink:
         self._lock = threading.Lock()
         self._events: deque[Event] = deque()
         self._num_arrived = 0
-        self._dropped = 0
+        self._num_dropped = 0
         self._was_refused = False
         self._wake: Callable[[], None] = lambda: None
-        self._interests: Sequence[Interest] = ()
+        self._subscriptions: Sequence[Subscription] = ()
         client = self._client = Client(
             CallbackAPIVersion.VERSION2, broker.client_id, protocol=MQTTProtocolVersion.MQTTv5
         )
@@ -129,9 +134,9 @@ class BrokerLink:
         client.on_disconnect = self._on_disconnect
         client.on_message = self._on_message
 
-    def start(self, interests: Sequence[Interest], wake: Callable[[], None]) -> None:
+    def start(self, subscriptions: Sequence[Subscription], wake: Callable[[], None]) -> None:
         """Begin to connect."""
-        self._interests, self._wake = interests, wake
+        self._subscriptions, self._wake = subscriptions, wake
         limits = Properties(PacketTypes.CONNECT)
         limits.MaximumPacketSize = MAX_PACKET
         # A clean start: the broker keeps nothing for us while we are away.
@@ -144,7 +149,7 @@ class BrokerLink:
         )
         self._client.loop_start()
 
-    def take(self) -> list[Event]:
+    def take_events(self) -> list[Event]:
         """What happened since the last call, oldest first."""
         with self._lock:
             events = list(self._events)
@@ -154,10 +159,10 @@ class BrokerLink:
         self._client.loop_start()
         return events
 
-    def take_dropped(self) -> int:
+    def take_num_dropped(self) -> int:
         """How many messages were dropped since the last call because too many came."""
         with self._lock:
-            dropped, self._dropped = self._dropped, 0
+            dropped, self._num_dropped = self._num_dropped, 0
         return dropped
 
     def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
@@ -186,21 +191,21 @@ class BrokerLink:
     ) -> None:
         self._was_refused = reason.is_failure
         if reason.is_failure:
-            self._store(Lost(f"The MQTT broker does not let the robot in: {reason}."))
+            self._store(Lost(f"The MQTT broker refuses the connection: {reason}."))
             return
         self._store(Connected())
-        for one in self._interests:
+        for subscription in self._subscriptions:
             kept = (
                 SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
-                if one.with_kept
+                if subscription.with_kept
                 else SubscribeOptions.RETAIN_DO_NOT_SEND
             )
             options = SubscribeOptions(qos=0, retainAsPublished=True, retainHandling=kept)
-            client.subscribe(one.topics, options=options)
+            client.subscribe(subscription.topics, options=options)
 
     def _on_connect_fail(self, _client: Client, _data: Any) -> None:
         self._was_refused = False
-        self._store(Lost(f"Nobody answers at {self._broker.host}:{self._broker.port}."))
+        self._store(Lost(f"Nothing answers at {self._broker.host}:{self._broker.port}."))
 
     def _on_disconnect(
         self,
@@ -218,13 +223,13 @@ class BrokerLink:
             topic = message.topic
         except UnicodeDecodeError:
             topic = ""
-        payload = bytes(message.payload[: MAX_PAYLOAD + 1])
+        payload = bytes(message.payload[: MAX_RECEIVED + 1])
         self._store(Arrived(topic, payload, message.retain))
 
     def _store(self, event: Event) -> None:
         with self._lock:
             if isinstance(event, Arrived) and not self._has_room(event):
-                self._dropped += 1
+                self._num_dropped += 1
                 return
             self._events.append(event)
             is_first = len(self._events) == 1
@@ -240,6 +245,41 @@ class BrokerLink:
         for index, other in enumerate(self._events):
             if isinstance(other, Arrived) and other.topic != self._precious:
                 del self._events[index]
-                self._dropped += 1
+                self._num_dropped += 1
                 return True
         return False
+
+
+def broker_of(config: RobotConfig, will: tuple[str, bytes]) -> Broker:
+    """The broker that the configuration names.
+
+    Raises:
+        ConfigError: No broker is named, or a file cannot be read.
+    """
+    mqtt = config.mqtt
+    if not mqtt.broker:
+        raise ConfigError("[mqtt] broker is not set: name the MQTT broker, or do not run `mqtt`")
+    host, port = mqtt.address
+    password = ""
+    if mqtt.password_file:
+        path = config.path(mqtt.password_file)
+        try:
+            password = path.read_text(encoding="utf-8").partition("\n")[0].strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(f"[mqtt] password_file {path} cannot be read: {error}") from error
+    tls = None
+    if mqtt.is_encrypted:
+        authority = str(config.path(mqtt.tls_ca)) if mqtt.tls_ca else None
+        try:
+            tls = ssl.create_default_context(cafile=authority)
+        except OSError as error:
+            raise ConfigError(f"[mqtt] tls_ca {authority} cannot be used: {error}") from error
+    return Broker(
+        host=host,
+        port=port,
+        client_id=f"trolley-{config.robot.name}",
+        username=mqtt.username,
+        password=password,
+        tls=tls,
+        will=will,
+    )

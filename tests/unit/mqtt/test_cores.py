@@ -13,7 +13,9 @@ from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Stop, Tour, TourStatus
 from trolley_mqtt.discovery import slug
 from trolley_mqtt.freshness import Freshness
-from trolley_mqtt.sentences import ACTIVITIES, MAX_TEXT, Known, tell
+from trolley_mqtt.robot_view import RobotView
+from trolley_mqtt.sentences import ACTIVITIES
+from trolley_mqtt.state import MAX_TEXT, state_of
 
 KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
 
@@ -30,12 +32,12 @@ def test_slugs_keep_names_apart(one: str, other: str) -> None:
 
 
 def test_freshness_is_the_age_of_the_newest_mark_that_came_back() -> None:
-    freshness = Freshness("run")
+    freshness = Freshness()
     assert not freshness.is_fresh(0)
     first = freshness.mark(1_000_000_000)
     assert not freshness.is_fresh(1_000_000_000)
-    assert freshness.hear(first)
-    assert not freshness.hear(first)
+    assert freshness.update(first)
+    assert not freshness.update(first)
     assert freshness.is_fresh(4_000_000_000)
     assert not freshness.is_fresh(4_100_000_000)
     freshness.renew()
@@ -43,10 +45,10 @@ def test_freshness_is_the_age_of_the_newest_mark_that_came_back() -> None:
 
 
 def test_marks_without_an_answer_are_bounded() -> None:
-    freshness = Freshness("run")
+    freshness = Freshness()
     marks = [freshness.mark(index) for index in range(1000)]
-    assert not freshness.hear(marks[0])
-    assert freshness.hear(marks[-1])
+    assert not freshness.update(marks[0])
+    assert freshness.update(marks[-1])
 
 
 @pytest.mark.parametrize(
@@ -71,7 +73,7 @@ def test_tls_has_a_port_of_its_own() -> None:
     assert MqttConfig(broker="b", tls=True).address == ("b", 8883)
 
 
-def known(**changes: object) -> Known:
+def known(**changes: object) -> RobotView:
     estimate = PoseEstimate(
         stamp_ns=0,
         map="home",
@@ -83,7 +85,7 @@ def known(**changes: object) -> Known:
     )
     base = BaseState(stamp_ns=0, mode="ok")
     facts = {"base": base, "estimate": estimate, "age_s": 0.1, "places": [KITCHEN]}
-    return Known(**{**facts, **changes})
+    return RobotView(**{**facts, **changes})
 
 
 TRIP = TourStatus(
@@ -118,26 +120,26 @@ TRIP = TourStatus(
     ],
 )
 def test_the_most_pressing_thing_is_told(changes: dict, activity: str, words: str) -> None:
-    state = tell(known(**changes))
+    state = state_of(known(**changes))
     assert (state.activity, state.activity in ACTIVITIES) == (activity, True)
     assert words in state.message
 
 
 def test_place_and_destination_have_names() -> None:
-    state = tell(known(trip=TRIP))
+    state = state_of(known(trip=TRIP))
     assert (state.place, state.destination, state.tour) == ("kitchen", "kitchen", "evening")
     far = known(places=[SavedPose(name="far", map="home", pose=Pose2D(9.0, 9.0, 0.0))])
-    assert tell(far).place is None
+    assert state_of(far).place is None
 
 
 def test_a_trip_that_failed_gives_way_to_what_was_driven_since() -> None:
     failed = TourStatus(stamp_ns=0, name="x", trip="t1", state="failed", message="Given up.")
     goal = GoalStatus(stamp_ns=0, id="later", state="driving")
-    assert tell(known(trip=failed)).activity == "failed"
-    assert tell(known(trip=failed, goal=goal)).activity == "driving"
+    assert state_of(known(trip=failed)).activity == "failed"
+    assert state_of(known(trip=failed, goal=goal)).activity == "driving"
 
 
 def test_texts_are_as_short_as_home_assistant_wants_them() -> None:
     long = BaseState(stamp_ns=0, mode="fault", message="x" * 1000)
-    state = tell(known(base=long), "y" * 1000)
+    state = state_of(known(base=long), "y" * 1000)
     assert (len(state.message), len(state.answer or "")) == (MAX_TEXT, MAX_TEXT)

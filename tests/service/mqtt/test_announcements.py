@@ -62,7 +62,7 @@ def test_nothing_is_taken_back_before_the_places_are_known(
 ) -> None:
     topic = f"{CONFIG}/go_cellar_12345678/config"
     bridge = make_bridge({topic: b"{}"}, is_up=False)
-    bridge.service._tours.latest = None
+    bridge.service.robot_inputs.tours.latest = None
     bridge.broker.connect()
     bridge.run(1.5)
     assert topic in bridge.broker.kept
