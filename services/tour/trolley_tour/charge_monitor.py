@@ -22,7 +22,7 @@ class BatteryParams:
     low_for_s: float = 10.0
     """A motor that starts pulls the voltage down for a moment; that is not an empty battery."""
     recovered_above: float = 0.1
-    """So much above the limit it is no longer low."""
+    """It is no longer low once the charge is this much above the limit."""
     urgent_part: float = 0.5
     """Below this part of the limit the present drive is not finished."""
     stay_s: float = 30.0

@@ -17,7 +17,9 @@ from trolley.messages import Stop, Tour, name_problem
 from trolley.messages.types import MAX_NAME_LENGTH
 
 MAX_CHARACTERS = 1_000_000
+"""Of a file."""
 MAX_GOALS = 1000
+"""As many stops as a tour may have."""
 _OPENERS, _CLOSERS = "([{", ")]}"
 
 
@@ -101,7 +103,7 @@ def _elements(source: str) -> list[ast.expr]:
         tree = ast.parse(source, mode="eval")
     except SyntaxError as error:
         raise GoalPointsError(
-            f"The list of goals is no Python: {error.msg}, line {error.lineno} of the list."
+            f"The list of goals is not valid Python: {error.msg}, line {error.lineno} of the list."
         ) from error
     except (RecursionError, MemoryError, ValueError) as error:
         raise GoalPointsError("The list of goals is nested too deeply or holds bytes.") from error
@@ -118,7 +120,7 @@ def _comments(text: str, start: int, source: str) -> dict[int, str]:
             if token.type == tokenize.COMMENT:
                 found[token.start[0]] = token.string
     except (tokenize.TokenError, IndentationError, SyntaxError):
-        pass  # behind the list stands something that is no Python; the comments before it count
+        pass  # what follows the list is not Python; the comments before it count
     return found
 
 
@@ -171,7 +173,7 @@ def _sequence(value: object, lengths: tuple[int, ...], title: str) -> list[Any]:
 
 def _number(value: object, title: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise GoalPointsError(f"{title}: {value!r} is no number.")
+        raise GoalPointsError(f"{title}: {value!r} is not a number.")
     try:
         return float(value)
     except OverflowError as error:

@@ -209,6 +209,22 @@ def test_trip_held_for_the_clock_takes_requests(home: "Home"):
     assert home.lockstep.ask(requests.TOUR_STOP).state == "stopped"
 
 
+def test_trip_paused_while_held_for_the_clock_stays_paused(home: "Home"):
+    home.start("corridor", "kitchen")
+    home.lockstep.run(1.0)
+    for name in ("tour", "base"):
+        home.lockstep.kill(name)
+    home.lockstep.run(2.0)
+    home.add_tour()
+    assert home.lockstep.ask(requests.TOUR_PAUSE).state == "paused"
+    home.base = home.lockstep.add(type(home.base)(home.base.epoch))
+    home.lockstep.run(30.0)
+    assert (home.status.state, home.status.reason) == ("paused", codes.PAUSED)
+    assert len(home.planner.ids) == 1
+    home.lockstep.ask(requests.TOUR_RESUME)
+    home.run_until("done")
+
+
 def test_old_trip_is_shown_after_a_restart(home: "Home"):
     home.start("corridor")
     done = home.run_until("done")

@@ -1,76 +1,15 @@
-"""The bridge's pure parts: slugs, freshness, what is told, addresses."""
-
-import re
+"""What is said and published of the robot."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from trolley import codes
-from trolley.config import MqttConfig
-from trolley.config.mqtt import split_broker
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Stop, Tour, TourStatus
-from trolley_mqtt.discovery import slug
-from trolley_mqtt.freshness import Freshness
 from trolley_mqtt.robot_view import RobotView
 from trolley_mqtt.sentences import ACTIVITIES
 from trolley_mqtt.state import MAX_TEXT, state_of
 
 KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
-
-
-@given(st.text(min_size=1, max_size=64))
-def test_a_slug_is_what_home_assistant_allows(name: str) -> None:
-    assert re.fullmatch(r"[a-z0-9_]{8,60}", slug(name))
-
-
-@pytest.mark.parametrize(("one", "other"), [("Küche", "Kuche"), ("a b", "a-b"), ("居間", "書斎")])
-def test_slugs_keep_names_apart(one: str, other: str) -> None:
-    assert slug(one) != slug(other)
-    assert slug(one) == slug(one)
-
-
-def test_freshness_is_the_age_of_the_newest_mark_that_came_back() -> None:
-    freshness = Freshness()
-    assert not freshness.is_fresh(0)
-    first = freshness.mark(1_000_000_000)
-    assert not freshness.is_fresh(1_000_000_000)
-    assert freshness.update(first)
-    assert not freshness.update(first)
-    assert freshness.is_fresh(4_000_000_000)
-    assert not freshness.is_fresh(4_100_000_000)
-    freshness.renew()
-    assert freshness.age_s(4_100_000_000) is None
-
-
-def test_marks_without_an_answer_are_bounded() -> None:
-    freshness = Freshness()
-    marks = [freshness.mark(index) for index in range(1000)]
-    assert not freshness.update(marks[0])
-    assert freshness.update(marks[-1])
-
-
-@pytest.mark.parametrize(
-    ("text", "address"),
-    [
-        ("broker", ("broker", 1883)),
-        ("192.168.1.5:1884", ("192.168.1.5", 1884)),
-        ("[fd00::1]:9", ("fd00::1", 9)),
-    ],
-)
-def test_a_broker_is_a_host_and_perhaps_a_port(text: str, address: tuple[str, int]) -> None:
-    assert MqttConfig(broker=text).address == address
-
-
-@pytest.mark.parametrize("text", ["mqtt://broker", "a b", "host:0", "host:70000", "fd00::1", ":1"])
-def test_what_is_no_broker_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="is no broker"):
-        split_broker(text)
-
-
-def test_tls_has_a_port_of_its_own() -> None:
-    assert MqttConfig(broker="b", tls=True).address == ("b", 8883)
 
 
 def known(**changes: object) -> RobotView:
