@@ -45,7 +45,7 @@ class RemoteControl:
             # A broker could give it to the robot again and again, days later too.
             self._drop("retained", verb, "a command must not be a retained message")
         elif not self._freshness.is_fresh(self._service.monotonic_ns):
-            self._drop("stale", verb, "it may have been delayed for long")
+            self._drop("stale", verb, "it may have waited too long on its way")
         elif self._num_this_second >= MAX_EACH_SECOND:
             self._drop("flood", verb, "too many commands at once")
         else:

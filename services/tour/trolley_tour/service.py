@@ -15,7 +15,7 @@ from trolley_tour.stored.tours import Tours
 from trolley_tour.trips.history import TripHistory
 from trolley_tour.trips.report import TripReport
 from trolley_tour.trips.runner import TripRunner
-from trolley_tour.trips.scheduler import Scheduler
+from trolley_tour.trips.schedule import Scheduler
 from trolley_tour.trips.trip_params import TripParams
 
 
