@@ -14,12 +14,13 @@ from trolley_localizer.map_store import ChosenMap
 from trolley_localizer.service import LAST_POSE_FILE
 from trolley_localizer.start_pose import LastPose
 from trolley_localizer.zone_store import ZoneFile, state_file
-from trolley_tour import history, keeping, store, travelling
-from trolley_tour.record import TripRecord
+from trolley_tour.stored import checks, places, tours
+from trolley_tour.trips import history_file, runner
+from trolley_tour.trips.record import TripRecord
 from trolley_viz import settings
 
 ROBOT, MAP, NEW_MAP = "trolley", "apartment", "room"
-HISTORY = f"{ROBOT}/{history.FILE}"
+HISTORY = f"{ROBOT}/{history_file.FILE}"
 TYPES: dict[str, type[Any]] = {
     saved.TIME_FILE: saved.SavedTime,
     saved.LATCH_FILE: saved.SavedLatch,
@@ -27,9 +28,9 @@ TYPES: dict[str, type[Any]] = {
     LAST_POSE_FILE: LastPose,
     CHOSEN_MAP_FILE: ChosenMap,
     state_file(MAP): ZoneFile,
-    keeping.POSES_FILE: store.PosesFile,
-    keeping.TOURS_FILE: store.ToursFile,
-    travelling.TRIP_FILE: TripRecord,
+    places.POSES_FILE: checks.PosesFile,
+    tours.TOURS_FILE: checks.ToursFile,
+    runner.TRIP_FILE: TripRecord,
     settings.FILE: settings.ViewerSettings,
 }
 
@@ -61,7 +62,7 @@ def read_all(root: Path) -> Reading:
         found.values[what] = None if grid is None else (grid.resolution, grid.cells.tobytes())
     except MapError as error:
         found.broken[what] = str(error)
-    past = history.read_trips(root / ROBOT, None, 1000, 1 << 30)
+    past = history_file.read_trips(root / ROBOT, None, 1000, 1 << 30)
     found.trips = frozenset(f"{trip.trip} {trip.state}" for trip in past.trips)
     if past.problem or past.kept or past.num_unreadable:
         found.history_problem = f"{past.problem}, {past.kept}, {past.num_unreadable}"
@@ -74,7 +75,7 @@ def check_all_is_read(root: Path) -> None:
     Raises:
         ValueError: There is such a file.
     """
-    known = {root / ROBOT / name for name in (*TYPES, history.FILE)}
+    known = {root / ROBOT / name for name in (*TYPES, history_file.FILE)}
     strange = [
         path
         for path in root.rglob("*")

@@ -366,10 +366,10 @@ def test_a_broker_that_wants_a_password_gets_it_from_a_file(
     (tmp_path / "password").write_text("wrong\n", encoding="utf-8")
     account = 'username = "robby"\npassword_file = "password"\n'
     bridge = run_bridge(broker.port, account)
-    wait_until(lambda: "does not let the robot in" in bridge.log, 15.0, "the reason in the log")
+    wait_until(lambda: "refuses the connection" in bridge.log, 15.0, "the reason in the log")
     health = health_of(endpoint)
     assert health is not None
-    assert "does not let the robot in" in health.message
+    assert "refuses the connection" in health.message
     bridge.terminate()
     (tmp_path / "password").write_text("secret\n", encoding="utf-8")
     run_bridge(broker.port, account)
@@ -423,6 +423,6 @@ def test_killing_the_bridge_by_signal_is_clean(
     robot: "ScriptedRobot", run_bridge: Callable[..., Process]
 ) -> None:
     bridge = run_bridge(find_free_port())  # nobody answers there
-    wait_until(lambda: "Nobody answers" in bridge.log, 15.0, "the reason in the log")
+    wait_until(lambda: "Nothing answers" in bridge.log, 15.0, "the reason in the log")
     bridge.send(signal.SIGINT)
     assert bridge.wait(5.0) == 0

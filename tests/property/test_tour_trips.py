@@ -10,9 +10,10 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalState, GoalStatus, Stop, Tour
 from trolley.runtime.state import _without_none
-from trolley_tour.actions import Limits, Send
-from trolley_tour.record import Moment, TripRecord
-from trolley_tour.trip import Trip
+from trolley_tour.trips.actions import Send
+from trolley_tour.trips.record import Moment, TripRecord
+from trolley_tour.trips.trip import Trip
+from trolley_tour.trips.trip_params import TripParams
 
 STATES = ["idle", "planning", "driving", "recovering", "paused", "arrived", "failed", "canceled"]
 REFUSALS = [codes.NOT_READY, codes.STOPPED, codes.NO_PATH, codes.NOT_LOCALIZED, codes.TIMEOUT]
@@ -59,7 +60,7 @@ class Play:
 
     def __init__(self, tour: Tour) -> None:
         record = TripRecord(trip="abc", tour=tour, tries=[0] * len(tour.stops), epoch_ns=1)
-        self.trip = Trip(record, find, Limits(stop_timeout_s=20.0, retry_wait_s=2.0))
+        self.trip = Trip(record, find, TripParams(stop_timeout_s=20.0, retry_wait_s=2.0))
         self.ns = 0
         self.ids: list[str] = []
         self.may_send = True
@@ -83,11 +84,11 @@ class Play:
                     "mine": "mine",
                     "none": None,
                 }
-                trip.hear_goal(self.status(known[which], state, reason), self.at)
+                trip.update_goal(self.status(known[which], state, reason), self.at)
             case ("refuse", code):
-                trip.hear_reply(record.goal or "", Refused(code, service="planner"), self.at)
+                trip.update_reply(record.goal or "", Refused(code, service="planner"), self.at)
             case ("base", mode, source):
-                trip.hear_base(BaseState(stamp_ns=self.ns, mode=mode, source=source))
+                trip.update_base(BaseState(stamp_ns=self.ns, mode=mode, source=source))
             case ("epoch", epoch_ns):
                 trip.epoch_began(epoch_ns)
             case (str(word),) if not record.is_over:
@@ -112,7 +113,7 @@ class Play:
         plain = _without_none(msgspec.to_builtins(self.trip.record.copy()))
         saved = msgspec.toml.decode(tomli_w.dumps(plain).encode(), type=TripRecord)
         assert saved == self.trip.record
-        self.trip = Trip(saved, find, Limits(stop_timeout_s=20.0, retry_wait_s=2.0))
+        self.trip = Trip(saved, find, TripParams(stop_timeout_s=20.0, retry_wait_s=2.0))
         self.trip.hold()
         self.trip.go_on(self.at, saved.epoch_ns or 1, None)
 

@@ -1,6 +1,7 @@
-"""What may be asked for over MQTT, and what the robot is asked then.
+"""What may be asked for over MQTT, and which request it becomes.
 
-`<base topic>/do/go` and `…/do/tour` carry the name of a place or tour; the others mind no payload.
+`<base topic>/do/go` and `…/do/tour` carry the name of a place or tour; the others ignore their
+payload.
 """
 
 import dataclasses
@@ -12,7 +13,7 @@ from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.requests import Request
-from trolley_mqtt.telling import GOING
+from trolley_mqtt.robot_view import GOING
 
 GO, TOUR, STOP, PAUSE, RESUME, CANCEL = "go", "tour", "stop", "pause", "resume", "cancel"
 VERBS = (GO, TOUR, STOP, PAUSE, RESUME, CANCEL)
@@ -48,14 +49,14 @@ def name_in(payload: bytes) -> str:
     """The name that a payload carries.
 
     Raises:
-        Refused: It is none.
+        Refused: It is not one.
     """
     if len(payload) > MAX_PAYLOAD:
         raise Refused(codes.TOO_LARGE, "That name is too long.")
     try:
         return unicodedata.normalize("NFC", payload.decode())
     except UnicodeDecodeError:
-        raise Refused(codes.BAD_REQUEST, "That is no name.") from None
+        raise Refused(codes.BAD_REQUEST, "That is not a name.") from None
 
 
 def order_of(
@@ -82,22 +83,22 @@ def order_of(
         if name not in places:
             raise Refused(codes.UNKNOWN_NAME, f"There is no place {name!r} on this map.")
         params = SendGoal(id=new_id, name=name)
-        return Order(f"Go to {name}", "it sets off", requests.GOAL_SEND, params)
+        return Order(f"Go to {name}", "on its way", requests.GOAL_SEND, params)
     if verb == TOUR:
         if name not in tours:
             raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}.")
-        return Order(f"Tour {name}", "it sets off", requests.TOUR_START, StartTour(name=name))
+        return Order(f"Tour {name}", "on its way", requests.TOUR_START, StartTour(name=name))
     goal, trip = known
     title = {PAUSE: "Pause", RESUME: "Go on", CANCEL: "Cancel"}[verb]
     if _is_trip_meant(goal, trip):
         return Order(title, "done", TRIP_REQUESTS[verb], Nothing())
     if goal is not None and goal.state in (*GOING, "paused"):
         return Order(title, "done", GOAL_REQUESTS[verb], WhichGoal(id=goal.id))
-    raise Refused(codes.NOT_DRIVING, "The robot is not on its way to anywhere.")
+    raise Refused(codes.NOT_DRIVING, "The robot is not going anywhere.")
 
 
 def _is_trip_meant(goal: GoalStatus | None, trip: TourStatus | None) -> bool:
-    """Whether the trip is meant rather than a goal that somebody sent beside it."""
+    """Whether the trip is meant rather than a goal that somebody sent besides."""
     if trip is None or trip.state not in UNDER_WAY:
         return False
     is_going = goal is not None and goal.state in (*GOING, "paused")

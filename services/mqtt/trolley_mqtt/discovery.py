@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from trolley_mqtt import commands
-from trolley_mqtt.telling import ACTIVITIES, POSITIONS
+from trolley_mqtt.robot_view import POSITIONS
+from trolley_mqtt.sentences import ACTIVITIES
 
 Payload = dict[str, Any]
 

@@ -5,23 +5,24 @@ arrives after a mark left the broker after that mark was sent. So a command that
 connection that had stalled, or in this process, is known to be too old to be carried out.
 """
 
-LONGEST_S = 3.0
+MAX_AGE_S = 3.0
 """A command that may be older than this is dropped."""
 MAX_UNDER_WAY = 64
+"""Marks that are remembered until they come back."""
 
 
 class Freshness:
-    """Marks under way, and the newest one that came back.
+    """Marks under way, and the newest one that came back."""
 
-    Args:
-        run: Tells this run's marks from those of others.
-    """
-
-    def __init__(self, run: str) -> None:
-        self._run = run
+    def __init__(self) -> None:
+        self._run = ""
         self._number = 0
         self._sent_ns: dict[bytes, int] = {}
         self._proof_ns: int | None = None
+
+    def start(self, run: str) -> None:
+        """Name the run, which tells its marks from those of others."""
+        self._run = run
 
     def renew(self) -> None:
         """Begin anew on a new connection."""
@@ -37,8 +38,8 @@ class Freshness:
             del self._sent_ns[next(iter(self._sent_ns))]
         return mark
 
-    def hear(self, mark: bytes) -> bool:
-        """Take a mark that came back; False where it is none of ours."""
+    def update(self, mark: bytes) -> bool:
+        """Take a mark that came back; False where it is not one of ours."""
         sent_ns = self._sent_ns.pop(mark, None)
         if sent_ns is None:
             return False
@@ -52,4 +53,4 @@ class Freshness:
     def is_fresh(self, now_ns: int) -> bool:
         """Whether what arrives now is surely new enough to be carried out."""
         age_s = self.age_s(now_ns)
-        return age_s is not None and age_s <= LONGEST_S
+        return age_s is not None and age_s <= MAX_AGE_S

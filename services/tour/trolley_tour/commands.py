@@ -13,10 +13,10 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import angle_difference
 from trolley.messages import SavedPose, Tour, name_problem
-from trolley_tour.goalpoints import GoalPoint, GoalPointsError, read_goal_points, tour_of
+from trolley_tour.goal_points import GoalPoint, GoalPointsError, read_goal_points, tour_of
 
 SAME_M, SAME_RAD = 0.01, 0.01
-"""A saved pose this near to the imported one is the same place."""
+"""A saved pose this near to an imported one is the same place."""
 
 
 @click.command(name="import")
@@ -41,7 +41,7 @@ def import_tour(
     try:
         points = read_goal_points(file.read())
     except UnicodeDecodeError as error:
-        raise click.ClickException(f"{file.name} is no UTF-8 text") from error
+        raise click.ClickException(f"{file.name} is not UTF-8 text") from error
     except GoalPointsError as error:
         raise click.ClickException(str(error)) from error
     tour = tour_of(points, name or _stem(file.name))
@@ -86,8 +86,8 @@ def _refuse_taken(robot: Robot, points: list[GoalPoint], tour: Tour) -> None:
     ]
     if taken:
         names = ", ".join(taken)
-        message = f"There are other places called {names}; say --replace to overwrite them."
+        message = f"Other places are called {names}; add --replace to overwrite them."
         raise Refused(codes.EXISTS, message, names=taken)
     if any(other.name == tour.name for other in tours.tours):
-        message = f"There is a tour {tour.name!r}; say --replace or --name."
+        message = f"A tour {tour.name!r} exists already; add --replace, or --name NAME."
         raise Refused(codes.EXISTS, message, names=[tour.name])

@@ -10,7 +10,8 @@ from trolley import codes, topics
 from trolley.codes import Refused
 from trolley.messages import Marker, Overlay
 from trolley.runtime.bus import matches
-from trolley_tour.store import plain_name
+from trolley.runtime.service import Service, gets, on, on_delete
+from trolley_tour.stored.checks import plain_name
 
 M = TypeVar("M", bound=msgspec.Struct)
 Chunks = tuple[str, ...]
@@ -18,7 +19,7 @@ Chunks = tuple[str, ...]
 MAX_MARKERS = topics.MARKER.max_keys
 MAX_OVERLAYS = 500
 MAX_BYTES = topics.MARKER.max_kept_bytes
-"""Of the markers, and of the overlays."""
+"""Of all markers together, and of all overlays."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +29,7 @@ class _Kept(Generic[M]):
     ends_ns: int | None
 
 
-class Drawings(Generic[M]):
+class DrawingStore(Generic[M]):
     """Drawings of one kind by the varying chunks of their keys; times are of the local clock."""
 
     def __init__(self, max_number: int, max_bytes: int = MAX_BYTES) -> None:
@@ -44,7 +45,7 @@ class Drawings(Generic[M]):
         """Keep a drawing, in place of the one under the same key; `lifetime_s` 0 = for ever.
 
         Raises:
-            Refused: A chunk of its key is no name, or there are too many.
+            Refused: A chunk of its key is not a valid name, or there are too many.
         """
         chunks = tuple(plain_name(chunk) for chunk in chunks)
         num_bytes = len(msgspec.msgpack.encode(message))
@@ -52,19 +53,22 @@ class Drawings(Generic[M]):
         num_before = 0 if before is None else before.num_bytes
         self._drop_ended(now_ns)
         if before is None and len(self._kept) >= self._max_number:
-            raise Refused(codes.TOO_LARGE, f"There are {self._max_number} already: delete some.")
+            raise Refused(codes.TOO_LARGE, f"There are {self._max_number} already; delete some.")
         if self._num_bytes - num_before + num_bytes > self._max_bytes:
-            raise Refused(codes.TOO_LARGE, f"They fill {self._max_bytes} bytes: delete some.")
+            raise Refused(
+                codes.TOO_LARGE,
+                f"They fill {self._max_bytes} bytes; delete some.",
+            )
         self._remove(chunks)
         ends_ns = now_ns + int(lifetime_s * 1e9) if lifetime_s > 0.0 else None
         self._kept[chunks] = _Kept(message, num_bytes, ends_ns)
         self._num_bytes += num_bytes
 
     def delete(self, chunks: Chunks) -> None:
-        """Forget a drawing, or all whose key these chunks with wildcards cover.
+        """Delete a drawing, or all whose key these chunks with wildcards cover.
 
         Raises:
-            Refused: They name nothing.
+            Refused: There is no such drawing.
         """
         pattern = "/".join(chunks)
         covered = [key for key in self._kept if matches(pattern, "/".join(key))] if pattern else []
@@ -101,11 +105,41 @@ def checked_marker(marker: Marker) -> Marker:
     return structs.replace(marker, frame=frame, pose=marker.pose.wrapped())
 
 
-def new_markers() -> Drawings[Marker]:
-    """A place for markers."""
-    return Drawings(MAX_MARKERS)
+class Drawings:
+    """The markers and overlays that are there."""
 
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._markers: DrawingStore[Marker] = DrawingStore(MAX_MARKERS)
+        self._overlays: DrawingStore[Overlay] = DrawingStore(MAX_OVERLAYS)
 
-def new_overlays() -> Drawings[Overlay]:
-    """A place for overlays."""
-    return Drawings(MAX_OVERLAYS)
+    @on(topics.MARKER)
+    def _put_marker(self, marker: Marker, ns: str, marker_id: str) -> None:
+        now_ns = self._service.monotonic_ns
+        self._markers.put((ns, marker_id), checked_marker(marker), now_ns, marker.lifetime)
+
+    @on_delete(topics.MARKER)
+    def _delete_markers(self, *chunks: str) -> None:
+        self._markers.delete(chunks)
+
+    @gets(topics.MARKER)
+    def _get_markers(self, parameters: dict[str, str]) -> dict[Chunks, Marker]:
+        del parameters
+        return {
+            chunks: structs.replace(marker, lifetime=left_s)
+            for chunks, (marker, left_s) in self._markers.items(self._service.monotonic_ns).items()
+        }
+
+    @on(topics.OVERLAY)
+    def _put_overlay(self, overlay: Overlay, overlay_id: str) -> None:
+        self._overlays.put((overlay_id,), overlay, self._service.monotonic_ns)
+
+    @on_delete(topics.OVERLAY)
+    def _delete_overlays(self, *chunks: str) -> None:
+        self._overlays.delete(chunks)
+
+    @gets(topics.OVERLAY)
+    def _get_overlays(self, parameters: dict[str, str]) -> dict[Chunks, Overlay]:
+        del parameters
+        kept = self._overlays.items(self._service.monotonic_ns)
+        return {chunks: overlay for chunks, (overlay, _) in kept.items()}

@@ -1,97 +1,65 @@
 """The tour service: what people store, trips and their history; markers and overlays in memory."""
 
-from msgspec import structs
-
-from trolley import codes, requests, topics
-from trolley.codes import Refused
 from trolley.config import RobotConfig
-from trolley.messages import Marker, Offer, Overlay, Path
-from trolley.messages.request_params import AskOffer, SendGoal
-from trolley.runtime.service import Later, answers, gets, on, on_delete
-from trolley_tour.capturing import Capturing
-from trolley_tour.drawings import checked_marker, new_markers, new_overlays
-from trolley_tour.homing import Homing
-from trolley_tour.trip import ACTIVE
+from trolley.runtime.service import Service
+from trolley_tour.charge_monitor import BatteryParams, ChargeMonitor
+from trolley_tour.drawings import Drawings
+from trolley_tour.health import Problems
+from trolley_tour.offers import Offers
+from trolley_tour.return_home import ReturnHome
+from trolley_tour.robot_state import RobotState
+from trolley_tour.state_files import StateFiles
+from trolley_tour.stored.capture import PoseCapture
+from trolley_tour.stored.places import Places
+from trolley_tour.stored.tours import Tours
+from trolley_tour.trips.history import TripHistory
+from trolley_tour.trips.report import TripReport
+from trolley_tour.trips.runner import TripRunner
+from trolley_tour.trips.schedule import Scheduler
+from trolley_tour.trips.trip_params import TripParams
 
-PREVIEW_S = 1.5
 
-
-class TourService(Capturing, Homing):
-    """All of the tour service."""
+class TourService(Service):
+    """All of the tour service, as parts."""
 
     name = "tour"
 
     def __init__(self, config: RobotConfig) -> None:
-        super().__init__(config)
-        self._markers = new_markers()
-        self._overlays = new_overlays()
-
-    # Which robot is the nearest?
-    @answers(requests.TOUR_OFFER)
-    def _offer(self, params: AskOffer) -> Offer | Later[Offer]:
-        occupied = self._occupied
-        free = not occupied
-        try:
-            pose = params.pose if params.name is None else self.find_place(params.name)
-        except Refused as refused:
-            return Offer(free=free, reason=refused.code)
-        later: Later[Offer] = self.later()
-
-        def answer(path: Path | Refused) -> None:
-            if isinstance(path, Refused):
-                later.reply(Offer(free=free, reason=path.code))
-            else:
-                num_poses = len(path.poses) // 12  # three float32 each
-                seconds = max(0, num_poses - 1) * path.dt
-                later.reply(Offer(free=free, seconds=seconds, reason=occupied))
-
-        self.request(
-            requests.GOAL_PREVIEW, SendGoal(pose=pose, frame="map"), answer, timeout_s=PREVIEW_S
-        )
-        return later
-
-    @property
-    def _occupied(self) -> str:
-        """The code of why the robot is not free, "" if it is."""
-        goal, base = self.goal.latest, self.base.latest
-        if self.is_under_way or (goal is not None and goal.state in ACTIVE):
-            return codes.BUSY
-        battery = None if base is None else base.battery
-        if battery is not None and battery.charging:
-            return codes.CHARGING
-        return codes.LOW_BATTERY if self._gauge.is_low else ""
-
-    # Drawings.
-    @on(topics.MARKER)
-    def _keep_marker(self, marker: Marker, ns: str, marker_id: str) -> None:
-        self._markers.put(
-            (ns, marker_id), checked_marker(marker), self.monotonic_ns, marker.lifetime
+        tour = config.tour
+        problems = Problems(self)
+        files = StateFiles(self, problems)
+        battery = BatteryParams(low=tour.low_battery)
+        charge = ChargeMonitor(battery)
+        robot = self._robot = RobotState(self)
+        places = self.places = Places(self, files, robot)
+        tours = self.tours = Tours(self, files)
+        capture = self._capture = PoseCapture(self, places, robot)
+        history = TripHistory(self, problems, float(tour.history_days))
+        report = TripReport(self, history, charge)
+        params = TripParams(tour.stop_timeout_s, tour.retry_wait_s)
+        trips = self._trips = TripRunner(self, files, robot, places, tours, report, params)
+        self.parts = (
+            Offers(self, robot, places, trips, charge),
+            Drawings(self),
+            capture,
+            ReturnHome(self, robot, places, trips, charge, problems, battery),
+            trips,
+            report,
+            Scheduler(self, tours, trips, charge),
+            history,
+            places,
+            tours,
         )
 
-    @on_delete(topics.MARKER)
-    def _delete_markers(self, *chunks: str) -> None:
-        self._markers.delete(chunks)
+    def start(self) -> None:
+        """Watch the robot, publish what is stored, and take up the trip where it was."""
+        self._robot.start(
+            self._capture.update_pose, self._trips.update_goal, self._trips.update_base
+        )
+        self.places.start()
+        self.tours.start()
+        self._trips.start()
 
-    @gets(topics.MARKER)
-    def _get_markers(self, parameters: dict[str, str]) -> dict[tuple[str, ...], Marker]:
-        del parameters
-        return {
-            chunks: structs.replace(marker, lifetime=left_s)
-            for chunks, (marker, left_s) in self._markers.items(self.monotonic_ns).items()
-        }
-
-    @on(topics.OVERLAY)
-    def _keep_overlay(self, overlay: Overlay, overlay_id: str) -> None:
-        self._overlays.put((overlay_id,), overlay, self.monotonic_ns)
-
-    @on_delete(topics.OVERLAY)
-    def _delete_overlays(self, *chunks: str) -> None:
-        self._overlays.delete(chunks)
-
-    @gets(topics.OVERLAY)
-    def _get_overlays(self, parameters: dict[str, str]) -> dict[tuple[str, ...], Overlay]:
-        del parameters
-        return {
-            chunks: overlay
-            for chunks, (overlay, _) in self._overlays.items(self.monotonic_ns).items()
-        }
+    def epoch_began(self) -> None:
+        """Hear of a restart of `base`, or of its clock for the first time."""
+        self._trips.epoch_began(self.epoch_ns)

@@ -28,7 +28,7 @@ from trolley.messages import (
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
-from trolley_mqtt.link import Arrived, Broker, Connected, Event, Interest, Lost
+from trolley_mqtt.connection import Arrived, Broker, Connected, Event, Lost, Subscription
 from trolley_mqtt.service import MqttService
 
 BASE = "trolley/robby"
@@ -129,20 +129,20 @@ class MemoryBroker:
     dropped: int = 0
     waiting: list[Arrived] = field(default_factory=list)
     _events: list[Event] = field(default_factory=list)
-    _interests: Sequence[Interest] = ()
+    _subscriptions: Sequence[Subscription] = ()
     _wake: Callable[[], None] = lambda: None
 
-    def start(self, interests: Sequence[Interest], wake: Callable[[], None]) -> None:
-        self._interests, self._wake = interests, wake
+    def start(self, subscriptions: Sequence[Subscription], wake: Callable[[], None]) -> None:
+        self._subscriptions, self._wake = subscriptions, wake
         if self.is_up:
             self.connect()
 
     def connect(self) -> None:
         self.is_up = True
         self._put(Connected())
-        for interest in self._interests:
+        for subscription in self._subscriptions:
             for topic, payload in list(self.kept.items()):
-                if interest.with_kept and _fits(interest.topics, topic):
+                if subscription.with_kept and _fits(subscription.topics, topic):
                     self._put(Arrived(topic, payload, is_retained=True))
 
     def lose(self) -> None:
@@ -150,11 +150,11 @@ class MemoryBroker:
         self.kept[self.broker.will[0]] = self.broker.will[1]
         self._put(Lost("The connection was lost."))
 
-    def take(self) -> list[Event]:
+    def take_events(self) -> list[Event]:
         events, self._events = self._events, []
         return events
 
-    def take_dropped(self) -> int:
+    def take_num_dropped(self) -> int:
         dropped, self.dropped = self.dropped, 0
         return dropped
 
@@ -169,7 +169,7 @@ class MemoryBroker:
     def send(self, topic: str, payload: bytes | str = b"", *, is_retained: bool = False) -> None:
         """What some client publishes."""
         data = payload.encode() if isinstance(payload, str) else payload
-        if any(_fits(interest.topics, topic) for interest in self._interests):
+        if any(_fits(subscription.topics, topic) for subscription in self._subscriptions):
             arrived = Arrived(topic, data, is_retained)
             if self.is_stalled:
                 self.waiting.append(arrived)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from trolley import codes
+from trolley import codes, topics
 from trolley.codes import Refused
 from trolley.messages import BaseState, Battery, GoalStatus, TourStatus
 
@@ -17,7 +17,7 @@ def test_a_place_and_a_tour_are_driven_by_name(bridge: "Bridge") -> None:
     bridge.do("go", "kitchen")
     bridge.do("tour", "evening")
     assert bridge.robot.asked == [("goal/send", "kitchen"), ("tour/start", "evening")]
-    assert bridge.state["answer"] == "Tour evening: it sets off."
+    assert bridge.state["answer"] == "Tour evening: on its way."
 
 
 def test_a_name_in_another_normal_form_is_the_same_place(bridge: "Bridge") -> None:
@@ -32,10 +32,10 @@ def test_a_name_in_another_normal_form_is_the_same_place(bridge: "Bridge") -> No
     [
         ("go", "cellar", "There is no place 'cellar' on this map."),
         ("go", "", "There is no place '' on this map."),
-        ("go", b"\xff\xfe", "That is no name."),
+        ("go", b"\xff\xfe", "That is not a name."),
         ("go", "k" * 600, "That name is too long."),
         ("tour", "kitchen", "There is no tour 'kitchen'."),
-        ("pause", "", "The robot is not on its way to anywhere."),
+        ("pause", "", "The robot is not going anywhere."),
     ],
 )
 def test_what_cannot_be_done_moves_nothing_and_says_why(
@@ -193,15 +193,17 @@ def test_a_robot_that_is_away_is_unavailable(bridge: "Bridge") -> None:
 
 def test_a_lost_broker_is_reported_and_found_again(make_bridge: "Callable[..., Bridge]") -> None:
     bridge = make_bridge(is_up=False)
-    assert bridge.lockstep.nodes["mqtt"]._health.state == "degraded"
+    health = bridge.lockstep.record(topics.HEALTH, "mqtt")
+    bridge.run(1.5)
+    assert health[-1].state == "degraded"
     assert bridge.broker.published == []
     bridge.broker.connect()
     bridge.run(1.5)
-    assert bridge.lockstep.nodes["mqtt"]._health.state == "ok"
+    assert health[-1].state == "ok"
     assert bridge.broker.kept["trolley/robby/bridge"] == b"online"
     bridge.broker.lose()
     bridge.run(1.5)
-    assert bridge.lockstep.nodes["mqtt"]._health.message == "The connection was lost."
+    assert health[-1].message == "The connection was lost."
     bridge.broker.kept.clear()  # a broker that keeps nothing over its restart
     bridge.broker.connect()
     bridge.run(1.5)

@@ -13,7 +13,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, ScheduleEntry, Stop, Tour
 from trolley.messages.request_params import AskHistory
 from trolley.messages.touring import Day
-from trolley_tour import history
+from trolley_tour.trips import history_file
 
 if TYPE_CHECKING:
     from .conftest import Home, Plan
@@ -81,7 +81,7 @@ def test_what_a_full_disk_refused_is_filed_when_there_is_room(
 
     health = home.lockstep.record(topics.HEALTH, "tour")
     with monkeypatch.context() as full:
-        full.setattr(history, "_opened", fail)
+        full.setattr(history_file, "_opened", fail)
         trips = [home.start("kitchen").trip]
         home.run_until("done")
         trips.append(home.start("corridor").trip)
@@ -110,17 +110,17 @@ def test_a_trip_that_cannot_be_read_hides_no_other(home: "Home"):
 
 def test_history_is_bounded_in_number_and_size(tmp_path, monkeypatch):
     def numbers() -> list[str]:
-        return [one.trip for one in history.read_trips(tmp_path, None, 100, 1 << 20).trips]
+        return [one.trip for one in history_file.read_trips(tmp_path, None, 100, 1 << 20).trips]
 
     def keep(number: int, text: str = "") -> None:
         past = PastTrip(trip=str(number), name=None, state="done", message=text)
-        assert history.keep_trip(tmp_path, past, 365.0) == history.Done()
+        assert history_file.keep_trip(tmp_path, past, 365.0) == history_file.Outcome()
 
-    monkeypatch.setattr(history, "MAX_TRIPS", 3)
+    monkeypatch.setattr(history_file, "MAX_TRIPS", 3)
     for number in range(5):
         keep(number)
     assert numbers() == ["4", "3", "2"]
-    monkeypatch.setattr(history, "MAX_BYTES", 1000)
+    monkeypatch.setattr(history_file, "MAX_BYTES", 1000)
     keep(5, "x" * 600)
     assert numbers() == ["5", "4"]
     keep(6, "x" * 2000)
@@ -134,7 +134,7 @@ def test_history_tells_where_a_stop_failed_and_how_many_were_planned(home: "Home
     (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
     assert (past.map, past.planned, past.reached, past.missed) == ("apartment", 6, 1, 1)
     assert [one.pose for one in past.results] == [Pose2D(1.0, 2.0, 0.5)] * 2
-    places = [home.tour.find_place(name) for name in ("corridor", "kitchen")]
+    places = [home.tour.places.find(name) for name in ("corridor", "kitchen")]
     assert [one.goal for one in past.results] == places
     home.start("corridor", there_and_back=True, repeat=0)
     home.lockstep.ask(requests.TOUR_STOP)

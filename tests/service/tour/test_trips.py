@@ -22,7 +22,7 @@ def test_trip_visits_all_stops_in_order(home: "Home"):
     assert home.results() == [(0, "reached", ""), (1, "reached", ""), (2, "reached", "")]
     assert done.message == "All 3 stops were reached."
     assert [goal.pose for goal in home.planner.sent] == [
-        home.tour.find_place(name) for name in ("corridor", "entrance", "kitchen")
+        home.tour.places.find(name) for name in ("corridor", "entrance", "kitchen")
     ]
     trip = done.trip
     assert home.planner.ids == [f"tour-{trip}-{stop}-1" for stop in range(3)]
@@ -100,7 +100,7 @@ def test_failed_stop_is_tried_again_then_skipped(home: "Home", plan: "type[Plan]
     home.planner.script = [blocked, blocked]
     home.start(Stop(name="corridor", retries=1, on_failure="skip"), "kitchen")
     waiting = home.run_until("waiting")
-    assert waiting.message == "Stop 1 (corridor): the way is blocked; tried again in 2 s."
+    assert waiting.message == "Stop 1 (corridor): the way is blocked; trying again in 2 s."
     done = home.run_until("done")
     assert home.results() == [(0, "skipped", codes.BLOCKED), (1, "reached", "")]
     assert done.results[0].message == "Stop 1 (corridor): the way is blocked; skipped."

@@ -5,18 +5,18 @@ import pytest
 from trolley import codes
 from trolley.codes import Refused
 from trolley.messages import Marker
-from trolley_tour.drawings import Drawings
+from trolley_tour.drawings import DrawingStore
 
 CUBE = Marker(kind="cube")
 
 
-def put(drawings: Drawings[Marker], marker_id: str, text: str = "", lifetime_s: float = 0.0):
+def put(drawings: DrawingStore[Marker], marker_id: str, text: str = "", lifetime_s: float = 0.0):
     marker = Marker(kind="text", text=text)
     drawings.put(("ns", marker_id), marker, 0, lifetime_s)
 
 
 def test_number_is_bounded_but_what_is_there_can_be_replaced():
-    drawings: Drawings[Marker] = Drawings(max_number=2)
+    drawings: DrawingStore[Marker] = DrawingStore(max_number=2)
     put(drawings, "a")
     put(drawings, "b")
     with pytest.raises(Refused) as caught:
@@ -29,7 +29,7 @@ def test_number_is_bounded_but_what_is_there_can_be_replaced():
 
 
 def test_bytes_are_bounded():
-    drawings: Drawings[Marker] = Drawings(max_number=100, max_bytes=2000)
+    drawings: DrawingStore[Marker] = DrawingStore(max_number=100, max_bytes=2000)
     put(drawings, "a", "x" * 1000)
     with pytest.raises(Refused):
         put(drawings, "b", "x" * 1000)
@@ -39,14 +39,14 @@ def test_bytes_are_bounded():
 
 
 def test_what_ended_makes_room():
-    drawings: Drawings[Marker] = Drawings(max_number=1)
+    drawings: DrawingStore[Marker] = DrawingStore(max_number=1)
     put(drawings, "a", lifetime_s=1.0)
     drawings.put(("ns", "b"), CUBE, int(1.1e9))
     assert list(drawings.items(int(1.1e9))) == [("ns", "b")]
 
 
 def test_delete_of_nothing_is_refused_unless_it_is_a_wildcard():
-    drawings: Drawings[Marker] = Drawings(max_number=1)
+    drawings: DrawingStore[Marker] = DrawingStore(max_number=1)
     drawings.delete(("ns", "**"))
     for chunks in (("ns", "a"), ()):
         with pytest.raises(Refused):

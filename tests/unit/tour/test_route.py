@@ -2,7 +2,7 @@
 
 import pytest
 
-from trolley_tour.route import lap_stops
+from trolley_tour.trips.route import lap_stops
 
 
 @pytest.mark.parametrize(

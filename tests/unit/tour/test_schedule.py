@@ -6,7 +6,7 @@ import pytest
 
 from trolley.messages import ScheduleEntry, Stop, Tour
 from trolley.messages.touring import Day
-from trolley_tour.schedule import Minutes, tours_due
+from trolley_tour.trips.schedule import Minutes, tours_due
 
 MONDAY = datetime.datetime(2026, 11, 2, 8, 30, 12, tzinfo=datetime.UTC)
 

@@ -1,0 +1,285 @@
+"""The connection to the broker. Its thread only stores what arrives, and wakes."""
+
+import ssl
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.subscribeoptions import SubscribeOptions
+
+from trolley.config import ConfigError, RobotConfig
+
+KEEP_ALIVE_S = 10
+"""A broker that is silent for this long, or half as long again, is taken for lost."""
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1, 30
+"""Between attempts to connect; doubled each time."""
+MAX_STORED = 1024
+"""Messages that wait for the service; more are dropped."""
+MAX_RECEIVED = 1024
+"""Bytes of a payload that are kept, and one more that shows that it was longer."""
+MAX_PACKET = 65_535
+"""The broker is asked to keep anything larger to itself."""
+GOODBYE_S = 1.0
+"""How long to wait for the last word to go out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """The broker has accepted the connection."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """The connection was lost or refused: one sentence why."""
+
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Arrived:
+    """A message; `is_retained`: the sender asked the broker to keep it."""
+
+    topic: str
+    payload: bytes
+    is_retained: bool
+
+
+Event = Connected | Lost | Arrived
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """Topics to hear of; `with_kept`: also what the broker keeps there."""
+
+    topics: str
+    with_kept: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Broker:
+    """Where the broker is and how to log in."""
+
+    host: str
+    port: int
+    client_id: str
+    username: str = ""
+    password: str = ""
+    tls: ssl.SSLContext | None = None
+    will: tuple[str, bytes]
+    """A topic, and what the broker publishes and keeps there when the robot is gone."""
+
+
+class Connection(Protocol):
+    """A connection that opens itself again."""
+
+    def start(self, subscriptions: Sequence[Subscription], wake: Callable[[], None]) -> None:
+        """Begin to connect; `wake` is called, on any thread, when there is something to take."""
+        ...
+
+    def take_events(self) -> list[Event]:
+        """What happened since the last call, oldest first."""
+        ...
+
+    def take_num_dropped(self) -> int:
+        """How many messages were dropped since the last call because too many came."""
+        ...
+
+    def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
+        """Send a message; the broker keeps it if asked to."""
+        ...
+
+    def close(self) -> None:
+        """Say goodbye."""
+        ...
+
+
+class BrokerConnection:
+    """A connection by paho.
+
+    Args:
+        broker: Where, and how.
+        precious: Messages of this topic push out others where too many wait.
+    """
+
+    def __init__(self, broker: Broker, precious: str) -> None:
+        self._broker = broker
+        self._precious = precious
+        self._lock = threading.Lock()
+        self._events: deque[Event] = deque()
+        self._num_arrived = 0
+        self._num_dropped = 0
+        self._was_refused = False
+        self._wake: Callable[[], None] = lambda: None
+        self._subscriptions: Sequence[Subscription] = ()
+        client = self._client = Client(
+            CallbackAPIVersion.VERSION2, broker.client_id, protocol=MQTTProtocolVersion.MQTTv5
+        )
+        client.reconnect_delay_set(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+        if broker.username:
+            client.username_pw_set(broker.username, broker.password)
+        if broker.tls is not None:
+            client.tls_set_context(broker.tls)  # pyright: ignore[reportUnknownMemberType]
+        topic, last_word = broker.will
+        client.will_set(topic, last_word, qos=1, retain=True)
+        client.on_connect = self._on_connect
+        client.on_connect_fail = self._on_connect_fail
+        client.on_disconnect = self._on_disconnect
+        client.on_message = self._on_message
+
+    def start(self, subscriptions: Sequence[Subscription], wake: Callable[[], None]) -> None:
+        """Begin to connect."""
+        self._subscriptions, self._wake = subscriptions, wake
+        limits = Properties(PacketTypes.CONNECT)
+        limits.MaximumPacketSize = MAX_PACKET
+        # A clean start: the broker keeps nothing for us while we are away.
+        self._client.connect_async(
+            self._broker.host,
+            self._broker.port,
+            keepalive=KEEP_ALIVE_S,
+            clean_start=True,
+            properties=limits,
+        )
+        self._client.loop_start()
+
+    def take_events(self) -> list[Event]:
+        """What happened since the last call, oldest first."""
+        with self._lock:
+            events = list(self._events)
+            self._events.clear()
+            self._num_arrived = 0
+        # Where a broken packet ended the thread it begins anew; while it runs this does nothing.
+        self._client.loop_start()
+        return events
+
+    def take_num_dropped(self) -> int:
+        """How many messages were dropped since the last call because too many came."""
+        with self._lock:
+            dropped, self._num_dropped = self._num_dropped, 0
+        return dropped
+
+    def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
+        """Send a message; without a connection it is gone."""
+        self._client.publish(topic, payload, qos=0, retain=keep)
+
+    def close(self) -> None:
+        """Say the last word ourselves, since the broker says it only for those who vanish."""
+        if self._client.is_connected():
+            topic, last_word = self._broker.will
+            said = self._client.publish(topic, last_word, qos=1, retain=True)
+            until_s = time.monotonic() + GOODBYE_S
+            while not said.is_published() and time.monotonic() < until_s:
+                time.sleep(0.01)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    # On the thread of paho.
+    def _on_connect(
+        self,
+        client: Client,
+        _data: Any,
+        _flags: ConnectFlags,
+        reason: ReasonCode,
+        _properties: Properties | None,
+    ) -> None:
+        self._was_refused = reason.is_failure
+        if reason.is_failure:
+            self._store(Lost(f"The MQTT broker refuses the connection: {reason}."))
+            return
+        self._store(Connected())
+        for subscription in self._subscriptions:
+            kept = (
+                SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
+                if subscription.with_kept
+                else SubscribeOptions.RETAIN_DO_NOT_SEND
+            )
+            options = SubscribeOptions(qos=0, retainAsPublished=True, retainHandling=kept)
+            client.subscribe(subscription.topics, options=options)
+
+    def _on_connect_fail(self, _client: Client, _data: Any) -> None:
+        self._was_refused = False
+        self._store(Lost(f"Nothing answers at {self._broker.host}:{self._broker.port}."))
+
+    def _on_disconnect(
+        self,
+        _client: Client,
+        _data: Any,
+        _flags: DisconnectFlags,
+        reason: ReasonCode,
+        _properties: Properties | None,
+    ) -> None:
+        if not self._was_refused:  # else the better reason has been said
+            self._store(Lost(f"The connection to the MQTT broker was lost: {reason}."))
+
+    def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            topic = ""
+        payload = bytes(message.payload[: MAX_RECEIVED + 1])
+        self._store(Arrived(topic, payload, message.retain))
+
+    def _store(self, event: Event) -> None:
+        with self._lock:
+            if isinstance(event, Arrived) and not self._has_room(event):
+                self._num_dropped += 1
+                return
+            self._events.append(event)
+            is_first = len(self._events) == 1
+        if is_first:
+            self._wake()
+
+    def _has_room(self, event: Arrived) -> bool:
+        if self._num_arrived < MAX_STORED:
+            self._num_arrived += 1
+            return True
+        if event.topic != self._precious:
+            return False
+        for index, other in enumerate(self._events):
+            if isinstance(other, Arrived) and other.topic != self._precious:
+                del self._events[index]
+                self._num_dropped += 1
+                return True
+        return False
+
+
+def broker_of(config: RobotConfig, will: tuple[str, bytes]) -> Broker:
+    """The broker that the configuration names.
+
+    Raises:
+        ConfigError: No broker is named, or a file cannot be read.
+    """
+    mqtt = config.mqtt
+    if not mqtt.broker:
+        raise ConfigError("[mqtt] broker is not set: name the MQTT broker, or do not run `mqtt`")
+    host, port = mqtt.address
+    password = ""
+    if mqtt.password_file:
+        path = config.path(mqtt.password_file)
+        try:
+            password = path.read_text(encoding="utf-8").partition("\n")[0].strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(f"[mqtt] password_file {path} cannot be read: {error}") from error
+    tls = None
+    if mqtt.is_encrypted:
+        authority = str(config.path(mqtt.tls_ca)) if mqtt.tls_ca else None
+        try:
+            tls = ssl.create_default_context(cafile=authority)
+        except OSError as error:
+            raise ConfigError(f"[mqtt] tls_ca {authority} cannot be used: {error}") from error
+    return Broker(
+        host=host,
+        port=port,
+        client_id=f"trolley-{config.robot.name}",
+        username=mqtt.username,
+        password=password,
+        tls=tls,
+        will=will,
+    )

@@ -1,0 +1,43 @@
+"""What the bridge sends to the broker."""
+
+from trolley_mqtt.connection import Connection
+
+ONLINE, OFFLINE = b"online", b"offline"
+
+
+class Outbox:
+    """Sends while it is open; what the broker is to keep goes out only when it changed."""
+
+    def __init__(self, connection: Connection, base_topic: str) -> None:
+        self.is_open = False
+        """Whether there is a connection."""
+        self.base_topic = base_topic
+        self._connection = connection
+        self._kept: dict[str, bytes] = {}
+
+    def topic(self, *parts: str) -> str:
+        """A topic of this robot."""
+        return "/".join((self.base_topic, *parts))
+
+    def open(self) -> None:
+        """Send everything anew: another broker, or one that forgot, may have answered."""
+        self.is_open = True
+        self.repeat()
+
+    def repeat(self) -> None:
+        """Send again what the broker is to keep, as it comes."""
+        self._kept.clear()
+
+    def keep(self, topic: str, payload: bytes) -> None:
+        """Send what the broker is to keep, unless it has it."""
+        if self._kept.get(topic) != payload:
+            self._kept[topic] = payload
+            self._connection.publish(topic, payload, keep=True)
+
+    def announce(self, topic: str, payload: bytes) -> None:
+        """Send what the broker is to keep, in any case."""
+        self._connection.publish(topic, payload, keep=True)
+
+    def send(self, topic: str, payload: bytes) -> None:
+        """Send what the broker only passes on."""
+        self._connection.publish(topic, payload, keep=False)

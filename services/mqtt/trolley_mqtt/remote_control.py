@@ -1,0 +1,79 @@
+"""Carries out commands that arrive over MQTT, and drops those that must not be carried out."""
+
+from trolley.codes import Refused
+from trolley.runtime.service import Service
+from trolley_mqtt.commands import NAMED, STOP, VERBS, Order, name_in, order_of
+from trolley_mqtt.connection import Arrived
+from trolley_mqtt.freshness import Freshness
+from trolley_mqtt.remote_stop import RemoteStop
+from trolley_mqtt.robot_inputs import RobotInputs
+from trolley_mqtt.state_report import StateReport
+
+MAX_EACH_SECOND = 8
+"""Commands that are carried out in a second; more are dropped."""
+
+
+class RemoteControl:
+    """The topics `do/<verb>`."""
+
+    def __init__(
+        self,
+        service: Service,
+        robot: RobotInputs,
+        report: StateReport,
+        stop: RemoteStop,
+        freshness: Freshness,
+    ) -> None:
+        self._service = service
+        self._robot = robot
+        self._report = report
+        self._stop = stop
+        self._freshness = freshness
+        self._num_this_second = 0
+
+    def begin_second(self) -> None:
+        """Allow as many commands again."""
+        self._num_this_second = 0
+
+    def execute(self, verb: str, message: Arrived) -> None:
+        """Carry out a command, or drop it and say why."""
+        if verb not in VERBS:
+            self._drop("unknown", verb[:40], "there is no such command")
+        elif verb == STOP:
+            self._stop.begin()
+        elif message.is_retained:
+            # A broker could give it to the robot again and again, days later too.
+            self._drop("retained", verb, "a command must not be a retained message")
+        elif not self._freshness.is_fresh(self._service.monotonic_ns):
+            self._drop("stale", verb, "it may have waited too long on its way")
+        elif self._num_this_second >= MAX_EACH_SECOND:
+            self._drop("flood", verb, "too many commands at once")
+        else:
+            self._num_this_second += 1
+            self._ask(verb, message.payload)
+
+    def _drop(self, reason: str, verb: str, why: str) -> None:
+        self._service.count(f"command/{reason}")
+        self._service.log.limited(f"command/{reason}", "Command dropped", command=verb, why=why)
+
+    def _ask(self, verb: str, payload: bytes) -> None:
+        robot = self._robot
+        try:
+            name = name_in(payload) if verb in NAMED else ""
+            known = (robot.goal.latest, robot.trip.latest)
+            order = order_of(verb, name, known, robot.names, self._service.new_id())
+        except Refused as refused:
+            self._service.count("command/refused")
+            self._report.answer(f"Not done: {refused.message}")
+            return
+        self._service.log.info("Command", command=order.title)
+        self._service.request(
+            order.request, order.params, lambda reply: self._update_reply(order, reply)
+        )
+
+    def _update_reply(self, order: Order, reply: object) -> None:
+        if isinstance(reply, Refused):
+            self._service.count("command/refused")
+            self._report.answer(f"{order.title}: not done: {reply.message}")
+        else:
+            self._report.answer(f"{order.title}: {order.done}.")

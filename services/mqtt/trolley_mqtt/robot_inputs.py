@@ -1,0 +1,87 @@
+"""What the bridge hears from the robot's services."""
+
+from typing import NamedTuple
+
+from trolley import topics
+from trolley.messages import (
+    BaseState,
+    Battery,
+    GoalStatus,
+    PoseEstimate,
+    SavedPose,
+    SavedPoses,
+    Tours,
+    TourStatus,
+)
+from trolley.runtime.service import Service, Watch
+from trolley_mqtt.robot_view import RobotView
+
+
+class Names(NamedTuple):
+    """What can be driven by name."""
+
+    places: list[str]
+    tours: list[str]
+
+
+class RobotInputs:
+    """The newest messages, from `start` on."""
+
+    base: Watch[BaseState]
+    pose: Watch[PoseEstimate]
+    goal: Watch[GoalStatus]
+    trip: Watch[TourStatus]
+    poses: Watch[SavedPoses]
+    tours: Watch[Tours]
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+
+    def start(self) -> None:
+        """Watch everything."""
+        self.base = self._service.watch(topics.BASE)
+        self.pose = self._service.watch(topics.POSE)
+        self.goal = self._service.watch(topics.GOAL)
+        self.trip = self._service.watch(topics.TOUR)
+        self.poses = self._service.watch(topics.POSES)
+        self.tours = self._service.watch(topics.TOURS)
+
+    @property
+    def view(self) -> RobotView:
+        """The robot now."""
+        now_ns, estimate = self._service.now_ns, self.pose.latest
+        age_s = None
+        if estimate is not None and now_ns is not None:
+            age_s = (now_ns - estimate.stamp_ns) * 1e-9
+        return RobotView(
+            is_away=now_ns is None,
+            base=self.base.latest,
+            estimate=estimate,
+            age_s=age_s,
+            goal=self.goal.latest,
+            trip=self.trip.latest,
+            places=self._places,
+        )
+
+    @property
+    def names(self) -> Names:
+        """The places on the robot's map, and the tours."""
+        tours = [] if self.tours.latest is None else self.tours.latest.tours
+        return Names([place.name for place in self._places], [tour.name for tour in tours])
+
+    @property
+    def knows_names(self) -> bool:
+        """Whether the lists of places and tours have been heard."""
+        return self.poses.latest is not None and self.tours.latest is not None
+
+    @property
+    def battery(self) -> Battery | None:
+        """The newest, None while nothing was heard of one."""
+        return None if self.base.latest is None else self.base.latest.battery
+
+    @property
+    def _places(self) -> list[SavedPose]:
+        """The saved places on the robot's map; all of them while that is unknown."""
+        poses, estimate = self.poses.latest, self.pose.latest
+        found = [] if poses is None else poses.poses
+        return [place for place in found if estimate is None or place.map == estimate.map]

@@ -1,0 +1,50 @@
+"""What the other services say of the robot: its pose, its goal and the state of its base."""
+
+from collections.abc import Callable
+
+from trolley import topics
+from trolley.geometry import Pose2D
+from trolley.messages import BaseState, GoalStatus, PoseEstimate
+from trolley.runtime.service import Service, Watch
+
+
+class RobotState:
+    """The latest pose estimate, goal and base state, from `start` on."""
+
+    pose: Watch[PoseEstimate]
+    goal: Watch[GoalStatus]
+    base: Watch[BaseState]
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+
+    def start(
+        self,
+        on_pose: Callable[[PoseEstimate], None],
+        on_goal: Callable[[GoalStatus], None],
+        on_base: Callable[[BaseState], None],
+    ) -> None:
+        """Watch the three topics; each message is handed on once it is the latest."""
+        self.pose = self._service.watch(topics.POSE, then=on_pose)
+        self.goal = self._service.watch(topics.GOAL, then=on_goal)
+        self.base = self._service.watch(topics.BASE, then=on_base)
+
+    @property
+    def map_name(self) -> str | None:
+        """The map that the robot is on, None while unknown."""
+        return None if self.pose.latest is None else self.pose.latest.map
+
+    @property
+    def map_T_base(self) -> Pose2D | None:
+        """Where the robot believes it is, None while unknown."""
+        return None if self.pose.latest is None else self.pose.latest.pose
+
+    @property
+    def goal_id(self) -> str | None:
+        """The id of the planner's present goal, None where there is none."""
+        return None if self.goal.latest is None else self.goal.latest.id
+
+    @property
+    def command_source(self) -> str | None:
+        """Whose velocity commands the base follows, None where nobody's."""
+        return None if self.base.latest is None else self.base.latest.source

@@ -1,0 +1,1 @@
+"""What people store by name: saved poses and tours."""

@@ -1,0 +1,173 @@
+"""What may be stored: the rules for names, saved poses and tours, and the files they lie in."""
+
+import datetime
+import re
+import unicodedata
+from collections.abc import Mapping
+from typing import TypeVar
+
+import msgspec
+from msgspec import Struct, structs
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.messages import SavedPose, Stop, Tour, name_problem
+
+T = TypeVar("T", SavedPose, Tour)
+
+MAX_LIST_BYTES = (1 << 20) - 4096
+"""All values travel as one list, and a message is at most 1 MiB."""
+MAX_VIA = 1000
+"""Via points of one stop."""
+MAX_TEXT = 1000
+"""Characters of an icon or a note."""
+_MAP_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")
+
+
+class PosesFile(Struct, frozen=True, kw_only=True):
+    """`poses.toml`."""
+
+    poses: list[SavedPose] = []
+
+
+class ToursFile(Struct, frozen=True, kw_only=True):
+    """`tours.toml`."""
+
+    tours: list[Tour] = []
+
+
+def plain_name(name: str) -> str:
+    """The name as it is stored: NFC.
+
+    Raises:
+        Refused: It is not a valid name; the message says why.
+    """
+    problem = name_problem(name)
+    if problem is not None:
+        raise Refused(codes.BAD_REQUEST, f"{problem[:1].upper()}{problem[1:]}.", name=name)
+    return unicodedata.normalize("NFC", name)
+
+
+def key_name(key: str | None, body: str) -> str:
+    """The name of a value whose key, if it has one, says `key` and whose body says `body`.
+
+    Raises:
+        Refused: The two differ, or the name is not valid.
+    """
+    if key is None:
+        return plain_name(body)
+    name = plain_name(key)
+    if body and unicodedata.normalize("NFC", body) != name:
+        raise Refused(
+            codes.BAD_REQUEST,
+            f"The key says {name!r} and the body {body!r}; leave the name out of the body.",
+        )
+    return name
+
+
+def only_chunk(chunks: tuple[str, ...]) -> str:
+    """The one name in the key of a deletion.
+
+    Raises:
+        Refused: The key has several chunks.
+    """
+    if len(chunks) != 1:
+        raise Refused(codes.BAD_REQUEST, "A deletion names one value.")
+    return chunks[0]
+
+
+def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> SavedPose:
+    """The saved pose as it is stored; without a map of its own it belongs to the present one.
+
+    Raises:
+        Refused: Something in it is not allowed, or no map is known.
+    """
+    name = key_name(key, pose.name)
+    on_map = pose.map or map_name
+    if on_map is None:
+        raise Refused(codes.NOT_READY, "No map is loaded yet; say which map the pose is on.")
+    if not _MAP_NAME.fullmatch(on_map):
+        raise Refused(codes.BAD_REQUEST, f"{on_map!r} is not a valid map name.")
+    if max(len(pose.icon), len(pose.note)) > MAX_TEXT:
+        raise Refused(codes.TOO_LARGE, f"Icon and note may have {MAX_TEXT} characters at most.")
+    if pose.saved_at is not None and parse_utc(pose.saved_at) is None:
+        raise Refused(codes.BAD_REQUEST, f"{pose.saved_at!r} is not an ISO 8601 time.")
+    return structs.replace(pose, name=name, map=on_map, pose=pose.pose.wrapped())
+
+
+def checked_tour(tour: Tour, key: str | None = None) -> Tour:
+    """The tour as it is stored or driven; one that is only driven needs no name.
+
+    Raises:
+        Refused: Something in it is not allowed.
+    """
+    stops = [_checked_stop(stop, index) for index, stop in enumerate(tour.stops)]
+    name = key_name(key, tour.name) if key is not None or tour.name else ""
+    return structs.replace(tour, name=name, stops=stops)
+
+
+def _checked_stop(stop: Stop, index: int) -> Stop:
+    if len(stop.via) > MAX_VIA:
+        raise Refused(codes.TOO_LARGE, f"Stop {index + 1} has more than {MAX_VIA} via points.")
+    return stop if stop.name is None else structs.replace(stop, name=plain_name(stop.name))
+
+
+def parse_utc(text: str) -> datetime.datetime | None:
+    """Parse an ISO 8601 time (UTC where it names no zone); None if it is not one."""
+    try:
+        moment = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=datetime.UTC)
+    return moment
+
+
+def with_item(items: Mapping[str, T], item: T) -> dict[str, T]:
+    """The values with one added or replaced.
+
+    Raises:
+        Refused: All together would no longer fit into one message.
+    """
+    changed = {**items, item.name: item}
+    if len(msgspec.json.encode(list(changed.values()))) > MAX_LIST_BYTES:
+        raise Refused(codes.TOO_LARGE, f"There is no room for {item.name!r}; delete others first.")
+    return changed
+
+
+def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
+    """The values without the one called `name`, and that one.
+
+    Raises:
+        Refused: There is none.
+    """
+    rest = dict(items)
+    found = rest.pop(unicodedata.normalize("NFC", name), None)
+    if found is None:
+        raise Refused(codes.UNKNOWN_NAME, f"There is no {name!r}.")
+    return rest, found
+
+
+def by_name(items: list[T]) -> dict[str, T]:
+    """The values read from a file, by their names in NFC."""
+    names = [unicodedata.normalize("NFC", item.name) for item in items]
+    return {name: structs.replace(item, name=name) for name, item in zip(names, items, strict=True)}
+
+
+def find_place(poses: Mapping[str, SavedPose], name: str, map_name: str | None) -> Pose2D:
+    """Where a saved pose is on the present map (any map while none is known).
+
+    Raises:
+        Refused: There is none of that name, or it is on another map.
+    """
+    saved = poses.get(unicodedata.normalize("NFC", name))
+    if saved is None:
+        raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose {name!r}.", name=name)
+    if map_name is not None and saved.map != map_name:
+        raise Refused(
+            codes.WRONG_MAP,
+            f"The saved pose {name!r} is on the map {saved.map}, the robot is on {map_name}.",
+            map=saved.map,
+        )
+    return saved.pose

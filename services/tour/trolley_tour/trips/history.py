@@ -1,0 +1,89 @@
+"""The history of trips: filed when they end, and the request `tour/history`."""
+
+import datetime
+from collections import deque
+
+from trolley import codes, requests
+from trolley.codes import Refused
+from trolley.messages import PastTrip
+from trolley.messages.request_params import AskHistory
+from trolley.runtime.service import Later, Service, answers, every
+from trolley_tour.health import Problems
+from trolley_tour.stored.checks import parse_utc
+from trolley_tour.trips import history_file
+from trolley_tour.trips.history_file import FILE, Outcome
+
+MAX_REPLY_BYTES = 900_000
+"""A message is at most 1 MiB; older trips that do not fit are left out."""
+FILE_AGAIN_S = 5.0
+"""The disk may have room by then."""
+MAX_UNFILED = 100
+"""Past trips that wait for room on the disk; of more than these the newest are kept."""
+
+
+class TripHistory:
+    """The past trips; those older than `days` are dropped."""
+
+    def __init__(self, service: Service, problems: Problems, days: float) -> None:
+        self._service = service
+        self._problems = problems
+        self._days = days
+        self._unfiled: deque[PastTrip] = deque(maxlen=MAX_UNFILED)
+
+    def add(self, past: PastTrip) -> None:
+        """File a trip that ended, as soon as the disk takes it."""
+        self._unfiled.append(past)
+        if len(self._unfiled) == 1:
+            self._file_next()
+
+    @answers(requests.TOUR_HISTORY)
+    def _read(self, params: AskHistory) -> Later[list[PastTrip]]:
+        since: datetime.datetime | None = None
+        if params.since is not None:
+            since = parse_utc(params.since)
+            if since is None:
+                raise Refused(codes.BAD_REQUEST, f"{params.since!r} is not an ISO 8601 time.")
+        later: Later[list[PastTrip]] = self._service.later()
+
+        def answer(outcome: Outcome) -> None:
+            self._report(outcome)
+            if outcome.problem is None:
+                later.reply([*outcome.trips])
+            else:
+                message = f"The history cannot be read: {outcome.problem}."
+                later.refuse(Refused(codes.INTERNAL, message))
+
+        folder = self._service.state.path
+        self._service.work(
+            lambda: history_file.read_trips(folder, since, params.limit, MAX_REPLY_BYTES), answer
+        )
+        return later
+
+    @every(FILE_AGAIN_S, clock="local")
+    def _file_next(self) -> None:
+        """File the oldest that waits; the next follows once that is done."""
+        if not self._unfiled:
+            return
+        folder, days, past = self._service.state.path, self._days, self._unfiled[0]
+
+        def filed(outcome: Outcome) -> None:
+            self._report(outcome)
+            if outcome.problem is not None:
+                self._service.count("history/not_saved")
+                problem = f"The history of trips could not be saved: {outcome.problem}."
+                self._problems.set(FILE, problem)
+                return
+            self._problems.set(FILE, None)
+            if self._unfiled and self._unfiled[0] is past:
+                self._unfiled.popleft()
+                self._file_next()
+
+        self._service.work(lambda: history_file.keep_trip(folder, past, days), filed)
+
+    def _report(self, outcome: Outcome) -> None:
+        """Report what was found broken in the file."""
+        if outcome.kept is not None:
+            self._service.log.error("The history was broken and was kept aside", kept=outcome.kept)
+            self._problems.set(f"{FILE} before", f"{FILE} was broken and has been kept aside.")
+        if outcome.num_unreadable:
+            self._service.count("history/unreadable", outcome.num_unreadable)

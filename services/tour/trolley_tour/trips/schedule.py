@@ -1,0 +1,83 @@
+"""Starts tours by their schedule: which are due in a minute of local time."""
+
+import datetime
+from collections.abc import Iterable
+from typing import get_args
+
+from trolley.messages import Tour
+from trolley.messages.touring import Day
+from trolley.runtime.service import Service, every
+from trolley_tour.charge_monitor import ChargeMonitor
+from trolley_tour.stored.checks import parse_utc
+from trolley_tour.stored.tours import Tours
+from trolley_tour.trips.runner import TripRunner
+
+_DAYS: tuple[str, ...] = get_args(Day)
+
+
+def tours_due(tours: Iterable[Tour], minute: datetime.datetime) -> list[Tour]:
+    """Find the tours with an entry for this minute, in order.
+
+    Args:
+        tours: All that are stored.
+        minute: Local time; seconds do not count. An hour that the clock skips or repeats in spring
+            or autumn starts nothing, or starts it twice.
+    """
+    day, at = _DAYS[minute.weekday()], f"{minute:%H:%M}"
+    return [
+        tour
+        for tour in tours
+        if any(entry.at == at and (not entry.days or day in entry.days) for entry in tour.schedule)
+    ]
+
+
+class Minutes:
+    """Each minute once; minutes in which nobody asked are not made up for."""
+
+    def __init__(self) -> None:
+        self._last: str | None = None
+
+    def next(self, now: datetime.datetime) -> datetime.datetime | None:
+        """The present minute, None where it was given before. The first one is not given.
+
+        A service that is restarted must not start again what it started in this minute.
+        """
+        minute = now.replace(second=0, microsecond=0)
+        last, self._last = self._last, minute.isoformat()
+        return None if last is None or last == self._last else minute
+
+
+class Scheduler:
+    """Looks each second what is due, once the host's clock is synchronised."""
+
+    def __init__(
+        self, service: Service, tours: Tours, trips: TripRunner, charge: ChargeMonitor
+    ) -> None:
+        self._service = service
+        self._tours = tours
+        self._trips = trips
+        self._charge = charge
+        self._minutes = Minutes()
+
+    @every(1.0, clock="local")
+    def _start_due_tours(self) -> None:
+        now = self._service.utc_now()
+        moment = None if now is None else parse_utc(now)
+        if moment is None:
+            return
+        minute = self._minutes.next(moment.astimezone())
+        for tour in [] if minute is None else tours_due(self._tours.items.values(), minute):
+            self._start(tour)
+
+    def _start(self, tour: Tour) -> None:
+        """Start a tour, unless the battery is low or a trip is under way or paused."""
+        log = self._service.log
+        if self._charge.is_low:
+            self._service.count("schedule/low_battery")
+            log.warning("A tour was due but the battery is low", tour=tour.name)
+        elif self._trips.is_busy:
+            self._service.count("schedule/busy")
+            log.warning("A tour was due but another trip is not over", tour=tour.name)
+        else:
+            log.info("A tour is due", tour=tour.name)
+            self._trips.begin(tour)

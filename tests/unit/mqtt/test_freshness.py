@@ -1,0 +1,23 @@
+"""How old what arrives may be."""
+
+from trolley_mqtt.freshness import Freshness
+
+
+def test_freshness_is_the_age_of_the_newest_mark_that_came_back() -> None:
+    freshness = Freshness()
+    assert not freshness.is_fresh(0)
+    first = freshness.mark(1_000_000_000)
+    assert not freshness.is_fresh(1_000_000_000)
+    assert freshness.update(first)
+    assert not freshness.update(first)
+    assert freshness.is_fresh(4_000_000_000)
+    assert not freshness.is_fresh(4_100_000_000)
+    freshness.renew()
+    assert freshness.age_s(4_100_000_000) is None
+
+
+def test_marks_without_an_answer_are_bounded() -> None:
+    freshness = Freshness()
+    marks = [freshness.mark(index) for index in range(1000)]
+    assert not freshness.update(marks[0])
+    assert freshness.update(marks[-1])

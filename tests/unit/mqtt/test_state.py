@@ -1,0 +1,84 @@
+"""What is said and published of the robot."""
+
+import pytest
+
+from trolley import codes
+from trolley.geometry import Pose2D
+from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Stop, Tour, TourStatus
+from trolley_mqtt.robot_view import RobotView
+from trolley_mqtt.sentences import ACTIVITIES
+from trolley_mqtt.state import MAX_TEXT, state_of
+
+KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
+
+
+def known(**changes: object) -> RobotView:
+    estimate = PoseEstimate(
+        stamp_ns=0,
+        map="home",
+        pose=Pose2D(1.2, 1.0, 0.0),
+        covariance=[0.0] * 9,
+        state="localized",
+        match=1.0,
+        spread=0.0,
+    )
+    base = BaseState(stamp_ns=0, mode="ok")
+    facts = {"base": base, "estimate": estimate, "age_s": 0.1, "places": [KITCHEN]}
+    return RobotView(**{**facts, **changes})
+
+
+TRIP = TourStatus(
+    stamp_ns=0,
+    name="evening",
+    trip="t1",
+    state="driving",
+    message="Driving to stop 1 (kitchen).",
+    stop=0,
+    tour=Tour(stops=[Stop(name="kitchen")]),
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "activity", "words"),
+    [
+        ({}, "ready", "ready"),
+        ({"is_away": True}, "away", "out of reach"),
+        ({"base": BaseState(stamp_ns=0, mode="fault", reason=codes.LINK_LOST)}, "fault", "board"),
+        ({"base": BaseState(stamp_ns=0, mode="stopped", reason=codes.BUTTON)}, "stopped", "button"),
+        ({"base": BaseState(stamp_ns=0, mode="ok", source="teleop")}, "by_hand", "by hand"),
+        ({"age_s": 5.0}, "lost", "where it is"),
+        ({"age_s": None}, "lost", "where it is"),
+        ({"trip": TRIP}, "driving", "stop 1 (kitchen)"),
+        (
+            {"goal": GoalStatus(stamp_ns=0, id="a", state="driving", pose=KITCHEN.pose)},
+            "driving",
+            "Driving to kitchen.",
+        ),
+        ({"goal": GoalStatus(stamp_ns=0, id="a", state="failed")}, "failed", "No reason"),
+        ({"goal": GoalStatus(stamp_ns=0, id="a", state="paused")}, "paused", "pointed out"),
+    ],
+)
+def test_the_most_pressing_thing_is_told(changes: dict, activity: str, words: str) -> None:
+    state = state_of(known(**changes))
+    assert (state.activity, state.activity in ACTIVITIES) == (activity, True)
+    assert words in state.message
+
+
+def test_place_and_destination_have_names() -> None:
+    state = state_of(known(trip=TRIP))
+    assert (state.place, state.destination, state.tour) == ("kitchen", "kitchen", "evening")
+    far = known(places=[SavedPose(name="far", map="home", pose=Pose2D(9.0, 9.0, 0.0))])
+    assert state_of(far).place is None
+
+
+def test_a_trip_that_failed_gives_way_to_what_was_driven_since() -> None:
+    failed = TourStatus(stamp_ns=0, name="x", trip="t1", state="failed", message="Given up.")
+    goal = GoalStatus(stamp_ns=0, id="later", state="driving")
+    assert state_of(known(trip=failed)).activity == "failed"
+    assert state_of(known(trip=failed, goal=goal)).activity == "driving"
+
+
+def test_texts_are_as_short_as_home_assistant_wants_them() -> None:
+    long = BaseState(stamp_ns=0, mode="fault", message="x" * 1000)
+    state = state_of(known(base=long), "y" * 1000)
+    assert (len(state.message), len(state.answer or "")) == (MAX_TEXT, MAX_TEXT)
