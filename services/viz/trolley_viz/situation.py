@@ -15,11 +15,13 @@ from trolley.messages import (
     TourStatus,
 )
 from trolley.teleop import SOURCE as BY_HAND
-from trolley_viz.words import DRIVING, STALE_S, UNDER_WAY, Words, duration, goal_name
+from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, StatusLine, duration, goal_name
 
-AWAY = Words("The robot is switched off or out of reach.", "bad")
-LOST = Words("It does not know where it is: show it with “Set pose …”, or let it search.", "bad")
-READY = Words("It is ready and waits for you.", "good")
+AWAY = StatusLine("The robot is switched off or out of reach.", "bad")
+LOST = StatusLine(
+    "It does not know where it is: show it with “Set pose …”, or let it search.", "bad"
+)
+READY = StatusLine("It is ready and waits for you.", "good")
 STOPPED_REASONS = {
     codes.BUTTON: "It is stopped",
     codes.BATTERY: "It is stopped: the battery is too low",
@@ -38,7 +40,7 @@ PAUSE_REASONS = {
 
 
 @dataclass(frozen=True)
-class Known:
+class RobotState:
     """What is known of a robot; None where nothing was heard."""
 
     is_away: bool = False
@@ -57,45 +59,45 @@ class Known:
     mapping: MappingStatus | None = None
 
 
-def situation(known: Known) -> Words:
+def situation(known: RobotState) -> StatusLine:
     """Say the one thing that matters most: first what keeps it from driving, then what it does."""
-    return next(words for say in SAYINGS if (words := say(known)) is not None)
+    return next(words for say in RULES if (words := say(known)) is not None)
 
 
-def _away(known: Known) -> Words | None:
+def _away(known: RobotState) -> StatusLine | None:
     return AWAY if known.is_away else None
 
 
-def _base(known: Known) -> Words | None:
+def _base(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode in ("ok", "held"):
         return None
     if base.mode == "stopped":
         why = STOPPED_REASONS.get(base.reason) or f"It is stopped: {_told(base)}"
-        return Words(f"{why}. Press Resume to let it drive again.", "bad")
-    return Words(f"It cannot drive: {_told(base)}.", "bad")
+        return StatusLine(f"{why}. Press Resume to let it drive again.", "bad")
+    return StatusLine(f"It cannot drive: {_told(base)}.", "bad")
 
 
-def _by_hand(known: Known) -> Words | None:
+def _by_hand(known: RobotState) -> StatusLine | None:
     if known.base is not None and known.base.source == BY_HAND:
-        return Words("Somebody drives it by hand.", "busy")
+        return StatusLine("Somebody drives it by hand.", "busy")
     return None
 
 
-def _held(known: Known) -> Words | None:
+def _held(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode != "held":
         return None
-    return Words(f"It waits: {_told(base)}. It goes on by itself.", "warn")
+    return StatusLine(f"It waits: {_told(base)}. It goes on by itself.", "warn")
 
 
-def _parts(known: Known) -> Words | None:
+def _parts(known: RobotState) -> StatusLine | None:
     if "planner" in known.silent or known.goal is None:
-        return Words("It cannot drive by itself: the planner is not running.", "bad")
+        return StatusLine("It cannot drive by itself: the planner is not running.", "bad")
     return None
 
 
-def _mapping(known: Known) -> Words | None:
+def _mapping(known: RobotState) -> StatusLine | None:
     mapping = known.mapping
     if mapping is None or "mapper" in known.silent:
         return None
@@ -103,47 +105,47 @@ def _mapping(known: Known) -> Words | None:
         case "idle":
             if known.has_map or known.estimate is not None:
                 return None
-            return Words("It has no map yet: make one in the tab “Map”.", "warn")
+            return StatusLine("It has no map yet: make one in the tab “Map”.", "warn")
         case "starting":
-            return Words("It gets ready to make a map.", "busy")
+            return StatusLine("It gets ready to make a map.", "busy")
         case "saving":
-            return Words("It saves its new map.", "busy")
+            return StatusLine("It saves its new map.", "busy")
         case _:
             pass
     estimate = known.estimate
     if estimate is not None and estimate.state == "lost":
-        return Words(
+        return StatusLine(
             "It does not find its place on the new map: bring it back to where it has been.", "bad"
         )
     if mapping.message:
-        return Words(f"It makes a map: {_told(mapping)}.", "warn")
+        return StatusLine(f"It makes a map: {_told(mapping)}.", "warn")
     if mapping.state == "paused":
-        return Words(f"The map “{mapping.name}” is paused. Press “Go on”.", "warn")
+        return StatusLine(f"The map “{mapping.name}” is paused. Press “Go on”.", "warn")
     if known.goal is not None and known.goal.state in DRIVING:
         return None
-    return Words(f"It makes the map “{mapping.name}”: drive it through every room.", "busy")
+    return StatusLine(f"It makes the map “{mapping.name}”: drive it through every room.", "busy")
 
 
-def _position(known: Known) -> Words | None:
+def _position(known: RobotState) -> StatusLine | None:
     goal = known.goal
     if not known.has_map or (goal is not None and goal.frame != MAP):
         return None
     if "localizer" in known.silent or known.estimate is None:
-        return Words("It does not know where it is: the localizer is not running.", "bad")
+        return StatusLine("It does not know where it is: the localizer is not running.", "bad")
     if known.estimate_age_s is None or known.estimate_age_s > STALE_S:
-        return Words("It does not know where it is: its lidar says nothing new.", "bad")
+        return StatusLine("It does not know where it is: its lidar says nothing new.", "bad")
     match known.estimate.state:
         case "lost":
             return LOST
         case "searching":
             if known.estimate.wants_turn:
-                return Words("It looks where it is, and needs to turn to see more.", "busy")
-            return Words("It looks where it is.", "busy")
+                return StatusLine("It looks where it is, and needs to turn to see more.", "busy")
+            return StatusLine("It looks where it is.", "busy")
         case _:
             return None
 
 
-def _trip(known: Known) -> Words | None:
+def _trip(known: RobotState) -> StatusLine | None:
     trip, goal = known.trip, known.goal
     if trip is None:
         return None
@@ -152,31 +154,33 @@ def _trip(known: Known) -> Words | None:
     if is_elsewhere and (is_over or (goal is not None and goal.state in DRIVING)):
         return None  # something else was driven since
     if trip.reason == codes.LOW_BATTERY and trip.state in ("driving", "done"):
-        return Words(trip.message, "warn")
+        return StatusLine(trip.message, "warn")
     match trip.state:
         case "paused":
             why = PAUSE_REASONS.get(trip.reason)
             because = f": {why}" if why else ""
-            return Words(f"The tour is paused{because}. Press “Go on”.", "warn")
+            return StatusLine(f"The tour is paused{because}. Press “Go on”.", "warn")
         case "waiting":
-            return Words(f"The tour waits: {_told(trip)}.", "warn")
+            return StatusLine(f"The tour waits: {_told(trip)}.", "warn")
         case "dwelling":
-            return Words(f"It stays at {_stop_name(known)} for a while{_counted(known)}.", "busy")
+            return StatusLine(
+                f"It stays at {_stop_name(known)} for a while{_counted(known)}.", "busy"
+            )
         case "failed":
-            return Words(f"The tour was given up: {_told(trip)}.", "bad")
+            return StatusLine(f"The tour was given up: {_told(trip)}.", "bad")
         case "done":
             missed = sum(one.state != "reached" for one in trip.results)
             if missed:
                 count = len(trip.results)
-                return Words(
+                return StatusLine(
                     f"The tour is over: {count - missed} of {count} places reached.", "warn"
                 )
-            return Words("The tour is done.", "good")
+            return StatusLine("The tour is done.", "good")
         case _:
             return None
 
 
-def _goal(known: Known) -> Words | None:
+def _goal(known: RobotState) -> StatusLine | None:
     goal = known.goal
     if goal is None or goal.state == "idle":
         return None
@@ -185,33 +189,35 @@ def _goal(known: Known) -> Words | None:
     why = _told(goal)
     match goal.state:
         case "planning":
-            return Words(f"It looks for a way to {to}.", "busy")
+            return StatusLine(f"It looks for a way to {to}.", "busy")
         case "driving":
             slowly = ", slowly" if _is_unsure(known) else ""
-            return Words(f"It is on its way to {to}{slowly}{_left(goal)}{_counted(known)}.", "busy")
+            return StatusLine(
+                f"It is on its way to {to}{slowly}{_left(goal)}{_counted(known)}.", "busy"
+            )
         case "recovering":
-            return Words(f"On the way to {to}: {why}.", "warn")
+            return StatusLine(f"On the way to {to}: {why}.", "warn")
         case "paused":
             because = PAUSE_REASONS.get(goal.reason)
             because = f": {because}" if because else ""
-            return Words(f"It is paused on its way to {to}{because}. Press “Go on”.", "warn")
+            return StatusLine(f"It is paused on its way to {to}{because}. Press “Go on”.", "warn")
         case "arrived":
-            return Words(f"It is at {to}.", "good")
+            return StatusLine(f"It is at {to}.", "good")
         case "failed":
-            return Words(f"It did not reach {to}: {why}.", "bad")
+            return StatusLine(f"It did not reach {to}: {why}.", "bad")
         case _:
-            return Words("Its way was canceled; it waits for you.", "good")
+            return StatusLine("Its way was canceled; it waits for you.", "good")
 
 
-def _idle(known: Known) -> Words | None:
+def _idle(known: RobotState) -> StatusLine | None:
     if known.trip is not None and known.trip.reason == codes.LOW_BATTERY:
-        return Words(known.trip.message, "warn")
+        return StatusLine(known.trip.message, "warn")
     if _is_unsure(known):
-        return Words("It is not quite sure where it is, and drives slowly.", "warn")
+        return StatusLine("It is not quite sure where it is, and drives slowly.", "warn")
     return READY
 
 
-SAYINGS: Sequence[Callable[[Known], Words | None]] = (
+RULES: Sequence[Callable[[RobotState], StatusLine | None]] = (
     _away,
     _base,
     _by_hand,
@@ -226,7 +232,7 @@ SAYINGS: Sequence[Callable[[Known], Words | None]] = (
 """Who has something to say says it; the last one always has."""
 
 
-def _is_unsure(known: Known) -> bool:
+def _is_unsure(known: RobotState) -> bool:
     return known.estimate is not None and known.estimate.state == "unsure"
 
 
@@ -242,7 +248,7 @@ def _left(goal: GoalStatus) -> str:
     return far + ("" if goal.eta is None else f", about {duration(goal.eta)}")
 
 
-def _stop_name(known: Known) -> str:
+def _stop_name(known: RobotState) -> str:
     trip, tour = known.trip, known.tour
     if trip is None or trip.stop is None:
         return "its stop"
@@ -250,7 +256,7 @@ def _stop_name(known: Known) -> str:
     return name or f"stop {trip.stop + 1}"
 
 
-def _counted(known: Known) -> str:
+def _counted(known: RobotState) -> str:
     """Which stop of the tour this is."""
     trip, tour = known.trip, known.tour
     if trip is None or trip.stop is None or trip.state not in ("driving", "dwelling"):

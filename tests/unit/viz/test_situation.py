@@ -14,7 +14,7 @@ from trolley.messages import (
     Tour,
     TourStatus,
 )
-from trolley_viz.situation import Known, situation
+from trolley_viz.situation import RobotState, situation
 
 KITCHEN = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
 TOUR = Tour(name="round", stops=[Stop(name="hall"), Stop(name="kitchen"), Stop(name="door")])
@@ -43,7 +43,7 @@ def mapping(state: str, message: str = "") -> MappingStatus:
     return MappingStatus(stamp_ns=1, state=state, name="home", message=message)  # type: ignore[arg-type]
 
 
-def known(**fields: object) -> Known:
+def known(**fields: object) -> RobotState:
     at = fields.pop("at", "localized")
     turn = bool(fields.pop("wants_turn", False))
     estimate = PoseEstimate(
@@ -64,7 +64,7 @@ def known(**fields: object) -> Known:
         "tour": TOUR,
         "places": [KITCHEN],
     }
-    return Known(**(values | fields))  # type: ignore[arg-type]
+    return RobotState(**(values | fields))  # type: ignore[arg-type]
 
 
 DRIVING = goal("driving", distance_remaining=3.21, eta=12.4)
@@ -253,7 +253,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("case", "sentence"), CASES, ids=[text for _, text in CASES])
-def test_one_sentence_says_what_matters_most(case: Known, sentence: str) -> None:
+def test_one_sentence_says_what_matters_most(case: RobotState, sentence: str) -> None:
     assert situation(case).headline == sentence
     assert situation(case).detail == ""
 

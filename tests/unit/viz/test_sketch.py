@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from trolley.geometry import Pose2D
 from trolley.messages import OccupancyGrid, Zone
 from trolley_localizer.zone_store import check_zone
-from trolley_viz.drawing.editor import as_zone
 from trolley_viz.drawing.sketch import SNAP_M, Sketch, free_name, snap_to_wall, zone_at
-from trolley_viz.drawing.suspects import dashes, is_same
+from trolley_viz.drawing.suspected_mirrors import dashes, is_same
+from trolley_viz.drawing.zone_editor import as_zone
 
 SQUARE = Sketch("keepout", ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
 COORDINATE = st.floats(-20.0, 20.0).map(lambda value: round(value, 3))

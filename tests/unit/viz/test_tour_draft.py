@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D
 from trolley.messages import ScheduleEntry, Stop, Tour
-from trolley_viz.tour_draft import DAYS, Draft, Editing, Point, days_text, time_entry
+from trolley_viz.editing.tour_draft import DAYS, Draft, Editing, Point, days_text, time_entry
 
 PLACES = {"hall": Pose2D(1.0, 0.0, 0.0), "kitchen": Pose2D(2.0, 1.0, 0.5)}
 HALL, KITCHEN = Point(name="hall"), Point(name="kitchen")

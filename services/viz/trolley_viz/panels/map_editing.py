@@ -1,16 +1,15 @@
 """Controls for changing the map itself."""
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import viser
 
-from trolley_viz.map_editing.editor import BRUSH_M, WALL_M, Tool
-from trolley_viz.panels.control import GREEN, GREY, handler, show
+from trolley_viz.map_editing.map_editor import BRUSH_M, WALL_M, Tool
+from trolley_viz.panels.controls import GREEN, GREY, show
 from trolley_viz.panels.markup import note
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 TOOLS: dict[str, Tool] = {"Look": "look", "Erase": "erase", "Wall": "wall", "Crop": "crop"}
 CHOOSE = "choose …"
@@ -19,7 +18,7 @@ CHOOSE = "choose …"
 class MapEditPanel:
     """The editor of the map, and what it is steered by."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._editor = session.map_editor
         self._filled = -1
         icon = viser.Icon
@@ -74,7 +73,7 @@ class MapEditPanel:
             show(self._name, value=editor.as_name)
             show(self._other, value=CHOOSE)
 
-    def _bind(self, session: "Session") -> None:
+    def _bind(self, session: Session) -> None:
         editor, post = self._editor, session.post
         self._open.on_click(handler(post, lambda _, __: editor.open()))
         self._undo.on_click(handler(post, lambda _, __: editor.undo_stored()))

@@ -1,6 +1,6 @@
 """Making a map: begin one, pause, take back, save or give up."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
@@ -14,14 +14,13 @@ from trolley.messages.request_params import (
     SaveMap,
     UndoMap,
 )
-from trolley_viz.panels.control import AMBER, GREEN, GREY, TEAL, handler, show
+from trolley_viz.panels.controls import AMBER, GREEN, GREY, TEAL, show
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.tiles import MARK, SMALL
-from trolley_viz.scene.layer import View
-from trolley_viz.words import Words, mapping_words
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.robots.view import View
+from trolley_viz.sentences import StatusLine, mapping_line
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 SURE_NS = 6_000_000_000
 """So long a second press gives a map up."""
@@ -35,7 +34,7 @@ HOW = (
 class MappingPanel:
     """The map that is being made, or how to begin one."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._ask = session.actions.ask
         self._tell = session.tell
         self._status: MappingStatus | None = None
@@ -67,13 +66,13 @@ class MappingPanel:
 
     def update(self, view: View) -> None:
         """Show what can be done now."""
-        status = self._status = view.feeds.latest(topics.MAPPING)
+        status = self._status = view.streams.latest(topics.MAPPING)
         self._map_name = "" if view.map is None else view.map.name
         self._now_ns = view.now_ns
         state = "idle" if status is None else status.state
-        words = mapping_words(status)
+        words = mapping_line(status)
         if status is None:
-            words = Words("The mapper is not running", "idle")
+            words = StatusLine("The mapper is not running", "idle")
         show(self._state, content="" if words is None else row(words), visible=words is not None)
         is_making = state in ("mapping", "paused")
         is_idle = status is not None and state == "idle"

@@ -8,10 +8,11 @@ import viser
 
 from trolley import codes
 from trolley.messages import PastTrip, TourStatus
-from trolley_viz.panels.control import GREY, Post, handler, set_options
+from trolley_viz.panels.controls import GREY, set_options
 from trolley_viz.panels.markup import TONES, note, row
-from trolley_viz.past_trips import PastTrips
-from trolley_viz.words import Tone, Words, duration, result_words
+from trolley_viz.robots.past_trips import PastTrips
+from trolley_viz.sentences import StatusLine, Tone, duration, result_line
+from trolley_viz.threads import Post, handler
 
 SHOWN_AT_ONCE = 20
 MAX_RESULTS = 50
@@ -51,7 +52,7 @@ class PastTripsPanel:
         if not is_open:
             self._more.visible, self._list.content, self._drawn = False, "", ()
             return
-        past.look(trip, now_ns)
+        past.refresh(trip, now_ns)
         trips = past.trips or ()
         names = sorted({one.name or UNNAMED for one in trips})
         set_options(self._tour, [ALL_TOURS, *names], ALL_TOURS)
@@ -73,7 +74,7 @@ class PastTripsPanel:
 def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
     """The trips, each of which opens to what came of its stops."""
     problem = (
-        row(Words("Past trips are not known just now", "warn", past.problem))
+        row(StatusLine("Past trips are not known just now", "warn", past.problem))
         if past.problem
         else ""
     )
@@ -88,7 +89,7 @@ def _trip(trip: PastTrip) -> str:
     shown = trip.results[-MAX_RESULTS:]
     title = [trip.name or UNNAMED, when_text(trip.started_at)]
     left_out = trip.reached + trip.missed - len(shown)
-    results = "".join(row(result_words(result)) for result in shown)
+    results = "".join(row(result_line(result)) for result in shown)
     if left_out > 0:
         results = note(f"{left_out} earlier stops are not shown.") + results
     return _TRIP.format(

@@ -1,18 +1,15 @@
 """The saved places: new ones, and what there is to change about those that are there."""
 
-from typing import TYPE_CHECKING
-
 import viser
 
 from trolley.messages import SavedPose
-from trolley_viz.icons import known_icon
-from trolley_viz.panels.control import GREEN, GREY, TEAL, handler, set_options, show_undo
+from trolley_viz.graphics.icons import known_icon
+from trolley_viz.panels.controls import GREEN, GREY, TEAL, set_options, show_undo
 from trolley_viz.panels.tiles import MARK, SMALL
-from trolley_viz.scene.layer import View
+from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 NEW: str = "+ new place"
 """No place can be called so: names hold no plus sign."""
@@ -48,7 +45,7 @@ ICONS: dict[str, str] = {
 class PlacePanel:
     """One form for a new place and for those that are saved."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._actions, self._places, post = session.actions, session.places, session.post
         self._stored: dict[str, SavedPose] = {}
         self._filled: SavedPose | None = None

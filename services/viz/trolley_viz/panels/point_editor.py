@@ -7,8 +7,9 @@ from typing import Any
 
 import viser
 
-from trolley_viz.panels.control import TEAL, Post, handler, set_options
-from trolley_viz.tour_draft import MAX_COUNT, MAX_SECONDS, OnFailure, Point
+from trolley_viz.editing.tour_draft import MAX_COUNT, MAX_SECONDS, OnFailure, Point
+from trolley_viz.panels.controls import TEAL, set_options
+from trolley_viz.threads import Post, handler
 
 ON_MAP: str = "a point on the map"
 UP, DOWN, REMOVE = "Earlier", "Later", "Remove"

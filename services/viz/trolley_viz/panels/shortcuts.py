@@ -5,14 +5,12 @@ viser listens to the keys in the page; it leaves alone those that are typed into
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import viser
 
 from trolley_viz.panels.markup import note, table
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
 
 Key = Literal["escape", "G", "P", "F", "H", "O", "X", "U", "V"]
 
@@ -27,7 +25,7 @@ class Shortcut:
     act: Callable[[], None]
 
 
-def shortcuts(session: "Session") -> list[Shortcut]:
+def shortcuts(session: Session) -> list[Shortcut]:
     """Return what an operator can do with a key; Stop is everybody's, see `StopBar`."""
     actions, aiming = session.actions, session.aiming
     return [
@@ -43,7 +41,7 @@ def shortcuts(session: "Session") -> list[Shortcut]:
     ]
 
 
-def add_shortcuts(gui: viser.GuiApi, session: "Session") -> str:
+def add_shortcuts(gui: viser.GuiApi, session: Session) -> str:
     """Listen to the keys; returns the list of them as HTML."""
     rows = [("Space or Shift+S", "Stop the robot")]
     if session.may_drive:
@@ -57,7 +55,7 @@ def add_shortcuts(gui: viser.GuiApi, session: "Session") -> str:
     return note("They do nothing while you type into a field.") + table(rows)
 
 
-def _trigger(session: "Session", act: Callable[[], None]) -> Callable[[Any], Any]:
+def _trigger(session: Session, act: Callable[[], None]) -> Callable[[Any], Any]:
     # async, and only handing over: this runs on the thread of the web server.
     async def trigger(_: Any) -> None:
         session.post(act)

@@ -12,8 +12,8 @@ from typing import Any, cast
 
 import viser
 
-from trolley_viz.panels.control import GREEN, GREY, STOP_RED
-from trolley_viz.stopping import StopLine
+from trolley_viz.panels.controls import GREEN, GREY, STOP_RED
+from trolley_viz.robots.stop_presses import StopLine
 
 STYLE = """<style>
 [id="{stop}"],[id="{resume}"]{{position:fixed;z-index:9000;bottom:18px;height:66px!important;

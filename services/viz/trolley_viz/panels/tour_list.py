@@ -7,10 +7,11 @@ from typing import Protocol
 import viser
 
 from trolley.messages import Tour
-from trolley_viz.panels.control import GREEN, GREY, Post, handler, show_undo
+from trolley_viz.editing.tour_draft import days_text, stay_text
+from trolley_viz.editing.undo import History
+from trolley_viz.panels.controls import GREEN, GREY, show_undo
 from trolley_viz.panels.markup import note
-from trolley_viz.tour_draft import days_text, stay_text
-from trolley_viz.undo import History
+from trolley_viz.threads import Post, handler
 
 MAX_CARDS = 40
 SEARCH_FROM = 8

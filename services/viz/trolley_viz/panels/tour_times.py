@@ -6,10 +6,11 @@ import viser
 
 from trolley.messages import ScheduleEntry
 from trolley.messages.touring import Day
-from trolley_viz.panels.control import GREY, AddFolder, Post, handler
+from trolley_viz.editing.tour_draft import DAYS, Draft, days_text, time_entry
+from trolley_viz.panels.controls import GREY, AddFolder
 from trolley_viz.panels.markup import note, row
-from trolley_viz.tour_draft import DAYS, Draft, days_text, time_entry
-from trolley_viz.words import Words
+from trolley_viz.sentences import StatusLine
+from trolley_viz.threads import Post, handler
 
 MAX_TIMES = 20
 CHOSEN_DAYS: str = "on these days"
@@ -107,4 +108,4 @@ class TimesEditor:
         else:
             self._at.value = ""
             self._change((*self._times, entry))
-        self._note.content = row(Words(problem, "warn")) if problem else ""
+        self._note.content = row(StatusLine(problem, "warn")) if problem else ""

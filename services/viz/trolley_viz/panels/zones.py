@@ -1,18 +1,17 @@
 """Zones: draw, change and delete them, and answer whether a suspected mirror is one."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
 from trolley.messages import SuspectLine
 from trolley.messages.mapping import ZoneKind
-from trolley_viz.drawing.editor import Mode
-from trolley_viz.panels.control import GREEN, GREY, handler, show
+from trolley_viz.drawing.zone_editor import Mode
+from trolley_viz.panels.controls import GREEN, GREY, show
 from trolley_viz.panels.markup import note
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 LINE_KINDS: dict[str, ZoneKind] = {"Mirror": "mirror", "Glass": "glass"}
 AREA_KINDS: dict[str, ZoneKind] = {"No-go": "keepout", "Slow": "speed"}
@@ -24,7 +23,7 @@ SUSPECT_TEXT = "A mirror seems to hang where “mirror?” stands on the map."
 class ZonePanel:
     """The zones of the map, and the editor that it steers."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._gui = gui
         self._editor = session.zones
         self._post = session.post
