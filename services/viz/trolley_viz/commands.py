@@ -48,7 +48,7 @@ def _read(path: Path) -> AccessTokens:
     try:
         return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), type=AccessTokens)
     except FileNotFoundError:
-        raise click.ClickException(f"{path} is not there: start the viewer once") from None
+        raise click.ClickException(f"{path} does not exist: start the viewer once") from None
     except (OSError, ValueError) as error:
         raise click.ClickException(f"{path} cannot be read: {error}") from error
 

@@ -38,15 +38,13 @@ class StatusLine:
     detail: str = ""
 
 
-AWAY = StatusLine(
-    "Away", "bad", "Nothing is heard of the robot: it is switched off or out of reach."
-)
+AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
 
 
 def position_line(estimate: PoseEstimate | None, age_s: float | None) -> StatusLine:
     """Say how well the robot knows where it is; `age_s` [s] of the estimate, None if unknown."""
     if estimate is None:
-        return StatusLine("No position", "idle", "The localizer has not said anything yet.")
+        return StatusLine("No position", "idle", "The localizer is still starting.")
     if age_s is None or age_s > STALE_S:
         old = "" if age_s is None else f" It is {duration(age_s)} old."
         return StatusLine("Stale", "bad", f"The last position is too old to rely on.{old}")
@@ -68,7 +66,7 @@ def position_line(estimate: PoseEstimate | None, age_s: float | None) -> StatusL
 
 
 def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
-    """Say how a map in the making goes, or what came of the last one."""
+    """Say how mapping is going, or what came of it."""
     if mapping is None:
         return None
     if mapping.state == "idle":
@@ -101,7 +99,7 @@ def base_line(base: BaseState | None) -> StatusLine | None:
         case "stopped":
             return StatusLine("Stopped", "bad", _join(why, "Press Resume to let it drive again."))
         case "held":
-            return StatusLine("Held", "warn", _join(why, "It goes on by itself."))
+            return StatusLine("Held", "warn", _join(why, "It will continue by itself."))
         case _:
             return StatusLine("Fault", "bad", why)
 
@@ -109,19 +107,19 @@ def base_line(base: BaseState | None) -> StatusLine | None:
 def goal_line(goal: GoalStatus | None, places: list[SavedPose]) -> StatusLine:
     """Say where the robot is going and how far it still is."""
     if goal is None:
-        return StatusLine("No planner", "idle", "The planner has not said anything yet.")
+        return StatusLine("No planner", "idle", "The planner is still starting.")
     to = goal_name(goal, places)
     why = goal.message or codes.SENTENCES.get(goal.reason, goal.reason)
     match goal.state:
         case "idle":
             return StatusLine("Standing by", "idle", why)
         case "planning":
-            return StatusLine(f"Planning the way to {to}", "busy", why)
+            return StatusLine(f"Planning a path to {to}", "busy", why)
         case "driving":
             return StatusLine(f"Driving to {to}", "busy", _join(_remaining(goal), goal.message))
         case "recovering":
             return StatusLine(
-                f"Getting free on the way to {to}", "warn", _join(why, _remaining(goal))
+                f"Freeing itself on the way to {to}", "warn", _join(why, _remaining(goal))
             )
         case "paused":
             return StatusLine(f"Paused on the way to {to}", "warn", why)
@@ -130,7 +128,7 @@ def goal_line(goal: GoalStatus | None, places: list[SavedPose]) -> StatusLine:
         case "failed":
             return StatusLine(f"Did not reach {to}", "bad", why)
         case "canceled":
-            return StatusLine(f"Canceled the way to {to}", "idle", why)
+            return StatusLine(f"Drive to {to} canceled", "idle", why)
 
 
 def trip_line(trip: TourStatus | None, tour: Tour | None) -> StatusLine | None:
@@ -148,7 +146,7 @@ def trip_line(trip: TourStatus | None, tour: Tour | None) -> StatusLine | None:
         case "dwelling":
             return StatusLine(f"{name}: at {stop}", "busy", _join(_lap(trip, tour), why))
         case "waiting":
-            return StatusLine(f"{name} waits: {stop}", "warn", why)
+            return StatusLine(f"{name} waiting: {stop}", "warn", why)
         case "paused":
             return StatusLine(f"{name} paused: {stop}", "warn", why)
         case "done":
@@ -205,7 +203,7 @@ def duration(seconds: float) -> str:
 
 
 def age_text(age_s: float | None, live_s: float = 1.5) -> str:
-    """Say how old something is, coarsely, so that it is not said anew all the time."""
+    """Write how old something is, coarsely, so that it does not change all the time."""
     if age_s is None:
         return "no data"
     if age_s < live_s:

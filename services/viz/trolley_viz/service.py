@@ -110,7 +110,9 @@ class VizService(Service):
         server.on_client_disconnect(disconnected)
         self.log.info("The viewer is ready", url=f"http://{self._config.host}:{self._config.port}")
         if not is_loopback_host(self._config.host):
-            self.log.info("It asks for a token: `trolley viewer-link` prints links that hold one")
+            self.log.info(
+                "Browsers need a token: `trolley viewer-link` prints links that contain one"
+            )
 
     def stop(self) -> None:
         """Close the web page."""
@@ -218,7 +220,7 @@ class VizService(Service):
         )
 
     def _remember(self, browser: str, choices: Choices) -> None:
-        """Save a browser's choices; those of nobody in particular are forgotten."""
+        """Save a browser's choices; one without a name is not remembered."""
         if browser:
             self._settings = self._settings.with_choices(browser, choices)
             self.save(FILE, self._settings)

@@ -17,45 +17,45 @@ from trolley.messages import (
 from trolley.teleop import SOURCE as BY_HAND
 from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, StatusLine, duration, goal_name
 
-AWAY = StatusLine("The robot is switched off or out of reach.", "bad")
+AWAY = StatusLine("No contact with the robot. It is switched off or out of range.", "bad")
 LOST = StatusLine(
-    "It does not know where it is: show it with “Set pose …”, or let it search.", "bad"
+    "The robot does not know where it is. Show it with “Set pose …”, or let it search.", "bad"
 )
-READY = StatusLine("It is ready and waits for you.", "good")
+READY = StatusLine("Ready.", "good")
 STOPPED_REASONS = {
-    codes.BUTTON: "It is stopped",
-    codes.BATTERY: "It is stopped: the battery is too low",
-    codes.BUMPER: "It is stopped: it bumped into something",
-    codes.COLLISION: "It is stopped: it touched something",
-    codes.CLIFF: "It is stopped: there is no floor in front of it",
+    codes.BUTTON: "Stopped",
+    codes.BATTERY: "Stopped: the battery is too low",
+    codes.BUMPER: "Stopped: it bumped into something",
+    codes.COLLISION: "Stopped: it touched something",
+    codes.CLIFF: "Stopped: there is no floor in front of it",
 }
 PAUSE_REASONS = {
     codes.TAKEN_OVER: "somebody drove it by hand",
     codes.STOPPED: "it was stopped",
     codes.RESTARTED: "it was restarted",
     codes.OTHER_GOAL: "somebody sent it elsewhere",
-    codes.CANCELED: "the way was canceled",
+    codes.CANCELED: "the drive was canceled",
     codes.LOW_BATTERY: "the battery was low; charge it first",
 }
 
 
 @dataclass(frozen=True)
 class RobotState:
-    """What is known of a robot; None where nothing was heard."""
+    """What is known of a robot; None where nothing has been received."""
 
     is_away: bool = False
     base: BaseState | None = None
     has_map: bool = True
     estimate: PoseEstimate | None = None
     estimate_age_s: float | None = None
-    """Of the estimate [s], None while it cannot be told."""
+    """Age of the estimate [s], None while unknown."""
     goal: GoalStatus | None = None
     trip: TourStatus | None = None
     tour: Tour | None = None
     """The stored tour that is driven."""
     places: Sequence[SavedPose] = ()
     silent: frozenset[str] = frozenset()
-    """Services that were heard of and are not any more."""
+    """Services that have fallen silent."""
     mapping: MappingStatus | None = None
 
 
@@ -73,14 +73,14 @@ def _base(known: RobotState) -> StatusLine | None:
     if base is None or base.mode in ("ok", "held"):
         return None
     if base.mode == "stopped":
-        why = STOPPED_REASONS.get(base.reason) or f"It is stopped: {_told(base)}"
+        why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_told(base)}"
         return StatusLine(f"{why}. Press Resume to let it drive again.", "bad")
-    return StatusLine(f"It cannot drive: {_told(base)}.", "bad")
+    return StatusLine(f"The robot cannot drive: {_told(base)}.", "bad")
 
 
 def _by_hand(known: RobotState) -> StatusLine | None:
     if known.base is not None and known.base.source == BY_HAND:
-        return StatusLine("Somebody drives it by hand.", "busy")
+        return StatusLine("Somebody is driving it by hand.", "busy")
     return None
 
 
@@ -88,12 +88,12 @@ def _held(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode != "held":
         return None
-    return StatusLine(f"It waits: {_told(base)}. It goes on by itself.", "warn")
+    return StatusLine(f"Waiting: {_told(base)}. It will continue by itself.", "warn")
 
 
 def _parts(known: RobotState) -> StatusLine | None:
     if "planner" in known.silent or known.goal is None:
-        return StatusLine("It cannot drive by itself: the planner is not running.", "bad")
+        return StatusLine("The robot cannot drive by itself: the planner is not running.", "bad")
     return None
 
 
@@ -105,25 +105,27 @@ def _mapping(known: RobotState) -> StatusLine | None:
         case "idle":
             if known.has_map or known.estimate is not None:
                 return None
-            return StatusLine("It has no map yet: make one in the tab “Map”.", "warn")
+            return StatusLine("It has no map yet. Make one in the “Map” tab.", "warn")
         case "starting":
-            return StatusLine("It gets ready to make a map.", "busy")
+            return StatusLine("It is getting ready to make a map.", "busy")
         case "saving":
-            return StatusLine("It saves its new map.", "busy")
+            return StatusLine("It is saving its new map.", "busy")
         case _:
             pass
     estimate = known.estimate
     if estimate is not None and estimate.state == "lost":
         return StatusLine(
-            "It does not find its place on the new map: bring it back to where it has been.", "bad"
+            "It cannot find its place on the new map. Bring it back to where it has been.", "bad"
         )
     if mapping.message:
-        return StatusLine(f"It makes a map: {_told(mapping)}.", "warn")
+        return StatusLine(f"Making a map: {_told(mapping)}.", "warn")
     if mapping.state == "paused":
-        return StatusLine(f"The map “{mapping.name}” is paused. Press “Go on”.", "warn")
+        return StatusLine(f"The map “{mapping.name}” is paused. Press “Continue”.", "warn")
     if known.goal is not None and known.goal.state in DRIVING:
         return None
-    return StatusLine(f"It makes the map “{mapping.name}”: drive it through every room.", "busy")
+    return StatusLine(
+        f"Making the map “{mapping.name}”. Drive the robot through every room.", "busy"
+    )
 
 
 def _position(known: RobotState) -> StatusLine | None:
@@ -131,16 +133,22 @@ def _position(known: RobotState) -> StatusLine | None:
     if not known.has_map or (goal is not None and goal.frame != MAP):
         return None
     if "localizer" in known.silent or known.estimate is None:
-        return StatusLine("It does not know where it is: the localizer is not running.", "bad")
+        return StatusLine(
+            "The robot does not know where it is: the localizer is not running.", "bad"
+        )
     if known.estimate_age_s is None or known.estimate_age_s > STALE_S:
-        return StatusLine("It does not know where it is: its lidar says nothing new.", "bad")
+        return StatusLine(
+            "The robot does not know where it is: its lidar sends nothing new.", "bad"
+        )
     match known.estimate.state:
         case "lost":
             return LOST
         case "searching":
             if known.estimate.wants_turn:
-                return StatusLine("It looks where it is, and needs to turn to see more.", "busy")
-            return StatusLine("It looks where it is.", "busy")
+                return StatusLine(
+                    "The robot is working out where it is, and needs to turn to see more.", "busy"
+                )
+            return StatusLine("The robot is working out where it is.", "busy")
         case _:
             return None
 
@@ -159,12 +167,12 @@ def _trip(known: RobotState) -> StatusLine | None:
         case "paused":
             why = PAUSE_REASONS.get(trip.reason)
             because = f": {why}" if why else ""
-            return StatusLine(f"The tour is paused{because}. Press “Go on”.", "warn")
+            return StatusLine(f"The tour is paused{because}. Press “Continue”.", "warn")
         case "waiting":
-            return StatusLine(f"The tour waits: {_told(trip)}.", "warn")
+            return StatusLine(f"The tour is waiting: {_told(trip)}.", "warn")
         case "dwelling":
             return StatusLine(
-                f"It stays at {_stop_name(known)} for a while{_counted(known)}.", "busy"
+                f"It is staying at {_stop_name(known)} for a while{_counted(known)}.", "busy"
             )
         case "failed":
             return StatusLine(f"The tour was given up: {_told(trip)}.", "bad")
@@ -185,11 +193,11 @@ def _goal(known: RobotState) -> StatusLine | None:
     if goal is None or goal.state == "idle":
         return None
     to = goal_name(goal, list(known.places))
-    to = "the place that was pointed out" if to.startswith("(") else to
+    to = "the place on the map" if to.startswith("(") else to
     why = _told(goal)
     match goal.state:
         case "planning":
-            return StatusLine(f"It looks for a way to {to}.", "busy")
+            return StatusLine(f"Looking for a path to {to}.", "busy")
         case "driving":
             slowly = ", slowly" if _is_unsure(known) else ""
             return StatusLine(
@@ -200,20 +208,22 @@ def _goal(known: RobotState) -> StatusLine | None:
         case "paused":
             because = PAUSE_REASONS.get(goal.reason)
             because = f": {because}" if because else ""
-            return StatusLine(f"It is paused on its way to {to}{because}. Press “Go on”.", "warn")
+            return StatusLine(
+                f"It is paused on its way to {to}{because}. Press “Continue”.", "warn"
+            )
         case "arrived":
-            return StatusLine(f"It is at {to}.", "good")
+            return StatusLine(f"It has arrived at {to}.", "good")
         case "failed":
             return StatusLine(f"It did not reach {to}: {why}.", "bad")
         case _:
-            return StatusLine("Its way was canceled; it waits for you.", "good")
+            return StatusLine("Canceled. Ready.", "good")
 
 
 def _idle(known: RobotState) -> StatusLine | None:
     if known.trip is not None and known.trip.reason == codes.LOW_BATTERY:
         return StatusLine(known.trip.message, "warn")
     if _is_unsure(known):
-        return StatusLine("It is not quite sure where it is, and drives slowly.", "warn")
+        return StatusLine("It is not quite sure where it is, so it drives slowly.", "warn")
     return READY
 
 
@@ -229,7 +239,7 @@ RULES: Sequence[Callable[[RobotState], StatusLine | None]] = (
     _goal,
     _idle,
 )
-"""Who has something to say says it; the last one always has."""
+"""The first that has something to say wins; the last one always has."""
 
 
 def _is_unsure(known: RobotState) -> bool:

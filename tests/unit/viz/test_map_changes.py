@@ -96,7 +96,7 @@ def test_changes_are_offered_and_accepted_under_a_name_of_their_own(
     assert (edit.name, edit.as_name) == ("room", "room-3")
     assert edit.ops == ops_of([CAME, GONE])
     assert [type(op).__name__ for op in edit.ops] == ["EraseStroke"] * 2 + ["DrawWall"] * 2
-    assert browser.notices[-1] == ("The map is changed", "Done.")
+    assert browser.notices[-1] == ("The map was changed", "Done.")
 
 
 def test_one_of_them_is_accepted(stage: "Stage", keeper: MapKeeper) -> None:

@@ -1,4 +1,4 @@
-"""Markers of programs: drawn in their frames, changed, gone, moving, too many, and nonsense."""
+"""Markers from programs: drawn in their frames, changed, gone, moving, too many, and nonsense."""
 
 import math
 import time

@@ -125,12 +125,12 @@ def test_layers_tell_how_old_they_are(stage: "Stage") -> None:
     labels = [box.label for panel in panels.values() for box in panel._boxes.values()]
     assert "Laser scan · now" in labels
     assert "Costmap near the robot · no data" in labels
-    assert "Costmap of the map" in labels  # off: nothing is known of it
+    assert "Costmap of the whole map" in labels  # off: nothing is known of it
     truth_box = next(box for kind, box in panels["Robot"]._boxes.items() if kind.key == "truth")
     assert not truth_box.visible  # the robot is a real one
     stage.runtime.kill("base")
     stage.runtime.run(5.0)
-    labels = [box.label for box in panels["Senses"]._boxes.values()]
+    labels = [box.label for box in panels["Sensing"]._boxes.values()]
     assert "Laser scan · 5 s" in labels
 
 

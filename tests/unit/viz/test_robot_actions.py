@@ -178,11 +178,11 @@ def test_each_key_does_one_thing(session: Session) -> None:
 
 def test_nothing_under_way_is_nothing_to_pause(stage: "Stage") -> None:
     browser = stage.browse()
-    for action in ("Pause", "Go on", "Cancel"):
+    for action in ("Pause", "Continue", "Cancel"):
         stage.session.actions.steer(action)
     assert [title for title, _ in browser.notices] == [
         "Pause: not done",
-        "Go on: not done",
+        "Continue: not done",
         "Cancel: not done",
     ]
 

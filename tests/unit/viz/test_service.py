@@ -235,7 +235,7 @@ def test_a_refusal_is_told_in_words(stage: "Stage") -> None:
     browser = stage.browse()
     stage.session.aiming._go_to(Pointed(9.0, 1.0))
     stage.runtime.run(0.5)
-    assert browser.notices == [("The robot does not go there", "That place lies outside the map.")]
+    assert browser.notices == [("The robot cannot go there", "That place lies outside the map.")]
 
 
 def test_without_a_service_the_refusal_names_it(stage: "Stage") -> None:

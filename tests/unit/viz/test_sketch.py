@@ -63,9 +63,9 @@ def test_a_bow_tie_crosses_and_a_square_does_not() -> None:
 
 
 def test_too_little_is_said_in_words() -> None:
-    assert Sketch("mirror", ((0.0, 0.0),)).problem() == "A line needs two corners at least."
+    assert Sketch("mirror", ((0.0, 0.0),)).problem() == "A line needs at least two corners."
     assert Sketch("mirror", ((0.0, 0.0), (0.0, 0.0))).problem() == "This line is too short."
-    assert Sketch("speed", SQUARE.points[:2]).problem() == "An area needs three corners at least."
+    assert Sketch("speed", SQUARE.points[:2]).problem() == "An area needs at least three corners."
     flat = Sketch("speed", ((0.0, 0.0), (1.0, 0.0), (2.0, 0.0)))
     assert flat.problem()
 

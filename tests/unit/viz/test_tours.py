@@ -121,8 +121,8 @@ def test_a_tour_in_a_line() -> None:
         schedule=[ScheduleEntry(days=["sat", "sun"], at="08:30")],
     )
     assert summary(tour) == (
-        "hall → kitchen → door → a point · there and back · again and again"
-        " · stays 30 s in all · 08:30 Sat, Sun"
+        "hall → kitchen → door → a point · there and back · repeats forever"
+        " · stays 30 s in total · 08:30 Sat, Sun"
     )
     assert summary(Tour(stops=STOPS * 3)) == "hall → kitchen → door → hall → 5 more"
 
@@ -342,7 +342,7 @@ def make_tour(stage: "Stage", name: str = "evening") -> Any:
     settle(stage)
     press(editor._add_place, "kitchen")
     settle(stage)
-    press(editor._add_other, "Where it stands")
+    press(editor._add_other, "Where it is")
     settle(stage)
     press(editor._name, name)
     settle(stage)
@@ -372,15 +372,15 @@ def test_what_is_missing_is_said_and_cannot_be_saved(stage: "Stage", tour: Prete
     press(editor._save)
     press(editor._times._at, "25:00")
     settle(stage)
-    assert "is not added yet" in editor._problems.content
+    assert "has not been added yet" in editor._problems.content
     press(add_button(stage, "Add this time"))
     settle(stage)
-    assert "is no time of day" in editor._times._note.content
+    assert "is not a time of day" in editor._times._note.content
     assert tour.tours == {}
 
 
 def add_button(stage: "Stage", label: str) -> Any:
-    gui = stage.hub.server.gui  # type: ignore[union-attr]
+    gui = stage.hub.server.gui
     handles = gui._gui_input_handle_from_uuid.values()
     return next(one for one in handles if getattr(one, "label", "") == label)
 
@@ -459,7 +459,7 @@ def test_who_saved_meanwhile_is_not_overwritten_unasked(stage: "Stage", tour: Pr
     tour.put(theirs)
     settle(stage)
     editor = tab._editor
-    assert "Somebody else changed this tour meanwhile." in editor._problems.content
+    assert "Somebody else has changed this tour." in editor._problems.content
     press(editor._save)
     settle(stage)
     assert tour.tours["evening"] == theirs
@@ -468,7 +468,7 @@ def test_who_saved_meanwhile_is_not_overwritten_unasked(stage: "Stage", tour: Pr
     assert editor.editing == Editing.open(theirs)
     tour.delete(Named(name="evening"))
     settle(stage)
-    assert "Somebody else deleted this tour meanwhile." in editor._problems.content
+    assert "Somebody else has deleted this tour." in editor._problems.content
     press(editor._whose, "Keep mine")
     settle(stage)
     press(editor._save)
@@ -510,7 +510,7 @@ def test_a_place_on_another_map_is_told_and_an_unknown_one_refused(
     tab.edit(Tour(name="evening", stops=[Stop(name="attic"), Stop(name="cellar")]))
     settle(stage)
     said = tab._editor._problems.content
-    assert "There is no place “cellar” any more." in said
+    assert "The place “cellar” no longer exists." in said
     assert "“attic” is on another map." in said
 
 

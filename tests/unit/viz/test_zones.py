@@ -151,7 +151,7 @@ def test_a_line_is_dragged_and_goes_to_the_wall(hand: Hand, keeper: ZoneKeeper) 
     np.testing.assert_allclose(keeper["wall mirror"].points, [(-1.0, -1.9), (1.0, -1.9)], atol=1e-6)
     assert hand.browser.notices[-1] == (
         "Saved",
-        "The robot minds “wall mirror” from now on.",
+        "The robot will respect “wall mirror” from now on.",
     )
 
 

@@ -21,8 +21,8 @@ from trolley_viz.robots.view import View
 from trolley_viz.sentences import duration
 
 GO_TO, SET_POSE = "go_to", "set_pose"
-GOAL_HINT = "Press where to go, drag to where it shall look, release."
-POSE_HINT = "Press where the robot is, drag to where it looks, release."
+GOAL_HINT = "Press where it should go, drag the way it should face, and release."
+POSE_HINT = "Press where the robot is, drag the way it faces, and release."
 PREVIEW_PERIOD_NS = 300_000_000
 ANY_HEADING = math.pi
 UNSURE_XY, UNSURE_YAW = 0.25, math.radians(20.0)
@@ -46,9 +46,9 @@ class Aiming:
         self._robot = robot
         self._view = view
         self.hint = ""
-        """What the armed tool waits for, or what its preview came to."""
+        """What the armed tool waits for, or the length of its preview."""
         self.preview: Path | None = None
-        """The way to where the pointer is."""
+        """The path to where the pointer is."""
         self._preview_due_ns = 0
         self._asked: Pointed | None = None
         self._wanted: Pointed | None = None
@@ -83,7 +83,7 @@ class Aiming:
         self.arm(Tool(SET_POSE, ignore, self._set_pose), POSE_HINT)
 
     def request_preview(self) -> None:
-        """Ask for the way to where the pointer is: one question at a time, and not too often."""
+        """Ask for the path to where the pointer is: one request at a time, and not too often."""
         now_ns, pointed = self._service.monotonic_ns, self._wanted
         if pointed is None or self._asked is not None or now_ns < self._preview_due_ns:
             return
@@ -107,7 +107,7 @@ class Aiming:
 
         Args:
             pointed: what was pointed at.
-            kept: the heading [rad] where it has none; else the way the robot comes from.
+            kept: the heading [rad] where none was dragged; without it, the direction of approach.
         """
         if pointed.yaw is not None:
             return Pose2D(pointed.x, pointed.y, pointed.yaw)
@@ -127,11 +127,11 @@ class Aiming:
         self.put_away()
         if not self._actions.goal_queue.is_collecting:
             goal = self._goal(pointed, self._service.new_id())
-            self._actions.send_goal(goal, "the place on the map")
+            self._actions.send_goal(goal, "a place on the map")
             return
         placement = self._view().placement
         if placement.world != MAP:
-            self._actions.tell("Not added", "Several places in a row need a map.", "warn")
+            self._actions.tell("Not added", "A row of places needs a map.", "warn")
             return
         at = (pointed.x, pointed.y, pointed.yaw)
         self._actions.line_up(
@@ -182,7 +182,7 @@ class Aiming:
         return Step("Set pose", undo, lambda: self._service.time_of(robot).epoch == epoch)
 
     def _preview_moved(self, pointed: Pointed | None) -> None:
-        """Take note that the way to where the pointer is is wanted."""
+        """Note where the pointer is, and ask for the path there."""
         self._wanted = pointed
         if pointed is None:
             self._asked, self.preview, self.hint = None, None, GOAL_HINT
@@ -205,7 +205,7 @@ def ignore(_: Pointed | None) -> None:
 
 
 def preview_text(path: Path) -> str:
-    """Say how far a way is and how long it takes."""
+    """Say how long a path is and how long driving it takes."""
     poses = floats_from_bytes(path.poses, 3)
     length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
     eta = f", about {duration((len(poses) - 1) * path.dt)}" if path.dt > 0.0 else ""

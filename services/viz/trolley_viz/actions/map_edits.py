@@ -1,4 +1,4 @@
-"""Asking for a change of a map, which may take longer than an answer."""
+"""Requests to edit a map, repeated while the mapper is still working on the first."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ def request_map_edit(
     done: Callable[[MapEdited | Refused], None],
     robot: str | None,
 ) -> None:
-    """Ask for a change of a map; `done` gets what comes of it."""
+    """Request a change of a map; `done` gets the outcome."""
     params = replace(params, id=service.new_id())
     until_ns = service.monotonic_ns + PATIENCE_NS
 

@@ -16,7 +16,7 @@ from trolley_viz.pointing.pointer import Pointed, Tool
 from trolley_viz.robots.view import View
 
 PLACE = "place"
-PLACE_HINT = "Press where “{name}” is, drag to where the robot shall look there, release."
+PLACE_HINT = "Press where “{name}” is, drag the way the robot should face there, and release."
 
 
 class PlaceActions:
@@ -76,7 +76,7 @@ class PlaceActions:
         self._actions.ask(requests.POSE_CAPTURE, params, "Not moved", captured)
 
     def point_move(self, place: SavedPose) -> None:
-        """Let the person point out where a place shall be."""
+        """Let the person point out where a place should be."""
 
         def pointed_out(pointed: Pointed) -> None:
             pose = self._aiming.pose_at(pointed, place.pose.yaw)
@@ -89,30 +89,30 @@ class PlaceActions:
         """Forget a place."""
 
         def deleted(_: Any) -> None:
-            self._remember(f"Delete “{place.name}”", lambda: self._put(place, "Not brought back"))
+            self._remember(f"Delete “{place.name}”", lambda: self._put(place, "Not restored"))
             tours = [tour.name for tour in self._tours() if _stops_at(tour, place.name)]
             if tours:
                 listed = ", ".join(f"“{name}”" for name in tours[:5])
-                text = f"These tours stop there and cannot find it now: {listed}."
+                text = f"These tours stop there and can no longer find it: {listed}."
                 self._actions.tell(f"“{place.name}” is gone", text, "warn")
 
         self._actions.ask(requests.POSES_DELETE, Named(name=place.name), "Not deleted", deleted)
 
     # Inside.
     def _new_name(self, name: str) -> str:
-        """The name without blanks around it; "" (and told) where it cannot be a new one's."""
+        """The name without blanks around it; "" and a notice where it cannot be a new place's."""
         name = name.strip()
         if not name:
             self._actions.tell("Not saved", "Give the place a name first.", "warn")
             return ""
         if self.stored(name) is not None:
-            text = f"There is a place called “{name}” already: take another name."
+            text = f"There is already a place called “{name}”. Choose another name."
             self._actions.tell("Not saved", text, "warn")
             return ""
         return name
 
     def _saved(self, name: str, done: Callable[[str], None]) -> None:
-        self._actions.tell("Saved", f"This place is called “{name}” now.", "good")
+        self._actions.tell("Saved", f"This place is now called “{name}”.", "good")
         self._remember(
             f"Save “{name}”",
             lambda: self._actions.ask(requests.POSES_DELETE, Named(name=name), "Not deleted"),
@@ -150,7 +150,7 @@ class PlaceActions:
                     led = _led_to(tour, before.name, after.name)
                     self._actions.ask(requests.TOURS_PUT, led, f"“{tour.name}” was not changed")
             old = Named(name=before.name)
-            self._actions.ask(requests.POSES_DELETE, old, "The old name stays", deleted)
+            self._actions.ask(requests.POSES_DELETE, old, "The old name was not deleted", deleted)
 
         def deleted(_: Any) -> None:
             if not is_undo:

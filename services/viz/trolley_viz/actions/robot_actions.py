@@ -1,4 +1,4 @@
-"""What the buttons do: requests to the selected robot, and what people are told of the answers."""
+"""What the buttons do: requests to the selected robot, and notices about the answers."""
 
 from collections.abc import Callable
 from typing import Any, Literal
@@ -23,7 +23,7 @@ Tell = Callable[[str, str, Tone], None]
 
 
 class RobotActions:
-    """Requests on behalf of whoever pressed the button; all on the service's thread."""
+    """Requests from one browser; all on the service's thread."""
 
     def __init__(
         self,
@@ -37,19 +37,19 @@ class RobotActions:
         self._view = view
         self.tell = tell
         self.history = History()
-        """What the person did, to be taken back."""
+        """What the person did and can undo."""
         self.goal_queue = GoalQueue()
-        """What the person lines up to be driven."""
+        """The goals that the person has queued."""
 
     def forget(self) -> None:
-        """Forget what was done and lined up, as when another robot is followed."""
+        """Forget what was done and queued, as when another robot is followed."""
         self.history.clear()
         self.goal_queue.collect(is_on=False)
         self.goal_queue.clear()
 
     # Goals.
     def choose_place(self, name: str) -> None:
-        """Drive to a saved pose, or line it up where places are collected."""
+        """Drive to a saved pose, or queue it while goals are being collected."""
         if not self.goal_queue.is_collecting:
             self.send_goal(SendGoal(id=self._service.new_id(), name=name), name)
             return
@@ -58,42 +58,42 @@ class RobotActions:
                 self.line_up(is_added=self.goal_queue.add_place(name, place.pose))
 
     def steer(self, action: str) -> None:
-        """Do "Pause", "Go on" or "Cancel" to what is under way: the trip, or else the goal."""
+        """Do "Pause", "Continue" or "Cancel" to what is under way: the trip, or else the goal."""
         streams = self._view().streams
         goal = streams.latest(topics.GOAL)
         what = what_is_under_way(goal, streams.latest(topics.TOUR))
         if not what:
-            self.tell(f"{action}: not done", "The robot is not on its way to anywhere.", "idle")
+            self.tell(f"{action}: not done", "The robot is not going anywhere.", "idle")
         elif what == "trip":
-            self.steer_tour({"Pause": "Pause", "Go on": "Resume", "Cancel": "End"}[action])
+            self.steer_tour({"Pause": "Pause", "Continue": "Resume", "Cancel": "End"}[action])
         else:
             self.steer_goal(action, goal)
 
     def steer_goal(self, action: str, goal: GoalStatus | None) -> None:
-        """Do "Pause", "Go on" or "Cancel" to this goal and no newer one."""
+        """Do "Pause", "Continue" or "Cancel" to this goal and no newer one."""
         request = {
             "Pause": requests.GOAL_PAUSE,
-            "Go on": requests.GOAL_RESUME,
+            "Continue": requests.GOAL_RESUME,
             "Cancel": requests.GOAL_CANCEL,
         }[action]
         which = WhichGoal(id=None if goal is None else goal.id)
         self.ask(request, which, f"{action}: not done")
 
     def start_goal_queue(self) -> None:
-        """Drive what has been lined up, one place after the other."""
+        """Drive to the queued goals, one after the other."""
         tour = self.goal_queue.tour()
         if tour is not None:
             self.ask(
                 requests.TOUR_START,
                 StartTour(tour=tour),
-                "It does not set off",
+                "The robot did not set off",
                 self.goal_queue.set_off,
             )
 
     # The pose.
     def find(self) -> None:
         """Let the robot search for itself on the whole map."""
-        self.ask(requests.POSE_FIND, Nothing(), "The robot does not search")
+        self.ask(requests.POSE_FIND, Nothing(), "The robot cannot search")
 
     # Tours.
     def start_tour(self, name: str) -> None:
@@ -134,9 +134,9 @@ class RobotActions:
 
     # Inside.
     def line_up(self, *, is_added: bool) -> None:
-        """Say where the row of places has become too long."""
+        """Tell the person where the queue is full."""
         if not is_added:
-            self.tell("Not added", f"There are {MAX_STOPS} places in the row already.", "warn")
+            self.tell("Not added", f"There are already {MAX_STOPS} places in the row.", "warn")
 
     def send_goal(self, goal: SendGoal, title: str) -> None:
         """Drive somewhere; `title` says where, to be taken back."""
@@ -152,7 +152,7 @@ class RobotActions:
             undo = Step(f"Go to {title}", lambda: self._go_back(before, status), holds)
             self.history.add(undo)
 
-        self.ask(requests.GOAL_SEND, goal, "The robot does not go there", sent)
+        self.ask(requests.GOAL_SEND, goal, "The robot cannot go there", sent)
 
     def _go_back(self, before: GoalStatus | None, sent: GoalStatus) -> None:
         """Drive to where it was driving before this goal was sent, or nowhere."""
@@ -163,7 +163,7 @@ class RobotActions:
             self.steer_tour("Resume")
         else:
             goal = SendGoal(id=self._service.new_id(), pose=before.pose, frame=before.frame)
-            self.ask(requests.GOAL_SEND, goal, "The robot does not go back")
+            self.ask(requests.GOAL_SEND, goal, "The robot cannot go back")
 
 
 def what_is_under_way(

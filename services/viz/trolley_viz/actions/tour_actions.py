@@ -45,7 +45,7 @@ class TourActions:
             if self._robot() == robot:  # else the requests would go to another one
                 if before is not None and renamed:
                     old = Named(name=before.name)
-                    self._actions.ask(requests.TOURS_DELETE, old, "The old name is still there")
+                    self._actions.ask(requests.TOURS_DELETE, old, "The old name was not deleted")
                 self._actions.history.add(Step(f"Save the tour {tour.name}", undo))
             self._actions.tell("Saved", f"The tour {tour.name} is saved.", "good")
             saved()

@@ -1,4 +1,4 @@
-"""What one browser shows and takes while somebody draws: the floor, the outline, the handles.
+"""The canvas of one browser while somebody draws: the floor, the outline, the handles.
 
 viser tells of presses, drags and releases, not of a pointer that merely hovers: the line to the
 next corner is seen while it is dragged.
@@ -20,9 +20,9 @@ from trolley_viz.pointing.pointer import add_floor
 from trolley_viz.scene.layer import WALL_HEIGHT
 
 REACH_SHARE = 0.015
-"""How near is "at the same place", as a share of the way from the eye."""
+"""How near is "at the same place", as a share of the distance from the camera."""
 HANDLE_SHARE = 0.011
-"""Size of a handle, as a share of the way from the eye; the one that moves all is larger."""
+"""Size of a handle: a share of the distance from the camera; the one that moves all is larger."""
 MAX_HANDLES = 100
 Z_SKETCH = WALL_HEIGHT + 0.05
 
@@ -44,7 +44,7 @@ OCTAHEDRON_FACES = np.array(
 
 @dataclass(frozen=True)
 class PointerHandlers:
-    """What is done with the pointer's doings; points are x, y [m], reaches [m]."""
+    """What to call for the pointer; points are x, y [m], reaches [m]."""
 
     tapped: Callable[[Point, float], None]
     """Pressed and released at a point; within the reach is the same place."""
@@ -54,11 +54,11 @@ class PointerHandlers:
 
 
 class Canvas:
-    """The scene of one browser, as far as drawing goes; on the service's thread.
+    """Shows an outline in the scene of one browser and takes the pointer; on the service's thread.
 
     Args:
         client: the browser.
-        drags: tells which ends of drags are meant.
+        drags: tells which drags and clicks were meant.
     """
 
     def __init__(self, client: viser.ClientHandle, drags: Drags) -> None:
@@ -119,7 +119,7 @@ class Canvas:
     def show_handles(
         self, sketch: Sketch | None, moved: Callable[[Phase, int, Point], None] | None = None
     ) -> None:
-        """Offer handles for the corners, and one more in their midst for the whole.
+        """Offer handles for the corners, and one more in the middle that moves the whole.
 
         Args:
             sketch: what they belong to; None: none.
@@ -230,7 +230,7 @@ class Canvas:
 
 
 def handle_places(sketch: Sketch) -> NDArray[np.float32]:
-    """Where the handles are (n, 3): at the corners unless there are too many, and in the midst."""
+    """Where the handles are (n, 3): at the corners unless there are too many, and in the middle."""
     corners = list(sketch.points) if len(sketch.points) <= MAX_HANDLES else []
     points = np.array([*corners, sketch.middle])
     return np.column_stack([points, np.full(len(points), Z_SKETCH)]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What the localizer proposes to change on the map: drawn, and offered to one browser's person."""
+"""Map changes that the localizer proposes: drawn, and offered for confirmation in a browser."""
 
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
@@ -27,7 +27,7 @@ LABELS = {"appeared": "new?", "gone": "gone?"}
 
 
 class ChangeMarks:
-    """The proposals that this browser's person has not put off."""
+    """The proposals that have not been put off in this browser."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
@@ -38,7 +38,7 @@ class ChangeMarks:
         """The surest first."""
 
     def put_off(self, map_name: str, changes: Collection[MapChange]) -> None:
-        """Do not offer some changes in this browser until it is opened anew."""
+        """Do not offer some changes in this browser until it is opened again."""
         self._put_off |= {(map_name, one.id) for one in changes}
 
     def update(self, view: View, *, is_shown: bool) -> None:
@@ -94,7 +94,7 @@ class ChangeMarks:
 
 
 class ChangeRequests:
-    """Asks that proposals are put on the map, or not made again.
+    """Asks the robot to put proposals on the map, or not to make them again.
 
     Args:
         service: asks.
@@ -136,7 +136,7 @@ class ChangeRequests:
         def finish(reply: MapEdited | Refused) -> None:
             self.is_busy = False
             if not isinstance(reply, Refused):
-                self._actions.tell("The map is changed", reply.message, "good")
+                self._actions.tell("The map was changed", reply.message, "good")
                 if robot == self._robot():
                     self._remember(reply.name)
             elif may_rename and reply.code == codes.EXISTS:
@@ -146,13 +146,13 @@ class ChangeRequests:
                 )
             else:
                 self._service.log.info("Refused", request="map/edit", code=reply.code)
-                self._actions.tell("The map is as it was", reply.message, "bad")
+                self._actions.tell("The map was not changed", reply.message, "bad")
 
         request_map_edit(self._service, params, finish, robot)
 
     def _rename(self, params: EditMap, names: list[str] | Refused) -> None:
         if isinstance(names, Refused):
-            self._actions.tell("The map is as it was", names.message, "bad")
+            self._actions.tell("The map was not changed", names.message, "bad")
             return
         as_name = free_name(params.name, names)
         self._edit(replace(params, as_name=as_name), may_rename=False)

@@ -1,4 +1,4 @@
-"""Mirrors that the localizer suspects: shown dashed, and offered to the person at one browser."""
+"""Mirrors that the localizer suspects: drawn dashed, and offered for confirmation."""
 
 import itertools
 import math
@@ -24,7 +24,7 @@ MAX_SHOWN = 20
 
 
 class SuspectLines:
-    """The suspects that this browser's person has not said No to."""
+    """The suspected mirrors that have not been dismissed in this browser."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene

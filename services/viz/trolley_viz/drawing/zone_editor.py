@@ -1,4 +1,4 @@
-"""Drawing and changing zones at one browser: what is under way, and what comes of it.
+"""The zone editor of one browser: what is being drawn or changed, and saving it.
 
 All of it on the service's thread. What is drawn is drawn in `map`, which is the frame that the
 scene shows as soon as there is a map.
@@ -32,12 +32,12 @@ SLOW_MPS = 0.15
 LINE_HINT = "Tap along it, corner by corner. Tap the last corner again when done."
 AREA_HINT = "Tap the corners one by one. Tap the first one again when done."
 PICK_HINT = "Tap a zone on the map."
-EDIT_HINT = "Drag a yellow corner, or the blue one to move it all."
+EDIT_HINT = "Drag a yellow corner, or the blue handle to move all of it."
 
 
 @dataclass
 class Form:
-    """What stands in the fields of the zone under way."""
+    """The fields of the zone being edited."""
 
     name: str = ""
     speed: float = SLOW_MPS
@@ -74,7 +74,7 @@ class ZoneEditor:
         """The zone that is being changed, as it was last seen."""
         self.form = Form()
         self.filled = 0
-        """Counts how often the form was filled in anew."""
+        """Counts how often the form was filled in."""
         self.hint = ""
         self._seen: Zones | None = None
         self._map = ""
@@ -154,16 +154,16 @@ class ZoneEditor:
             self.zone_requests.ask(Change(self.selected, None), lambda _: self.leave())
 
     def accept(self, suspect: SuspectLine) -> None:
-        """Store a suspected mirror as one."""
+        """Store a suspected mirror as a zone."""
         name = free_name("mirror", {zone.name for zone in self.zones})
         zone = as_zone(Sketch("mirror", outline_of(suspect.points)), name, None)
         self.zone_requests.ask(
             Change(None, zone),
-            lambda _: self._tell("Saved", f"The robot knows “{name}” now.", "good"),
+            lambda _: self._tell("Saved", f"The robot now knows “{name}”.", "good"),
         )
 
     def update(self) -> None:
-        """Follow what others do to the zones, and the eye."""
+        """Follow the zones that others change, and the camera."""
         if self.mode == "edit" and self.sketch is not None:
             self._canvas.resize_handles(self.sketch)
         zones = self._view().streams.latest(topics.ZONES)
@@ -200,10 +200,10 @@ class ZoneEditor:
         else:
             self.leave()
         if zone is not None:
-            self._tell("Saved", f"The robot minds “{zone.name}” from now on.", "good")
+            self._tell("Saved", f"The robot will respect “{zone.name}” from now on.", "good")
 
     def _snapped(self, point: Point) -> Point:
-        """Draw a corner of a mirror or glass line to the wall that it hangs on."""
+        """Snap a corner of a mirror or glass line to the wall that it hangs on."""
         view = self._view()
         grid = view.map
         if grid is None or self.kind not in LINES:
@@ -214,7 +214,7 @@ class ZoneEditor:
         if self.mode != "draw" or self.sketch is None:
             return
         at = self._snapped(point)
-        # Compared twice: the wall may have drawn the last corner away from where it was tapped.
+        # Compared twice: the last corner may have been snapped to a wall, away from the tap.
         if self.sketch.closes_at(at, reach_m) or self.sketch.closes_at(point, reach_m):
             self.done()
             return

@@ -1,4 +1,4 @@
-"""Storing, changing and deleting zones for the person at one browser, and taking it back."""
+"""Requests to store, change and delete zones from one browser, with undo."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Change:
 
 
 class ZoneRequests:
-    """Asks the robot's localizer, one change after the other.
+    """Asks the robot's localizer for one change at a time.
 
     Args:
         service: asks.
@@ -101,7 +101,9 @@ class ZoneRequests:
     def _take_back(self, change: Change, step: Step) -> None:
         """Take a change back, unless somebody changed that zone again."""
         if not self.is_busy and self._stored(change.name) != change.after:
-            self._tell("Not undone", f"Somebody else changed “{change.name}” since.", "warn")
+            self._tell(
+                "Not undone", f"Somebody else has changed “{change.name}” since then.", "warn"
+            )
             return
         # What is refused can be tried again.
         self._make(change.reversed(), lambda _: None, lambda: self._history.add(step))
@@ -122,7 +124,7 @@ class ZoneRequests:
         elif after is None and before is not None:
             self._send(requests.ZONES_DELETE, Named(name=before.name), made, refused)
         elif after is not None and before is not None:
-            # The new one first: a mirror that is there twice does no harm, one that is gone does.
+            # The new one first: a mirror stored twice does no harm, a missing one does.
             old = Named(name=before.name)
             self._send(
                 requests.ZONES_PUT,
@@ -137,11 +139,11 @@ class ZoneRequests:
         """Why a change cannot be asked for now; "" if it can."""
         before, after = change.before, change.after
         if self.is_busy:
-            return "The last change is not saved yet."
+            return "The last change has not been saved yet."
         if after is None or (before is not None and before.name == after.name):
             return ""
         taken = self._stored(after.name) is not None
-        return f"There is a zone called “{after.name}” already." if taken else ""
+        return f"There is already a zone called “{after.name}”." if taken else ""
 
     def _send(
         self,

@@ -1,4 +1,4 @@
-"""Several places in a row: what one person has lined up to be driven, before it is driven."""
+"""A queue of goals that one person makes before the robot drives to them."""
 
 import math
 from dataclasses import dataclass

@@ -154,18 +154,18 @@ class Draft:
         problem = name_problem(name)
         if problem is not None:
             return [f"Choose another name: {problem}."]
-        return [f"There is another tour called “{name}”."] if name in taken else []
+        return [f"There is already a tour called “{name}”."] if name in taken else []
 
     def _point_problems(self, find: Find) -> list[str]:
         problems: list[str] = []
         if not self.points:
             problems.append("Add at least one place.")
         elif all(point.passes for point in self.points):
-            problems.append("The robot only passes by everywhere: let it stop somewhere.")
+            problems.append("The robot would not stop anywhere. Let it stop somewhere.")
         elif self.points[-1].passes:
-            problems.append("The robot only passes the last point: let it stop there.")
+            problems.append("The robot would not stop at the last point. Let it stop there.")
         names = dict.fromkeys(point.name for point in self.points if point.where(find) is None)
-        problems += [f"There is no place “{name}” any more." for name in names]
+        problems += [f"The place “{name}” no longer exists." for name in names]
         if sum(not point.passes for point in self.points) > MAX_STOPS:
             problems.append(f"A tour has at most {MAX_STOPS} stops.")
         if sum(point.passes for point in self.points) > MAX_PASSED:

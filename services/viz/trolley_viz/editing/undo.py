@@ -1,4 +1,4 @@
-"""Taking back: what one browser did last, and how to undo it."""
+"""Undo: what was done last in one browser, and how to take it back."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

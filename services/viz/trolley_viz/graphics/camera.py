@@ -54,7 +54,7 @@ UNKNOWN_MAP: Bounds = (-4.0, -3.0, 4.0, 3.0)
 
 
 def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
-    """Let new browsers begin with this view, and "Reset View" come back to it."""
+    """Start new browsers with this view; "Reset View" returns to it."""
     position, look_at = stand(bounds, INITIAL_ASPECT)
     server.initial_camera.fov = FIELD_OF_VIEW
     server.initial_camera.position = position

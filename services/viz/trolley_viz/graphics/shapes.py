@@ -134,7 +134,7 @@ def particle_segments(
 
 
 def wall_rectangles(mask: NDArray[np.bool_]) -> NDArray[np.int64] | None:
-    """Cover the set cells of a grid with rectangles: runs of cells, joined over equal rows.
+    """Cover the set cells of a grid with rectangles: runs of cells, merged over equal rows.
 
     Returns:
         (k, 4) first row, row past the end, first column, column past the end; None where the grid

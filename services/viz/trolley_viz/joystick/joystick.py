@@ -37,7 +37,7 @@ class Grip(Struct, frozen=True, kw_only=True):
 
 @dataclass
 class _Delay:
-    """The shortest way of a browser's messages, as the difference of two clocks."""
+    """The shortest delay of a browser's messages, as the difference of two clocks."""
 
     offset_ms: float
     heard_ns: int
@@ -77,13 +77,13 @@ class Joystick:
         self._delays.pop(who, None)
 
     def bar(self, who: int) -> None:
-        """Let a browser press anew before it holds."""
+        """Make a browser let go and press again before it holds."""
         if self.holder == who:
             self.holder = None
         self._barred.add(who)
 
     def drop(self) -> None:
-        """Take it out of whoever's hand; it has to be pressed anew."""
+        """Make whoever holds it let go and press again."""
         if self.holder is not None:
             self.bar(self.holder)
 
@@ -99,7 +99,7 @@ class Joystick:
             self.holder = None
 
     def _is_late(self, who: int, grip: Grip, now_ns: int) -> bool:
-        """Whether a message has waited on its way, as in a connection that hung for a while."""
+        """Whether a message was delayed, as by a connection that hung for a while."""
         offset_ms = now_ns * 1e-6 - grip.sent_ms
         delay = self._delays.setdefault(who, _Delay(offset_ms, now_ns))
         shortest_ms = delay.offset_ms + DRIFT * (now_ns - delay.heard_ns) * 1e-6

@@ -14,12 +14,12 @@ from trolley_viz.sentences import AWAY, StatusLine, Tone, base_line, goal_line
 from trolley_viz.server.sockets import Sockets
 
 SOMEBODY_ELSE = StatusLine(
-    "Somebody else drives", "warn", "Let go and press again when they are done."
+    "Somebody else is driving", "warn", "Let go, and press again when they are done."
 )
 
 
 class PadState(Struct, frozen=True, kw_only=True):
-    """What a browser is told: whether it may drive, how fast [m/s], and what there is to say."""
+    """What a browser is sent: whether it may drive, how fast [m/s], and a sentence."""
 
     can: bool
     mine: bool

@@ -1,4 +1,4 @@
-"""What one person is making of a map: the operations so far, and the map that they give."""
+"""A map being edited by one person: the operations so far, and the resulting map."""
 
 from dataclasses import dataclass, replace
 
@@ -45,7 +45,7 @@ class Draft:
         return replace(self.add(op), walls=(*self.walls, (len(self.ops), tuple(walls))))
 
     def turned(self, angle: float, about: tuple[float, float]) -> "Draft":
-        """Let the last turn be by this angle [rad], or turn about a point if there is none."""
+        """Set the angle of the last turn [rad], or turn about a point if there is none."""
         last = self.ops[-1] if self.ops else None
         if isinstance(last, Turn):
             before = self.take_back()
@@ -59,7 +59,7 @@ class Draft:
         return last.angle if isinstance(last, Turn) else 0.0
 
     def take_back(self) -> "Draft":
-        """Leave out what was done last."""
+        """Drop the last operation."""
         kept = len(self.ops) - 1
         walls = tuple(one for one in self.walls if one[0] < kept)
         return Draft(self.ops[:-1], walls)

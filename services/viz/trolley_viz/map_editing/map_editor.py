@@ -1,4 +1,4 @@
-"""Changing the map at one browser: the tool, what was done, and storing it.
+"""The map editor of one browser: the tool, the steps so far, and saving.
 
 All of it on the service's thread. The robot is asked once, at the end: until then only this browser
 sees what becomes of the map.
@@ -40,9 +40,9 @@ from trolley_viz.scene.map_layers import MapModel
 Tool = Literal["look", "erase", "wall", "crop"]
 HINTS: dict[Tool, str] = {
     "look": "",
-    "erase": "Drag over what is to be erased.",
+    "erase": "Drag over what should be erased.",
     "wall": "Drag from one end of the wall to the other, or tap both ends.",
-    "crop": "Drag from one corner to the other of what is to be kept.",
+    "crop": "Drag from corner to corner of what should be kept.",
 }
 BRUSH_M, WALL_M = 0.25, 0.1
 # A point of a stroke is taken when it is so far from the last [share of the brush's width].
@@ -85,7 +85,7 @@ class MapEditor:
         self.to_unknown = False
         self.as_name = ""
         self.filled = 0
-        """Counts how often the fields were filled in anew."""
+        """Counts how often the fields were filled in."""
         self.draft = Draft()
         self.maps: Sequence[str] = ()
         """The other maps, to be merged."""
@@ -162,7 +162,7 @@ class MapEditor:
                 self._message = grid
                 return
             self.leave()
-            self._tell("Map changed", "The robot's map has changed; begin anew.", "warn")
+            self._tell("Map changed", "The robot's map has changed. Please start again.", "warn")
 
     # Doing.
     def turn_to(self, degrees: float) -> None:
@@ -182,7 +182,7 @@ class MapEditor:
             if not self.is_open or self.draft is not draft:
                 return
             if abs(angle) < math.radians(0.05):
-                self._tell("Straight", "The walls are straight already.", "idle")
+                self._tell("Straight", "The walls are already straight.", "idle")
                 return
             self._put(draft.turned(draft.last_turn + angle, self._middle()))
 
@@ -218,7 +218,7 @@ class MapEditor:
         if not self.is_open or self._message is None or self.is_busy:
             return
         if not self.draft.ops:
-            self._tell("Nothing to save", "Nothing was changed yet.", "idle")
+            self._tell("Nothing to save", "Nothing has been changed yet.", "idle")
             return
         params = EditMap(
             name=self._message.name, ops=list(self.draft.ops), as_name=self._other_name()
@@ -238,7 +238,7 @@ class MapEditor:
             params = EditMap(name=grid.name, ops=[TakeBack()])
             self._ask(params, lambda reply: self._tell("Undone", reply.message, "good"))
 
-    # PointerHandlers.
+    # What the pointer does.
     def _tapped(self, point: Point, _reach_m: float) -> None:
         if self.tool == "erase":
             self._finish([point])

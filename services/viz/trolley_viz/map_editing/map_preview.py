@@ -1,4 +1,4 @@
-"""The map that is being made, in one browser's scene, in place of the one that is stored."""
+"""The map being edited, shown in one browser's scene in place of the stored one."""
 
 import numpy as np
 import viser

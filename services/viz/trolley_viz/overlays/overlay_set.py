@@ -29,7 +29,7 @@ class OverlaySet:
         """How many there are too many to show."""
 
     def update(self, view: View) -> None:
-        """Take over which overlays there are, and what their sources say of the frames."""
+        """Update which overlays there are, and sample the relations of frames they show."""
         self.put(view.streams.by_parts(topics.OVERLAY))
         self.sample(lambda wanted: frames_of(view.streams, view.robot_ns, wanted), view.now_ns)
 
@@ -64,7 +64,7 @@ class OverlaySet:
         return overlay.items[index]
 
     def csv(self, name: str) -> str | None:
-        """What is kept of an overlay's value, None where it has none."""
+        """The recorded values of an overlay as CSV, None where it has none."""
         overlay = self._overlays.get(name)
         reading = None if overlay is None else self._reading(overlay)
         if overlay is None or reading is None:

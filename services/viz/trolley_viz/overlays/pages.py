@@ -13,7 +13,7 @@ from trolley_viz.server.sockets import Sockets
 
 
 class Click(Struct, frozen=True, kw_only=True):
-    """What a browser says: an item of a menu was clicked, or its CSV is wanted."""
+    """What a browser sends: an item of a menu was clicked, or its CSV is wanted."""
 
     id: str
     index: int | None = None
@@ -28,7 +28,7 @@ class File(Struct, frozen=True):
 
 
 class OverlayUpdate(Struct, frozen=True, kw_only=True):
-    """What a browser is told: which overlays there are, and how those look that changed."""
+    """What a browser is sent: which overlays there are, and the cards that changed."""
 
     order: list[str] = []
     cards: dict[str, Card] = {}

@@ -44,7 +44,7 @@ class Console:
             gui, session.folder, session.follow, session.press_stop_all, post
         )
         if not session.may_drive:
-            gui.add_html(note("This link is for looking; only STOP acts on the robot."))
+            gui.add_html(note("You may look, but not drive. STOP works."))
         self._go: GoTab | None = None
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
@@ -116,7 +116,7 @@ class Console:
         self._more.close_plot()
 
     def _silent(self, view: View) -> frozenset[str]:
-        """The services of the robot that were heard of and are not any more."""
+        """The services of the robot that have fallen silent."""
         robot, now_ns = self._session.robot, view.now_ns
         for (name,), one in view.streams.by_parts(topics.HEALTH).items():
             before = self._health.get((robot, name))
@@ -130,7 +130,7 @@ class Console:
 
 
 def robot_state(view: View, silent: frozenset[str]) -> RobotState:
-    """Gather what the sentence about the robot is made from."""
+    """Gather what the sentence about the robot depends on."""
     streams = view.streams
     estimate, saved = streams.latest(topics.POSE), streams.latest(topics.POSES)
     trip = streams.latest(topics.TOUR)

@@ -29,7 +29,7 @@ class Branch:
 
 
 class FrameTreePanel:
-    """Built anew when frames come or go."""
+    """Rebuilt when frames come or go."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._gui = gui
@@ -98,7 +98,7 @@ def missing_links(placement: Placement) -> list[str]:
 
 
 def link_age(link: Link, robot_ns: int | None) -> str:
-    """How old a link is; it is not said while the robot's clock is silent."""
+    """Write how old a link is; nothing while the robot's clock is silent."""
     if link.stamp_ns is None:
         return "fixed"
     return "" if robot_ns is None else age_text((robot_ns - link.stamp_ns) * 1e-9)

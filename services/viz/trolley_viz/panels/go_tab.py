@@ -16,8 +16,8 @@ from trolley_viz.sentences import UNDER_WAY, goal_name
 from trolley_viz.session.session import Session
 from trolley_viz.threads import handler
 
-POINT_GOAL, POINT_POSE, LEAVE = "Go to …", "Set pose …", "Press again to leave"
-NO_PLACES = "No place is saved yet: drive to one and save it under “Map”."
+POINT_GOAL, POINT_POSE, LEAVE = "Go to …", "Set pose …", "Press again to cancel"
+NO_PLACES = "No places saved yet. Drive to one and save it under “Map”."
 
 
 class GoTab:
@@ -28,7 +28,7 @@ class GoTab:
         self._actions, self._aiming = actions, aiming
         gui.add_html(MARK)
         self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE, color=AMBER)
-        self._go_on = gui.add_button("Go on", icon=viser.Icon.PLAYER_PLAY, color=GREEN)
+        self._go_on = gui.add_button("Continue", icon=viser.Icon.PLAYER_PLAY, color=GREEN)
         self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color=GREY)
         for button in (self._pause, self._go_on, self._cancel):
             button.on_click(handler(post, lambda _, __, action=button.label: actions.steer(action)))
@@ -40,7 +40,7 @@ class GoTab:
         gui.add_html(heading("On the map") + SMALL)
         self._point = gui.add_button(POINT_GOAL, icon=viser.Icon.MAP_PIN, color=GREEN)
         self._set = gui.add_button(POINT_POSE, icon=viser.Icon.CURRENT_LOCATION, color=TEAL)
-        self._find = gui.add_button("Find yourself", icon=viser.Icon.SEARCH, color=GREY)
+        self._find = gui.add_button("Find position", icon=viser.Icon.SEARCH, color=GREY)
         self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
         self._point.on_click(handler(post, lambda _, __: aiming.toggle(GO_TO)))
         self._set.on_click(handler(post, lambda _, __: aiming.toggle(SET_POSE)))

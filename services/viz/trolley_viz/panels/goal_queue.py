@@ -1,4 +1,4 @@
-"""Several places in a row: lined up by pressing them, then driven one after the other."""
+"""Several places in a row: queued by pressing them, then driven one after the other."""
 
 import html
 
@@ -12,9 +12,9 @@ from trolley_viz.panels.markup import note
 from trolley_viz.panels.tiles import MARK, SMALL
 from trolley_viz.threads import Post, handler
 
-BEGIN, END = "Choose places …", "Chosen"
-HOW = "Press “Choose places …”, then the places one after the other, or the map."
-CHOOSING = "Press places here or on the map; then press Start."
+BEGIN, END = "Choose places …", "Done choosing"
+HOW = "Press “Choose places …”, then the places in order, here or on the map."
+CHOOSING = "Press places here or on the map, then press Start."
 
 
 class GoalQueuePanel:
@@ -37,7 +37,7 @@ class GoalQueuePanel:
         self._clear.on_click(handler(post, lambda _, __: goal_queue.clear()))
 
     def update(self, trip: TourStatus | None) -> None:
-        """Show what is lined up."""
+        """Show the queue."""
         goal_queue = self._actions.goal_queue
         goal_queue.follow(trip)
         how = CHOOSING if goal_queue.is_collecting else "" if goal_queue.items else HOW

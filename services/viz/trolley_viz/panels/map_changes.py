@@ -1,4 +1,4 @@
-"""The card that offers to put on the map what has come or gone."""
+"""The card that offers to update the map where things have appeared or gone."""
 
 import viser
 
@@ -15,7 +15,7 @@ MAX_LISTED = 5
 
 
 class ChangePanel:
-    """Says what the robot found changed, and takes the answer."""
+    """Lists the changes that the robot found, and takes the answer."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session

@@ -85,7 +85,9 @@ class PlotPanel:
             names = (NO_TOPIC, *(one.name for one in topics.TOPICS if one.kind is Kind.STREAM))
             topic = gui.add_dropdown("Topic", names, initial_value=NO_TOPIC)
             self._fields = gui.add_dropdown("Field", none, disabled=True)
-            self._source = gui.add_text("Value", "", hint="Such as odom:twist.vx or scan:ranges[0]")
+            self._source = gui.add_text(
+                "Value", "", hint="For example odom:twist.vx or scan:ranges[0]"
+            )
             self._window = gui.add_dropdown("Time", tuple(WINDOWS_S), initial_value="1 min")
             self._is_fixed = gui.add_checkbox("Fixed range", False)
             self._low = gui.add_number("From", 0.0, visible=False)
@@ -117,7 +119,7 @@ class PlotPanel:
         self._picture.content = self._drawn(readings.of(self._text), view)
 
     def close(self) -> None:
-        """Follow nothing any more."""
+        """Stop following."""
         if self._readings is not None:
             self._readings.drop_all()
             self._readings = None

@@ -26,7 +26,7 @@ from trolley_viz.session.robot_scene import follow_values
 from trolley_viz.session.session import Session
 from trolley_viz.threads import handler
 
-GROUPS: tuple[Group, ...] = ("Robot", "Senses", "Driving", "Map")
+GROUPS: tuple[Group, ...] = ("Robot", "Sensing", "Driving", "Map")
 BEAMS = [
     ("echo of something on the map", 0),
     ("not on the map", 1),
@@ -94,7 +94,7 @@ class LayerPanel:
             for kind in LAYERS:
                 if kind.group == group:
                     self._boxes[kind] = gui.add_checkbox(kind.title, shown[kind.key])
-            if group == "Senses":
+            if group == "Sensing":
                 beams = [(text, _rgb(BEAM_COLOURS[i].tolist())) for text, i in BEAMS]
                 gui.add_html(note("Laser scan") + swatches(beams))
             elif group == "Map":
@@ -132,7 +132,7 @@ def position_rows(view: View) -> list[tuple[str, ...]]:
         rows.append(("standard deviation", _deviations(estimate)))
     error = error_of(view)
     if error is not None:
-        rows.append(("really off by", error.text))
+        rows.append(("actual error", error.text))
     if view.robot_ns is not None:
         rows.append(("age", age_text((view.robot_ns - estimate.stamp_ns) * 1e-9)))
     return rows

@@ -17,7 +17,7 @@ from trolley_viz.threads import Post, handler
 SHOWN_AT_ONCE = 20
 MAX_RESULTS = 50
 ALL_TOURS: str = "all tours"
-UNNAMED = "without a name"
+UNNAMED = "unnamed"
 _TRIP = (
     '<details style="padding:0.3em 0.8em;line-height:1.35;overflow-wrap:anywhere">'
     '<summary style="cursor:pointer;padding:0.2em 0">'
@@ -74,14 +74,14 @@ class PastTripsPanel:
 def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
     """The trips, each of which opens to what came of its stops."""
     problem = (
-        row(StatusLine("Past trips are not known just now", "warn", past.problem))
+        row(StatusLine("Past trips are not available right now", "warn", past.problem))
         if past.problem
         else ""
     )
     if past.trips is None:
-        return problem or note("Asking …")
+        return problem or note("Loading …")
     if not past.trips:
-        return problem + note("There was no trip yet.")
+        return problem + note("No trips yet.")
     return problem + "".join(map(_trip, trips))
 
 
@@ -96,7 +96,7 @@ def _trip(trip: PastTrip) -> str:
         colour=TONES[tone_of(trip)],
         title=html.escape(" · ".join(filter(None, title))),
         summary=html.escape(summary(trip)),
-        results=results or note("It had not come to a stop yet."),
+        results=results or note("It had not reached a stop yet."),
     )
 
 

@@ -58,8 +58,8 @@ class PlacePanel:
         self._icon = gui.add_dropdown("Icon", tuple(ICONS))
         self._note = gui.add_text("Note", "", visible=False)
         self._save = gui.add_button("Save changes", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
-        self._here = gui.add_button("Save where it stands", icon=viser.Icon.ROBOT, color=GREEN)
-        self._point = gui.add_button("Show on the map …", icon=viser.Icon.MAP_PIN, color=TEAL)
+        self._here = gui.add_button("Save where the robot is", icon=viser.Icon.ROBOT, color=GREEN)
+        self._point = gui.add_button("Point on the map …", icon=viser.Icon.MAP_PIN, color=TEAL)
         self._delete = gui.add_button("Delete", icon=viser.Icon.TRASH, color=GREY)
         self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
         self._place.on_update(handler(post, lambda _, __: self._choose()))
@@ -80,8 +80,8 @@ class PlacePanel:
             self._fill(chosen)
         is_new = chosen is None
         self._save.visible = self._delete.visible = self._note.visible = not is_new
-        self._here.label = "Save where it stands" if is_new else "Move to where it stands"
-        self._point.label = "Show on the map …" if is_new else "Move on the map …"
+        self._here.label = "Save where the robot is" if is_new else "Move to where the robot is"
+        self._point.label = "Point on the map …" if is_new else "Move on the map …"
         show_undo(self._undo, self._actions.history)
 
     # Inside.

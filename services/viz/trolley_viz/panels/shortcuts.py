@@ -31,10 +31,10 @@ def shortcuts(session: Session) -> list[Shortcut]:
     return [
         Shortcut("Go to …", "G", viser.Icon.MAP_PIN, aiming.point_goal),
         Shortcut("Set pose …", "P", viser.Icon.CURRENT_LOCATION, aiming.point_pose),
-        Shortcut("Leave what you point at or draw", "escape", viser.Icon.X, session.put_tools_away),
-        Shortcut("Find yourself", "F", viser.Icon.SEARCH, actions.find),
+        Shortcut("Cancel pointing or drawing", "escape", viser.Icon.X, session.put_tools_away),
+        Shortcut("Find position", "F", viser.Icon.SEARCH, actions.find),
         Shortcut("Pause", "H", viser.Icon.PLAYER_PAUSE, lambda: actions.steer("Pause")),
-        Shortcut("Go on", "O", viser.Icon.PLAYER_PLAY, lambda: actions.steer("Go on")),
+        Shortcut("Continue", "O", viser.Icon.PLAYER_PLAY, lambda: actions.steer("Continue")),
         Shortcut("Cancel", "X", viser.Icon.CIRCLE_X, lambda: actions.steer("Cancel")),
         Shortcut("Undo", "U", viser.Icon.ARROW_BACK_UP, actions.history.undo),
         Shortcut("Show the whole map", "V", viser.Icon.MAXIMIZE, session.fit_view),
@@ -52,7 +52,7 @@ def add_shortcuts(gui: viser.GuiApi, session: Session) -> str:
             rows.append((one.key.title(), one.title))
         rows.append(("J", "Drive by hand: open and close the joystick"))
     rows.append(("Ctrl+K", "Search all commands"))
-    return note("They do nothing while you type into a field.") + table(rows)
+    return note("Keys do nothing while you are typing in a field.") + table(rows)
 
 
 def _trigger(session: Session, act: Callable[[], None]) -> Callable[[Any], Any]:

@@ -108,7 +108,7 @@ class StopBar:
         )
 
     def show(self, line: StopLine | None, *, is_stopped: bool) -> None:
-        """Say what came of the last press. A stopped robot lights up Resume."""
+        """Show the outcome of the last press. A stopped robot lights up Resume."""
         text, is_alarm = (line.text, line.is_alarm) if line is not None else ("", False)
         if line is None and is_stopped:
             text = "Stopped"

@@ -15,7 +15,7 @@ SILENT_S = 3.0
 
 
 class StreamPanel:
-    """For reading; nothing can be pressed."""
+    """Read-only."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._services = gui.add_html("")
@@ -34,7 +34,7 @@ class StreamPanel:
             service_line(name, one, (view.now_ns - heard.get((name,), 0)) * 1e-9)
             for (name,), one in sorted(health.items())
         ]
-        show(self._services, content="".join(map(row, lines)) or note("No service is heard."))
+        show(self._services, content="".join(map(row, lines)) or note("No services heard."))
         self._count(view)
         rows = [
             (name, f"{self._rates[name]:.1f} Hz" if name in self._rates else "…")
@@ -61,7 +61,7 @@ def service_line(name: str, health: Health, age_s: float) -> StatusLine:
     heard = age_text(age_s, SILENT_S)
     if age_s > SILENT_S:
         return StatusLine(
-            f"{name}: silent", "bad", f"last heard {heard} ago. It said: {health.state}"
+            f"{name}: silent", "bad", f"last heard {heard} ago, when it said: {health.state}"
         )
     detail = f"{health.message.rstrip('.')}. {takes}" if health.message else takes
     return StatusLine(f"{name}: {health.state}", TONES[health.state], detail)

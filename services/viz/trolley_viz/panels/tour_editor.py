@@ -23,9 +23,9 @@ from trolley_viz.session.session import Session
 from trolley_viz.threads import Post, handler
 
 TOUR_POINT = "tour_point"
-POINT_HINT = "Press where it shall stop, drag to where it shall look, release."
+POINT_HINT = "Press where it should stop, drag the way it should face, and release."
 CHOOSE: str = "choose …"
-HERE, POINT_OUT = "Where it stands", "Point on the map"
+HERE, POINT_OUT = "Where it is", "Point on the map"
 KEEP_MINE, TAKE_THEIRS = "Keep mine", "Take theirs"
 MAX_POINT_ROWS = 30
 """Of a longer tour the points around the chosen one are shown."""
@@ -87,12 +87,12 @@ class TourEditor:
     def _option_controls(self, gui: viser.GuiApi) -> None:
         with self._session.folder("How often"):
             self._repeat = gui.add_number("Rounds", 1, min=1, max=1000, step=1)
-            self._endless = gui.add_checkbox("Again and again", False)
+            self._endless = gui.add_checkbox("Repeat forever", False)
             self._back = gui.add_checkbox("There and back", False)
             self._resume = gui.add_checkbox(
-                "Go on after a restart",
+                "Continue after a restart",
                 False,
-                hint="Whether the tour goes on by itself after the robot was switched off and on.",
+                hint="Whether it continues by itself after the robot has been switched off and on.",
             )
 
     # Opening and closing.
@@ -139,7 +139,7 @@ class TourEditor:
             if name in maps and name not in names
         ]
         self._show_problems(editing, elsewhere)
-        self._cancel.label = "Throw the changes away? Press again" if self._is_leaving else "Cancel"
+        self._cancel.label = "Discard changes? Press again" if self._is_leaving else "Cancel"
 
     def _show_points(self, editing: Editing, names: Sequence[str]) -> None:
         points, chosen = editing.draft.points, editing.chosen
@@ -169,7 +169,7 @@ class TourEditor:
         lines = [StatusLine(text, "bad") for text in self._problems_of(editing)]
         if editing.was_changed:
             gone = editing.theirs is None
-            text = "deleted this tour meanwhile" if gone else "changed this tour meanwhile"
+            text = "has deleted this tour" if gone else "has changed this tour"
             lines.insert(0, StatusLine(f"Somebody else {text}.", "warn"))
         lines += [StatusLine(text, "warn") for text in hints]
         self._problems.content = "".join(map(row, lines))

@@ -50,7 +50,7 @@ class TripPanel:
 def progress(trip: TourStatus | None, tour: Tour | None) -> str:
     """The trip, what came of its stops, and those to come, as HTML."""
     if trip is None:
-        return note("The tour service has not said anything yet.")
+        return note("The tour service is still starting.")
     if trip.state == "idle":
         return note("No tour is under way.")
     is_under_way = trip.state in UNDER_WAY

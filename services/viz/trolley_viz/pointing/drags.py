@@ -1,4 +1,4 @@
-"""Drags and clicks on the map: which of their ends a person meant.
+"""Drags and clicks on the map: which of their ends were meant.
 
 viser tells of an end whenever a drag is over: when the pointer is let go, but also when a phone
 takes the touch for itself, when the window loses the focus, when a key changes what is held, and
@@ -17,9 +17,9 @@ import viser
 from trolley_viz.threads import Post
 
 WAIT_NS = 2_000_000_000
-"""The two ways from the page may differ by so much."""
+"""The two connections from a page may differ by so much."""
 CANCELLED_NS = 500_000_000
-"""What ends so soon after something was called off is a part of it."""
+"""What ends this soon after a press was called off belongs to it."""
 SAME_PLACE = 0.01
 """How far the place that the script tells may be from viser's, as a share of the picture."""
 
@@ -29,7 +29,7 @@ At = tuple[float, float]
 
 @dataclass(frozen=True)
 class _End:
-    """An end that waits for the script's word."""
+    """An end that waits for the script to confirm it."""
 
     at: At
     act: Callable[[], None]
@@ -43,13 +43,15 @@ class Drags:
     Args:
         post: hands a call there.
         now_ns: the local monotonic time [ns].
-        unheard: called when nothing was said of an end.
+        unconfirmed: called when an end was not confirmed.
     """
 
-    def __init__(self, post: Post, now_ns: Callable[[], int], unheard: Callable[[], None]) -> None:
+    def __init__(
+        self, post: Post, now_ns: Callable[[], int], unconfirmed: Callable[[], None]
+    ) -> None:
         self._post = post
         self._now_ns = now_ns
-        self._unheard = unheard
+        self._unheard = unconfirmed
         self._end: _End | None = None
         self._released: tuple[At, int] | None = None
         """Where a pointer was let go, and until when that is news [ns]."""
@@ -61,7 +63,7 @@ class Drags:
         act: Callable[[], None],
         cancel: Callable[[], None],
     ) -> None:
-        """Do what a phase of a drag asks for; called on the web server's thread.
+        """Act on a phase of a drag; called on the web server's thread.
 
         Args:
             event: what viser tells.
@@ -72,12 +74,12 @@ class Drags:
         self._post(lambda: self._taken(phase, at, act, cancel))
 
     def on_click(self, event: viser.SceneNodePointerEvent[Any], act: Callable[[], None]) -> None:
-        """Do what a click asks for; called on the web server's thread."""
+        """Act on a click; called on the web server's thread."""
         at = event.screen_pos
         self._post(lambda: self._ended(at, act, lambda: None))
 
     def released(self, at: At) -> None:
-        """Take the script's word that a pointer was let go."""
+        """The script reports that a pointer was let go."""
         end = self._end
         self._cancelled_until_ns = 0
         if end is not None and _is_same(at, end.at):
@@ -87,12 +89,12 @@ class Drags:
             self._released = at, self._now_ns() + WAIT_NS
 
     def cancelled(self) -> None:
-        """Take the script's word that what was pressed was not let go."""
+        """The script reports that a press was called off."""
         self._cancelled_until_ns = self._now_ns() + CANCELLED_NS
         self._drop()
 
     def tick(self) -> None:
-        """Give up an end of which nothing was said."""
+        """Give up on an end that was not confirmed in time."""
         if self._end is not None and self._now_ns() > self._end.due_ns:
             self._drop()
             self._unheard()

@@ -1,4 +1,4 @@
-"""What the browsers tell of the gestures in them, to the session of each."""
+"""Gestures that the page's own script reports, handed to the session of its browser."""
 
 from collections.abc import Callable
 from typing import Annotated, Protocol
@@ -14,12 +14,12 @@ Share = Annotated[float, Meta(ge=-100.0, le=100.0)]
 
 
 class Gesture(Struct, frozen=True, kw_only=True):
-    """What a browser says: one of these four."""
+    """A report from a page: one of these four."""
 
     released: tuple[Share, Share] | None = None
     """Where a pointer was let go, as shares of the picture."""
     cancelled: bool = False
-    """That what was pressed is not meant any more."""
+    """That the press was called off."""
     size: tuple[Pixels, Pixels] | None = None
     """Width and height of the picture."""
     folder: str = ""
@@ -29,7 +29,7 @@ class Gesture(Struct, frozen=True, kw_only=True):
 
 
 class Page(Protocol):
-    """The session of a browser, as far as it is told of gestures."""
+    """The session of a browser, as far as gestures concern it."""
 
     @property
     def may_drive(self) -> bool:

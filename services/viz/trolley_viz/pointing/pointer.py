@@ -48,7 +48,7 @@ class Pointer:
 
     Args:
         client: the browser.
-        drags: tells which ends of drags are meant.
+        drags: tells which drags and clicks were meant.
     """
 
     def __init__(self, client: viser.ClientHandle, drags: Drags) -> None:

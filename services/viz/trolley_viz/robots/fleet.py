@@ -10,7 +10,7 @@ from trolley.topics import Topic
 
 
 class Robots:
-    """Which robots there are, and what they are called."""
+    """The robots of the network, and what they are called."""
 
     def __init__(self, own: str) -> None:
         self.own = own
@@ -18,11 +18,11 @@ class Robots:
         self._known: dict[str, Robot] = {}
 
     def update(self, heard: Mapping[tuple[str, ...], Robot]) -> None:
-        """Take over the `robot` messages by name."""
+        """Store the `robot` messages by name."""
         self._known = {parts[0]: robot for parts, robot in heard.items()}
 
     def get(self, name: str) -> Robot | None:
-        """What a robot says that it is, None while it has not been heard of."""
+        """The `robot` message of a robot, None before the first."""
         return self._known.get(name)
 
     def names(self, selected: str = "") -> list[str]:

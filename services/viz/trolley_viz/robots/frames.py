@@ -9,7 +9,7 @@ from trolley.geometry.relation import Frames, set_link, why_missing
 from trolley_viz.robots.streams import Streams
 
 PLACE = "place:"
-"""What the name of a saved place follows where a frame is asked for."""
+"""The prefix of the name of a saved place where it is used as a frame."""
 
 
 def why_nowhere(frames: Frames, missing: MissingLink) -> str:

@@ -11,7 +11,7 @@ from trolley_viz.sentences import UNDER_WAY
 
 MAX_TRIPS = 200
 AGAIN_NS = 10_000_000_000
-"""After a refusal it is asked again this late, while somebody looks."""
+"""How long after a refusal to ask again, while somebody is looking."""
 SAME_SPOT_M = 0.4
 MAX_SPOTS = 60
 

@@ -1,4 +1,4 @@
-"""Where things are: the robot's frames, and its way over the last two seconds."""
+"""Where things are: the robot's frames, and its path over the last two seconds."""
 
 from collections.abc import Mapping, Sequence
 
@@ -28,7 +28,7 @@ class Placement:
         *,
         has_map: bool,
     ) -> None:
-        """Take over what is known now.
+        """Update from the newest messages.
 
         Args:
             transforms: the newest of each `tf/<child>`.

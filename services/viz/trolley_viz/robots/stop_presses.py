@@ -1,4 +1,4 @@
-"""Pressing Stop: asked again until the robot has answered, and honest while it has not."""
+"""Presses of Stop: repeated until the robot has answered, and shown as unanswered until then."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ REPEAT_NS = 250_000_000
 NOT_STOPPED = "NOT STOPPED: no connection"
 
 Answered = Callable[[bool], None]
-"""Gets whether the robot answered."""
+"""Called with whether the robot answered."""
 AskStop = Callable[[str, Answered], None]
 """Asks a robot to stop, and calls back with whether it answered."""
 
@@ -54,7 +54,7 @@ class StopPresses:
         self._presses.pop(robot, None)
 
     def tick(self, now_ns: int) -> None:
-        """Ask again where it is time."""
+        """Repeat the presses that are due."""
         for robot, press in tuple(self._presses.items()):
             if now_ns >= press.next_try_ns:
                 press.next_try_ns = now_ns + PATIENCE_NS

@@ -1,4 +1,4 @@
-"""The streams of the selected robot, subscribed to only while somebody looks and draws them."""
+"""The streams of one robot, subscribed to only while something that is shown needs them."""
 
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -23,7 +23,7 @@ CloseWatch = Callable[[Watch[Any]], None]
 
 
 class Streams:
-    """Watches by topic, opened and closed as they are wanted."""
+    """Watches by topic, opened and closed on demand."""
 
     def __init__(self, open_watch: OpenWatch, close_watch: CloseWatch) -> None:
         self._open = open_watch

@@ -1,4 +1,4 @@
-"""What is known of one robot now, for whoever draws it or writes about it."""
+"""What is known of one robot now: what drawings and sentences are made from."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

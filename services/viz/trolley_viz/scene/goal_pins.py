@@ -1,4 +1,4 @@
-"""The places that one person has lined up: numbered pins that nobody else sees."""
+"""The goals that one person has queued: numbered pins that nobody else sees."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,7 @@ class GoalPins:
         self._drawn: tuple[object, ...] = ()
 
     def draw(self, goal_queue: Sequence[QueuedGoal], placement: Placement) -> None:
-        """Draw them anew when one changed."""
+        """Draw them again when one has changed."""
         world_T_map = placement.world_T(MAP) if goal_queue else None
         drawn = (tuple(goal_queue), world_T_map)
         if drawn == self._drawn:

@@ -22,7 +22,7 @@ Z_SCAN = 0.14
 Z_LABEL = 0.2
 
 
-Group = Literal["Robot", "Senses", "Driving", "Map"]
+Group = Literal["Robot", "Sensing", "Driving", "Map"]
 
 
 class Layer:
@@ -54,7 +54,7 @@ class Layer:
             self.draw(view)
 
     def forget(self) -> None:
-        """Draw everything anew the next time, as after a restart of the robot."""
+        """Draw everything again the next time, as after a restart of the robot."""
         self._drawn = ()
         self._due_ns = 0
 

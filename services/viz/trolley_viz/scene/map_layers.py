@@ -161,7 +161,7 @@ class CostmapLayer(Layer):
 class GlobalCostmapLayer(CostmapLayer):
     """Where the planner lets the robot's centre be, on the whole map."""
 
-    key, title = "costmap_global", "Costmap of the map"
+    key, title = "costmap_global", "Costmap of the whole map"
     source = topics.COSTMAP_GLOBAL
     needs = (topics.COSTMAP_GLOBAL,)
     period_s = 1.0

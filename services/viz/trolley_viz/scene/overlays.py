@@ -6,9 +6,9 @@ from trolley_viz.scene.layer import Layer
 
 
 class OverlayLayer(Layer):
-    """Panels of programs: `OverlaySet` follows their values, `OverlayPages` sends them to pages."""
+    """Panels of programs; see `OverlaySet` and `OverlayPages`: nothing of them is in the scene."""
 
-    key, title = "overlays", "Panels of programs"
+    key, title = "overlays", "Panels from programs"
     group = "Map"
     needs = (topics.OVERLAY,)
 

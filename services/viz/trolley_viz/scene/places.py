@@ -118,7 +118,7 @@ class ZoneLayer(Layer):
         self._nodes: list[viser.SceneNodeHandle] = []
 
     def draw(self, view: View) -> None:
-        """Draw all of them anew when one changed."""
+        """Draw all of them again when one has changed."""
         zones = view.streams.latest(topics.ZONES)
         world_T_map = view.placement.world_T("map")
         if not self.changed(zones, world_T_map):

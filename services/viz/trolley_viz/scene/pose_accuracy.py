@@ -25,7 +25,7 @@ class CovarianceLayer(Layer):
     """The ellipse in which the robot's middle is with 95 %."""
 
     key, title = "covariance", "Position, 95 %"
-    group = "Senses"
+    group = "Sensing"
     source = topics.POSE
     on_by_default = False
 
@@ -59,7 +59,7 @@ class CovarianceLayer(Layer):
 class TruthLayer(Layer):
     """Where a simulated robot really is: its outline, and how far the estimate is off."""
 
-    key, title = "truth", "Where it really is"
+    key, title = "truth", "True position"
     group = "Robot"
     source = topics.SIM_TRUTH
     needs = (topics.SIM_TRUTH,)
@@ -77,7 +77,7 @@ class TruthLayer(Layer):
         self._footprint: object = None
 
     def draw(self, view: View) -> None:
-        """Move the outline; say the error anew when it is another in whole centimetres."""
+        """Move the outline; update the error when it differs in whole centimetres."""
         truth = view.streams.latest(topics.SIM_TRUTH) if view.is_fresh(topics.SIM_TRUTH) else None
         world_T_map = view.placement.world_T("map")
         if not self.changed(truth, world_T_map):

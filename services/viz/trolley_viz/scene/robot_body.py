@@ -43,7 +43,7 @@ class RobotLayer(Layer):
         """Why the robot's own body is not shown."""
 
     def draw(self, view: View) -> None:
-        """Move the body; build it anew when the robot says that it is another."""
+        """Move the body; rebuild it when the robot's description changes."""
         if self.changed(view.robot, view.placement.tree.link("laser") is not None):
             self._build(view)
         pose = view.placement.world_T_base

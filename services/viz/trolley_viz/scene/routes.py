@@ -30,7 +30,7 @@ class Line:
         self._node: viser.LineSegmentsHandle | None = None
 
     def show(self, segments: np.ndarray) -> None:
-        """Draw segments (n, 2, 3) [m]; none: nothing."""
+        """Draw segments (n, 2, 3) [m]; nothing where there are none."""
         if not len(segments):
             if self._node is not None:
                 self._node.visible = False
@@ -164,14 +164,14 @@ class GoalLayer(Layer):
 
 
 class PreviewLine:
-    """The way to where the person at one browser points just now."""
+    """The path to where the person at one browser is pointing."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._line = Line(scene, "/preview", PREVIEW_COLOUR, 0.035)
         self._drawn: Path | None = None
 
     def draw(self, path: Path | None, placement: Placement) -> None:
-        """Draw it while it is asked for."""
+        """Draw it while it is shown."""
         if path is not self._drawn:
             self._drawn = path
             world_T_path = None if path is None else placement.world_T(path.frame)

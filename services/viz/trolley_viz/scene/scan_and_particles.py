@@ -29,7 +29,7 @@ class ScanLayer(Layer):
     """The echoes of the lidar, coloured by what the localizer makes of them."""
 
     key, title = "scan", "Laser scan"
-    group = "Senses"
+    group = "Sensing"
     source = topics.SCAN
     needs = (topics.SCAN, topics.BEAMS)
     period_s = 0.0  # whenever one came: a pause of its own would now and then skip a scan
@@ -81,7 +81,7 @@ class ParticleLayer(Layer):
     """The localizer's hypotheses: the darker, the likelier."""
 
     key, title = "particles", "Particles"
-    group = "Senses"
+    group = "Sensing"
     source = topics.PARTICLES
     needs = (topics.PARTICLES,)
 
@@ -120,7 +120,7 @@ class CandidateLayer(Layer):
     """The places between which a search cannot decide, with how well each matches."""
 
     key, title = "candidates", "Possible places"
-    group = "Senses"
+    group = "Sensing"
     source = topics.POSE
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
@@ -187,5 +187,5 @@ def _beam_colours(beams: BeamClasses | None, count: int) -> NDArray[np.uint8]:
 
 
 def _rounded(pose: object, match: float) -> tuple[object, ...]:
-    """What makes a candidate worth drawing anew."""
+    """What makes it worth drawing a candidate again."""
     return (pose, round(match, 2))

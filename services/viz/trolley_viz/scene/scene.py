@@ -84,7 +84,7 @@ class Scene:
                 layer.update(view)
 
     def forget(self) -> None:
-        """Draw everything anew."""
+        """Draw everything again."""
         for layer in self._layers:
             layer.forget()
 

@@ -1,4 +1,4 @@
-"""Tours on the map: numbered pins, the way between them, and where past trips failed."""
+"""Tours on the map: numbered pins, the path between them, and where past trips failed."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -120,7 +120,7 @@ class TourDrawing:
         way: tuple[tuple[float, float], ...],
         world_T_map: Pose2D | None,
     ) -> None:
-        """Draw these; no pins: nothing."""
+        """Draw these; nothing where there are no pins."""
         now = (pins, way, world_T_map)
         if now == self._drawn:
             return
@@ -195,7 +195,7 @@ class TripLayer(Layer):
         self._ended: tuple[str | None, int] = (None, 0)
 
     def forget(self) -> None:
-        """Show a trip that ended before no more."""
+        """Forget a trip that has ended."""
         super().forget()
         self._ended = (None, 0)
 

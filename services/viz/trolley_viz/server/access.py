@@ -1,4 +1,4 @@
-"""Who is let in: by where a request comes from, the page that makes it, and the token it carries.
+"""Access control: by where a request comes from, the page that makes it, and its token.
 
 Whoever sits at this host needs no token, as with any program there. Everybody else shows one: in
 the link that `trolley viewer-link` prints, and from then on in a cookie. Nothing here touches a
@@ -21,7 +21,7 @@ from trolley_viz.server.visitors import Role, Visitor
 
 FILE = "viewer_access.toml"
 COOKIE_DAYS = 400
-"""As long as browsers keep any cookie."""
+"""The longest that browsers keep any cookie."""
 LOCAL_HOSTS = re.compile(r"(localhost|127\.\d+\.\d+\.\d+|\[::1\])(:\d+)?")
 FORWARDED = ("Forwarded", "X-Forwarded-For", "X-Forwarded-Host", "X-Real-IP", "Via")
 """A proxy on this host says with one of these that somebody else asks."""
@@ -61,7 +61,7 @@ class AccessRequest:
 
 @dataclass(frozen=True)
 class AccessDecision:
-    """What becomes of a request: let in as `visitor`, or told `status` and `text`."""
+    """The decision on a request: let in as `visitor`, or answered with `status` and `text`."""
 
     visitor: Visitor | None = None
     status: HTTPStatus = HTTPStatus.OK
@@ -123,7 +123,7 @@ class AccessControl:
         if role is None:
             return AccessDecision(
                 status=HTTPStatus.UNAUTHORIZED,
-                text="The token of this link is not valid any more: ask for a new link.",
+                text="This link is no longer valid. Ask for a new one.",
             )
         browser = browser or secrets.token_hex(8)
         # On to the page without the token, which else would stand in the history.

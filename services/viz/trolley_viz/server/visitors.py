@@ -13,7 +13,7 @@ class Visitor:
     """One browser, as the web server knows it."""
 
     browser: str = ""
-    """What the browser is remembered by; "" is nobody in particular."""
+    """The name under which the browser's choices are saved; "" saves nothing."""
     role: Role = "operator"
 
 

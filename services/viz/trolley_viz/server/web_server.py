@@ -82,7 +82,7 @@ def open_server(
         server = LocalServer(host=config.host, port=config.port, verbose=False)
     if server.get_port() != config.port:
         close_server(server)
-        raise PortTaken(f"port {config.port} on {config.host} was taken just now")
+        raise PortTaken(f"port {config.port} on {config.host} has just been taken")
     configure_look(server.gui, dark=False)
     server.gui.set_panel_label("Trolley")
     server.gui.main_panel.dock_right()
@@ -153,7 +153,7 @@ def _changed_serving(gate: AccessControl, sockets: Mapping[str, Serve]) -> Gener
 
 
 def keep_backlog_short(connection: socket.socket) -> None:
-    """Let the system hold back little of what a slow browser has not fetched yet.
+    """Limit how much the system buffers for a slow browser.
 
     viser leaves out what newer messages replace, but only of what it has not handed over; by
     default the system takes several megabytes, seconds of scans that nobody wants any more.

@@ -171,7 +171,7 @@ class RobotScenes:
         self._set_initial_camera()
 
     def _set_initial_camera(self) -> None:
-        """Let the next browser begin above the map of the viewer's own robot."""
+        """Let the next browser start above the map of the viewer's own robot."""
         own = self._by_robot.get(self._robots.own)
         if own is not None and own.has_new_map():
             bounds = map_bounds(own.view)

@@ -60,7 +60,7 @@ class Session:
         self._notices = Notices(client)
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self.drags = Drags(
-            self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unheard
+            self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
         )
         self.pointing = Pointer(client, self.drags)
         self.actions = RobotActions(service, lambda: self._robot, lambda: self.view, self.tell)
@@ -150,7 +150,7 @@ class Session:
         self._hub.service.call_soon(fn)
 
     def tell(self, title: str, text: str, tone: Tone) -> None:
-        """Show its person a title and a sentence."""
+        """Show a notice: a title and a sentence."""
         self._notices.show(title, text, tone)
 
     def press_stop(self) -> None:
@@ -158,7 +158,7 @@ class Session:
         self._hub.stops.press(self._robot, self._hub.service.monotonic_ns)
 
     def press_stop_all(self) -> None:
-        """Stop all robots, those that are away too: each as soon as it can be."""
+        """Stop all robots, also those that are away: each as soon as it answers."""
         for name in self._hub.robots.names(self._robot):
             self._hub.stops.press(name, self._hub.service.monotonic_ns)
 
@@ -189,7 +189,7 @@ class Session:
         self._choose(msgspec.structs.replace(self._choices, layers=layers))
 
     def dismiss(self, suspect: SuspectLine) -> None:
-        """Do not suspect a mirror here any more."""
+        """Stop suspecting a mirror here."""
         grid = self.view.map
         if grid is not None:
             one = Dismissed(map=grid.name, points=suspect.points)
@@ -201,11 +201,11 @@ class Session:
         self.change_marks.put_off(self._map_name(), changes)
 
     def resized(self, size: tuple[float, float]) -> None:
-        """Take note of the width and height of the picture [px of the page]."""
+        """Note the width and height of the picture [px of the page]."""
         self._viewport.resized(size, self._hub.service.monotonic_ns)
 
     def remember_folder(self, title: str, *, is_open: bool) -> None:
-        """Take note that its person opened or closed a folder, and remember it."""
+        """Note that a folder was opened or closed, and remember it."""
         folder = self._folders.get(title)
         if folder is not None:  # a page may say anything
             folder.expand_by_default = is_open  # as the page makes it anew with its tab
@@ -249,7 +249,7 @@ class Session:
         self._viewport.update(view, self._robot)
 
     def put_tools_away(self) -> None:
-        """End what somebody began to point at or to draw."""
+        """End all pointing and drawing."""
         self.aiming.put_away()
         self.zones.leave()
         self.map_editor.choose("look")
@@ -285,9 +285,9 @@ class Session:
         grid = self.view.map
         return "" if grid is None else grid.name
 
-    def _tell_unheard(self) -> None:
-        """Own up to a release that was seen by viser alone."""
-        self.tell("Nothing done", "The page is slow to answer. Point once more.", "warn")
+    def _tell_unconfirmed(self) -> None:
+        """Say that a release was not confirmed by the page."""
+        self.tell("Nothing was done", "The page is slow to respond. Please point again.", "warn")
 
     def _choose(self, choices: Choices) -> None:
         self._choices = choices

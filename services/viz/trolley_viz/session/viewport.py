@@ -1,4 +1,4 @@
-"""What one browser sees of the map: all of it at first, until its person looks elsewhere."""
+"""The camera of one browser: it shows the whole map until somebody moves it."""
 
 import viser
 

@@ -36,7 +36,7 @@ Found = Mapping[str, Relation | str]
 class MarkerLayer(Layer):
     """Spheres, cubes, cylinders, arrows, lines, texts and icons of any program."""
 
-    key, title = "markers", "Markers of programs"
+    key, title = "markers", "Markers from programs"
     group = "Map"
     needs = (topics.MARKER,)
     period_s = 0.1
@@ -69,7 +69,7 @@ class MarkerLayer(Layer):
         self.notes = self._say(found, is_full=watch.is_full)
 
     def forget(self) -> None:
-        """Draw everything anew the next time."""
+        """Draw everything again the next time."""
         super().forget()
         self._grouping.clear()
 
@@ -147,7 +147,7 @@ class MarkerLayer(Layer):
 
 
 def _drop_ended(watch: Watch[Marker], now_ns: int) -> None:
-    """Forget the markers whose time is over, counted here from when they came."""
+    """Forget the markers whose lifetime is over, counted from their arrival."""
 
     def has_ended(name: tuple[str, ...], marker: Marker) -> bool:
         arrived_ns = watch.arrived(name)

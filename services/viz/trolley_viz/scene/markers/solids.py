@@ -16,7 +16,7 @@ from trolley_viz.graphics.shapes import Mesh
 Solid = Literal["sphere", "cube", "cylinder", "arrow"]
 SOLIDS: tuple[Solid, ...] = ("sphere", "cube", "cylinder", "arrow")
 REACH = 1e5
-"""How far off the scene ends [m], since graphics reckon in short numbers."""
+"""Where the scene ends [m], since graphics use single precision."""
 MIN_SIZE = 1e-4
 """[m]."""
 
@@ -106,7 +106,7 @@ class Batch:
 
 
 def within_reach(values: ArrayLike) -> NDArray[np.float32]:
-    """Coordinates or sizes [m], those that are too far off moved to where the scene ends."""
+    """Limit coordinates or sizes [m] to what the scene can show."""
     return np.clip(np.asarray(values, np.float64), -REACH, REACH).astype(np.float32)
 
 
