@@ -1,6 +1,7 @@
-"""The state of robot, drive and trip in plain words."""
+"""Sentences for people: the state of robot, drive and trip in everyday words."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +19,9 @@ from trolley.messages import (
 )
 
 Tone = Literal["good", "busy", "warn", "bad", "idle"]
+
+Tell = Callable[[str, str, Tone], None]
+"""Shows a person a title and a sentence."""
 
 STALE_S = 1.0
 SAME_PLACE_M = 0.1

@@ -73,9 +73,9 @@ def _base(known: RobotState) -> StatusLine | None:
     if base is None or base.mode in ("ok", "held"):
         return None
     if base.mode == "stopped":
-        why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_told(base)}"
+        why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_reason_of(base)}"
         return StatusLine(f"{why}. Press Resume to let it drive again.", "bad")
-    return StatusLine(f"The robot cannot drive: {_told(base)}.", "bad")
+    return StatusLine(f"The robot cannot drive: {_reason_of(base)}.", "bad")
 
 
 def _by_hand(known: RobotState) -> StatusLine | None:
@@ -88,10 +88,10 @@ def _held(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode != "held":
         return None
-    return StatusLine(f"Waiting: {_told(base)}. It will continue by itself.", "warn")
+    return StatusLine(f"Waiting: {_reason_of(base)}. It will continue by itself.", "warn")
 
 
-def _parts(known: RobotState) -> StatusLine | None:
+def _planner(known: RobotState) -> StatusLine | None:
     if "planner" in known.silent or known.goal is None:
         return StatusLine("The robot cannot drive by itself: the planner is not running.", "bad")
     return None
@@ -118,7 +118,7 @@ def _mapping(known: RobotState) -> StatusLine | None:
             "It cannot find its place on the new map. Bring it back to where it has been.", "bad"
         )
     if mapping.message:
-        return StatusLine(f"Making a map: {_told(mapping)}.", "warn")
+        return StatusLine(f"Making a map: {_reason_of(mapping)}.", "warn")
     if mapping.state == "paused":
         return StatusLine(f"The map “{mapping.name}” is paused. Press “Continue”.", "warn")
     if known.goal is not None and known.goal.state in DRIVING:
@@ -169,13 +169,13 @@ def _trip(known: RobotState) -> StatusLine | None:
             because = f": {why}" if why else ""
             return StatusLine(f"The tour is paused{because}. Press “Continue”.", "warn")
         case "waiting":
-            return StatusLine(f"The tour is waiting: {_told(trip)}.", "warn")
+            return StatusLine(f"The tour is waiting: {_reason_of(trip)}.", "warn")
         case "dwelling":
             return StatusLine(
                 f"It is staying at {_stop_name(known)} for a while{_counted(known)}.", "busy"
             )
         case "failed":
-            return StatusLine(f"The tour was given up: {_told(trip)}.", "bad")
+            return StatusLine(f"The tour was given up: {_reason_of(trip)}.", "bad")
         case "done":
             missed = sum(one.state != "reached" for one in trip.results)
             if missed:
@@ -194,7 +194,7 @@ def _goal(known: RobotState) -> StatusLine | None:
         return None
     to = goal_name(goal, list(known.places))
     to = "the place on the map" if to.startswith("(") else to
-    why = _told(goal)
+    why = _reason_of(goal)
     match goal.state:
         case "planning":
             return StatusLine(f"Looking for a path to {to}.", "busy")
@@ -232,7 +232,7 @@ RULES: Sequence[Callable[[RobotState], StatusLine | None]] = (
     _base,
     _by_hand,
     _held,
-    _parts,
+    _planner,
     _mapping,
     _position,
     _trip,
@@ -246,7 +246,7 @@ def _is_unsure(known: RobotState) -> bool:
     return known.estimate is not None and known.estimate.state == "unsure"
 
 
-def _told(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> str:
+def _reason_of(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> str:
     """The reason in words, to be put behind a colon."""
     reason = "" if isinstance(status, MappingStatus) else status.reason
     why = status.message or codes.SENTENCES.get(reason, reason)

@@ -142,7 +142,7 @@ def test_frames_are_switched_one_by_one(stage: "Stage") -> None:
     assert "<b>base_link</b></td>" in more._frames._links.content
     stage.session.switch_frame("laser", is_on=True)
     stage.runtime.run(1.2)
-    axes = stage.session._scene._axes._axes
+    axes = stage.session.scene._axes._axes
     assert list(axes) == ["laser"]
     assert axes["laser"].position[:2] == pytest.approx([1.6, 0.0])
     stage.session.switch_frame("laser", is_on=False)

@@ -299,16 +299,16 @@ def test_each_browser_shows_and_follows_what_it_wants(stage: "Stage") -> None:
     ann.switch_layer("scan", is_on=False)
     ben.follow("kart")
     stage.runtime.run(0.2)
-    assert ann._scene._overrides["trolley"][""].visible
-    assert not ann._scene._overrides["kart"][""].visible
-    assert not ann._scene._overrides["trolley"]["/scan"].visible
-    assert ben._scene._overrides["kart"]["/scan"].visible
+    assert ann.scene.is_visible("trolley")
+    assert not ann.scene.is_visible("kart")
+    assert not ann.scene.is_visible("trolley", "scan")
+    assert ben.scene.is_visible("kart", "scan")
     assert "scan" in stage.streams("kart")
     assert "scan" not in stage.streams("trolley")
     ben.follow("trolley")
     stage.runtime.run(0.2)
     assert set(stage.scenes) == {"trolley"}
-    assert ben._scene._overrides["trolley"]["/scan"].visible
+    assert ben.scene.is_visible("trolley", "scan")
     assert "scan" in stage.streams("trolley")
 
 

@@ -13,13 +13,10 @@ from trolley_viz.editing.goal_queue import MAX_STOPS, GoalQueue
 from trolley_viz.editing.undo import History, Step
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-from trolley_viz.sentences import DRIVING, UNDER_WAY, Tone
+from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell
 
 TRIP_GOALS = "tour-"
 """How the ids of the goals of a trip begin."""
-
-Tell = Callable[[str, str, Tone], None]
-"""Shows people a title and a sentence."""
 
 
 class RobotActions:
@@ -169,7 +166,7 @@ class RobotActions:
 def what_is_under_way(
     goal: GoalStatus | None, trip: TourStatus | None
 ) -> Literal["trip", "goal", ""]:
-    """Say what Pause, Go on and Cancel are for: the goal that is driven, or the trip around it."""
+    """Say what Pause, Continue and Cancel act on: the trip under way, or else the goal."""
     is_going = goal is not None and goal.state in DRIVING
     is_of_trip = goal is not None and (goal.id or "").startswith(TRIP_GOALS)
     if trip is not None and trip.state in UNDER_WAY and (is_of_trip or not is_going):

@@ -22,8 +22,9 @@ from trolley_viz.drawing.sketch import (
     snap_to_wall,
     zone_at,
 )
-from trolley_viz.drawing.zone_requests import Change, Tell, ZoneRequests
+from trolley_viz.drawing.zone_requests import Change, ZoneRequests
 from trolley_viz.robots.view import View
+from trolley_viz.sentences import Tell
 
 Mode = Literal["idle", "draw", "pick", "edit"]
 

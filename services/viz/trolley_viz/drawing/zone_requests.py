@@ -11,9 +11,7 @@ from trolley.messages.request_params import Named
 from trolley.requests import Request
 from trolley.runtime.service import Service
 from trolley_viz.editing.undo import History, Step
-from trolley_viz.sentences import Tone
-
-Tell = Callable[[str, str, Tone], None]
+from trolley_viz.sentences import Tell
 
 
 @dataclass(frozen=True)

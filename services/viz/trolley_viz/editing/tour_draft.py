@@ -253,7 +253,7 @@ class Editing:
         return {tour.name for tour in tours} - {own}
 
     def keep_mine(self) -> None:
-        """Go on with this draft, whatever somebody else did."""
+        """Keep this draft, whatever somebody else did."""
         self.opened = self.theirs
 
     def take_theirs(self) -> None:

@@ -31,11 +31,11 @@ from trolley.runtime.service import Service
 from trolley_viz.actions.map_edits import request_map_edit
 from trolley_viz.drawing.canvas import Canvas, Phase, PointerHandlers
 from trolley_viz.drawing.sketch import Point
-from trolley_viz.drawing.zone_requests import Tell
 from trolley_viz.map_editing.map_draft import Draft, Drawn, draw
 from trolley_viz.map_editing.map_preview import MapPreview, model_of
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapModel
+from trolley_viz.sentences import Tell
 
 Tool = Literal["look", "erase", "wall", "crop"]
 HINTS: dict[Tool, str] = {

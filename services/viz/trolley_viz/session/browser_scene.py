@@ -47,6 +47,11 @@ class BrowserScene:
         for key, is_on in layers.items():
             self._override(robot, f"/{key}", is_visible=is_on)
 
+    def is_visible(self, robot: str, layer: str = "") -> bool:
+        """Whether this browser shows a robot, or one of its layers; without a frame it does."""
+        frame = self._overrides.get(robot, {}).get(f"/{layer}" if layer else "")
+        return frame is None or frame.visible
+
     def move_root(self, robot: str, pose: Pose2D) -> None:
         """Move a robot with its zones and places, as while its map is being turned."""
         root = self._overrides.get(robot, {}).get("")

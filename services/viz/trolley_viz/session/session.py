@@ -95,7 +95,8 @@ class Session:
         self.change_marks = ChangeMarks(client.scene)
         self.changes = ChangeRequests(service, self.actions, lambda: self._robot, self._map_name)
         configure_look(client.gui, dark=choices.dark)
-        self._scene = BrowserScene(client.scene)
+        self.scene = BrowserScene(client.scene)
+        """What this browser alone has in its scene."""
         self._viewport = Viewport(client)
 
     # What the panels read.
@@ -227,12 +228,12 @@ class Session:
         layers, view = self.layers(), self.view
         hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
         shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
-        self._scene.show_robot(self._robot, robots, shown)
-        self._scene.move_root(self._robot, self.map_editor.new_T_old)
+        self.scene.show_robot(self._robot, robots, shown)
+        self.scene.move_root(self._robot, self.map_editor.new_T_old)
         self.drags.tick()
         self.aiming.request_preview()
         markers = self._hub.scenes.of(self._robot).markers
-        self._scene.draw(
+        self.scene.draw(
             view,
             layers,
             preview=self.aiming.preview,
