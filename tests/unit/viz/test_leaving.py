@@ -198,7 +198,7 @@ def test_folders_stay_as_they_were_left(page: Page, stage: "Stage") -> None:
 def test_no_zone_is_moved(page: Page, stage: "Stage") -> None:
     keeper = stage.runtime.add(ZoneKeeper())
     stage.runtime.run(0.5)
-    editor = stage.session.zones
+    editor = stage.session.zone_editor
     editor.select(MIRROR.name)
     page.begin_drag("/drawing/handles")
     page.wait(lambda: editor.sketch is not None and editor.sketch.points[0][0] > 1.5)

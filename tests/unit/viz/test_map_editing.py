@@ -241,6 +241,6 @@ def test_a_change_that_takes_long_is_waited_for(hand: Hand, mapper: Mapper) -> N
 
 def test_drawing_a_zone_leaves_the_draft(hand: Hand) -> None:
     hand.editor.turn_to(5.0)
-    hand.stage.session.zones.start("keepout")
+    hand.stage.session.zone_editor.start("keepout")
     hand.wait()
     assert not hand.editor.is_open

@@ -74,7 +74,7 @@ class Hand:
 
     @property
     def editor(self) -> Any:
-        return self.stage.session.zones
+        return self.stage.session.zone_editor
 
     @property
     def canvas(self) -> Any:
@@ -289,11 +289,11 @@ def test_a_zone_that_somebody_deletes_is_let_go(hand: Hand, keeper: ZoneKeeper) 
 def test_pointing_ends_drawing_and_drawing_ends_pointing(hand: Hand, stage: "Stage") -> None:
     session = stage.session
     session.aiming.point_goal()
-    session.zones.start("mirror")
+    session.zone_editor.start("mirror")
     assert session.pointing.tool is None
     session.aiming.point_goal()
     hand.wait()
-    assert session.zones.mode == "idle"
+    assert session.zone_editor.mode == "idle"
     assert session.pointing.tool is not None
 
 
@@ -311,7 +311,7 @@ def test_a_suspect_is_offered_and_stored_as_a_mirror(hand: Hand, keeper: ZoneKee
     panel = hand.stage.console._zones
     assert panel is not None
     assert panel._suspect.visible
-    assert len(hand.stage.session.suspects._nodes) == 2
+    assert len(hand.stage.session.suspected_mirrors._nodes) == 2
     panel._answered("Yes, add it")
     hand.wait()
     assert keeper["mirror 1"].points == SUSPECT.points
@@ -326,11 +326,11 @@ def test_a_suspect_that_is_none_is_not_offered_again(stage: "Stage", keeper: Zon
     near = SuspectLine(points=[(0.1, 1.0), (-1.0, 1.1)], score=0.9)
     keeper.publish(topics.SUSPECTS, Suspects(stamp_ns=0, lines=[near]))
     stage.runtime.run(0.5)
-    assert stage.session.suspects.offered == []
+    assert stage.session.suspected_mirrors.offered == []
     assert not panel._suspect.visible
     assert stage.session.choices.dismissed == [Dismissed(map="room", points=SUSPECT.points)]
     stage.browse(1, Visitor("ben"))
-    assert len(stage.viz.browsers[1].session.suspects.offered) == 1
+    assert len(stage.viz.browsers[1].session.suspected_mirrors.offered) == 1
 
 
 def test_a_page_that_sends_nonsense_changes_nothing(hand: Hand, keeper: ZoneKeeper) -> None:

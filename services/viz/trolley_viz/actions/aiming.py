@@ -1,4 +1,4 @@
-"""Pointer at the map: where to go, and where the robot is."""
+"""Pointing at the map: where to go, and where the robot is."""
 
 import math
 from collections.abc import Callable
@@ -66,7 +66,7 @@ class Aiming:
         self.hint = hint
 
     def toggle(self, name: str) -> None:
-        """Take up the tool "go to" or "set pose"; where it is up already, leave it."""
+        """Arm the tool "go to" or "set pose"; put it away if it is armed already."""
         if self.armed == name:
             self.put_away()
         elif name == GO_TO:
@@ -161,7 +161,7 @@ class Aiming:
         self._actions.ask(requests.POSE_SET, params, "Pose not set", done)
 
     def _undo_step(self, here: Pose2D | None) -> Step | None:
-        """How to set the pose as it is now, moved on by what the odometry will have said by then.
+        """How to go back to the present pose, moved on by the odometry until then.
 
         None where there is no pose to go back to.
         """
@@ -201,7 +201,7 @@ class Aiming:
 
 
 def ignore(_: Pointed | None) -> None:
-    """Nothing is drawn ahead but the arrow."""
+    """Preview nothing but the arrow."""
 
 
 def preview_text(path: Path) -> str:

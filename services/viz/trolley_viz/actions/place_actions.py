@@ -54,7 +54,7 @@ class PlaceActions:
         self._point(name, pointed_out)
 
     def change(self, place: SavedPose, name: str, icon: str, note: str) -> None:
-        """Give a place another name, icon or note; tours go on to find it."""
+        """Give a place another name, icon or note; tours still find it."""
         name = name.strip()
         if name == place.name:
             changed = replace(place, icon=icon, note=note)
@@ -142,7 +142,7 @@ class PlaceActions:
         self._put(after, failed, done)
 
     def _rename(self, before: SavedPose, after: SavedPose, *, is_undo: bool) -> None:
-        """Save it under the new name, lead the tours there, and only then forget the old name."""
+        """Save it under the new name, point the tours there, and only then delete the old name."""
 
         def put(_: Any) -> None:
             for tour in self._tours():
@@ -173,6 +173,6 @@ def _stops_at(tour: Tour, name: str) -> bool:
 
 
 def _led_to(tour: Tour, old: str, new: str) -> Tour:
-    """The tour with stops at another name."""
+    """The tour with its stops renamed."""
     stops = [replace(stop, name=new) if stop.name == old else stop for stop in tour.stops]
     return replace(tour, stops=stops)

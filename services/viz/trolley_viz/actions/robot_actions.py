@@ -16,7 +16,7 @@ from trolley_viz.scene.places import current_places
 from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell
 
 TRIP_GOALS = "tour-"
-"""How the ids of the goals of a trip begin."""
+"""The prefix of the ids of a trip's goals."""
 
 
 class RobotActions:
@@ -136,7 +136,7 @@ class RobotActions:
             self.tell("Not added", f"There are already {MAX_STOPS} places in the row.", "warn")
 
     def send_goal(self, goal: SendGoal, title: str) -> None:
-        """Drive somewhere; `title` says where, to be taken back."""
+        """Drive somewhere; `title` names it in the undo step."""
         before = self._view().streams.latest(topics.GOAL)
 
         def sent(status: GoalStatus) -> None:

@@ -12,7 +12,7 @@ MAX_STOPS = 50
 
 @dataclass(frozen=True)
 class QueuedGoal:
-    """One of them: a saved place, or a pose on the map."""
+    """A goal in the queue: a saved place, or a pose on the map."""
 
     title: str
     pose: Pose2D
@@ -22,39 +22,39 @@ class QueuedGoal:
 
     @property
     def stop(self) -> Stop:
-        """The stop of a tour; one that cannot be reached does not keep it from the others."""
+        """It as a stop of a tour; if it cannot be reached the robot goes on to the next."""
         if self.name is not None:
             return Stop(name=self.name, on_failure="skip")
         return Stop(pose=self.pose, on_failure="skip")
 
 
 class GoalQueue:
-    """A list of them in the order in which they are driven."""
+    """The goals in the order in which they are driven to."""
 
     def __init__(self) -> None:
         self.items: tuple[QueuedGoal, ...] = ()
         self.is_collecting = False
-        """Whether what is pressed is lined up instead of being driven to."""
+        """Whether what is pressed is queued instead of driven to at once."""
         self._trip: TourStatus | None = None
-        """The trip that drives them."""
+        """The trip that drives to them."""
 
     @property
     def is_driven(self) -> bool:
-        """Whether a trip drives them."""
+        """Whether a trip drives to them."""
         return self._trip is not None
 
     def collect(self, *, is_on: bool) -> None:
-        """Begin or end to line up; those that are driven already are not among the new ones."""
+        """Start or stop collecting; goals that are being driven to already are cleared first."""
         if is_on and self._trip is not None:
             self.clear()
         self.is_collecting = is_on
 
     def set_off(self, trip: TourStatus) -> None:
-        """Take note that a trip drives them now."""
+        """Note the trip that drives to them now."""
         self._trip, self.is_collecting = trip, False
 
     def follow(self, trip: TourStatus | None) -> None:
-        """Forget them when their trip is over."""
+        """Clear the queue when its trip is over."""
         own = self._trip
         if own is None or trip is None or trip.stamp_ns < own.stamp_ns:
             return
@@ -85,7 +85,7 @@ class GoalQueue:
         self.items, self._trip = (), None
 
     def tour(self) -> Tour | None:
-        """The tour without a name that drives them, None while there is nothing to drive."""
+        """An unnamed tour of the queue, None while it is empty."""
         return Tour(stops=[one.stop for one in self.items]) if self.items else None
 
     def _add(self, queued: QueuedGoal) -> bool:

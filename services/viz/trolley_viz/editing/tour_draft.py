@@ -139,7 +139,7 @@ class Draft:
 
     # Checks.
     def problems(self, taken: Collection[str], find: Find) -> list[str]:
-        """Say in plain words what keeps it from being saved.
+        """List in everyday words what keeps it from being saved.
 
         Args:
             taken: the names of other tours.
@@ -174,14 +174,14 @@ class Draft:
 
 
 def bearing(x: float, y: float, yaw: float | None, before: Pose2D | None) -> Pose2D:
-    """A pose at a place; without a heading of its own it looks on from the point before."""
+    """A pose at a place; without a heading of its own it faces on from the previous point."""
     if yaw is None:
         yaw = 0.0 if before is None else math.atan2(y - before.y, x - before.x)
     return Pose2D(x, y, yaw)
 
 
 def time_entry(text: str, days: Collection[Day]) -> ScheduleEntry | None:
-    """A time of day such as "8:30" on some days (all or none: every day), None where it is none."""
+    """Parse a time of day such as "8:30" on some days (all or none: every day); None if invalid."""
     found = TIME.fullmatch(text.strip())
     if found is None:
         return None

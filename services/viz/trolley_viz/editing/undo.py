@@ -22,7 +22,7 @@ class Step:
 
 
 class History:
-    """What a person did, the last step first to be taken back."""
+    """What a person did; the last step is undone first."""
 
     def __init__(self) -> None:
         self._steps: list[Step] = []

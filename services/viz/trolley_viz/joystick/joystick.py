@@ -10,19 +10,19 @@ from trolley.messages import Robot
 from trolley.teleop import SPEED_MPS, TURN_RADPS
 
 SILENCE_NS = 300_000_000
-"""A browser that has not said for so long that it holds does not hold."""
+"""A browser that has not said that it holds for this long has let go."""
 LATE_MS = 250.0
-"""What was said this much longer ago than usual says nothing about now."""
+"""A message delayed by this much more than usual is out of date."""
 DRIFT = 1e-3
-"""By how much two computers' clocks may run apart."""
+"""The drift allowed between two computers' clocks."""
 DEAD_ZONE = 0.12
-"""Nearer to the middle the robot stands: a thumb is never exactly there."""
+"""Nearer to the middle the robot stands still: a thumb is never exactly centred."""
 
 Deflection = Annotated[float, Meta(ge=-1.0, le=1.0)]
 
 
 class Grip(Struct, frozen=True, kw_only=True):
-    """What a browser says ten times a second while the pad is held, and once when it is let go.
+    """What a browser sends ten times a second while the pad is held, and once when it is let go.
 
     `x` to the right and `y` up, as shares of the pad's radius; `speed` [m/s] at its rim; `sent_ms`
     by the browser's own clock.
@@ -56,7 +56,7 @@ class Joystick:
         """Browsers that must let go first: nobody gets hold of a robot without a new press."""
 
     def hear(self, who: int, grip: Grip, now_ns: int) -> None:
-        """Take what a browser says at local monotonic `now_ns`."""
+        """Handle a message of a browser at local monotonic `now_ns`."""
         is_late = self._is_late(who, grip, now_ns)
         if not grip.held:
             self._barred.discard(who)
@@ -88,7 +88,7 @@ class Joystick:
             self.bar(self.holder)
 
     def wanted(self, robot: Robot, now_ns: int) -> Twist2D | None:
-        """Return the velocity wanted of a robot, None where nobody holds."""
+        """Return the velocity wanted of a robot, None where nobody holds the joystick."""
         self._let_go_of_silent(now_ns)
         if self.holder is None or self._grip is None:
             return None

@@ -89,7 +89,7 @@ class Console:
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
         self._stop_bar.show_hint(
-            session.zones.hint or session.map_editor.hint or session.aiming.hint
+            session.zone_editor.hint or session.map_editor.hint or session.aiming.hint
         )
         known = robot_state(view, self._silent(view))
         lines = state_lines(known)
@@ -103,7 +103,7 @@ class Console:
         if self._changes is not None:
             self._changes.update(session.change_marks.offered)
         if self._zones is not None:
-            self._zones.update(session.suspects.offered)
+            self._zones.update(session.suspected_mirrors.offered)
         if self._mapping is not None:
             self._mapping.update(view)
         if self._map_edit is not None:

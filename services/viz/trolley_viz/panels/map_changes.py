@@ -36,16 +36,16 @@ class ChangePanel:
         if self._which.options != tuple(choices):
             self._which.options = tuple(choices)
         show(self._which, visible=len(offered) > 1)
-        show(self._answer, visible=is_any, disabled=self._session.changes.is_busy)
+        show(self._answer, visible=is_any, disabled=self._session.change_requests.is_busy)
 
     def _answered(self, answer: str) -> None:
         chosen = choices_of(self._offered).get(self._which.value, [])
         if answer == ACCEPT:
-            self._session.changes.accept(chosen)
+            self._session.change_requests.accept(chosen)
         elif answer == LATER:
             self._session.put_off(chosen)
         elif answer == NEVER:
-            self._session.changes.dismiss(chosen)
+            self._session.change_requests.dismiss(chosen)
 
 
 def choices_of(offered: list[MapChange]) -> dict[str, list[MapChange]]:

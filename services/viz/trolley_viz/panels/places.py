@@ -46,7 +46,7 @@ class PlacePanel:
     """One form for a new place and for those that are saved."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._actions, self._places, post = session.actions, session.places, session.post
+        self._actions, self._places, post = session.actions, session.place_actions, session.post
         self._stored: dict[str, SavedPose] = {}
         self._filled: SavedPose | None = None
         """What the fields were filled from."""

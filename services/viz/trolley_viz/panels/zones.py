@@ -25,7 +25,7 @@ class ZonePanel:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._gui = gui
-        self._editor = session.zones
+        self._editor = session.zone_editor
         self._post = session.post
         self._dismiss = session.dismiss
         self._offer: SuspectLine | None = None

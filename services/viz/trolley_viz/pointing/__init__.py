@@ -1,1 +1,1 @@
-"""Pointer at the map in a browser: gestures, drags, and places on the floor."""
+"""Pointing at the map in a browser: gestures, drags, and places on the floor."""

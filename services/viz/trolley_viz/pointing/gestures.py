@@ -40,7 +40,7 @@ class Page(Protocol):
     """The drags on its map."""
 
     def resized(self, size: tuple[float, float]) -> None:
-        """Take note of the width and height of the picture [px]."""
+        """Note the width and height of the picture [px]."""
         ...
 
     def remember_folder(self, title: str, *, is_open: bool) -> None:

@@ -1,4 +1,4 @@
-"""Pointer at the floor: press, drag and release give a place and a direction, as in rviz.
+"""Pointing at the floor: press, drag and release give a place and a direction, as in rviz.
 
 While a tool is armed an unseen plane lies under the scene of the browser that armed it, and takes
 the drags that else would turn the camera. viser gives the end of a drag on a plane that faces
@@ -18,7 +18,7 @@ from trolley_viz.pointing.drags import Drags
 
 FLOOR_HALF_SIZE_M = 500.0
 MIN_DRAG_SCREEN = 0.012
-"""A shorter drag (share of the screen) is a click: nobody means a direction by it."""
+"""A drag shorter than this share of the screen is a click, without a direction."""
 ARROW_COLOUR = (0, 140, 40)
 Z_ARROW = 0.17
 

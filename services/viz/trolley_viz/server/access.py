@@ -24,12 +24,12 @@ COOKIE_DAYS = 400
 """The longest that browsers keep any cookie."""
 LOCAL_HOSTS = re.compile(r"(localhost|127\.\d+\.\d+\.\d+|\[::1\])(:\d+)?")
 FORWARDED = ("Forwarded", "X-Forwarded-For", "X-Forwarded-Host", "X-Real-IP", "Via")
-"""A proxy on this host says with one of these that somebody else asks."""
+"""A proxy on this host uses one of these headers to say that somebody else is asking."""
 BROWSER = re.compile(r"[0-9a-f]{16}")
 
 
 class AccessTokens(Struct, frozen=True, kw_only=True):
-    """The tokens, as `viewer_access.toml` keeps them; without the file there are new ones."""
+    """The tokens in `viewer_access.toml`; without the file new ones are made."""
 
     operator: str
     viewer: str
@@ -40,7 +40,7 @@ class AccessTokens(Struct, frozen=True, kw_only=True):
         return cls(operator=secrets.token_urlsafe(24), viewer=secrets.token_urlsafe(24))
 
     def role(self, token: str) -> Role | None:
-        """Return what a token allows, None where it is none of these."""
+        """Return what a token allows, None for an unknown token."""
         given = token.encode()
         if hmac.compare_digest(given, self.operator.encode()):
             return "operator"
@@ -49,7 +49,7 @@ class AccessTokens(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class AccessRequest:
-    """A request, as far as it matters here."""
+    """What matters of a request."""
 
     path: str
     peer: str
@@ -91,7 +91,7 @@ class AccessControl:
         self._tokens = tokens
 
     def decide(self, request: AccessRequest) -> AccessDecision:
-        """Let a request in, or say what it lacks."""
+        """Decide on a request."""
         host, origin = request.headers.get("Host") or "", request.headers.get("Origin")
         if origin is not None and not self._is_own_page(origin, host):
             return AccessDecision(

@@ -1,4 +1,4 @@
-"""Pieces of the page that are ours: markup, style and script are files in the folder of each."""
+"""The pieces of the page that are ours: each has files for markup, style and script."""
 
 import functools
 import html
@@ -14,19 +14,19 @@ RUN = (
 
 
 def pad_html(client_id: int) -> str:
-    """Return the joystick, as viser is given it to put into the page of one browser."""
+    """Return the joystick as HTML for the page of one browser."""
     call = f"startPad(document.getElementById('trolley-hand'), {client_id});"
     return _piece("joystick", "pad", call)
 
 
 def overlays_html(client_id: int) -> str:
-    """Return where overlays lie over the scene of one browser."""
+    """Return the container of the overlays as HTML for one browser."""
     call = f"startOverlays(document.getElementById('trolley-overlays'), {client_id});"
     return _piece("overlays", "overlays", call)
 
 
 def gestures_html(client_id: int) -> str:
-    """Return what tells of the gestures in one browser."""
+    """Return the script that reports gestures, as HTML for one browser."""
     call = f"startGestures(document.getElementById('trolley-gestures'), {client_id});"
     return _piece("pointing", "gestures", call)
 

@@ -1,4 +1,4 @@
-"""Connections to the browsers beside viser's own, for pieces of the page that are ours.
+"""WebSockets to the browsers besides viser's own, for the pieces of the page that are ours.
 
 viser sends the changes of all its controls through one slot in which a newer one replaces an older:
 what is said ten times a second could swallow a press of Stop. It also stays open for as long as the

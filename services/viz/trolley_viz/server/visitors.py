@@ -1,4 +1,4 @@
-"""Who looks: which browser it is, and what its person may do."""
+"""Visitors: which browser it is, and what its person may do."""
 
 import contextvars
 from dataclasses import dataclass
@@ -20,4 +20,4 @@ class Visitor:
 NOBODY = Visitor()
 
 present: contextvars.ContextVar[Visitor] = contextvars.ContextVar("present", default=NOBODY)
-"""Whose connection the present task serves; viser's callbacks run in such a task."""
+"""The visitor whose connection the current task serves; viser's callbacks run in such a task."""

@@ -43,11 +43,11 @@ padding:.4em 1em">Open</button></form>"""
 MAX_UNSENT_BYTES = 16_384
 
 Serve = Callable[[ServerConnection], Awaitable[None]]
-"""Talks with one browser until one of them has enough."""
+"""Serves one browser's connection until either side closes it."""
 
 
 class PortTaken(RuntimeError):
-    """The viewer's port cannot be had."""
+    """The viewer cannot listen on its port."""
 
 
 class LocalServer(viser.ViserServer):
@@ -108,7 +108,7 @@ def configure_look(gui: viser.GuiApi, *, dark: bool) -> None:
 
 @contextlib.contextmanager
 def _changed_serving(gate: AccessControl, sockets: Mapping[str, Serve]) -> Generator[None]:
-    """Put the gate before viser's server, and serve more paths than its own.
+    """Put access control before viser's server, and serve more paths than its own.
 
     viser lets everybody in and does not ask which site's page talks to it; it has no place to say
     otherwise, so the check is put under it while it starts.
@@ -162,7 +162,7 @@ def keep_backlog_short(connection: socket.socket) -> None:
 
 
 def _sentence(answered: AccessDecision) -> Response:
-    """Say why somebody is not let in, or lead on."""
+    """Make the page that refuses somebody, or redirects."""
     form = ASKING if answered.status == HTTPStatus.UNAUTHORIZED else ""
     body = PAGE.format(text=html.escape(answered.text), form=form).encode()
     headers = Headers({"Content-Type": "text/html; charset=utf-8"})

@@ -26,7 +26,7 @@ from trolley_viz.scene.robot_body import RobotLayer
 from trolley_viz.scene.scene import Scene
 
 EVERY_MESSAGE_S = 0.05
-"""A watch that keeps the last of a stream, however little, hears every message."""
+"""A watch that keeps any history at all hears every message."""
 
 
 class RobotScene:

@@ -67,8 +67,8 @@ class Session:
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
-        self.places = PlaceActions(self.actions, self.aiming, lambda: self.view)
-        self.zones = ZoneEditor(
+        self.place_actions = PlaceActions(self.actions, self.aiming, lambda: self.view)
+        self.zone_editor = ZoneEditor(
             Canvas(client, self.drags),
             ZoneRequests(
                 service,
@@ -91,9 +91,11 @@ class Session:
             self.tell,
             self._begin_map_tool,
         )
-        self.suspects = SuspectLines(client.scene)
+        self.suspected_mirrors = SuspectLines(client.scene)
         self.change_marks = ChangeMarks(client.scene)
-        self.changes = ChangeRequests(service, self.actions, lambda: self._robot, self._map_name)
+        self.change_requests = ChangeRequests(
+            service, self.actions, lambda: self._robot, self._map_name
+        )
         configure_look(client.gui, dark=choices.dark)
         self.scene = BrowserScene(client.scene)
         """What this browser alone has in its scene."""
@@ -243,16 +245,16 @@ class Session:
             eye=self._viewport.eye,
         )
         self._keep_one_tool()
-        self.zones.update()
+        self.zone_editor.update()
         self.map_editor.update()
-        self.suspects.update(view, self._choices.dismissed, is_shown=layers["zones"])
+        self.suspected_mirrors.update(view, self._choices.dismissed, is_shown=layers["zones"])
         self.change_marks.update(view, is_shown=layers["zones"])
         self._viewport.update(view, self._robot)
 
     def put_tools_away(self) -> None:
         """End all pointing and drawing."""
         self.aiming.put_away()
-        self.zones.leave()
+        self.zone_editor.leave()
         self.map_editor.choose("look")
 
     # Inside.
@@ -272,14 +274,14 @@ class Session:
 
     def _begin_map_tool(self) -> None:
         self.aiming.put_away()
-        self.zones.leave()
+        self.zone_editor.leave()
 
     def _keep_one_tool(self) -> None:
         """Put away what else takes the pointer while something is pointed out."""
         if self.pointing.tool is None:
             return
-        if self.zones.mode != "idle":
-            self.zones.leave()
+        if self.zone_editor.mode != "idle":
+            self.zone_editor.leave()
         self.map_editor.choose("look")
 
     def _map_name(self) -> str:
