@@ -73,7 +73,7 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
 
     poll(page, lambda: seen(start, is_blue) > 0.6, "the footprint where it stands")
     button(page, "Go to …").click()
-    expect(page.locator("#trolley-hint")).to_contain_text("Press where to go")
+    expect(page.locator("#trolley-hint")).to_contain_text("Press where it should go")
     drag(page, AWAY, BEYOND)
 
     def truth() -> Pose2D:

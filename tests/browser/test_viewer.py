@@ -215,7 +215,7 @@ def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
     button(page, "Continue").click()
     wait_until(lambda: goal_state(shown) == "driving", 20.0, "it goes on")
     button(page, "Cancel").click()
-    expect(page.get_by_text("Its way was canceled")).to_be_visible()
+    expect(page.get_by_text("Canceled. Ready.")).to_be_visible()
 
 
 def test_stop_is_in_sight_whatever_tab_is_open(page: Page) -> None:

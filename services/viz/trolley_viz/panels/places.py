@@ -80,7 +80,7 @@ class PlacePanel:
             self._fill(chosen)
         is_new = chosen is None
         self._save.visible = self._delete.visible = self._note.visible = not is_new
-        self._here.label = "Save where the robot is" if is_new else "Move to where the robot is"
+        self._here.label = "Save where the robot is" if is_new else "Move to the robot"
         self._point.label = "Point on the map …" if is_new else "Move on the map …"
         show_undo(self._undo, self._actions.history)
 
