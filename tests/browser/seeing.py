@@ -14,7 +14,7 @@ from PIL import Image
 from playwright.sync_api import Page
 
 from trolley.gridmap import load_map
-from trolley_viz.camera import (
+from trolley_viz.graphics.camera import (
     BELOW,
     FIELD_OF_VIEW,
     PANEL_PIXELS,

@@ -38,17 +38,17 @@ def test_what_is_not_let_go_of_sends_no_goal(page: Page, shown: "Shown") -> None
     before = shown.robot.latest(topics.GOAL)
     assert before is not None
     button(page, "Go to …").click()
-    expect(hint).to_contain_text("Press where to go")
+    expect(hint).to_contain_text("Press where it should go")
     drag_on()
     touch("touchCancel")  # as for a call, or a swipe from the edge
-    expect(hint).to_contain_text("Press where to go")
+    expect(hint).to_contain_text("Press where it should go")
     x, y = drag_on()
     touch("touchStart", (x, y), (x + 40.0, y + 40.0))  # a second finger
     touch("touchEnd")
-    expect(hint).to_contain_text("Press where to go")
+    expect(hint).to_contain_text("Press where it should go")
     drag_on()
     page.evaluate("window.dispatchEvent(new Event('blur'))")  # as for another window
-    expect(hint).to_contain_text("Press where to go")
+    expect(hint).to_contain_text("Press where it should go")
     touch("touchEnd")
     page.wait_for_timeout(500)
     goal = shown.robot.latest(topics.GOAL)

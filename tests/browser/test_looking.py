@@ -51,7 +51,7 @@ def test_a_pose_is_set_with_an_arrow_and_found_without(page: Page, shown: "Shown
     drag(page, (x, y), (x + 0.8 * math.cos(yaw), y + 0.8 * math.sin(yaw)))
     expect(page.get_by_role("button", name="Undo: Set pose")).to_be_visible()
     wait_until(lambda: pose_error(shown) < 0.2, 30.0, "it is localized from a rough arrow")
-    button(page, "Find yourself").click()
+    button(page, "Find position").click()
     wait_until(lambda: pose_error(shown) < 0.2, 60.0, "it finds itself with no arrow at all")
     expect(page.get_by_text("Localized").first).to_be_visible()
 
@@ -73,7 +73,7 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
 
     poll(page, lambda: seen(start, is_blue) > 0.6, "the footprint where it stands")
     button(page, "Go to …").click()
-    expect(page.locator("#trolley-hint")).to_contain_text("Press where to go")
+    expect(page.locator("#trolley-hint")).to_contain_text("Press where it should go")
     drag(page, AWAY, BEYOND)
 
     def truth() -> Pose2D:
@@ -109,7 +109,7 @@ def test_frames_distances_and_layers(page: Page, shown: "Shown", pictures: Path)
     row = page.get_by_role("row", name="Distance").first
     expect(row).to_be_visible()
     assert float(row.inner_text().split()[1]) == pytest.approx(distance, abs=0.05)
-    page.get_by_text("Layers: Senses", exact=True).click()
+    page.get_by_text("Layers: Sensing", exact=True).click()
     particles = page.get_by_label("Particles")
     expect(particles).to_be_checked()
     particles.uncheck()
@@ -119,7 +119,7 @@ def test_frames_distances_and_layers(page: Page, shown: "Shown", pictures: Path)
     page.get_by_role("tab", name="More").click()
     expect(page.get_by_label("Particles")).not_to_be_checked()  # the folder is still open, too
     page.get_by_label("Particles").check()
-    for folder in ("Layers: Senses", "Distance and angle", "Frames"):
+    for folder in ("Layers: Sensing", "Distance and angle", "Frames"):
         page.get_by_text(folder, exact=True).click()
     page.get_by_role("tab", name="Go").click()
 
@@ -178,10 +178,10 @@ def test_a_part_that_hangs_is_named_and_nothing_is_made_up(page: Page, shown: "S
     wait_until(lambda: goal_state(shown) == "arrived", 60.0, "it is at the start")
     os.kill(services["localizer"], signal.SIGSTOP)
     try:
-        expect(page.get_by_text("It does not know where it is").first).to_be_visible()
+        expect(page.get_by_text("The robot does not know where it is").first).to_be_visible()
         page.get_by_role("tab", name="Map").click()
         field(page, "Name").fill("nowhere")
-        button(page, "Save where it stands").click()
+        button(page, "Save where the robot is").click()
         expect(page.get_by_text("Not saved")).to_be_visible()
     finally:
         os.kill(services["localizer"], signal.SIGCONT)
@@ -198,11 +198,11 @@ def test_a_part_that_hangs_is_named_and_nothing_is_made_up(page: Page, shown: "S
         expect(page.get_by_role("alert").filter(has_text="planner").first).to_be_visible()
     finally:
         os.kill(services["planner"], signal.SIGCONT)
-    expect(page.get_by_text("It is at start.")).to_be_visible()
+    expect(page.get_by_text("It has arrived at start.")).to_be_visible()
 
 
 def test_a_localizer_that_died_comes_back_where_it_was(page: Page, shown: "Shown") -> None:
     shown.demo.kill_service("localizer")
-    expect(page.get_by_text("It does not know where it is").first).to_be_visible()
+    expect(page.get_by_text("The robot does not know where it is").first).to_be_visible()
     expect(page.get_by_text("Localized").first).to_be_visible()
     wait_until(lambda: pose_error(shown) < 0.2, 30.0, "it is where it was, and has checked it")

@@ -121,7 +121,7 @@ def test_what_is_not_on_the_map_is_marked_and_driven_round(
     page.get_by_text("Layers: Robot", exact=True).click()
     page.get_by_label("Other robots").uncheck()  # it would hide its own echoes
     page.get_by_text("Layers: Robot", exact=True).click()
-    page.get_by_text("Layers: Senses", exact=True).click()
+    page.get_by_text("Layers: Sensing", exact=True).click()
     expect(page.get_by_text("not on the map", exact=True)).to_be_visible()
     poll(page, lambda: num_marked() > 10, "its echoes are as those of what is not on the map")
     wait_until(lambda: nearest(shown) > KEPT_AWAY_M, 10.0, "the way leads round it")
@@ -130,7 +130,7 @@ def test_what_is_not_on_the_map_is_marked_and_driven_round(
     poll(page, lambda: num_marked() == 0, "they are echoes")
     page.get_by_label("Laser scan").check()
     poll(page, lambda: num_marked() > 10, "they are back")
-    page.get_by_text("Layers: Senses", exact=True).click()
+    page.get_by_text("Layers: Sensing", exact=True).click()
     page.get_by_role("tab", name="Go").click()
 
 
@@ -151,7 +151,7 @@ def test_one_viewer_shows_and_stops_two_robots(
     assert second.mode == "stopped"
     page.screenshot(path=pictures / "two-robots.png", timeout=60_000)
     button(page, "Follow Bertha").click()
-    expect(page.get_by_text("It is stopped. Press Resume to let it drive again.")).to_be_visible()
+    expect(page.get_by_text("Stopped. Press Resume to let it drive again.")).to_be_visible()
     button(page, "Resume").click()
     wait_until(lambda: second.mode == "ok", 10.0, "it is the second one's now")
     assert page.get_by_text("outline is shown").count() == 0  # nothing is amiss with its body
@@ -159,7 +159,7 @@ def test_one_viewer_shows_and_stops_two_robots(
     second.process.send(signal.SIGTERM)
     second.process.wait(30.0)
     expect(page.get_by_text("Bertha: Away")).to_be_visible()
-    expect(page.get_by_text("Nothing is heard of the robot").first).to_be_visible()
+    expect(page.get_by_text("No contact with the robot").first).to_be_visible()
     page.screenshot(path=pictures / "second-away.png", timeout=60_000)
     button(page, "STOP").click()
     expect(page.get_by_text("NOT STOPPED")).to_be_visible()

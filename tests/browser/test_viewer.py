@@ -65,12 +65,12 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
     page.get_by_role("button", name="Go to …").click()
-    expect(page.get_by_text("Press where to go")).to_be_visible()
+    expect(page.get_by_text("Press where it should go")).to_be_visible()
     drag(page, PLACE, TOWARDS)
     wait_until(lambda: goal_state(shown) == "driving", 20.0, "the robot sets off")
     page.screenshot(path=pictures / "driving.png", timeout=60_000)
     wait_until(lambda: goal_state(shown) in ("arrived", "failed"), 60.0, "the robot gets there")
-    expect(page.get_by_text("It is at the place that was pointed out")).to_be_visible()
+    expect(page.get_by_text("It has arrived at the place on the map")).to_be_visible()
     page.screenshot(path=pictures / "arrived.png", timeout=60_000)
     truth = shown.robot.latest(topics.SIM_TRUTH)
     assert truth is not None
@@ -95,7 +95,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
 
     button(phone, "Go to …").tap()
     hint = phone.locator("#trolley-hint")
-    expect(hint).to_contain_text("Press where to go")
+    expect(hint).to_contain_text("Press where it should go")
     wait_for_frames(phone)
     (x, y), (x1, y1) = pixel_of(phone, FAR), pixel_of(phone, FROM_FAR)
     touch("touchStart", (x, y))
@@ -114,7 +114,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     wait_until(lambda: goal_state(shown) == "canceled", 20.0, "the goal is taken back")
     # Who vanishes in the middle of a drag has done nothing.
     button(phone, "Go to …").tap()
-    expect(hint).to_contain_text("Press where to go")
+    expect(hint).to_contain_text("Press where it should go")
     wait_for_frames(phone)
     touch("touchStart", (x, y))
     touch("touchMove", (x1, y1))
@@ -130,8 +130,8 @@ def test_tools_are_taken_and_left_by_keys_and_by_buttons(page: Page) -> None:
     page.keyboard.press("Escape")
     expect(hint).to_have_count(0)
     page.keyboard.press("g")
-    expect(hint).to_contain_text("Press where to go")
-    button(page, "Press again to leave").click()
+    expect(hint).to_contain_text("Press where it should go")
+    button(page, "Press again to cancel").click()
     expect(hint).to_have_count(0)
     page.keyboard.press("j")
     expect(page.locator(".hand-card")).to_be_visible()
@@ -168,12 +168,12 @@ def test_a_place_is_saved_changed_and_brought_back(
 ) -> None:
     page.get_by_role("tab", name="Map").click()
     field(page, "Name").fill("<b>spot</b>")
-    button(page, "Save where it stands").click()
+    button(page, "Save where the robot is").click()
     expect(page.get_by_text("Not saved")).to_be_visible()
     field(page, "Name").fill("")
     field(page, "Name").press_sequentially("play corner")  # keys that would point, stop and cancel
     choose(page, "Icon", "children")
-    button(page, "Save where it stands").click()
+    button(page, "Save where the robot is").click()
     wait_until(lambda: place_of(shown, "play corner") is not None, 20.0, "it is saved")
     expect(page.locator("#trolley-hint")).to_have_count(0)
     base = shown.robot.latest(topics.BASE)
@@ -207,15 +207,15 @@ def test_a_place_is_saved_changed_and_brought_back(
 
 def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
     button(page, "start").click()
-    expect(page.get_by_text("It is at start.")).to_be_visible()
+    expect(page.get_by_text("It has arrived at start.")).to_be_visible()
     button(page, "corridor").click()
     expect(page.get_by_text("It is on its way to corridor")).to_be_visible()
     button(page, "Pause").click()
     expect(page.get_by_text("It is paused on its way to corridor")).to_be_visible()
-    button(page, "Go on").click()
+    button(page, "Continue").click()
     wait_until(lambda: goal_state(shown) == "driving", 20.0, "it goes on")
     button(page, "Cancel").click()
-    expect(page.get_by_text("Its way was canceled")).to_be_visible()
+    expect(page.get_by_text("Canceled. Ready.")).to_be_visible()
 
 
 def test_stop_is_in_sight_whatever_tab_is_open(page: Page) -> None:
@@ -232,7 +232,7 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
 
     page.get_by_role("button", name="STOP").click()
     wait_until(lambda: mode() == "stopped", 10.0, "base is stopped")
-    expect(page.get_by_text("It is stopped. Press Resume to let it drive again.")).to_be_visible()
+    expect(page.get_by_text("Stopped. Press Resume to let it drive again.")).to_be_visible()
     page.get_by_role("button", name="Resume").click()
     wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
     page.keyboard.press("Space")

@@ -160,7 +160,7 @@ def test_a_suspected_mirror_is_added_by_one_click(
     line = SuspectLine(points=points, score=0.9)
     suspects = Suspects(stamp_ns=robot.now_ns() or 0, lines=[line])
     robot.connection.publish(robot.name, topics.SUSPECTS, suspects)  # as the localizer would
-    expect(page.get_by_text("A mirror seems to hang")).to_be_visible()
+    expect(page.get_by_text("There seems to be a mirror")).to_be_visible()
     page.screenshot(path=pictures / "suspect.png", timeout=60_000)
     before = zones(shown)
     page.get_by_role("button", name="Yes, add it").click()
@@ -170,7 +170,7 @@ def test_a_suspected_mirror_is_added_by_one_click(
     near(added.points, points)
     none = Suspects(stamp_ns=robot.now_ns() or 0, lines=[])
     robot.connection.publish(robot.name, topics.SUSPECTS, none)
-    expect(page.get_by_text("A mirror seems to hang")).to_have_count(0)
+    expect(page.get_by_text("There seems to be a mirror")).to_have_count(0)
     robot.ask(requests.ZONES_DELETE, Named(name=added.name))
 
 

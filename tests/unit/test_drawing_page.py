@@ -11,7 +11,7 @@ import pytest
 from trolley import topics
 from trolley.messages import Marker, Overlay, OverlayRule, Pose2D
 from trolley.runtime import codec
-from trolley_viz.icons import known_icon
+from trolley_viz.graphics.icons import known_icon
 from trolley_viz.overlays.source import parse_source
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "drawing.md").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from trolley.cli.running import find_settings
 from trolley.cli.show import print_json
 from trolley.config import VizConfig
 from trolley.runtime.state import state_root
-from trolley_viz.gate import FILE, Access
+from trolley_viz.server.access import FILE, AccessTokens
 
 EVERYWHERE = ("0.0.0.0", "::", "")
 
@@ -44,11 +44,11 @@ def viewer_link(as_json: bool) -> None:
     click.echo(f"To look and stop: {links['viewer']}")
 
 
-def _read(path: Path) -> Access:
+def _read(path: Path) -> AccessTokens:
     try:
-        return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), type=Access)
+        return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), type=AccessTokens)
     except FileNotFoundError:
-        raise click.ClickException(f"{path} is not there: start the viewer once") from None
+        raise click.ClickException(f"{path} does not exist: start the viewer once") from None
     except (OSError, ValueError) as error:
         raise click.ClickException(f"{path} cannot be read: {error}") from error
 

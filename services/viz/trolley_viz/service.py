@@ -4,44 +4,46 @@ viser serves the browsers on threads of its own; whatever happens there is hande
 `call_soon`. A robot's streams are subscribed to only while a browser follows it.
 """
 
-from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
 
 import viser
 
 from trolley import requests, teleop, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
-from trolley.messages.request_params import AskHistory, Nothing
-from trolley.runtime.service import Service, Watch, every
-from trolley.topics import Topic
-from trolley_viz import camera, visitors
-from trolley_viz.fleet import Fleet
+from trolley.messages.request_params import Nothing
+from trolley.runtime.service import Service, every
 from trolley_viz.foxglove import open_bridge
-from trolley_viz.gate import FILE as ACCESS_FILE
-from trolley_viz.gate import Access, Gate, is_loopback_host
-from trolley_viz.gestures.in_pages import Gestures
-from trolley_viz.joystick.by_hand import ByHand
+from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.cards import Moment
-from trolley_viz.overlays.in_pages import InPages, Shown
-from trolley_viz.overlays.layer import OverlayLayer
-from trolley_viz.overlays.readings import Readings
-from trolley_viz.past_trips import Answered as HistoryAnswered
-from trolley_viz.robots import Robots
-from trolley_viz.scene.ground import map_bounds
-from trolley_viz.server import LocalServer, PortTaken, close_server, open_server
-from trolley_viz.session import Session
+from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
+from trolley_viz.panels.console import Console
+from trolley_viz.pointing.gestures import Gestures
+from trolley_viz.robots.fleet import Fleet, Robots
+from trolley_viz.robots.stop_presses import Answered, StopPresses
+from trolley_viz.scene.overlays import OverlayLayer
+from trolley_viz.server import visitors
+from trolley_viz.server.access import FILE as ACCESS_FILE
+from trolley_viz.server.access import AccessControl, AccessTokens, is_loopback_host
+from trolley_viz.server.visitors import Visitor
+from trolley_viz.server.web_server import PortTaken, close_server, open_server
+from trolley_viz.session.hub import Hub
+from trolley_viz.session.robot_scene import RobotScenes
+from trolley_viz.session.session import Session
 from trolley_viz.settings import FILE, Choices, ViewerSettings
-from trolley_viz.stage import Stage
-from trolley_viz.stopping import Answered, StopPresses
-from trolley_viz.visitors import Visitor
 
-LOOK_PERIOD_S = 0.05
-"""A scan waits for half of it on average."""
+DRAW_PERIOD_S = 0.05
+"""On average a scan waits half as long before it is drawn."""
 PANEL_PERIOD_NS = 200_000_000
 JOYSTICK_PATH, OVERLAYS_PATH, GESTURES_PATH = "/joystick", "/overlays", "/gestures"
-EVERY_MESSAGE_S = 0.05
-"""A watch that keeps the last of a stream, however little, is told of every message."""
+
+
+@dataclass(frozen=True)
+class Browser:
+    """An open browser: what it shows and may do, and the controls of its page."""
+
+    session: Session
+    console: Console
 
 
 class VizService(Service):
@@ -50,225 +52,162 @@ class VizService(Service):
     name = "viz"
     all_robots = True
 
-    _server: LocalServer | None = None
+    hub: Hub | None = None
+    """What all browsers share; there is none before `start`."""
 
     def __init__(self, config: RobotConfig) -> None:
         self._config = config.viz
         self._robots = Robots(config.robot.name)
-        self._stops = StopPresses(self._ask_stop)
         self._fleet = Fleet(
             self._robots,
             lambda topic: self.watch(topic, robot="*"),
             self.close_watch,
-            self.robot_ns,
+            lambda robot: self.time_of(robot).now(self.monotonic_ns),
         )
-        self._sessions: dict[int, Session] = {}
+        self.browsers: dict[int, Browser] = {}
         """The browsers that are open, by viser's number for each."""
-        self._stages: dict[str, Stage] = {}
-        """The robots that somebody follows."""
         self._panels_due_ns = 0
 
     # Life.
     def start(self) -> None:
         """Open the web page."""
-        self._by_hand = ByHand(self, self._robots, self.robot_ns, self._driven_by)
-        self._overlays = InPages(self, self._shown)
-        self._gestures = Gestures(self.call_soon, self._sessions.get)
+        self.joystick = Teleop(self, self._robots, self._driven_by)
+        self.overlays = OverlayPages(self, self._shown_overlays)
+        self.gestures = Gestures(self.call_soon, self._session)
         sockets = {
-            JOYSTICK_PATH: self._by_hand.sockets.serve,
-            OVERLAYS_PATH: self._overlays.sockets.serve,
-            GESTURES_PATH: self._gestures.sockets.serve,
+            JOYSTICK_PATH: self.joystick.sockets.serve,
+            OVERLAYS_PATH: self.overlays.sockets.serve,
+            GESTURES_PATH: self.gestures.sockets.serve,
         }
         try:
-            server = self._server = open_server(self._config, self._gate(), sockets)
+            server = open_server(self._config, self._access_control(), sockets)
         except PortTaken as taken:
             # Nothing to trace: the sentence says it all, so it is no exception in the log.
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
             raise SystemExit(1) from taken
         self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
+        self.hub = Hub(
+            service=self,
+            server=server,
+            robots=self._robots,
+            stops=StopPresses(self._ask_stop),
+            scenes=RobotScenes(self, server, self._robots),
+            remember=self._remember,
+            let_go=self.joystick.let_go,
+        )
         self._bridge = open_bridge(self, self._config)
 
         # async, and only handing over: these run on the thread of the web server.
-        async def came(client: viser.ClientHandle) -> None:
+        async def connected(client: viser.ClientHandle) -> None:
             visitor = visitors.present.get()
-            self.call_soon(lambda: self._client_came(client, visitor))
+            self.call_soon(lambda: self.open_browser(client, visitor))
 
-        async def left(client: viser.ClientHandle) -> None:
-            self.call_soon(lambda: self._client_left(client.client_id))
+        async def disconnected(client: viser.ClientHandle) -> None:
+            self.call_soon(lambda: self.close_browser(client.client_id))
 
-        server.on_client_connect(came)
-        server.on_client_disconnect(left)
+        server.on_client_connect(connected)
+        server.on_client_disconnect(disconnected)
         self.log.info("The viewer is ready", url=f"http://{self._config.host}:{self._config.port}")
         if not is_loopback_host(self._config.host):
-            self.log.info("It asks for a token: `trolley viewer-link` prints links that hold one")
+            self.log.info(
+                "Browsers need a token: `trolley viewer-link` prints links that contain one"
+            )
 
     def stop(self) -> None:
         """Close the web page."""
-        if self._server is not None:
-            close_server(self._server)
+        if self.hub is not None:
+            close_server(self.hub.server)
             if self._bridge is not None:
                 self._bridge.close()
 
-    @every(LOOK_PERIOD_S, clock="local")
-    def look(self) -> None:
-        """Draw and say what changed, while anybody looks."""
-        self._stops.tick(self.monotonic_ns)
-        if not self._sessions:
+    def open_browser(self, client: viser.ClientHandle, visitor: Visitor) -> None:
+        """Give a browser its controls."""
+        if self.hub is None:
+            return
+        choices = self._settings.browsers.get(visitor.browser, Choices())
+        session = Session(self.hub, client, visitor, choices)
+        self.browsers[client.client_id] = Browser(session, Console(client.gui, session))
+        self._panels_due_ns = 0
+
+    def close_browser(self, client_id: int) -> None:
+        """Forget a browser that is gone."""
+        browser = self.browsers.pop(client_id, None)
+        if browser is not None:
+            browser.session.put_tools_away()
+            browser.console.close()
+        if not self.browsers and self.hub is not None:
+            self._fleet.update(is_watched=False)
+            self.hub.scenes.update({}, ())
+
+    # What it does again and again.
+    @every(DRAW_PERIOD_S, clock="local")
+    def draw(self) -> None:
+        """Draw and say what changed, while any browser is open."""
+        hub = self.hub
+        if hub is None:
+            return
+        hub.stops.tick(self.monotonic_ns)
+        if not self.browsers:
             return
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(is_watched=True)
-        if self._server is not None:
-            with self._server.atomic():  # viser's thread is woken once for all of it
-                self._update_stages()
-            for session in self._sessions.values():
-                session.update_scene(self._stages.keys())
-            self._server.flush()  # viser would wait for more to send together
+        with hub.server.atomic():  # viser's thread is woken once for all of it
+            hub.scenes.update(self._layers_by_robot(), self._fleet.members)
+        scenes = hub.scenes.by_robot
+        for browser in self.browsers.values():
+            browser.session.update_scene(scenes.keys())
+        hub.server.flush()  # viser would wait for more to send together
         if self.monotonic_ns >= self._panels_due_ns:
             self._panels_due_ns = self.monotonic_ns + PANEL_PERIOD_NS
-            for session in self._sessions.values():
-                session.console.update(session.view)
-            self._overlays.tell()
-            self._by_hand.tell({name: stage.view for name, stage in self._stages.items()})
+            for browser in self.browsers.values():
+                browser.console.update(browser.session.view)
+            self.overlays.send_changes()
+            self.joystick.send_states({name: one.view for name, one in scenes.items()})
 
     @every(teleop.PERIOD_S, clock="local")
-    def drive_by_hand(self) -> None:
-        """Send what the joystick wants."""
-        self._by_hand.drive()
-
-    # What the browsers share.
-    @property
-    def robots(self) -> Robots:
-        """The robots of the network."""
-        return self._robots
-
-    @property
-    def stops(self) -> StopPresses:
-        """The presses of Stop that are not answered."""
-        return self._stops
-
-    def is_open(self, client_id: int) -> bool:
-        """Whether a browser is still connected; viser knows before it says that it is gone."""
-        return self._server is not None and client_id in self._server.get_clients()
-
-    def stage(self, robot: str) -> Stage:
-        """Return a robot's share of the scene; there is one from the first time it is asked for."""
-        stage = self._stages.get(robot)
-        if stage is None:
-            assert self._server is not None  # sessions come from the server
-            stage = self._stages[robot] = Stage(
-                self._server,
-                robot,
-                self._open_watch,
-                self.close_watch,
-                self.work,
-                self.readings(robot),
-                self._ask_history,
-            )
-        return stage
-
-    def readings(self, robot: str) -> Readings:
-        """Follow values of a robot's topics; the caller drops them in the end."""
-
-        def listen(topic: Topic[Any], parts: tuple[str, ...], then: Callable[..., None]) -> Any:
-            return self.watch(topic, *parts, seconds=EVERY_MESSAGE_S, robot=robot, then=then)
-
-        return Readings(listen, self.close_watch, lambda: self.arrived_ns)
-
-    def robot_ns(self, robot: str) -> int | None:
-        """The time of a robot [ns], None while its clock is silent."""
-        return self.time_of(robot).now(self.monotonic_ns)
-
-    def remember(self, browser: str, choices: Choices) -> None:
-        """Save a browser's choices; those of nobody in particular are forgotten."""
-        if not browser:
-            return
-        settings = self._settings = self._settings.with_choices(browser, choices)
-
-        def write() -> str:
-            try:
-                self.state.write(FILE, settings)
-            except OSError as error:
-                return str(error.strerror)
-            return ""
-
-        self.work(write, self._remembered)
-
-    def let_go(self, client_id: int) -> None:
-        """Take the joystick out of a browser's hand."""
-        self._by_hand.let_go(client_id)
+    def send_commands(self) -> None:
+        """Send what the joysticks want."""
+        self.joystick.drive()
 
     # Inside.
-    def _gate(self) -> Gate:
-        """Who is let in: with the tokens that are kept, or new ones."""
-        access = self.state.read(ACCESS_FILE, Access)
-        if access is None:
-            access = Access.new()
-            try:
-                self.state.write(ACCESS_FILE, access, is_secret=True)
-            except OSError as error:
-                self.log.warning("The viewer's tokens were not saved", why=error.strerror)
+    def _access_control(self) -> AccessControl:
+        """Who is let in: with the tokens that are saved, or new ones."""
+        tokens = self.state.read(ACCESS_FILE, AccessTokens)
+        if tokens is None:
+            tokens = AccessTokens.new()
+            self.save(ACCESS_FILE, tokens, is_secret=True)
         config = self._config
-        return Gate(config.port, config.origins, always_ask=config.always_ask, access=access)
+        return AccessControl(
+            config.port, config.origins, always_ask=config.always_ask, tokens=tokens
+        )
 
-    def _client_came(self, client: viser.ClientHandle, visitor: Visitor) -> None:
-        choices = self._settings.browsers.get(visitor.browser, Choices())
-        self._sessions[client.client_id] = Session(self, self, client, visitor, choices)
-        self._panels_due_ns = 0
+    def _session(self, client_id: int) -> Session | None:
+        browser = self.browsers.get(client_id)
+        return None if browser is None else browser.session
 
-    def _client_left(self, client_id: int) -> None:
-        session = self._sessions.pop(client_id, None)
-        if session is not None:
-            session.put_tools_away()
-        if not self._sessions:
-            self._fleet.update(is_watched=False)
-            self._update_stages()
-
-    def _update_stages(self) -> None:
-        """Draw the robots that somebody follows, and leave those that nobody does."""
+    def _layers_by_robot(self) -> dict[str, set[str]]:
+        """The layers that somebody wants to see of each robot that is followed."""
         shown: dict[str, set[str]] = {}
-        for session in self._sessions.values():
-            on = {key for key, is_on in session.layers().items() if is_on}
-            shown.setdefault(session.robot, set()).update(on)
-        for name in self._stages.keys() - shown.keys():
-            self._stages.pop(name).close()
-        for name, layers in shown.items():
-            self.stage(name).update(
-                self._robots.get(name),
-                layers,
-                now_ns=self.monotonic_ns,
-                robot_ns=self.robot_ns(name),
-                epoch=self.time_of(name).epoch,
-                fleet=self._fleet.members,
-            )
-        self._set_initial_camera()
+        for browser in self.browsers.values():
+            on = {key for key, is_on in browser.session.layers().items() if is_on}
+            shown.setdefault(browser.session.robot, set()).update(on)
+        return shown
 
-    def _set_initial_camera(self) -> None:
-        """Let the next browser begin above the map of the viewer's own robot."""
-        own = self._stages.get(self._robots.own)
-        if own is not None and self._server is not None and own.has_new_map():
-            bounds = map_bounds(own.view)
-            if bounds is not None:
-                camera.set_initial(self._server, bounds)
-
-    def _open_watch(self, topic: Topic[Any], seconds: float, robot: str) -> Watch[Any]:
-        return self.watch(topic, seconds=seconds, robot=robot)
-
-    def _shown(self, client_id: int) -> Shown | None:
+    def _shown_overlays(self, client_id: int) -> ShownOverlays | None:
         """The overlays that a browser shows."""
-        session = self._sessions.get(client_id)
-        stage = None if session is None else self._stages.get(session.robot)
-        if session is None or stage is None or not session.layers()[OverlayLayer.key]:
+        session = self._session(client_id)
+        if self.hub is None or session is None or not session.layers()[OverlayLayer.key]:
             return None
-        when = Moment(self.monotonic_ns, is_away=stage.view.is_away)
-        return Shown(session.robot, stage.board, when)
-
-    def _ask_history(self, limit: int, robot: str, then: HistoryAnswered) -> None:
-        self.request(requests.TOUR_HISTORY, AskHistory(limit=limit), then, robot=robot)
+        scene = self.hub.scenes.by_robot.get(session.robot)
+        if scene is None:
+            return None
+        moment = Moment(self.monotonic_ns, is_away=scene.view.is_away)
+        return ShownOverlays(session.robot, scene.overlays, moment)
 
     def _driven_by(self, client_id: int) -> str | None:
         """The robot that a browser may drive by hand."""
-        session = self._sessions.get(client_id)
+        session = self._session(client_id)
         return session.robot if session is not None and session.may_drive else None
 
     def _ask_stop(self, robot: str, answered: Answered) -> None:
@@ -280,6 +219,8 @@ class VizService(Service):
             robot=robot,
         )
 
-    def _remembered(self, problem: str) -> None:
-        if problem:
-            self.log.warning("The viewer's settings were not saved", why=problem)
+    def _remember(self, browser: str, choices: Choices) -> None:
+        """Save a browser's choices; one without a name is not remembered."""
+        if browser:
+            self._settings = self._settings.with_choices(browser, choices)
+            self.save(FILE, self._settings)

@@ -10,7 +10,7 @@ MAX_DISMISSED = 50
 
 
 class Dismissed(Struct, frozen=True, kw_only=True):
-    """A suspected mirror that somebody said is none."""
+    """A suspected mirror that somebody has dismissed."""
 
     map: str
     points: list[Point]
@@ -26,7 +26,7 @@ class Choices(Struct, frozen=True, kw_only=True):
     dark: bool = False
     """Dark background."""
     dismissed: list[Dismissed] = []
-    """Mirrors that are not suspected here any more."""
+    """Mirrors that are no longer suspected here."""
     folders: dict[str, bool] = {}
     """Title of a folder of controls to open or not."""
 

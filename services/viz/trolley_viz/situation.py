@@ -15,87 +15,89 @@ from trolley.messages import (
     TourStatus,
 )
 from trolley.teleop import SOURCE as BY_HAND
-from trolley_viz.words import DRIVING, STALE_S, UNDER_WAY, Words, duration, goal_name
+from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, StatusLine, duration, goal_name
 
-AWAY = Words("The robot is switched off or out of reach.", "bad")
-LOST = Words("It does not know where it is: show it with “Set pose …”, or let it search.", "bad")
-READY = Words("It is ready and waits for you.", "good")
+AWAY = StatusLine("No contact with the robot. It is switched off or out of range.", "bad")
+LOST = StatusLine(
+    "The robot does not know where it is. Show it with “Set pose …”, or let it search.", "bad"
+)
+READY = StatusLine("Ready.", "good")
 STOPPED_REASONS = {
-    codes.BUTTON: "It is stopped",
-    codes.BATTERY: "It is stopped: the battery is too low",
-    codes.BUMPER: "It is stopped: it bumped into something",
-    codes.COLLISION: "It is stopped: it touched something",
-    codes.CLIFF: "It is stopped: there is no floor in front of it",
+    codes.BUTTON: "Stopped",
+    codes.BATTERY: "Stopped: the battery is too low",
+    codes.BUMPER: "Stopped: it bumped into something",
+    codes.COLLISION: "Stopped: it touched something",
+    codes.CLIFF: "Stopped: there is no floor in front of it",
 }
 PAUSE_REASONS = {
     codes.TAKEN_OVER: "somebody drove it by hand",
     codes.STOPPED: "it was stopped",
     codes.RESTARTED: "it was restarted",
     codes.OTHER_GOAL: "somebody sent it elsewhere",
-    codes.CANCELED: "the way was canceled",
+    codes.CANCELED: "the drive was canceled",
     codes.LOW_BATTERY: "the battery was low; charge it first",
 }
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known of a robot; None where nothing was heard."""
+class RobotState:
+    """What is known of a robot; None where nothing has been received."""
 
     is_away: bool = False
     base: BaseState | None = None
     has_map: bool = True
     estimate: PoseEstimate | None = None
     estimate_age_s: float | None = None
-    """Of the estimate [s], None while it cannot be told."""
+    """Age of the estimate [s], None while unknown."""
     goal: GoalStatus | None = None
     trip: TourStatus | None = None
     tour: Tour | None = None
     """The stored tour that is driven."""
     places: Sequence[SavedPose] = ()
     silent: frozenset[str] = frozenset()
-    """Services that were heard of and are not any more."""
+    """Services that have fallen silent."""
     mapping: MappingStatus | None = None
 
 
-def situation(known: Known) -> Words:
+def situation(known: RobotState) -> StatusLine:
     """Say the one thing that matters most: first what keeps it from driving, then what it does."""
-    return next(words for say in SAYINGS if (words := say(known)) is not None)
+    return next(words for say in RULES if (words := say(known)) is not None)
 
 
-def _away(known: Known) -> Words | None:
+def _away(known: RobotState) -> StatusLine | None:
     return AWAY if known.is_away else None
 
 
-def _base(known: Known) -> Words | None:
+def _base(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode in ("ok", "held"):
         return None
     if base.mode == "stopped":
-        why = STOPPED_REASONS.get(base.reason) or f"It is stopped: {_told(base)}"
-        return Words(f"{why}. Press Resume to let it drive again.", "bad")
-    return Words(f"It cannot drive: {_told(base)}.", "bad")
+        why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_reason_of(base)}"
+        return StatusLine(f"{why}. Press Resume to let it drive again.", "bad")
+    return StatusLine(f"The robot cannot drive: {_reason_of(base)}.", "bad")
 
 
-def _by_hand(known: Known) -> Words | None:
+def _by_hand(known: RobotState) -> StatusLine | None:
     if known.base is not None and known.base.source == BY_HAND:
-        return Words("Somebody drives it by hand.", "busy")
+        return StatusLine("Somebody is driving it by hand.", "busy")
     return None
 
 
-def _held(known: Known) -> Words | None:
+def _held(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode != "held":
         return None
-    return Words(f"It waits: {_told(base)}. It goes on by itself.", "warn")
+    return StatusLine(f"Waiting: {_reason_of(base)}. It will continue by itself.", "warn")
 
 
-def _parts(known: Known) -> Words | None:
+def _planner(known: RobotState) -> StatusLine | None:
     if "planner" in known.silent or known.goal is None:
-        return Words("It cannot drive by itself: the planner is not running.", "bad")
+        return StatusLine("The robot cannot drive by itself: the planner is not running.", "bad")
     return None
 
 
-def _mapping(known: Known) -> Words | None:
+def _mapping(known: RobotState) -> StatusLine | None:
     mapping = known.mapping
     if mapping is None or "mapper" in known.silent:
         return None
@@ -103,47 +105,55 @@ def _mapping(known: Known) -> Words | None:
         case "idle":
             if known.has_map or known.estimate is not None:
                 return None
-            return Words("It has no map yet: make one in the tab “Map”.", "warn")
+            return StatusLine("It has no map yet. Make one in the “Map” tab.", "warn")
         case "starting":
-            return Words("It gets ready to make a map.", "busy")
+            return StatusLine("It is getting ready to make a map.", "busy")
         case "saving":
-            return Words("It saves its new map.", "busy")
+            return StatusLine("It is saving its new map.", "busy")
         case _:
             pass
     estimate = known.estimate
     if estimate is not None and estimate.state == "lost":
-        return Words(
-            "It does not find its place on the new map: bring it back to where it has been.", "bad"
+        return StatusLine(
+            "It cannot find its place on the new map. Bring it back to where it has been.", "bad"
         )
     if mapping.message:
-        return Words(f"It makes a map: {_told(mapping)}.", "warn")
+        return StatusLine(f"Making a map: {_reason_of(mapping)}.", "warn")
     if mapping.state == "paused":
-        return Words(f"The map “{mapping.name}” is paused. Press “Go on”.", "warn")
+        return StatusLine(f"The map “{mapping.name}” is paused. Press “Continue”.", "warn")
     if known.goal is not None and known.goal.state in DRIVING:
         return None
-    return Words(f"It makes the map “{mapping.name}”: drive it through every room.", "busy")
+    return StatusLine(
+        f"Making the map “{mapping.name}”. Drive the robot through every room.", "busy"
+    )
 
 
-def _position(known: Known) -> Words | None:
+def _position(known: RobotState) -> StatusLine | None:
     goal = known.goal
     if not known.has_map or (goal is not None and goal.frame != MAP):
         return None
     if "localizer" in known.silent or known.estimate is None:
-        return Words("It does not know where it is: the localizer is not running.", "bad")
+        return StatusLine(
+            "The robot does not know where it is: the localizer is not running.", "bad"
+        )
     if known.estimate_age_s is None or known.estimate_age_s > STALE_S:
-        return Words("It does not know where it is: its lidar says nothing new.", "bad")
+        return StatusLine(
+            "The robot does not know where it is: its lidar sends nothing new.", "bad"
+        )
     match known.estimate.state:
         case "lost":
             return LOST
         case "searching":
             if known.estimate.wants_turn:
-                return Words("It looks where it is, and needs to turn to see more.", "busy")
-            return Words("It looks where it is.", "busy")
+                return StatusLine(
+                    "The robot is working out where it is, and needs to turn to see more.", "busy"
+                )
+            return StatusLine("The robot is working out where it is.", "busy")
         case _:
             return None
 
 
-def _trip(known: Known) -> Words | None:
+def _trip(known: RobotState) -> StatusLine | None:
     trip, goal = known.trip, known.goal
     if trip is None:
         return None
@@ -152,85 +162,91 @@ def _trip(known: Known) -> Words | None:
     if is_elsewhere and (is_over or (goal is not None and goal.state in DRIVING)):
         return None  # something else was driven since
     if trip.reason == codes.LOW_BATTERY and trip.state in ("driving", "done"):
-        return Words(trip.message, "warn")
+        return StatusLine(trip.message, "warn")
     match trip.state:
         case "paused":
             why = PAUSE_REASONS.get(trip.reason)
             because = f": {why}" if why else ""
-            return Words(f"The tour is paused{because}. Press “Go on”.", "warn")
+            return StatusLine(f"The tour is paused{because}. Press “Continue”.", "warn")
         case "waiting":
-            return Words(f"The tour waits: {_told(trip)}.", "warn")
+            return StatusLine(f"The tour is waiting: {_reason_of(trip)}.", "warn")
         case "dwelling":
-            return Words(f"It stays at {_stop_name(known)} for a while{_counted(known)}.", "busy")
+            return StatusLine(
+                f"It is staying at {_stop_name(known)} for a while{_counted(known)}.", "busy"
+            )
         case "failed":
-            return Words(f"The tour was given up: {_told(trip)}.", "bad")
+            return StatusLine(f"The tour was given up: {_reason_of(trip)}.", "bad")
         case "done":
             missed = sum(one.state != "reached" for one in trip.results)
             if missed:
                 count = len(trip.results)
-                return Words(
+                return StatusLine(
                     f"The tour is over: {count - missed} of {count} places reached.", "warn"
                 )
-            return Words("The tour is done.", "good")
+            return StatusLine("The tour is done.", "good")
         case _:
             return None
 
 
-def _goal(known: Known) -> Words | None:
+def _goal(known: RobotState) -> StatusLine | None:
     goal = known.goal
     if goal is None or goal.state == "idle":
         return None
     to = goal_name(goal, list(known.places))
-    to = "the place that was pointed out" if to.startswith("(") else to
-    why = _told(goal)
+    to = "the place on the map" if to.startswith("(") else to
+    why = _reason_of(goal)
     match goal.state:
         case "planning":
-            return Words(f"It looks for a way to {to}.", "busy")
+            return StatusLine(f"Looking for a path to {to}.", "busy")
         case "driving":
             slowly = ", slowly" if _is_unsure(known) else ""
-            return Words(f"It is on its way to {to}{slowly}{_left(goal)}{_counted(known)}.", "busy")
+            return StatusLine(
+                f"It is on its way to {to}{slowly}{_left(goal)}{_counted(known)}.", "busy"
+            )
         case "recovering":
-            return Words(f"On the way to {to}: {why}.", "warn")
+            return StatusLine(f"On the way to {to}: {why}.", "warn")
         case "paused":
             because = PAUSE_REASONS.get(goal.reason)
             because = f": {because}" if because else ""
-            return Words(f"It is paused on its way to {to}{because}. Press “Go on”.", "warn")
+            return StatusLine(
+                f"It is paused on its way to {to}{because}. Press “Continue”.", "warn"
+            )
         case "arrived":
-            return Words(f"It is at {to}.", "good")
+            return StatusLine(f"It has arrived at {to}.", "good")
         case "failed":
-            return Words(f"It did not reach {to}: {why}.", "bad")
+            return StatusLine(f"It did not reach {to}: {why}.", "bad")
         case _:
-            return Words("Its way was canceled; it waits for you.", "good")
+            return StatusLine("Canceled. Ready.", "good")
 
 
-def _idle(known: Known) -> Words | None:
+def _idle(known: RobotState) -> StatusLine | None:
     if known.trip is not None and known.trip.reason == codes.LOW_BATTERY:
-        return Words(known.trip.message, "warn")
+        return StatusLine(known.trip.message, "warn")
     if _is_unsure(known):
-        return Words("It is not quite sure where it is, and drives slowly.", "warn")
+        return StatusLine("It is not quite sure where it is, so it drives slowly.", "warn")
     return READY
 
 
-SAYINGS: Sequence[Callable[[Known], Words | None]] = (
+RULES: Sequence[Callable[[RobotState], StatusLine | None]] = (
     _away,
     _base,
     _by_hand,
     _held,
-    _parts,
+    _planner,
     _mapping,
     _position,
     _trip,
     _goal,
     _idle,
 )
-"""Who has something to say says it; the last one always has."""
+"""The first that has something to say wins; the last one always has."""
 
 
-def _is_unsure(known: Known) -> bool:
+def _is_unsure(known: RobotState) -> bool:
     return known.estimate is not None and known.estimate.state == "unsure"
 
 
-def _told(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> str:
+def _reason_of(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> str:
     """The reason in words, to be put behind a colon."""
     reason = "" if isinstance(status, MappingStatus) else status.reason
     why = status.message or codes.SENTENCES.get(reason, reason)
@@ -242,7 +258,7 @@ def _left(goal: GoalStatus) -> str:
     return far + ("" if goal.eta is None else f", about {duration(goal.eta)}")
 
 
-def _stop_name(known: Known) -> str:
+def _stop_name(known: RobotState) -> str:
     trip, tour = known.trip, known.tour
     if trip is None or trip.stop is None:
         return "its stop"
@@ -250,7 +266,7 @@ def _stop_name(known: Known) -> str:
     return name or f"stop {trip.stop + 1}"
 
 
-def _counted(known: Known) -> str:
+def _counted(known: RobotState) -> str:
     """Which stop of the tour this is."""
     trip, tour = known.trip, known.tour
     if trip is None or trip.stop is None or trip.state not in ("driving", "dwelling"):

@@ -2,7 +2,7 @@
 
 import contextlib
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -33,11 +33,14 @@ from trolley.messages import (
 from trolley.messages.request_params import Nothing, SendGoal, SetPose, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
-from trolley_viz.gate import Access, Gate
-from trolley_viz.server import open_server
+from trolley_viz.panels.console import Console
+from trolley_viz.server.access import AccessControl, AccessTokens
+from trolley_viz.server.visitors import NOBODY, Visitor
+from trolley_viz.server.web_server import open_server
 from trolley_viz.service import VizService
-from trolley_viz.session import Session
-from trolley_viz.visitors import NOBODY, Visitor
+from trolley_viz.session.hub import Hub
+from trolley_viz.session.robot_scene import RobotScene
+from trolley_viz.session.session import Session
 
 
 def free_port() -> int:
@@ -238,25 +241,38 @@ class Stage:
 
     def browse(self, client_id: int = 0, visitor: Visitor = NOBODY) -> Any:
         """Open a browser and let everything settle; the real handle is viser's."""
-        assert self.viz._server is not None
-        browser = Browser(client_id, self.viz._server)
-        self.viz.is_open = self.viz._sessions.__contains__  # type: ignore[method-assign]
-        self.viz._client_came(browser, visitor)  # type: ignore[arg-type]
+        browser = Browser(client_id, self.hub.server)
+        self.hub.server.get_clients = lambda: self.viz.browsers  # type: ignore[method-assign, assignment, return-value]
+        self.viz.open_browser(browser, visitor)  # type: ignore[arg-type]
         self.runtime.run(0.5)
         return browser
 
     @property
     def session(self) -> Session:
         """Of the browser that came first."""
-        return next(iter(self.viz._sessions.values()))
+        return next(iter(self.viz.browsers.values())).session
+
+    @property
+    def console(self) -> Console:
+        """Of the browser that came first."""
+        return next(iter(self.viz.browsers.values())).console
+
+    @property
+    def hub(self) -> Hub:
+        assert self.viz.hub is not None
+        return self.viz.hub
+
+    @property
+    def scenes(self) -> Mapping[str, RobotScene]:
+        return self.hub.scenes.by_robot
 
     def layer(self, key: str, robot: str = "trolley") -> Any:
-        return self.viz._stages[robot].scene.layer(key)
+        return self.scenes[robot].scene.layer(key)
 
-    def feeds(self, robot: str = "trolley") -> set[str]:
+    def streams(self, robot: str = "trolley") -> set[str]:
         """The streams that are subscribed to."""
-        stage = self.viz._stages.get(robot)
-        return set() if stage is None else set(stage.feeds.names())
+        stage = self.scenes.get(robot)
+        return set() if stage is None else set(stage.streams.names())
 
 
 @pytest.fixture
@@ -266,8 +282,8 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     stage.runtime.close()
 
 
-def open_gate() -> Gate:
-    return Gate(0, (), always_ask=False, access=Access.new())
+def open_gate() -> AccessControl:
+    return AccessControl(0, (), always_ask=False, tokens=AccessTokens.new())
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from trolley_viz.camera import PANEL_PIXELS, fit, seen_pixels
+from trolley_viz.graphics.camera import PANEL_PIXELS, fit, seen_pixels
 
 BOUNDS = (-4.0, -3.0, 4.0, 3.0)
 

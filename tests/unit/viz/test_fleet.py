@@ -8,8 +8,8 @@ import pytest
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Battery, Clock, PoseEstimate
-from trolley_viz.fleet import Member
-from trolley_viz.panels.robots import member_words
+from trolley_viz.panels.robots import member_line
+from trolley_viz.robots.fleet import Member
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -28,7 +28,7 @@ def estimate(map_name: str = "room", state: Any = "localized", x: float = -1.0) 
 
 def enter(stage: "Stage") -> None:
     """Let a second robot come into the network."""
-    first = stage.viz.robots.get("trolley")
+    first = stage.hub.robots.get("trolley")
     assert first is not None
     say(stage, topics.ROBOT, msgspec.structs.replace(first, name="kart", title="Kart"))
     stage.runtime.run(0.2)
@@ -43,7 +43,7 @@ def live(stage: "Stage") -> None:
 def test_one_robot_alone_costs_nothing_more(stage: "Stage") -> None:
     stage.browse()
     assert stage.viz._fleet._watches == {}
-    assert not stage.session.console._robots._folder.visible
+    assert not stage.console._robots._folder.visible
 
 
 def test_others_are_listed_and_drawn_where_they_share_the_map(stage: "Stage") -> None:
@@ -53,7 +53,7 @@ def test_others_are_listed_and_drawn_where_they_share_the_map(stage: "Stage") ->
     layer = stage.layer("others")
     assert list(layer._bodies) == ["kart"]
     assert layer._bodies["kart"].frame.position == pytest.approx([-1.0, 0.5, 0.0])
-    panel = stage.session.console._robots
+    panel = stage.console._robots
     assert panel._folder.visible
     assert list(panel._rows) == ["kart", "trolley"]
     assert "Kart" in panel._rows["kart"][0].content
@@ -74,14 +74,14 @@ def test_who_falls_silent_is_grey_and_away(stage: "Stage") -> None:
     known = tuple(body.color)
     stage.runtime.run(1.5)
     assert tuple(body.color) != known
-    assert "Away" in stage.session.console._robots._rows["kart"][0].content
+    assert "Away" in stage.console._robots._rows["kart"][0].content
 
 
 def test_without_a_browser_nobody_is_followed(stage: "Stage") -> None:
     stage.browse()
     enter(stage)
     assert stage.viz._fleet._watches
-    stage.viz._client_left(0)
+    stage.viz.close_browser(0)
     assert stage.viz._fleet._watches == {}
 
 
@@ -91,7 +91,7 @@ def test_stop_all_stops_all_and_says_who_did_not_answer(stage: "Stage") -> None:
     stage.session.press_stop_all()
     stage.runtime.run(1.5)
     assert stage.robot.mode == "stopped"
-    line = stage.viz.stops.line("trolley", stage.viz.monotonic_ns)
+    line = stage.hub.stops.line("trolley", stage.viz.monotonic_ns)
     assert line is not None
     assert line.text == "NOT STOPPED: no connection (kart)"
 
@@ -100,9 +100,9 @@ def test_the_most_pressing_thing_is_said() -> None:
     battery = Battery(fraction=0.42, voltage=12.0, charging=False)
     stopped = BaseState(stamp_ns=1, mode="stopped", reason="button", battery=battery)
     member = Member("kart", None, stopped, estimate(), None, 1)
-    assert member_words(member).headline == "kart: Stopped"
-    assert "Battery 42 %." in member_words(member).detail
-    assert member_words(member._replace(robot_ns=None)).headline == "kart: Away"
+    assert member_line(member).headline == "kart: Stopped"
+    assert "Battery 42 %." in member_line(member).detail
+    assert member_line(member._replace(robot_ns=None)).headline == "kart: Away"
     lost = member._replace(base=None, pose=estimate(state="lost"))
-    assert member_words(lost).headline == "kart: Lost"
-    assert member_words(lost._replace(pose=None)).tone == "idle"
+    assert member_line(lost).headline == "kart: Lost"
+    assert member_line(lost._replace(pose=None)).tone == "idle"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trolley_viz.icons import ALIASES, UNKNOWN_ICON, icon_image, icon_names, known_icon
+from trolley_viz.graphics.icons import ALIASES, UNKNOWN_ICON, icon_image, icon_names, known_icon
 
 
 @pytest.mark.parametrize(

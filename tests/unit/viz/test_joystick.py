@@ -12,9 +12,9 @@ from websockets.asyncio.client import connect
 from trolley import topics
 from trolley.geometry import Twist2D
 from trolley.messages import Robot
-from trolley_viz.gate import Access
-from trolley_viz.joystick.grips import LATE_MS, SILENCE_NS, Grip, Joystick, twist_of
-from trolley_viz.page import pad_html
+from trolley_viz.joystick.joystick import LATE_MS, SILENCE_NS, Grip, Joystick, twist_of
+from trolley_viz.server.access import AccessTokens
+from trolley_viz.server.page_pieces import pad_html
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -128,7 +128,7 @@ def test_every_part_of_the_pad_is_in_the_page() -> None:
 # The whole viewer.
 def press(stage: "Stage", who: int, held: bool = True, y: float = 1.0) -> None:
     now_ms = stage.viz.monotonic_ns / MS
-    stage.viz._by_hand._said(who, 0, grip(now_ms, y=y, held=held))
+    stage.viz.joystick._said(who, 0, grip(now_ms, y=y, held=held))
 
 
 def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage: "Stage") -> None:
@@ -152,7 +152,7 @@ def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage:
 
 def test_who_follows_another_robot_lets_go(stage: "Stage") -> None:
     stage.browse()
-    hands = stage.viz._by_hand
+    hands = stage.viz.joystick
     hands.sockets._clients[ONE] = 0
     sent = stage.runtime.record(topics.COMMAND, "teleop")
     press(stage, ONE)
@@ -204,7 +204,7 @@ def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") ->
         f"joystick?client={'9' * 99}",
     ):
         assert ask(port, json.dumps(said), path) == 1008
-    wait_until(lambda: not stage.viz._by_hand.sockets.who(), 5.0, "all are gone")
+    wait_until(lambda: not stage.viz.joystick.sockets.clients(), 5.0, "all are gone")
 
 
 def test_the_overlays_own_connection_takes_clicks_also_of_those_who_only_look(
@@ -212,7 +212,7 @@ def test_the_overlays_own_connection_takes_clicks_also_of_those_who_only_look(
 ) -> None:
     stage.browse()
     port = stage.config.viz.port
-    access = stage.viz.state.read("viewer_access.toml", Access)
+    access = stage.viz.state.read("viewer_access.toml", AccessTokens)
     assert access is not None
     cookie = {"Cookie": f"trolley-{port}=0123456789abcdef.{access.viewer}"}
     path = "overlays?client=0"
@@ -232,7 +232,7 @@ def test_who_may_only_look_cannot_drive_in_anothers_name(stage: "Stage") -> None
     stage.browse()
     port = stage.config.viz.port
     said = json.dumps({"x": 0.0, "y": 1.0, "held": True, "speed": 0.2, "sent_ms": 5.0})
-    access = stage.viz.state.read("viewer_access.toml", Access)
+    access = stage.viz.state.read("viewer_access.toml", AccessTokens)
     assert access is not None
     cookie = f"trolley-{port}=0123456789abcdef.{access.viewer}"
     assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) == 1008

@@ -13,8 +13,8 @@ import viser
 from viser._messages import Message, SceneNodeDragMessage, ViewerCameraMessage
 from websockets.sync.client import ClientConnection, connect
 
-from trolley_viz.aiming import GOAL_HINT
-from trolley_viz.gestures.in_pages import Gesture
+from trolley_viz.actions.aiming import GOAL_HINT
+from trolley_viz.pointing.gestures import Gesture
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -66,7 +66,7 @@ class Page:
                 up_direction=(0.0, 0.0, 1.0),
             ),
         )
-        self.wait(lambda: bool(stage.viz._sessions))
+        self.wait(lambda: bool(stage.viz.browsers))
         stage.runtime.run(0.5)
 
     def wait(self, is_so: Callable[[], bool]) -> None:
@@ -89,7 +89,7 @@ class Page:
 
     def leave(self) -> None:
         self.socket.socket.shutdown(socket.SHUT_RDWR)
-        self.wait(lambda: not self.stage.viz._sessions)
+        self.wait(lambda: not self.stage.viz.browsers)
         self.stage.runtime.run(0.5)
 
 
@@ -177,7 +177,7 @@ def test_an_end_of_which_the_page_says_nothing_is_none(page: Page, stage: "Stage
 
 
 def test_who_only_looks_speaks_for_no_operator(page: Page, stage: "Stage") -> None:
-    gestures = stage.viz._gestures
+    gestures = stage.viz.gestures
     gestures.sockets._operators.clear()
     gestures._said(0, 0, Gesture(released=(0.6, 0.5)))
     assert stage.session.drags._released is None
@@ -198,7 +198,7 @@ def test_folders_stay_as_they_were_left(page: Page, stage: "Stage") -> None:
 def test_no_zone_is_moved(page: Page, stage: "Stage") -> None:
     keeper = stage.runtime.add(ZoneKeeper())
     stage.runtime.run(0.5)
-    editor = stage.session.zones
+    editor = stage.session.zone_editor
     editor.select(MIRROR.name)
     page.begin_drag("/drawing/handles")
     page.wait(lambda: editor.sketch is not None and editor.sketch.points[0][0] > 1.5)

@@ -87,13 +87,13 @@ class Hand:
             ray_direction=tuple(np.array([x, y, 0.0]) - EYE),
             screen_pos=(0.5, 0.5),
         )
-        asyncio.run(self.editor._board._floor._impl.click_cb[0].callback(event))
+        asyncio.run(self.editor._canvas._floor._impl.click_cb[0].callback(event))
         self.wait()
         self.stage.session.drags.released((0.5, 0.5))
         self.wait()
 
     def drag(self, *way: tuple[float, float], is_called_off: bool = False) -> None:
-        callback = self.editor._board._floor._impl.drag_cb[0].callback
+        callback = self.editor._canvas._floor._impl.drag_cb[0].callback
         phases = ["start", *["update"] * (len(way) - 1), "end"]
         for phase, at in zip(phases, [*way, way[-1]], strict=True):
             event = SimpleNamespace(
@@ -156,7 +156,7 @@ def test_a_drag_that_is_called_off_changes_nothing(hand: Hand) -> None:
         hand.editor.choose(tool)
         hand.drag((-1.0, 0.0), (1.0, 1.0), is_called_off=True)
         assert hand.editor.draft.ops == ()
-        assert hand.editor._picture._stroke is None
+        assert hand.editor._preview._stroke is None
     hand.editor.choose("erase")  # and the next one counts
     hand.drag((-1.0, -1.95), (1.0, -1.95))
     assert len(hand.editor.draft.ops) == 1
@@ -168,7 +168,7 @@ def test_turning_takes_all_of_the_scene_along(hand: Hand) -> None:
         editor.turn_to(degrees)
     hand.wait()
     assert [op.angle for op in editor.draft.ops] == pytest.approx([math.radians(30.0)])
-    root = hand.stage.session._shadows[hand.stage.session.robot][""]
+    root = hand.stage.session.scene._overrides[hand.stage.session.robot][""]
     hand.wait()
     assert root.wxyz[3] == pytest.approx(math.sin(math.radians(15.0)))
     editor.straighten()
@@ -241,6 +241,6 @@ def test_a_change_that_takes_long_is_waited_for(hand: Hand, mapper: Mapper) -> N
 
 def test_drawing_a_zone_leaves_the_draft(hand: Hand) -> None:
     hand.editor.turn_to(5.0)
-    hand.stage.session.zones.start("keepout")
+    hand.stage.session.zone_editor.start("keepout")
     hand.wait()
     assert not hand.editor.is_open

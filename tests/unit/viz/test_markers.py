@@ -1,4 +1,4 @@
-"""Markers of programs: drawn in their frames, changed, gone, moving, too many, and nonsense."""
+"""Markers from programs: drawn in their frames, changed, gone, moving, too many, and nonsense."""
 
 import math
 import time
@@ -12,11 +12,11 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Marker, Transform
 from trolley_tour.service import TourService
-from trolley_viz.scene.icons import Icon, orientation
-from trolley_viz.scene.marker_groups import MAX_MOVING, Grouping
-from trolley_viz.scene.marker_nodes import segments
-from trolley_viz.scene.motions import JUMP_S, TURN_S, is_moving, placed
-from trolley_viz.scene.solids import SOLIDS, multiplied, unit_mesh
+from trolley_viz.scene.markers.groups import MAX_MOVING, Grouping
+from trolley_viz.scene.markers.icons import Icon, orientation
+from trolley_viz.scene.markers.motion import JUMP_S, TURN_S, is_moving, placed
+from trolley_viz.scene.markers.nodes import segments
+from trolley_viz.scene.markers.solids import SOLIDS, multiplied, unit_mesh
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -168,7 +168,7 @@ def test_icons_stand_at_frames_and_places_and_face_the_camera(stage: "Stage") ->
     assert where["fa-robot"] == pytest.approx((1.5, 0.0, 0.5))
     assert where["home"] == pytest.approx((2.0, 1.0, 0.5))
     assert layer(stage).notes == ["There is no icon “no-such-thing”."]
-    shown = stage.session._icons._nodes
+    shown = stage.session.scene._icons._nodes
     assert len(shown) == 3
     browser.camera.wxyz = np.array([math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0])  # to +y
     stage.runtime.run(0.2)

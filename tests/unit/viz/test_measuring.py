@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def panels(stage: "Stage") -> Any:
     stage.browse()
-    more = stage.session.console._more
+    more = stage.console._more
     return SimpleNamespace(frames=more._relation, plot=more._plot)
 
 
@@ -118,5 +118,5 @@ def test_another_robot_s_values_are_not_mixed_in(stage: "Stage", panels: Any) ->
 def test_a_browser_that_leaves_follows_nothing(stage: "Stage", panels: Any) -> None:
     panels.plot._source.value = "odom:pose.x"
     stage.runtime.run(0.5)
-    stage.viz._client_left(0)
+    stage.viz.close_browser(0)
     assert panels.plot._readings is None

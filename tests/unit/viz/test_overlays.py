@@ -9,7 +9,7 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Choice, Overlay, OverlayRule, Transform, Twist2D, VelocityCommand
 from trolley_tour.service import TourService
-from trolley_viz.overlays.in_pages import Click, Told
+from trolley_viz.overlays.pages import Click, OverlayUpdate
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -23,16 +23,16 @@ class Page:
     def __init__(self, stage: "Stage", monkeypatch: pytest.MonkeyPatch) -> None:
         self.stage = stage
         self.cards: dict[str, Any] = {}
-        self.last = Told()
+        self.last = OverlayUpdate()
         self.num_told = 0
         self.may_act = True
         self.files: list[Any] = []
-        sockets = stage.viz._overlays.sockets
-        monkeypatch.setattr(sockets, "who", lambda: {7: 0})
-        monkeypatch.setattr(sockets, "tell", self._take)
+        sockets = stage.viz.overlays.sockets
+        monkeypatch.setattr(sockets, "clients", lambda: {7: 0})
+        monkeypatch.setattr(sockets, "send", self._take)
         monkeypatch.setattr(sockets, "may_act", lambda who: self.may_act)
 
-    def _take(self, who: int, told: Told) -> None:
+    def _take(self, who: int, told: OverlayUpdate) -> None:
         self.num_told += 1
         if told.csv is not None:
             self.files.append(told.csv)
@@ -45,7 +45,7 @@ class Page:
         return self.cards[name].body
 
     def click(self, name: str, index: int) -> None:
-        self.stage.viz._overlays._said(7, 0, Click(id=name, index=index))
+        self.stage.viz.overlays._said(7, 0, Click(id=name, index=index))
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def put(stage: "Stage", overlay: Overlay, name: str = "one") -> None:
 
 
 def watched(stage: "Stage") -> set[str]:
-    return {name for name, _ in stage.viz._stages["trolley"].board._readings._watches}
+    return {name for name, _ in stage.scenes["trolley"].overlays._readings._watches}
 
 
 def test_a_stream_is_followed_only_while_an_overlay_needs_it(stage: "Stage", page: Page) -> None:
@@ -73,9 +73,9 @@ def test_a_stream_is_followed_only_while_an_overlay_needs_it(stage: "Stage", pag
     stage.runtime.run(0.5)
     assert watched(stage) == {"imu"}
     assert list(page.cards) == ["two"]
-    board = stage.viz._stages["trolley"].board
-    stage.viz._client_left(0)
-    assert board._readings._watches == {}
+    overlays = stage.scenes["trolley"].overlays
+    stage.viz.close_browser(0)
+    assert overlays._readings._watches == {}
 
 
 def test_overlays_that_are_switched_off_follow_nothing(stage: "Stage", page: Page) -> None:
@@ -92,7 +92,7 @@ def test_overlays_that_are_switched_off_follow_nothing(stage: "Stage", page: Pag
 
 def test_every_message_is_kept_and_the_page_is_told_a_few_times(stage: "Stage", page: Page) -> None:
     put(stage, Overlay(kind="plot", source="cmd_vel/own:twist.vx"))
-    reading = stage.viz._stages["trolley"].board._readings.of("cmd_vel/own:twist.vx")
+    reading = stage.scenes["trolley"].overlays._readings.of("cmd_vel/own:twist.vx")
     before, told = len(reading.history), page.num_told
     for i in range(200):
         command = VelocityCommand(
@@ -104,7 +104,7 @@ def test_every_message_is_kept_and_the_page_is_told_a_few_times(stage: "Stage", 
     assert len(reading.history) - before == 200
     assert page.num_told - told <= 13  # five times a second
     assert "1.99" in page.body("one")
-    stage.viz._overlays._said(7, 0, Click(id="one", csv=True))
+    stage.viz.overlays._said(7, 0, Click(id="one", csv=True))
     (file,) = page.files
     assert file.name == "trolley-one.csv"
     assert file.text.splitlines()[-1] == f"{10**12 + 199},1.99"
@@ -187,8 +187,8 @@ def test_a_click_on_what_is_not_there_is_nothing(stage: "Stage", page: Page) -> 
     put(stage, Overlay(kind="text", text="x"), "text")
     for name, index in (("mode", 1), ("mode", -1), ("text", 0), ("gone", 0)):
         page.click(name, index)
-    stage.viz._overlays._said(7, 0, Click(id="text", csv=True))
-    stage.viz._overlays._said(7, 99, Click(id="mode", index=0))  # no such browser
+    stage.viz.overlays._said(7, 0, Click(id="text", csv=True))
+    stage.viz.overlays._said(7, 99, Click(id="mode", index=0))  # no such browser
     stage.runtime.delete(topics.OVERLAY.key("trolley", "mode"))
     stage.runtime.run(0.3)
     page.click("mode", 0)
@@ -240,5 +240,5 @@ def test_a_new_run_of_base_begins_a_new_history(stage: "Stage", page: Page) -> N
     stage.runtime.run(2.0)
     stage.robot.epoch = 10**18
     stage.runtime.run(1.0)
-    reading = stage.viz._stages["trolley"].board._readings.of("odom:twist.vx")
+    reading = stage.scenes["trolley"].overlays._readings.of("odom:twist.vx")
     assert 5 <= len(reading.history) <= 12

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 import viser
 
-from trolley_viz.camera import FIELD_OF_VIEW, stand
-from trolley_viz.panels.control import handler, set_options
+from trolley_viz.graphics.camera import FIELD_OF_VIEW, stand
+from trolley_viz.panels.controls import set_options
 from trolley_viz.panels.markup import note, row, table
 from trolley_viz.panels.stop_bar import StopBar
-from trolley_viz.robots import Robots
-from trolley_viz.scene.sensing import weight_colours
-from trolley_viz.stopping import StopLine, StopPresses
-from trolley_viz.words import Words
+from trolley_viz.robots.fleet import Robots
+from trolley_viz.robots.stop_presses import StopLine, StopPresses
+from trolley_viz.scene.scan_and_particles import weight_colours
+from trolley_viz.sentences import StatusLine
+from trolley_viz.threads import handler
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -24,7 +25,7 @@ EVIL = "<img src=x onerror=alert(1)>"
 
 
 def test_names_from_the_wire_cannot_carry_markup() -> None:
-    for text in (row(Words(EVIL, "good", EVIL)), note(EVIL), table([(EVIL, EVIL)])):
+    for text in (row(StatusLine(EVIL, "good", EVIL)), note(EVIL), table([(EVIL, EVIL)])):
         assert "<img" not in text
         assert "&lt;img" in text
 

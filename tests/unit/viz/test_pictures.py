@@ -7,8 +7,8 @@ import struct
 import imageio.v3 as iio
 import numpy as np
 
-from trolley_viz.glb import floor_glb, png
-from trolley_viz.pictures import FLOOR, UNKNOWN, WALL, costmap_picture, map_picture, shrink
+from trolley_viz.graphics.glb import floor_glb, png
+from trolley_viz.graphics.pictures import FLOOR, UNKNOWN, WALL, costmap_picture, map_picture, shrink
 
 
 def test_a_map_is_drawn_with_north_up() -> None:

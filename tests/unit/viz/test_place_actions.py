@@ -10,9 +10,9 @@ import pytest
 from trolley import requests, topics
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour
-from trolley_viz.place_actions import PlaceActions
-from trolley_viz.pointing import Pointed
-from trolley_viz.undo import History
+from trolley_viz.actions.place_actions import PlaceActions
+from trolley_viz.editing.undo import History
+from trolley_viz.pointing.pointer import Pointed
 
 HERE = Pose2D(5.0, 5.0, 1.0)
 KITCHEN = SavedPose(
@@ -33,8 +33,8 @@ class House:
         self.history = History()
         self.pointed: Pointed | None = Pointed(1.0, 2.0, 0.25)
         self.armed = True
-        feeds = SimpleNamespace(latest=self._latest)
-        view: Any = SimpleNamespace(feeds=feeds, placement=SimpleNamespace(world="map"))
+        streams = SimpleNamespace(latest=self._latest)
+        view: Any = SimpleNamespace(streams=streams, placement=SimpleNamespace(world="map"))
         self.view = view
         actions: Any = self
         self.places = PlaceActions(actions, actions, lambda: view)

@@ -5,7 +5,7 @@ import pytest
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Odometry, Scan, Transform, floats_from_bytes, floats_to_bytes
-from trolley_viz.placement import Placement
+from trolley_viz.robots.placement import Placement
 
 STILL = Twist2D(0.0, 0.0, 0.0)
 MS = 1_000_000

@@ -1,4 +1,4 @@
-"""Pointing at the floor."""
+"""Pointer at the floor."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import viser
 
-from trolley_viz.drags import Drags
-from trolley_viz.pointing import Pointed, Pointing, Tool, pointed_by_drag
+from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.pointer import Pointed, Pointer, Tool, pointed_by_drag
 
 CAMERA = np.array([0.0, -4.0, 8.0])
 
@@ -43,15 +43,15 @@ class Meant(Drags):
     def __init__(self) -> None:
         super().__init__(lambda call: call(), lambda: 0, lambda: None)
 
-    def take_click(self, event: Any, act: Callable[[], None]) -> None:
+    def on_click(self, event: Any, act: Callable[[], None]) -> None:
         act()
 
     def take(self, event: Any, act: Callable[[], None], cancel: Callable[[], None]) -> None:
         act()
 
 
-def arm(server: viser.ViserServer, gesture: Gesture) -> tuple[Pointing, Any]:
-    pointing = Pointing(server, Meant())  # type: ignore[arg-type]
+def arm(server: viser.ViserServer, gesture: Gesture) -> tuple[Pointer, Any]:
+    pointing = Pointer(server, Meant())  # type: ignore[arg-type]
     pointing.arm(gesture.tool)
     return pointing, pointing._plane
 

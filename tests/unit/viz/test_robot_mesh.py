@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley import topics
-from trolley_viz.glb import icon_glb, png
-from trolley_viz.robot_mesh import BROKEN, mesh_problem
+from trolley_viz.graphics.glb import icon_glb, png
+from trolley_viz.graphics.robot_mesh import BROKEN, mesh_problem
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -78,14 +78,14 @@ def test_no_file_does_harm(data: st.DataObject) -> None:
 
 def test_a_broken_body_is_replaced_by_the_footprint_and_said(stage: "Stage") -> None:
     stage.browse()
-    robot = stage.viz.robots.get("trolley")
+    robot = stage.hub.robots.get("trolley")
     assert robot is not None
 
     def put(mesh: bytes) -> None:
         stage.robot.publish(topics.ROBOT, msgspec.structs.replace(robot, mesh=mesh))
         stage.runtime.run(1.5)
 
-    notes = stage.session.console._more._notes
+    notes = stage.console._more._notes
     put(body())
     assert stage.layer("robot")._body is None
     assert stage.layer("robot")._parts[-1].wxyz == pytest.approx((0.5, 0.5, 0.5, 0.5))

@@ -14,13 +14,13 @@ from trolley import topics
 from trolley.config import VizConfig
 from trolley.messages import GoalStatus
 from trolley.runtime.lockstep import Lockstep
-from trolley_viz.camera import INITIAL_ASPECT, UNKNOWN_MAP, Bounds, stand
-from trolley_viz.pointing import Pointed
-from trolley_viz.scene.ground import map_bounds
-from trolley_viz.scene.layer import View
+from trolley_viz.graphics.camera import INITIAL_ASPECT, UNKNOWN_MAP, Bounds, stand
+from trolley_viz.pointing.pointer import Pointed
+from trolley_viz.robots.view import View
+from trolley_viz.scene.map_layers import map_bounds
+from trolley_viz.server.visitors import Visitor
 from trolley_viz.service import VizService
 from trolley_viz.settings import MAX_BROWSERS, Choices, ViewerSettings
-from trolley_viz.visitors import Visitor
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -28,24 +28,24 @@ if TYPE_CHECKING:
 
 def test_without_a_browser_only_robots_and_clocks_are_followed(stage: "Stage") -> None:
     stage.runtime.run(2.0)
-    assert stage.feeds() == set()
+    assert stage.streams() == set()
     stage.browse()
-    assert {"scan", "pose", "map", "odom"} <= stage.feeds()
-    feeds = stage.viz._stages["trolley"].feeds
-    stage.viz._client_left(0)
+    assert {"scan", "pose", "map", "odom"} <= stage.streams()
+    streams = stage.scenes["trolley"].streams
+    stage.viz.close_browser(0)
     stage.runtime.run(0.5)
-    assert feeds.names() == []
-    assert stage.viz._stages == {}
+    assert streams.names() == []
+    assert stage.scenes == {}
 
 
 def test_a_layer_that_is_off_is_not_subscribed_to(stage: "Stage") -> None:
     stage.browse()
-    assert "costmap" not in stage.feeds()
+    assert "costmap" not in stage.streams()
     stage.session.switch_layer("costmap", is_on=True)
     stage.session.switch_layer("particles", is_on=False)
     stage.runtime.run(0.2)
-    assert "costmap" in stage.feeds()
-    assert "particles" not in stage.feeds()
+    assert "costmap" in stage.streams()
+    assert "particles" not in stage.streams()
 
 
 def test_robot_and_scan_are_drawn_where_they_are(stage: "Stage") -> None:
@@ -92,7 +92,7 @@ def test_a_view_that_is_where_every_page_begins_is_left_alone(stage: "Stage") ->
     stage.runtime.run(3.0)
     fits: list[object] = []
     watched = SimpleNamespace(camera=browser.camera, atomic=lambda: fits.append(1))
-    stage.session._sight._client = watched  # type: ignore[assignment]
+    stage.session._viewport._client = watched  # type: ignore[assignment]
     stage.runtime.run(3.0)
     assert fits == []
 
@@ -154,7 +154,7 @@ def test_the_bounds_of_the_map_are_not_looked_for_for_ever(
         looked.append(stage.viz.monotonic_ns)
         return map_bounds(view)
 
-    monkeypatch.setattr("trolley_viz.sight.map_bounds", counted)
+    monkeypatch.setattr("trolley_viz.session.viewport.map_bounds", counted)
     stage.browse()
     stage.runtime.run(10.0)
     settled = len(looked)
@@ -169,13 +169,13 @@ def test_stop_is_asked_until_it_is_answered(stage: "Stage") -> None:
     stage.session.press_stop()
     stage.runtime.run(2.0)
     assert stage.robot.stops >= 4
-    line = stage.viz.stops.line("trolley", stage.viz.monotonic_ns)
+    line = stage.hub.stops.line("trolley", stage.viz.monotonic_ns)
     assert line is not None
     assert line.is_alarm
     assert line.text == "NOT STOPPED: no connection"
     stage.robot.deaf = False
     stage.runtime.run(1.0)
-    assert stage.viz.stops.line("trolley", stage.viz.monotonic_ns) is None
+    assert stage.hub.stops.line("trolley", stage.viz.monotonic_ns) is None
     asked = stage.robot.stops
     stage.runtime.run(1.0)
     assert stage.robot.stops == asked
@@ -185,7 +185,7 @@ def test_stop_goes_on_when_the_browser_is_closed(stage: "Stage") -> None:
     stage.browse()
     stage.runtime.kill("base")
     stage.session.press_stop()
-    stage.viz._client_left(0)
+    stage.viz.close_browser(0)
     stage.runtime.run(3.0)
     robot = stage.runtime.add(type(stage.robot)())
     stage.runtime.run(1.0)
@@ -194,17 +194,17 @@ def test_stop_goes_on_when_the_browser_is_closed(stage: "Stage") -> None:
 
 def test_a_silent_robot_is_away_and_its_scan_vanishes(stage: "Stage") -> None:
     stage.browse()
-    assert stage.viz.robot_ns("trolley") is not None
+    assert stage.hub.robot_ns("trolley") is not None
     stage.runtime.kill("base")
     stage.runtime.run(1.5)
-    assert stage.viz.robot_ns("trolley") is None
+    assert stage.hub.robot_ns("trolley") is None
     assert not stage.layer("scan")._points.visible
 
 
 def test_a_second_robot_can_be_chosen(stage: "Stage") -> None:
     message = stage.viz._robot_watch
     stage.browse()
-    first = stage.viz.robots.get("trolley")
+    first = stage.hub.robots.get("trolley")
     assert first is not None
     kart = msgspec.structs.replace(first, name="kart", title="Kart")
     stage.runtime.put(topics.ROBOT.key("kart"), msgspec.json.encode(kart), "application/json")
@@ -214,7 +214,7 @@ def test_a_second_robot_can_be_chosen(stage: "Stage") -> None:
     assert labels == {"Kart – away": "kart", "Trolley": "trolley"}
     stage.session.follow("kart")
     stage.runtime.run(0.5)
-    assert set(stage.viz._stages) == {"kart"}
+    assert set(stage.scenes) == {"kart"}
     assert not stage.layer("robot", "kart")._frame.visible
 
 
@@ -235,7 +235,7 @@ def test_a_refusal_is_told_in_words(stage: "Stage") -> None:
     browser = stage.browse()
     stage.session.aiming._go_to(Pointed(9.0, 1.0))
     stage.runtime.run(0.5)
-    assert browser.notices == [("The robot does not go there", "That place lies outside the map.")]
+    assert browser.notices == [("The robot cannot go there", "That place lies outside the map.")]
 
 
 def test_without_a_service_the_refusal_names_it(stage: "Stage") -> None:
@@ -269,7 +269,7 @@ def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
     stage.viz = stage.runtime.add(VizService(stage.config))
     stage.browse(0, BEN)
     assert not stage.session.layers()["costmap"]
-    stage.viz._client_left(0)
+    stage.viz.close_browser(0)
     stage.browse(1, ANN)
     assert stage.session.layers()["costmap"]
     assert stage.session.choices.dark
@@ -295,26 +295,26 @@ def test_only_so_many_browsers_are_remembered() -> None:
 def test_each_browser_shows_and_follows_what_it_wants(stage: "Stage") -> None:
     stage.browse(0, ANN)
     stage.browse(1, BEN)
-    ann, ben = stage.viz._sessions[0], stage.viz._sessions[1]
+    ann, ben = stage.viz.browsers[0].session, stage.viz.browsers[1].session
     ann.switch_layer("scan", is_on=False)
     ben.follow("kart")
     stage.runtime.run(0.2)
-    assert ann._shadows["trolley"][""].visible
-    assert not ann._shadows["kart"][""].visible
-    assert not ann._shadows["trolley"]["/scan"].visible
-    assert ben._shadows["kart"]["/scan"].visible
-    assert "scan" in stage.feeds("kart")
-    assert "scan" not in stage.feeds("trolley")
+    assert ann.scene.is_visible("trolley")
+    assert not ann.scene.is_visible("kart")
+    assert not ann.scene.is_visible("trolley", "scan")
+    assert ben.scene.is_visible("kart", "scan")
+    assert "scan" in stage.streams("kart")
+    assert "scan" not in stage.streams("trolley")
     ben.follow("trolley")
     stage.runtime.run(0.2)
-    assert set(stage.viz._stages) == {"trolley"}
-    assert ben._shadows["trolley"]["/scan"].visible
-    assert "scan" in stage.feeds("trolley")
+    assert set(stage.scenes) == {"trolley"}
+    assert ben.scene.is_visible("trolley", "scan")
+    assert "scan" in stage.streams("trolley")
 
 
 def test_a_viewer_has_stop_and_nothing_that_moves(stage: "Stage") -> None:
     stage.browse(0, Visitor("guest", "viewer"))
-    console = stage.session.console
+    console = stage.console
     assert console._go is None
     assert console._places is None
     assert not console._stop_bar._resume.visible
@@ -326,7 +326,7 @@ def test_a_viewer_has_stop_and_nothing_that_moves(stage: "Stage") -> None:
 
 def test_a_refusal_is_told_to_the_one_who_asked(stage: "Stage") -> None:
     one, other = stage.browse(0), stage.browse(1)
-    stage.viz._sessions[1].aiming._go_to(Pointed(9.0, 1.0))
+    stage.viz.browsers[1].session.aiming._go_to(Pointed(9.0, 1.0))
     stage.runtime.run(0.5)
     assert (len(one.notices), len(other.notices)) == (0, 1)
 
@@ -365,9 +365,9 @@ def test_a_taken_port_ends_it_with_a_sentence(
 
 
 def test_nobody_gets_a_public_tunnel(stage: "Stage") -> None:
-    assert stage.viz._server is not None
-    assert stage.viz._server.request_share_url() is None
-    assert stage.viz._server.get_host() == "127.0.0.1"
+    assert stage.hub.server is not None
+    assert stage.hub.server.request_share_url() is None
+    assert stage.hub.server.get_host() == "127.0.0.1"
 
 
 def test_tokens_are_kept_and_only_their_owner_reads_them(stage: "Stage") -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley_viz.shapes import (
+from trolley_viz.graphics.shapes import (
     boxes,
     meet_floor,
     particle_segments,

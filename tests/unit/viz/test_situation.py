@@ -14,7 +14,7 @@ from trolley.messages import (
     Tour,
     TourStatus,
 )
-from trolley_viz.situation import Known, situation
+from trolley_viz.situation import RobotState, situation
 
 KITCHEN = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
 TOUR = Tour(name="round", stops=[Stop(name="hall"), Stop(name="kitchen"), Stop(name="door")])
@@ -43,7 +43,7 @@ def mapping(state: str, message: str = "") -> MappingStatus:
     return MappingStatus(stamp_ns=1, state=state, name="home", message=message)  # type: ignore[arg-type]
 
 
-def known(**fields: object) -> Known:
+def known(**fields: object) -> RobotState:
     at = fields.pop("at", "localized")
     turn = bool(fields.pop("wants_turn", False))
     estimate = PoseEstimate(
@@ -64,93 +64,93 @@ def known(**fields: object) -> Known:
         "tour": TOUR,
         "places": [KITCHEN],
     }
-    return Known(**(values | fields))  # type: ignore[arg-type]
+    return RobotState(**(values | fields))  # type: ignore[arg-type]
 
 
 DRIVING = goal("driving", distance_remaining=3.21, eta=12.4)
 TOUR_GOAL = goal("driving", "tour-t1-1-0", distance_remaining=3.21, eta=12.4)
 CASES = [
-    (known(), "It is ready and waits for you."),
-    (known(at="unsure"), "It is not quite sure where it is, and drives slowly."),
-    (known(is_away=True), "The robot is switched off or out of reach."),
-    (known(base=base("stopped", "button")), "It is stopped. Press Resume to let it drive again."),
+    (known(), "Ready."),
+    (known(at="unsure"), "It is not quite sure where it is, so it drives slowly."),
+    (known(is_away=True), "No contact with the robot. It is switched off or out of range."),
+    (known(base=base("stopped", "button")), "Stopped. Press Resume to let it drive again."),
     (
         known(base=base("stopped", "bumper")),
-        "It is stopped: it bumped into something. Press Resume to let it drive again.",
+        "Stopped: it bumped into something. Press Resume to let it drive again.",
     ),
     (
         known(base=base("stopped", "new_code", "A wheel came off.")),
-        "It is stopped: a wheel came off. Press Resume to let it drive again.",
+        "Stopped: a wheel came off. Press Resume to let it drive again.",
     ),
     (
         known(base=base("fault", "link_lost")),
-        "It cannot drive: the connection to the motor board is down.",
+        "The robot cannot drive: the connection to the motor board is down.",
     ),
-    (known(base=base("ok", source="teleop")), "Somebody drives it by hand."),
+    (known(base=base("ok", source="teleop")), "Somebody is driving it by hand."),
     (
         known(base=base("held", "stop_field"), goal=DRIVING),
-        "It waits: something is too close in the direction of travel. It goes on by itself.",
+        "Waiting: something is too close in the direction of travel. It will continue by itself.",
     ),
-    (known(goal=None), "It cannot drive by itself: the planner is not running."),
+    (known(goal=None), "The robot cannot drive by itself: the planner is not running."),
     (
         known(silent=frozenset({"planner"}), goal=DRIVING),
-        "It cannot drive by itself: the planner is not running.",
+        "The robot cannot drive by itself: the planner is not running.",
     ),
-    (known(silent=frozenset({"viz-pc"})), "It is ready and waits for you."),
+    (known(silent=frozenset({"viz-pc"})), "Ready."),
     (
         known(estimate=None),
-        "It does not know where it is: the localizer is not running.",
+        "The robot does not know where it is: the localizer is not running.",
     ),
     (
         known(silent=frozenset({"localizer"})),
-        "It does not know where it is: the localizer is not running.",
+        "The robot does not know where it is: the localizer is not running.",
     ),
     (
         known(estimate_age_s=1.5),
-        "It does not know where it is: its lidar says nothing new.",
+        "The robot does not know where it is: its lidar sends nothing new.",
     ),
     (
         known(at="lost", goal=DRIVING),
-        "It does not know where it is: show it with “Set pose …”, or let it search.",
+        "The robot does not know where it is. Show it with “Set pose …”, or let it search.",
     ),
-    (known(at="searching"), "It looks where it is."),
+    (known(at="searching"), "The robot is working out where it is."),
     (
         known(at="searching", wants_turn=True),
-        "It looks where it is, and needs to turn to see more.",
+        "The robot is working out where it is, and needs to turn to see more.",
     ),
-    (known(at="lost", has_map=False), "It is ready and waits for you."),
+    (known(at="lost", has_map=False), "Ready."),
     (
         known(mapping=mapping("idle"), estimate=None, has_map=False),
-        "It has no map yet: make one in the tab “Map”.",
+        "It has no map yet. Make one in the “Map” tab.",
     ),
-    (known(mapping=mapping("idle")), "It is ready and waits for you."),
-    (known(mapping=mapping("starting")), "It gets ready to make a map."),
+    (known(mapping=mapping("idle")), "Ready."),
+    (known(mapping=mapping("starting")), "It is getting ready to make a map."),
     (
         known(mapping=mapping("mapping"), at="mapping"),
-        "It makes the map “home”: drive it through every room.",
+        "Making the map “home”. Drive the robot through every room.",
     ),
     (
         known(mapping=mapping("mapping"), at="mapping", goal=goal("planning")),
-        "It looks for a way to kitchen.",
+        "Looking for a path to kitchen.",
     ),
     (
         known(mapping=mapping("mapping", "The lidar is silent."), at="mapping"),
-        "It makes a map: the lidar is silent.",
+        "Making a map: the lidar is silent.",
     ),
     (
         known(mapping=mapping("mapping"), at="lost"),
-        "It does not find its place on the new map: bring it back to where it has been.",
+        "It cannot find its place on the new map. Bring it back to where it has been.",
     ),
     (
         known(mapping=mapping("paused"), at="mapping"),
-        "The map “home” is paused. Press “Go on”.",
+        "The map “home” is paused. Press “Continue”.",
     ),
-    (known(mapping=mapping("saving"), at="mapping"), "It saves its new map."),
+    (known(mapping=mapping("saving"), at="mapping"), "It is saving its new map."),
     (
         known(at="lost", goal=goal("driving", frame="odom")),
-        "It is on its way to the place that was pointed out.",
+        "It is on its way to the place on the map.",
     ),
-    (known(goal=goal("planning")), "It looks for a way to kitchen."),
+    (known(goal=goal("planning")), "Looking for a path to kitchen."),
     (known(goal=DRIVING), "It is on its way to kitchen, 3.2 m to go, about 12 s."),
     (
         known(goal=goal("driving"), at="unsure"),
@@ -158,7 +158,7 @@ CASES = [
     ),
     (
         known(goal=goal("driving", pose=Pose2D(7.0, 7.0, 0.0))),
-        "It is on its way to the place that was pointed out.",
+        "It is on its way to the place on the map.",
     ),
     (
         known(
@@ -170,18 +170,18 @@ CASES = [
     ),
     (
         known(goal=goal("paused", reason="taken_over")),
-        "It is paused on its way to kitchen: somebody drove it by hand. Press “Go on”.",
+        "It is paused on its way to kitchen: somebody drove it by hand. Press “Continue”.",
     ),
     (
         known(goal=goal("paused", reason="paused")),
-        "It is paused on its way to kitchen. Press “Go on”.",
+        "It is paused on its way to kitchen. Press “Continue”.",
     ),
-    (known(goal=goal("arrived")), "It is at kitchen."),
+    (known(goal=goal("arrived")), "It has arrived at kitchen."),
     (
         known(goal=goal("failed", reason="blocked")),
         "It did not reach kitchen: something stands in the way and does not go.",
     ),
-    (known(goal=goal("canceled")), "Its way was canceled; it waits for you."),
+    (known(goal=goal("canceled")), "Canceled. Ready."),
     (
         known(goal=TOUR_GOAL, trip=trip("driving")),
         "It is on its way to kitchen, 3.2 m to go, about 12 s (stop 2 of 3).",
@@ -192,11 +192,11 @@ CASES = [
     ),
     (
         known(goal=goal("arrived", "tour-t1-1-0"), trip=trip("dwelling")),
-        "It stays at kitchen for a while (stop 2 of 3).",
+        "It is staying at kitchen for a while (stop 2 of 3).",
     ),
     (
         known(goal=goal("paused", "tour-t1-1-0"), trip=trip("paused", reason="stopped")),
-        "The tour is paused: it was stopped. Press “Go on”.",
+        "The tour is paused: it was stopped. Press “Continue”.",
     ),
     (
         known(goal=DRIVING, trip=trip("paused", reason="other_goal")),
@@ -204,11 +204,11 @@ CASES = [
     ),
     (
         known(goal=goal("arrived"), trip=trip("paused", reason="other_goal")),
-        "The tour is paused: somebody sent it elsewhere. Press “Go on”.",
+        "The tour is paused: somebody sent it elsewhere. Press “Continue”.",
     ),
     (
         known(trip=trip("waiting", message="The planner is not running.")),
-        "The tour waits: the planner is not running.",
+        "The tour is waiting: the planner is not running.",
     ),
     (
         known(goal=goal("arrived", "tour-t1-2-0"), trip=trip("done", results=results("reached"))),
@@ -230,7 +230,7 @@ CASES = [
     ),
     (
         known(goal=goal("arrived"), trip=trip("failed", reason="aborted")),
-        "It is at kitchen.",
+        "It has arrived at kitchen.",
     ),
     (
         known(
@@ -241,7 +241,7 @@ CASES = [
     ),
     (
         known(goal=goal("arrived", "tour-t2-0-0"), trip=trip("paused", reason="low_battery")),
-        "The tour is paused: the battery was low; charge it first. Press “Go on”.",
+        "The tour is paused: the battery was low; charge it first. Press “Continue”.",
     ),
     (
         known(
@@ -253,7 +253,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("case", "sentence"), CASES, ids=[text for _, text in CASES])
-def test_one_sentence_says_what_matters_most(case: Known, sentence: str) -> None:
+def test_one_sentence_says_what_matters_most(case: RobotState, sentence: str) -> None:
     assert situation(case).headline == sentence
     assert situation(case).detail == ""
 
@@ -262,5 +262,5 @@ def test_what_keeps_it_from_driving_comes_first() -> None:
     everything = known(
         base=base("stopped", "button"), at="lost", goal=goal("paused"), trip=trip("waiting")
     )
-    assert situation(everything).headline.startswith("It is stopped.")
+    assert situation(everything).headline.startswith("Stopped.")
     assert situation(everything).tone == "bad"

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from trolley.geometry import Pose2D
 from trolley.messages import OccupancyGrid, Zone
 from trolley_localizer.zone_store import check_zone
-from trolley_viz.drawing.editor import as_zone
 from trolley_viz.drawing.sketch import SNAP_M, Sketch, free_name, snap_to_wall, zone_at
-from trolley_viz.drawing.suspects import dashes, is_same
+from trolley_viz.drawing.suspected_mirrors import dashes, is_same
+from trolley_viz.drawing.zone_editor import as_zone
 
 SQUARE = Sketch("keepout", ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
 COORDINATE = st.floats(-20.0, 20.0).map(lambda value: round(value, 3))
@@ -63,9 +63,9 @@ def test_a_bow_tie_crosses_and_a_square_does_not() -> None:
 
 
 def test_too_little_is_said_in_words() -> None:
-    assert Sketch("mirror", ((0.0, 0.0),)).problem() == "A line needs two corners at least."
+    assert Sketch("mirror", ((0.0, 0.0),)).problem() == "A line needs at least two corners."
     assert Sketch("mirror", ((0.0, 0.0), (0.0, 0.0))).problem() == "This line is too short."
-    assert Sketch("speed", SQUARE.points[:2]).problem() == "An area needs three corners at least."
+    assert Sketch("speed", SQUARE.points[:2]).problem() == "An area needs at least three corners."
     flat = Sketch("speed", ((0.0, 0.0), (1.0, 0.0), (2.0, 0.0)))
     assert flat.problem()
 

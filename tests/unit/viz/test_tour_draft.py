@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D
 from trolley.messages import ScheduleEntry, Stop, Tour
-from trolley_viz.tour_draft import DAYS, Draft, Editing, Point, days_text, time_entry
+from trolley_viz.editing.tour_draft import DAYS, Draft, Editing, Point, days_text, time_entry
 
 PLACES = {"hall": Pose2D(1.0, 0.0, 0.0), "kitchen": Pose2D(2.0, 1.0, 0.5)}
 HALL, KITCHEN = Point(name="hall"), Point(name="kitchen")
@@ -118,14 +118,14 @@ def test_points_that_are_passed_belong_to_the_next_stop() -> None:
     [
         (Draft("", (HALL,)), "Give the tour a name."),
         (Draft("a/b", (HALL,)), "Choose another name: a name may not hold '/'"),
-        (Draft("morning", (HALL,)), "There is another tour called “morning”."),
+        (Draft("morning", (HALL,)), "There is already a tour called “morning”."),
         (Draft("round"), "Add at least one place."),
-        (Draft("round", (Point(name="hall", passes=True),)), "The robot only passes by everywhere"),
+        (Draft("round", (Point(name="hall", passes=True),)), "The robot would not stop anywhere"),
         (
             Draft("round", (HALL, Point(name="kitchen", passes=True))),
-            "The robot only passes the last point",
+            "The robot would not stop at the last point",
         ),
-        (Draft("round", (Point(name="attic"),)), "There is no place “attic” any more."),
+        (Draft("round", (Point(name="attic"),)), "The place “attic” no longer exists."),
         (Draft("round", (HALL,) * 1001), "A tour has at most 1000 stops."),
     ],
 )

@@ -23,6 +23,9 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import AskHistory, Named, Nothing, StartTour
 from trolley.runtime.service import Service, answers
+from trolley_viz.actions.tour_actions import copy_name
+from trolley_viz.editing.tour_draft import Draft, Editing, Point
+from trolley_viz.graphics.pictures import PIN_HEIGHT_PX, pin_picture
 from trolley_viz.panels.past_trips import summary as trip_summary
 from trolley_viz.panels.past_trips import tone_of, trips_html, when_text
 from trolley_viz.panels.point_editor import (
@@ -34,15 +37,12 @@ from trolley_viz.panels.point_editor import (
     failure_of,
     seconds,
 )
-from trolley_viz.panels.tour_editor import MAX_ROWS, first_shown, point_text
+from trolley_viz.panels.tour_editor import MAX_POINT_ROWS, first_shown, point_text
 from trolley_viz.panels.tour_list import summary
 from trolley_viz.panels.trip import progress, visits_to_come
-from trolley_viz.past_trips import PastTrips, trouble_spots
-from trolley_viz.pins import HEIGHT_PX, pin_picture
-from trolley_viz.scene.tours import COMING, CURRENT, FAILED, REACHED, pins_of, trip_colours, way_of
-from trolley_viz.tour_actions import copy_name
-from trolley_viz.tour_draft import Draft, Editing, Point
-from trolley_viz.visitors import Visitor
+from trolley_viz.robots.past_trips import PastTrips, trouble_spots
+from trolley_viz.scene.tours import COMING, CURRENT, FAILED, REACHED, path_of, pins_of, trip_colours
+from trolley_viz.server.visitors import Visitor
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -121,8 +121,8 @@ def test_a_tour_in_a_line() -> None:
         schedule=[ScheduleEntry(days=["sat", "sun"], at="08:30")],
     )
     assert summary(tour) == (
-        "hall → kitchen → door → a point · there and back · again and again"
-        " · stays 30 s in all · 08:30 Sat, Sun"
+        "hall → kitchen → door → a point · there and back · repeats forever"
+        " · stays 30 s in total · 08:30 Sat, Sun"
     )
     assert summary(Tour(stops=STOPS * 3)) == "hall → kitchen → door → hall → 5 more"
 
@@ -150,10 +150,10 @@ def test_numbers_of_the_page_are_bounded() -> None:
 
 
 def test_the_rows_of_a_long_tour_are_those_around_the_chosen_point() -> None:
-    assert first_shown(5, None) == first_shown(MAX_ROWS, 0) == 0
-    assert first_shown(100, None) == 100 - MAX_ROWS
+    assert first_shown(5, None) == first_shown(MAX_POINT_ROWS, 0) == 0
+    assert first_shown(100, None) == 100 - MAX_POINT_ROWS
     for chosen in range(100):
-        assert 0 <= chosen - first_shown(100, chosen) < MAX_ROWS
+        assert 0 <= chosen - first_shown(100, chosen) < MAX_POINT_ROWS
 
 
 def test_points_in_a_line() -> None:
@@ -169,7 +169,7 @@ def test_stops_in_one_place_share_a_pin() -> None:
     draft = Draft("round", (*points, Point(pose=Pose2D(5, 5, 0), passes=True)), repeat=2)
     pins = pins_of(draft, PLACES.get, lambda index, number: COMING)
     assert [(pin.text, pin.x) for pin in pins] == [("1,3", 1.0), ("2", 2.0), ("", 5.0)]
-    assert way_of(draft, PLACES.get) == ((1.0, 0.0), (2.0, 1.0), (1.0, 0.0), (5, 5), (1.0, 0.0))
+    assert path_of(draft, PLACES.get) == ((1.0, 0.0), (2.0, 1.0), (1.0, 0.0), (5, 5), (1.0, 0.0))
 
 
 def test_a_long_tour_is_not_slow_to_draw() -> None:
@@ -188,12 +188,12 @@ def test_what_was_reached_is_green_and_what_failed_is_red() -> None:
 
 
 def test_a_pin_is_as_wide_as_its_text() -> None:
-    assert pin_picture("1", REACHED).shape == (HEIGHT_PX, HEIGHT_PX, 4)
+    assert pin_picture("1", REACHED).shape == (PIN_HEIGHT_PX, PIN_HEIGHT_PX, 4)
     wide = pin_picture("1,12,13", REACHED)
-    assert wide.shape[1] > 2 * HEIGHT_PX
-    assert pin_picture("1," * 500, REACHED).shape[1] < 5 * HEIGHT_PX
+    assert wide.shape[1] > 2 * PIN_HEIGHT_PX
+    assert pin_picture("1," * 500, REACHED).shape[1] < 5 * PIN_HEIGHT_PX
     assert np.all(wide[0, 0] == 0)
-    assert tuple(pin_picture("", FAILED)[HEIGHT_PX // 2, HEIGHT_PX // 2]) == (*FAILED, 255)
+    assert tuple(pin_picture("", FAILED)[PIN_HEIGHT_PX // 2, PIN_HEIGHT_PX // 2]) == (*FAILED, 255)
 
 
 # Past trips.
@@ -241,26 +241,26 @@ def test_past_trips_are_asked_for_once_for_each_trip() -> None:
     asked: list[Any] = []
     past = PastTrips(lambda limit, then: asked.append(then))
     for _ in range(3):
-        past.look(None, 0)
+        past.refresh(None, 0)
     assert len(asked) == 1
     asked[0]([past_trip()])
-    past.look(None, 10**12)
+    past.refresh(None, 10**12)
     assert len(asked) == 1
-    past.look(trip(0), 10**12)
-    past.look(trip(None, "done"), 10**12)  # while it is still being asked
+    past.refresh(trip(0), 10**12)
+    past.refresh(trip(None, "done"), 10**12)  # while it is still being asked
     asked[1]([])
-    past.look(trip(None, "done"), 10**12)
+    past.refresh(trip(None, "done"), 10**12)
     assert len(asked) == 3
 
 
 def test_a_refused_history_is_asked_for_again_later() -> None:
     asked: list[Any] = []
     past = PastTrips(lambda limit, then: asked.append(then))
-    past.look(None, 0)
+    past.refresh(None, 0)
     asked[0](Refused(codes.NOT_READY))
-    past.look(None, 10**9)
+    past.refresh(None, 10**9)
     assert (len(asked), past.trips) == (1, None)
-    past.look(None, 11 * 10**9)
+    past.refresh(None, 11 * 10**9)
     asked[1]([])
     assert (past.trips, past.problem) == ((), "")
 
@@ -323,7 +323,7 @@ def tour(stage: "Stage") -> PretendTour:
 def settle(stage: "Stage", seconds: float = 0.6) -> Any:
     """Let everything be said and drawn; gives the tab."""
     stage.runtime.run(seconds)
-    return stage.session.console._tours
+    return stage.console._tours
 
 
 def press(handle: Any, value: Any = True) -> None:
@@ -342,7 +342,7 @@ def make_tour(stage: "Stage", name: str = "evening") -> Any:
     settle(stage)
     press(editor._add_place, "kitchen")
     settle(stage)
-    press(editor._add_other, "Where it stands")
+    press(editor._add_other, "Where it is")
     settle(stage)
     press(editor._name, name)
     settle(stage)
@@ -372,15 +372,15 @@ def test_what_is_missing_is_said_and_cannot_be_saved(stage: "Stage", tour: Prete
     press(editor._save)
     press(editor._times._at, "25:00")
     settle(stage)
-    assert "is not added yet" in editor._problems.content
+    assert "has not been added yet" in editor._problems.content
     press(add_button(stage, "Add this time"))
     settle(stage)
-    assert "is no time of day" in editor._times._note.content
+    assert "is not a time of day" in editor._times._note.content
     assert tour.tours == {}
 
 
 def add_button(stage: "Stage", label: str) -> Any:
-    gui = stage.viz._server.gui  # type: ignore[union-attr]
+    gui = stage.hub.server.gui
     handles = gui._gui_input_handle_from_uuid.values()
     return next(one for one in handles if getattr(one, "label", "") == label)
 
@@ -459,7 +459,7 @@ def test_who_saved_meanwhile_is_not_overwritten_unasked(stage: "Stage", tour: Pr
     tour.put(theirs)
     settle(stage)
     editor = tab._editor
-    assert "Somebody else changed this tour meanwhile." in editor._problems.content
+    assert "Somebody else has changed this tour." in editor._problems.content
     press(editor._save)
     settle(stage)
     assert tour.tours["evening"] == theirs
@@ -468,7 +468,7 @@ def test_who_saved_meanwhile_is_not_overwritten_unasked(stage: "Stage", tour: Pr
     assert editor.editing == Editing.open(theirs)
     tour.delete(Named(name="evening"))
     settle(stage)
-    assert "Somebody else deleted this tour meanwhile." in editor._problems.content
+    assert "Somebody else has deleted this tour." in editor._problems.content
     press(editor._whose, "Keep mine")
     settle(stage)
     press(editor._save)
@@ -510,7 +510,7 @@ def test_a_place_on_another_map_is_told_and_an_unknown_one_refused(
     tab.edit(Tour(name="evening", stops=[Stop(name="attic"), Stop(name="cellar")]))
     settle(stage)
     said = tab._editor._problems.content
-    assert "There is no place “cellar” any more." in said
+    assert "The place “cellar” no longer exists." in said
     assert "“attic” is on another map." in said
 
 

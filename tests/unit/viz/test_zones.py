@@ -13,9 +13,9 @@ from trolley.messages import SuspectLine, Suspects, Zone, Zones
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Service, answers
 from trolley_localizer.zone_store import check_zone, with_zone, without_zone
+from trolley_viz.editing.undo import History
+from trolley_viz.server.visitors import Visitor
 from trolley_viz.settings import Dismissed
-from trolley_viz.undo import History
-from trolley_viz.visitors import Visitor
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -74,18 +74,18 @@ class Hand:
 
     @property
     def editor(self) -> Any:
-        return self.stage.session.zones
+        return self.stage.session.zone_editor
 
     @property
-    def board(self) -> Any:
-        return self.editor._board
+    def canvas(self) -> Any:
+        return self.editor._canvas
 
     def tap(self, x: float, y: float) -> None:
         origin = np.array([0.0, -4.0, 8.0])
         ray = np.array([x, y, 0.0]) - origin
         event = SimpleNamespace(ray_origin=tuple(origin), ray_direction=tuple(ray))
         event.screen_pos = (0.5, 0.5)
-        asyncio.run(self.board._floor._impl.click_cb[0].callback(event))
+        asyncio.run(self.canvas._floor._impl.click_cb[0].callback(event))
         self.wait()
         self.stage.session.drags.released((0.5, 0.5))
         self.wait()
@@ -101,7 +101,7 @@ class Hand:
         )
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], handle: int = -1) -> None:
-        node = self.board._handles if self.board._floor is None else self.board._floor
+        node = self.canvas._handles if self.canvas._floor is None else self.canvas._floor
         drag = node._impl.drag_cb[0].callback
         for phase, at in (("start", start), ("update", end), ("end", end)):
             event = self.event(phase, start, at)
@@ -138,8 +138,8 @@ def test_corner_after_corner_makes_an_area(hand: Hand, keeper: ZoneKeeper) -> No
     assert zone.speed is None
     np.testing.assert_allclose(zone.points, [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], atol=1e-9)
     assert hand.editor.mode == "idle"
-    assert hand.board._floor is None
-    assert hand.board._line is None
+    assert hand.canvas._floor is None
+    assert hand.canvas._line is None
 
 
 def test_a_line_is_dragged_and_goes_to_the_wall(hand: Hand, keeper: ZoneKeeper) -> None:
@@ -151,7 +151,7 @@ def test_a_line_is_dragged_and_goes_to_the_wall(hand: Hand, keeper: ZoneKeeper) 
     np.testing.assert_allclose(keeper["wall mirror"].points, [(-1.0, -1.9), (1.0, -1.9)], atol=1e-6)
     assert hand.browser.notices[-1] == (
         "Saved",
-        "The robot minds “wall mirror” from now on.",
+        "The robot will respect “wall mirror” from now on.",
     )
 
 
@@ -170,13 +170,13 @@ def test_a_crossing_outline_is_red_and_not_sent(hand: Hand, keeper: ZoneKeeper) 
     hand.editor.start("keepout")
     for corner in ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
         hand.tap(*corner)
-    assert tuple(hand.board._line.colors) == (214, 30, 30)
+    assert tuple(hand.canvas._line.colors) == (214, 30, 30)
     hand.editor.done()
     hand.wait()
     assert hand.browser.notices[-1] == ("Not yet", "The outline crosses itself.")
     assert keeper.names == ["hall mirror"]
     hand.editor.take_back()
-    assert tuple(hand.board._line.colors) == (0, 140, 40)
+    assert tuple(hand.canvas._line.colors) == (0, 140, 40)
 
 
 def test_a_slow_area_has_the_speed_of_the_form(hand: Hand, keeper: ZoneKeeper) -> None:
@@ -232,10 +232,10 @@ def test_a_zone_is_tapped_and_its_corner_dragged(hand: Hand, keeper: ZoneKeeper)
 
 def test_handles_keep_their_size_on_the_screen(hand: Hand) -> None:
     hand.editor.select("hall mirror")
-    before = hand.board._handles.batched_scales.copy()
+    before = hand.canvas._handles.batched_scales.copy()
     hand.browser.camera.position = np.array([0.0, -2.0, 3.0])
     hand.wait()
-    after = hand.board._handles.batched_scales
+    after = hand.canvas._handles.batched_scales
     assert after[0] < 0.6 * before[0]
     assert after[-1] == pytest.approx(1.5 * after[0])
 
@@ -283,35 +283,35 @@ def test_a_zone_that_somebody_deletes_is_let_go(hand: Hand, keeper: ZoneKeeper) 
     keeper.delete(Named(name="hall mirror"))
     hand.wait()
     assert hand.editor.mode == "idle"
-    assert hand.board._handles is None
+    assert hand.canvas._handles is None
 
 
 def test_pointing_ends_drawing_and_drawing_ends_pointing(hand: Hand, stage: "Stage") -> None:
     session = stage.session
     session.aiming.point_goal()
-    session.zones.start("mirror")
+    session.zone_editor.start("mirror")
     assert session.pointing.tool is None
     session.aiming.point_goal()
     hand.wait()
-    assert session.zones.mode == "idle"
+    assert session.zone_editor.mode == "idle"
     assert session.pointing.tool is not None
 
 
 def test_a_browser_that_leaves_leaves_nothing(hand: Hand, stage: "Stage", keeper: Any) -> None:
     hand.editor.start("mirror")
-    editor, board = hand.editor, hand.board
+    editor, canvas = hand.editor, hand.canvas
     hand.tap(0.0, 0.0)
-    stage.viz._client_left(0)
+    stage.viz.close_browser(0)
     assert editor.mode == "idle"
-    assert board._floor is None
+    assert canvas._floor is None
     assert keeper.names == ["hall mirror"]
 
 
 def test_a_suspect_is_offered_and_stored_as_a_mirror(hand: Hand, keeper: ZoneKeeper) -> None:
-    panel = hand.stage.session.console._zones
+    panel = hand.stage.console._zones
     assert panel is not None
     assert panel._suspect.visible
-    assert len(hand.stage.session.suspects._nodes) == 2
+    assert len(hand.stage.session.suspected_mirrors._nodes) == 2
     panel._answered("Yes, add it")
     hand.wait()
     assert keeper["mirror 1"].points == SUSPECT.points
@@ -320,21 +320,21 @@ def test_a_suspect_is_offered_and_stored_as_a_mirror(hand: Hand, keeper: ZoneKee
 def test_a_suspect_that_is_none_is_not_offered_again(stage: "Stage", keeper: ZoneKeeper) -> None:
     stage.browse(0, Visitor("ann"))
     stage.runtime.run(0.5)
-    panel = stage.session.console._zones
+    panel = stage.console._zones
     assert panel is not None
     panel._answered("No")
     near = SuspectLine(points=[(0.1, 1.0), (-1.0, 1.1)], score=0.9)
     keeper.publish(topics.SUSPECTS, Suspects(stamp_ns=0, lines=[near]))
     stage.runtime.run(0.5)
-    assert stage.session.suspects.offered == []
+    assert stage.session.suspected_mirrors.offered == []
     assert not panel._suspect.visible
     assert stage.session.choices.dismissed == [Dismissed(map="room", points=SUSPECT.points)]
     stage.browse(1, Visitor("ben"))
-    assert len(stage.viz._sessions[1].suspects.offered) == 1
+    assert len(stage.viz.browsers[1].session.suspected_mirrors.offered) == 1
 
 
 def test_a_page_that_sends_nonsense_changes_nothing(hand: Hand, keeper: ZoneKeeper) -> None:
-    panel = hand.stage.session.console._zones
+    panel = hand.stage.console._zones
     assert panel is not None
     panel._start("Gravity")
     assert hand.editor.mode == "idle"
@@ -355,11 +355,11 @@ def test_a_page_that_sends_nonsense_changes_nothing(hand: Hand, keeper: ZoneKeep
 
 def test_a_viewer_cannot_draw(stage: "Stage", keeper: ZoneKeeper) -> None:
     stage.browse(0, Visitor("guest", "viewer"))
-    assert stage.session.console._zones is None
+    assert stage.console._zones is None
 
 
 def test_the_panel_follows_what_is_under_way(hand: Hand) -> None:
-    panel = hand.stage.session.console._zones
+    panel = hand.stage.console._zones
     assert panel is not None
     assert panel._choice.options == ("choose …", "hall mirror")
     hand.editor.start("speed")

@@ -1,1 +1,1 @@
-"""Drawing zones on the map: the geometry, the board in one browser, and the wishes to the robot."""
+"""Drawing on the map in a browser: zones, suspected mirrors, and changes that robots propose."""

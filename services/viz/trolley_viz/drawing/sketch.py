@@ -1,4 +1,4 @@
-"""A zone as it is drawn: its corners, what is wrong with them, and where a wall draws them to.
+"""A zone as it is drawn: its corners, what is wrong with them, and where they snap to a wall.
 
 All points are x, y [m] in the frame that is drawn.
 """
@@ -34,7 +34,7 @@ KIND_NAMES: dict[ZoneKind, str] = {
 
 LINES: tuple[ZoneKind, ...] = ("mirror", "glass")
 SNAP_M = 0.15
-"""A corner of a mirror or glass line goes to a wall that is this near."""
+"""A corner of a mirror or glass line snaps to a wall within this distance."""
 MIN_LENGTH_M = 0.02
 FAR_CELLS = 1e9
 """Far outside of every map, and still a whole number of cells."""
@@ -70,7 +70,7 @@ class Sketch:
 
     @property
     def middle(self) -> Point:
-        """A point in the midst of the corners."""
+        """The mean of the corners."""
         x, y = np.mean(np.array(self.points), axis=0).tolist()
         return x, y
 
@@ -91,11 +91,11 @@ class Sketch:
         points = np.array(self.points, dtype=np.float64).reshape(-1, 2)
         if self.is_line:
             if len(points) < 2:
-                return "A line needs two corners at least."
+                return "A line needs at least two corners."
             length = float(np.hypot(*np.diff(points, axis=0).T).sum())
             return "" if length >= MIN_LENGTH_M else "This line is too short."
         if len(points) < 3:
-            return "An area needs three corners at least."
+            return "An area needs at least three corners."
         if self.crosses():
             return "The outline crosses itself."
         try:
@@ -106,7 +106,7 @@ class Sketch:
 
 
 def free_name(kind: ZoneKind, taken: Collection[str]) -> str:
-    """Name a new zone after its kind, with the first number that is free."""
+    """Name a new zone after its kind, with the first free number."""
     number = 1
     while f"{KIND_NAMES[kind]} {number}" in taken:
         number += 1
@@ -136,7 +136,7 @@ def snap_to_wall(grid: OccupancyGrid, point: Point, reach_m: float = SNAP_M) -> 
     Args:
         grid: the map.
         point: x, y [m] in the map's frame.
-        reach_m: how far a wall draws it [m].
+        reach_m: up to this distance it snaps to a wall [m].
     """
     if not (math.isfinite(point[0]) and math.isfinite(point[1])):
         return point

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from trolley.config.viz import VizConfig
 from trolley.runtime.service import Service
-from trolley_viz.gate import is_loopback_host
+from trolley_viz.server.access import is_loopback_host
 
 if TYPE_CHECKING:
     from trolley_viz.foxglove.bridge import FoxgloveBridge
@@ -29,7 +29,7 @@ def open_bridge(service: Service, config: VizConfig) -> "FoxgloveBridge | None":
     except ImportError as error:
         why = f"the extra trolley[foxglove] is not installed ({error})"
     except RuntimeError as error:
-        why = f"{config.foxglove_host}, port {config.foxglove_port}, cannot be had ({error})"
+        why = f"{config.foxglove_host}, port {config.foxglove_port}, is not available ({error})"
     _say_why(service, why)
     return None
 

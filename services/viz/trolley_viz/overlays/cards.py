@@ -34,7 +34,7 @@ SIGNS = ("°", "%")
 
 
 class Card(Struct, frozen=True):
-    """One overlay, as the page is told of it."""
+    """One overlay, as the page gets it."""
 
     kind: str
     place: str

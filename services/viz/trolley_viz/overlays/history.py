@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 MAX_POINTS = 6000
 KEPT_NS = 600 * 10**9
-"""How long ago is forgotten [ns]."""
+"""Older values are forgotten [ns]."""
 GAP_S = 2.0
-"""Where nothing came for longer than this, and than three times the usual, the line is broken."""
+"""The line is broken where nothing came for longer than this and than three times the usual gap."""
 
 
 class History:

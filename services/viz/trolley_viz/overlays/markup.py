@@ -1,4 +1,4 @@
-"""Text of strangers made safe for the page: a few tags and colours, nothing that acts or loads."""
+"""Untrusted text made safe for the page: a few tags and colours, nothing that acts or loads."""
 
 import html
 import re
@@ -15,7 +15,7 @@ _STYLE = re.compile(r"(?:^|;)\s*color\s*:\s*([^;]+)", re.IGNORECASE)
 
 
 def safe_markup(text: str) -> str:
-    """Return HTML in which only weight, line breaks and text colours are left.
+    """Return HTML with everything but weight, line breaks and text colours removed.
 
     Kept: `<b>`, `<i>`, `<u>`, `<small>`, `<br>`, `<span style="color:...">` and
     `<font color=...>`. Other tags go, their text stays; scripts and styles go with their text.

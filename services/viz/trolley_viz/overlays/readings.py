@@ -20,7 +20,7 @@ from trolley_viz.overlays.source import (
     parse_source,
     read_field,
 )
-from trolley_viz.whereabouts import why_nowhere
+from trolley_viz.robots.frames import why_nowhere
 
 SILENT_NS = 3_000_000_000
 """What is published all the time and has been silent for so long is called dead."""
@@ -80,7 +80,7 @@ class Readings:
         self._watches: dict[tuple[str, tuple[str, ...]], Watch[Any]] = {}
         self._sampled_ns: int | None = None
 
-    def want(self, texts: Iterable[str]) -> None:
+    def follow(self, texts: Iterable[str]) -> None:
         """Follow exactly these sources from now on; what is known of the others is forgotten."""
         wanted = set(texts)
         for text in self._readings.keys() - wanted:
@@ -104,7 +104,7 @@ class Readings:
 
     def drop_all(self) -> None:
         """Follow nothing and forget everything."""
-        self.want(())
+        self.follow(())
 
     def of(self, text: str) -> Reading:
         """What is known of a source that is wanted."""

@@ -7,7 +7,7 @@ from trolley.messages import OverlayRule
 
 ROUNDING = 1e-9
 MAX_RULES = 100
-"""Further ones of an overlay are not looked at."""
+"""Further rules of an overlay are ignored."""
 
 
 def first_match(

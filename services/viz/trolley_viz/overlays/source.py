@@ -129,21 +129,23 @@ def _parse_path(name: str, field: str) -> tuple[Key, ...]:
     while at < len(field):
         step = _STEP.match(field, at)
         if step is None or (at == 0 and field[0] in ".["):
-            raise BadSource(f"“{field}” is no field of {name}; write it like pose.x or ranges[3].")
+            raise BadSource(
+                f"“{field}” is not a field of {name}; write it like pose.x or ranges[3]."
+            )
         path.append(step[1] if step[1] is not None else int(step[2]))
         at = step.end()
     return tuple(path)
 
 
 def _check_path(name: str, topic: Topic[Any], path: tuple[Key, ...]) -> None:
-    """Follow the path through the types, so that a wrong one is told before a message comes."""
+    """Follow the path through the types, so that a wrong one is reported at once."""
     here: inspect.Type | int | None = inspect.type_info(topic.message)
     for key in path:
         here = _step_type(here, key)
         if here is None:
             raise BadSource(f"{name} has no field “{_written(path)}”. {_listed(topic)}")
     if not _is_leaf(here, numbers_only=False):
-        raise BadSource(f"{name}:{_written(path)} is no single value. {_listed(topic)}")
+        raise BadSource(f"{name}:{_written(path)} is not a single value. {_listed(topic)}")
 
 
 def _step_type(here: inspect.Type | int | None, key: Key) -> inspect.Type | int | None:

@@ -1,34 +1,30 @@
 """All controls of one browser: Stop over the scene, the state on top, the tabs below."""
 
-from typing import TYPE_CHECKING
-
 import viser
 
 from trolley import topics
 from trolley.messages import Health
-from trolley_viz.page import gestures_html, overlays_html, pad_html
-from trolley_viz.panels.changes import ChangePanel
-from trolley_viz.panels.control import READABLE, show
-from trolley_viz.panels.go import GoPanel
+from trolley_viz.panels.controls import READABLE, show
+from trolley_viz.panels.go_tab import GoTab
+from trolley_viz.panels.map_changes import ChangePanel
 from trolley_viz.panels.map_editing import MapEditPanel
 from trolley_viz.panels.mapping import MappingPanel
 from trolley_viz.panels.markup import note, row
-from trolley_viz.panels.more import MorePanel
+from trolley_viz.panels.more_tab import MoreTab
 from trolley_viz.panels.places import PlacePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.status import StatusPanel
 from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tiles import STYLE
-from trolley_viz.panels.tours import TourTab
+from trolley_viz.panels.tours_tab import TourTab
 from trolley_viz.panels.zones import ZonePanel
-from trolley_viz.scene.layer import View
+from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import tour_of
-from trolley_viz.situation import Known, situation
-from trolley_viz.words import AWAY, Words, base_words, goal_words, position_words, trip_words
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, position_line, trip_line
+from trolley_viz.server.page_pieces import gestures_html, overlays_html, pad_html
+from trolley_viz.session.session import Session
+from trolley_viz.situation import RobotState, situation
 
 SILENT_NS = 4_000_000_000
 """A service that says nothing of its health for so long is not running."""
@@ -37,7 +33,7 @@ SILENT_NS = 4_000_000_000
 class Console:
     """The controls of one browser; a viewer's has those only that cannot move anything."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
         self._health: dict[tuple[str, str], tuple[Health, int]] = {}
         """The newest by robot and service, and when it was first seen (local monotonic [ns])."""
@@ -48,8 +44,8 @@ class Console:
             gui, session.folder, session.follow, session.press_stop_all, post
         )
         if not session.may_drive:
-            gui.add_html(note("This link is for looking; only STOP acts on the robot."))
-        self._go: GoPanel | None = None
+            gui.add_html(note("You may look, but not drive. STOP works."))
+        self._go: GoTab | None = None
         self._places: PlacePanel | None = None
         self._zones: ZonePanel | None = None
         self._mapping: MappingPanel | None = None
@@ -58,7 +54,7 @@ class Console:
         tabs = gui.add_tab_group()
         if session.may_drive:
             with tabs.add_tab("Go", viser.Icon.STEERING_WHEEL):
-                self._go = GoPanel(gui, session)
+                self._go = GoTab(gui, session)
         with tabs.add_tab("Tours", viser.Icon.ROUTE):
             self._tours = TourTab(gui, session)
         if session.may_drive:
@@ -70,14 +66,14 @@ class Console:
                 self._mapping = MappingPanel(gui, session)
                 self._map_edit = MapEditPanel(gui, session)
         with tabs.add_tab("More", viser.Icon.DOTS):
-            self._more = MorePanel(gui, session)
+            self._more = MoreTab(gui, session)
             with session.folder("State"):
                 self._state = gui.add_html("")
             with session.folder("Keys"):
                 gui.add_html(add_shortcuts(gui, session))
         self._stop_bar = StopBar(
             gui,
-            lambda: hub.call_soon(session.press_stop, urgent=True),
+            lambda: hub.service.call_soon(session.press_stop, urgent=True),
             (lambda: post(session.press_resume)) if session.may_drive else None,
         )
         if session.may_drive:
@@ -87,16 +83,16 @@ class Console:
 
     def update(self, view: View) -> None:
         """Say what is."""
-        session, feeds = self._session, view.feeds
-        base = feeds.latest(topics.BASE)
+        session, streams = self._session, view.streams
+        base = streams.latest(topics.BASE)
         is_stopped = base is not None and base.mode == "stopped" and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
         self._stop_bar.show_hint(
-            session.zones.hint or session.map_editor.hint or session.aiming.hint
+            session.zone_editor.hint or session.map_editor.hint or session.aiming.hint
         )
-        known = what_is_known(view, self._silent(view))
-        lines = state_words(known)
+        known = robot_state(view, self._silent(view))
+        lines = state_lines(known)
         self._status.update(session.robot_labels(), session.robot, situation(known), lines)
         self._robots.update(view.fleet, session.robot)
         if self._go is not None:
@@ -107,7 +103,7 @@ class Console:
         if self._changes is not None:
             self._changes.update(session.change_marks.offered)
         if self._zones is not None:
-            self._zones.update(session.suspects.offered)
+            self._zones.update(session.suspected_mirrors.offered)
         if self._mapping is not None:
             self._mapping.update(view)
         if self._map_edit is not None:
@@ -115,14 +111,14 @@ class Console:
         show(self._state, content="".join(map(row, lines)))
         self._more.update(view)
 
-    def close_plot(self) -> None:
-        """Stop following what is plotted, as for another robot."""
+    def close(self) -> None:
+        """Stop following what only this browser shows."""
         self._more.close_plot()
 
     def _silent(self, view: View) -> frozenset[str]:
-        """The services of the robot that were heard of and are not any more."""
+        """The services of the robot that have fallen silent."""
         robot, now_ns = self._session.robot, view.now_ns
-        for (name,), one in view.feeds.by_parts(topics.HEALTH).items():
+        for (name,), one in view.streams.by_parts(topics.HEALTH).items():
             before = self._health.get((robot, name))
             if before is None or before[0] is not one:
                 self._health[robot, name] = (one, now_ns)
@@ -133,37 +129,37 @@ class Console:
         )
 
 
-def what_is_known(view: View, silent: frozenset[str]) -> Known:
-    """Gather what the sentence about the robot is made from."""
-    feeds = view.feeds
-    estimate, saved = feeds.latest(topics.POSE), feeds.latest(topics.POSES)
-    trip = feeds.latest(topics.TOUR)
+def robot_state(view: View, silent: frozenset[str]) -> RobotState:
+    """Gather what the sentence about the robot depends on."""
+    streams = view.streams
+    estimate, saved = streams.latest(topics.POSE), streams.latest(topics.POSES)
+    trip = streams.latest(topics.TOUR)
     robot_ns, age_s = view.robot_ns, None
     if robot_ns is not None and estimate is not None:
         age_s = (robot_ns - estimate.stamp_ns) * 1e-9
-    return Known(
+    return RobotState(
         is_away=view.is_away,
-        base=feeds.latest(topics.BASE),
+        base=streams.latest(topics.BASE),
         has_map=view.map is not None,
         estimate=estimate,
         estimate_age_s=age_s,
-        goal=feeds.latest(topics.GOAL),
+        goal=streams.latest(topics.GOAL),
         trip=trip,
         tour=None if trip is None else tour_of(trip, view),
         places=[] if saved is None else saved.poses,
         silent=silent,
-        mapping=feeds.latest(topics.MAPPING),
+        mapping=streams.latest(topics.MAPPING),
     )
 
 
-def state_words(known: Known) -> list[Words]:
+def state_lines(known: RobotState) -> list[StatusLine]:
     """The lines of the state: position, what holds it, where it is going, the trip."""
     if known.is_away:
         return [AWAY]
     lines = [
-        position_words(known.estimate, known.estimate_age_s),
-        base_words(known.base),
-        goal_words(known.goal, list(known.places)),
-        trip_words(known.trip, known.tour),
+        position_line(known.estimate, known.estimate_age_s),
+        base_line(known.base),
+        goal_line(known.goal, list(known.places)),
+        trip_line(known.trip, known.tour),
     ]
     return [line for line in lines if line is not None]

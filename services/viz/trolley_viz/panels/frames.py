@@ -1,21 +1,19 @@
 """The frames as a tree: a switch for each one's axes, its parent, the age of the link."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import viser
 
 from trolley.geometry.frames import BASE, LASER, FrameTree, Link, MissingLink
-from trolley_viz.panels.control import handler, show
+from trolley_viz.panels.controls import show
 from trolley_viz.panels.markup import note, table
-from trolley_viz.placement import Placement
-from trolley_viz.scene.layer import View
-from trolley_viz.words import age_words
+from trolley_viz.robots.placement import Placement
+from trolley_viz.robots.view import View
+from trolley_viz.sentences import age_text
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
-
-MAX_FRAMES = 60
+MAX_TREE_FRAMES = 60
 INDENT = "\u2003"
 MAX_LETTERS = 64
 
@@ -31,9 +29,9 @@ class Branch:
 
 
 class FrameTreePanel:
-    """Built anew when frames come or go."""
+    """Rebuilt when frames come or go."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._gui = gui
         self._session = session
         self._inside = gui.add_folder(None)
@@ -42,7 +40,7 @@ class FrameTreePanel:
 
     def update(self, view: View) -> None:
         """Bring tree and ages up to date."""
-        branches = tree(view.placement.tree)[:MAX_FRAMES]
+        branches = tree(view.placement.tree)[:MAX_TREE_FRAMES]
         keys = [(one.frame, one.depth) for one in branches]
         if keys != list(self._boxes):
             self._build(keys, set(self._session.frames_on()))
@@ -100,10 +98,10 @@ def missing_links(placement: Placement) -> list[str]:
 
 
 def link_age(link: Link, robot_ns: int | None) -> str:
-    """How old a link is; it is not said while the robot's clock is silent."""
+    """Write how old a link is; nothing while the robot's clock is silent."""
     if link.stamp_ns is None:
         return "fixed"
-    return "" if robot_ns is None else age_words((robot_ns - link.stamp_ns) * 1e-9)
+    return "" if robot_ns is None else age_text((robot_ns - link.stamp_ns) * 1e-9)
 
 
 def _where(link: Link) -> str:

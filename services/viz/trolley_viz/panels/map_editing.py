@@ -1,43 +1,44 @@
 """Controls for changing the map itself."""
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import viser
 
-from trolley_viz.map_editing.editor import BRUSH_M, WALL_M, Tool
-from trolley_viz.panels.control import GREEN, GREY, handler, show
+from trolley_viz.map_editing.map_editor import BRUSH_M, WALL_M, Tool
+from trolley_viz.panels.controls import GREEN, GREY, show
 from trolley_viz.panels.markup import note
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 TOOLS: dict[str, Tool] = {"Look": "look", "Erase": "erase", "Wall": "wall", "Crop": "crop"}
 CHOOSE = "choose …"
 
 
 class MapEditPanel:
-    """The editor of the map, and what it is steered by."""
+    """The controls of the map editor."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._editor = session.map_editor
         self._filled = -1
         icon = viser.Icon
         with session.folder("Edit map"):
             self._open = gui.add_button("Change this map", icon=icon.PENCIL, color=GREY)
-            self._undo = gui.add_button("Back to the version before", icon=icon.HISTORY, color=GREY)
+            self._undo = gui.add_button(
+                "Back to the previous version", icon=icon.HISTORY, color=GREY
+            )
             self._tools = gui.add_button_group("Tool", tuple(TOOLS), visible=False)
             self._now = gui.add_html("", visible=False)
-            self._brush = gui.add_slider("Brush m", 0.05, 2.0, 0.05, BRUSH_M, visible=False)
+            self._brush = gui.add_slider("Brush (m)", 0.05, 2.0, 0.05, BRUSH_M, visible=False)
             self._unknown = gui.add_checkbox("Erase to unknown", False, visible=False)
-            self._wall = gui.add_slider("Wall m", 0.05, 0.5, 0.05, WALL_M, visible=False)
-            self._angle = gui.add_slider("Turn °", -180.0, 180.0, 0.5, 0.0, visible=False)
+            self._wall = gui.add_slider("Wall (m)", 0.05, 0.5, 0.05, WALL_M, visible=False)
+            self._angle = gui.add_slider("Turn (°)", -180.0, 180.0, 0.5, 0.0, visible=False)
             self._straight = gui.add_button(
-                "Make the walls straight", icon=icon.ANGLE, color=GREY, visible=False
+                "Straighten the walls", icon=icon.ANGLE, color=GREY, visible=False
             )
             self._other = gui.add_dropdown("Merge with", (CHOOSE,), visible=False)
             self._back = gui.add_button(
-                "Take last step back", icon=icon.ARROW_BACK, color=GREY, visible=False
+                "Undo last step", icon=icon.ARROW_BACK, color=GREY, visible=False
             )
             self._name = gui.add_text("Save as", "", visible=False)
             self._save = gui.add_button(
@@ -74,7 +75,7 @@ class MapEditPanel:
             show(self._name, value=editor.as_name)
             show(self._other, value=CHOOSE)
 
-    def _bind(self, session: "Session") -> None:
+    def _bind(self, session: Session) -> None:
         editor, post = self._editor, session.post
         self._open.on_click(handler(post, lambda _, __: editor.open()))
         self._undo.on_click(handler(post, lambda _, __: editor.undo_stored()))

@@ -1,6 +1,6 @@
-"""Making a map: begin one, pause, take back, save or give up."""
+"""Making a map: start, pause, undo, save or discard."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
@@ -14,28 +14,27 @@ from trolley.messages.request_params import (
     SaveMap,
     UndoMap,
 )
-from trolley_viz.panels.control import AMBER, GREEN, GREY, TEAL, handler, show
+from trolley_viz.panels.controls import AMBER, GREEN, GREY, TEAL, show
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.tiles import MARK, SMALL
-from trolley_viz.scene.layer import View
-from trolley_viz.words import Words, mapping_words
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.robots.view import View
+from trolley_viz.sentences import StatusLine, mapping_line
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 SURE_NS = 6_000_000_000
-"""So long a second press gives a map up."""
+"""How long a second press discards the map."""
 HOW = (
-    "Put the robot where its home shall be. Then drive it through every room, slowly round "
-    "corners, and come back to where you began; or let it explore by itself while you are near, "
-    "where no mirror, glass door or stairs can deceive it."
+    "Put the robot where its home will be. Then drive it through every room, slowly around "
+    "corners, and come back to where you started; or let it explore by itself while you stay near, "
+    "where no mirror, glass door or stairs can mislead it."
 )
 
 
 class MappingPanel:
     """The map that is being made, or how to begin one."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._ask = session.actions.ask
         self._tell = session.tell
         self._status: MappingStatus | None = None
@@ -56,7 +55,7 @@ class MappingPanel:
             self._undo = gui.add_button(
                 "Undo last minute", icon=viser.Icon.ARROW_BACK_UP, color=GREY
             )
-            self._cancel = gui.add_button("Give up", icon=viser.Icon.TRASH, color=GREY)
+            self._cancel = gui.add_button("Discard", icon=viser.Icon.TRASH, color=GREY)
         self._new.on_click(handler(post, lambda _, __: self._begin()))
         self._extend.on_click(handler(post, lambda _, __: self._extend_map()))
         self._save.on_click(handler(post, lambda _, __: self._save_map()))
@@ -67,13 +66,13 @@ class MappingPanel:
 
     def update(self, view: View) -> None:
         """Show what can be done now."""
-        status = self._status = view.feeds.latest(topics.MAPPING)
+        status = self._status = view.streams.latest(topics.MAPPING)
         self._map_name = "" if view.map is None else view.map.name
         self._now_ns = view.now_ns
         state = "idle" if status is None else status.state
-        words = mapping_words(status)
+        words = mapping_line(status)
         if status is None:
-            words = Words("The mapper is not running", "idle")
+            words = StatusLine("The mapper is not running", "idle")
         show(self._state, content="" if words is None else row(words), visible=words is not None)
         is_making = state in ("mapping", "paused")
         is_idle = status is not None and state == "idle"
@@ -90,13 +89,13 @@ class MappingPanel:
             color=AMBER if explores else GREEN,
         )
         is_paused = state == "paused"
-        show(self._pause, visible=is_making, label="Go on" if is_paused else "Pause")
+        show(self._pause, visible=is_making, label="Continue" if is_paused else "Pause")
         show(self._undo, visible=is_making)
         is_asking = self._now_ns < self._sure_until_ns
         show(
             self._cancel,
             visible=is_making or state == "starting",
-            label="Really give it up?" if is_asking else "Give up",
+            label="Really discard it?" if is_asking else "Discard",
             color=AMBER if is_asking else GREY,
         )
 
@@ -104,12 +103,12 @@ class MappingPanel:
     def _begin(self) -> None:
         name = self._name.value.strip()
         if not name:
-            self._tell("Not begun", "Give the map a name first.", "warn")
+            self._tell("Not started", "Give the map a name first.", "warn")
             return
-        self._ask(requests.MAP_NEW, MapNamed(name=name), "No map was begun")
+        self._ask(requests.MAP_NEW, MapNamed(name=name), "No map was started")
 
     def _extend_map(self) -> None:
-        self._ask(requests.MAP_EXTEND, MapNamed(name=self._map_name), "The map is not extended")
+        self._ask(requests.MAP_EXTEND, MapNamed(name=self._map_name), "The map cannot be extended")
 
     def _save_map(self) -> None:
         def saved(_: Any) -> None:
@@ -129,11 +128,11 @@ class MappingPanel:
         self._ask(requests.MAP_PAUSE, PauseMap(on=not is_paused), "Not done")
 
     def _take_back(self) -> None:
-        self._ask(requests.MAP_UNDO, UndoMap(), "Not taken back")
+        self._ask(requests.MAP_UNDO, UndoMap(), "Not undone")
 
     def _give_up(self) -> None:
         if self._now_ns >= self._sure_until_ns:
             self._sure_until_ns = self._now_ns + SURE_NS
             return
         self._sure_until_ns = 0
-        self._ask(requests.MAP_CANCEL, Nothing(), "Not given up")
+        self._ask(requests.MAP_CANCEL, Nothing(), "Not discarded")

@@ -3,7 +3,7 @@
 import html
 from collections.abc import Sequence
 
-from trolley_viz.words import Tone, Words
+from trolley_viz.sentences import StatusLine, Tone
 
 TONES: dict[Tone, str] = {
     "good": "#1e9e50",
@@ -25,7 +25,7 @@ _ROW = (
 _DETAIL = '<br><span style="opacity:0.72;font-size:0.86em">{}</span>'
 
 
-def row(words: Words) -> str:
+def row(words: StatusLine) -> str:
     """A coloured dot, the headline, and the details below it."""
     return _ROW.format(
         colour=TONES[words.tone],
@@ -40,7 +40,7 @@ def title(text: str) -> str:
     return f'<div style="padding:0.5em 0.8em 0.2em;font-weight:700">{html.escape(text)}</div>'
 
 
-def sentence(words: Words) -> str:
+def sentence(words: StatusLine) -> str:
     """What a robot is doing, to be read from afar."""
     return (
         f'<div role="status" style="margin:0.5em 0.8em 0.3em;padding:0.5em 0.7em;'
@@ -50,7 +50,7 @@ def sentence(words: Words) -> str:
     )
 
 
-def chips(lines: Sequence[Words]) -> str:
+def chips(lines: Sequence[StatusLine]) -> str:
     """The headlines in small print, side by side; the details come up under the mouse."""
     pieces = "".join(
         f'<span title="{html.escape(words.detail)}" style="overflow-wrap:anywhere">'

@@ -14,14 +14,15 @@ from trolley_viz.overlays.cards import written
 from trolley_viz.overlays.figures import plot_columns, plot_svg
 from trolley_viz.overlays.readings import Reading, Readings
 from trolley_viz.overlays.source import fields_of
-from trolley_viz.panels.control import GREY, AddFolder, Post, handler, set_options
+from trolley_viz.panels.controls import GREY, AddFolder, set_options
 from trolley_viz.panels.markup import note, table
-from trolley_viz.scene.layer import View
+from trolley_viz.robots.frames import PLACE, frames_of, why_nowhere
+from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-from trolley_viz.whereabouts import PLACE, frames_of, why_nowhere
-from trolley_viz.words import duration
+from trolley_viz.sentences import duration
+from trolley_viz.threads import Post, handler
 
-MAX_FRAMES = 200
+MAX_CHOICES = 200
 NO_TOPIC = "choose"
 WINDOWS_S = {"10 s": 10.0, "1 min": 60.0, "10 min": 600.0}
 PLOT_STYLE = (
@@ -43,10 +44,10 @@ class FramesPanel:
 
     def update(self, view: View) -> None:
         """Say where the second frame is in the first."""
-        frames = frames_of(view.feeds, view.robot_ns, (self._parent.value, self._child.value))
+        frames = frames_of(view.streams, view.robot_ns, (self._parent.value, self._child.value))
         known = {BASE, MAP, *frames.tree.frames()}
         places = sorted({PLACE + one.name for one in current_places(view)} - known)
-        options = [*sorted(known - set(places)), *places][:MAX_FRAMES]
+        options = [*sorted(known - set(places)), *places][:MAX_CHOICES]
         for dropdown in (self._parent, self._child):
             set_options(dropdown, sorted({*options, dropdown.value}), "")
         try:
@@ -64,7 +65,7 @@ class PlotPanel:
         gui: where it is added.
         folder: adds its folder.
         post: hands a call to the service's thread.
-        new_readings: follows values of the robot of this browser.
+        new_readings: follows values of a robot.
     """
 
     def __init__(
@@ -72,17 +73,21 @@ class PlotPanel:
         gui: viser.GuiApi,
         folder: AddFolder,
         post: Post,
-        new_readings: Callable[[], Readings],
+        new_readings: Callable[[str], Readings],
     ) -> None:
         self._new_readings = new_readings
         self._readings: Readings | None = None
+        self._robot = ""
+        """The robot whose values they are."""
         self._text = ""
         none: list[str] = [NO_TOPIC]
         with folder("Plot"):
             names = (NO_TOPIC, *(one.name for one in topics.TOPICS if one.kind is Kind.STREAM))
             topic = gui.add_dropdown("Topic", names, initial_value=NO_TOPIC)
             self._fields = gui.add_dropdown("Field", none, disabled=True)
-            self._source = gui.add_text("Value", "", hint="Such as odom:twist.vx or scan:ranges[0]")
+            self._source = gui.add_text(
+                "Value", "", hint="For example odom:twist.vx or scan:ranges[0]"
+            )
             self._window = gui.add_dropdown("Time", tuple(WINDOWS_S), initial_value="1 min")
             self._is_fixed = gui.add_checkbox("Fixed range", False)
             self._low = gui.add_number("From", 0.0, visible=False)
@@ -101,17 +106,20 @@ class PlotPanel:
             self.close()
             self._picture.content = ""
             return
+        if self._robot != view.robot_name:
+            self.close()
+            self._robot = view.robot_name
         if self._readings is None:
-            self._readings = self._new_readings()
+            self._readings = self._new_readings(self._robot)
         readings = self._readings
-        readings.want([self._text])
+        readings.follow([self._text])
         wanted = readings.frames_wanted()
         if wanted and readings.is_sampling_due(view.now_ns):
-            readings.sample(frames_of(view.feeds, view.robot_ns, wanted), view.now_ns)
+            readings.sample(frames_of(view.streams, view.robot_ns, wanted), view.now_ns)
         self._picture.content = self._drawn(readings.of(self._text), view)
 
     def close(self) -> None:
-        """Follow nothing any more."""
+        """Stop following."""
         if self._readings is not None:
             self._readings.drop_all()
             self._readings = None

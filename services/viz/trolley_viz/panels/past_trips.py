@@ -8,15 +8,16 @@ import viser
 
 from trolley import codes
 from trolley.messages import PastTrip, TourStatus
-from trolley_viz.panels.control import GREY, Post, handler, set_options
+from trolley_viz.panels.controls import GREY, set_options
 from trolley_viz.panels.markup import TONES, note, row
-from trolley_viz.past_trips import PastTrips
-from trolley_viz.words import Tone, Words, duration, result_words
+from trolley_viz.robots.past_trips import PastTrips
+from trolley_viz.sentences import StatusLine, Tone, duration, result_line
+from trolley_viz.threads import Post, handler
 
 SHOWN_AT_ONCE = 20
 MAX_RESULTS = 50
 ALL_TOURS: str = "all tours"
-UNNAMED = "without a name"
+UNNAMED = "unnamed"
 _TRIP = (
     '<details style="padding:0.3em 0.8em;line-height:1.35;overflow-wrap:anywhere">'
     '<summary style="cursor:pointer;padding:0.2em 0">'
@@ -51,7 +52,7 @@ class PastTripsPanel:
         if not is_open:
             self._more.visible, self._list.content, self._drawn = False, "", ()
             return
-        past.look(trip, now_ns)
+        past.refresh(trip, now_ns)
         trips = past.trips or ()
         names = sorted({one.name or UNNAMED for one in trips})
         set_options(self._tour, [ALL_TOURS, *names], ALL_TOURS)
@@ -73,14 +74,14 @@ class PastTripsPanel:
 def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
     """The trips, each of which opens to what came of its stops."""
     problem = (
-        row(Words("Past trips are not known just now", "warn", past.problem))
+        row(StatusLine("Past trips are not available right now", "warn", past.problem))
         if past.problem
         else ""
     )
     if past.trips is None:
-        return problem or note("Asking …")
+        return problem or note("Loading …")
     if not past.trips:
-        return problem + note("There was no trip yet.")
+        return problem + note("No trips yet.")
     return problem + "".join(map(_trip, trips))
 
 
@@ -88,14 +89,14 @@ def _trip(trip: PastTrip) -> str:
     shown = trip.results[-MAX_RESULTS:]
     title = [trip.name or UNNAMED, when_text(trip.started_at)]
     left_out = trip.reached + trip.missed - len(shown)
-    results = "".join(row(result_words(result)) for result in shown)
+    results = "".join(row(result_line(result)) for result in shown)
     if left_out > 0:
         results = note(f"{left_out} earlier stops are not shown.") + results
     return _TRIP.format(
         colour=TONES[tone_of(trip)],
         title=html.escape(" · ".join(filter(None, title))),
         summary=html.escape(summary(trip)),
-        results=results or note("It had not come to a stop yet."),
+        results=results or note("It had not reached a stop yet."),
     )
 
 

@@ -1,18 +1,15 @@
 """The saved places: new ones, and what there is to change about those that are there."""
 
-from typing import TYPE_CHECKING
-
 import viser
 
 from trolley.messages import SavedPose
-from trolley_viz.icons import known_icon
-from trolley_viz.panels.control import GREEN, GREY, TEAL, handler, set_options, show_undo
+from trolley_viz.graphics.icons import known_icon
+from trolley_viz.panels.controls import GREEN, GREY, TEAL, set_options, show_undo
 from trolley_viz.panels.tiles import MARK, SMALL
-from trolley_viz.scene.layer import View
+from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 NEW: str = "+ new place"
 """No place can be called so: names hold no plus sign."""
@@ -48,8 +45,8 @@ ICONS: dict[str, str] = {
 class PlacePanel:
     """One form for a new place and for those that are saved."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
-        self._actions, self._places, post = session.actions, session.places, session.post
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._actions, self._places, post = session.actions, session.place_actions, session.post
         self._stored: dict[str, SavedPose] = {}
         self._filled: SavedPose | None = None
         """What the fields were filled from."""
@@ -61,8 +58,8 @@ class PlacePanel:
         self._icon = gui.add_dropdown("Icon", tuple(ICONS))
         self._note = gui.add_text("Note", "", visible=False)
         self._save = gui.add_button("Save changes", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
-        self._here = gui.add_button("Save where it stands", icon=viser.Icon.ROBOT, color=GREEN)
-        self._point = gui.add_button("Show on the map …", icon=viser.Icon.MAP_PIN, color=TEAL)
+        self._here = gui.add_button("Save where the robot is", icon=viser.Icon.ROBOT, color=GREEN)
+        self._point = gui.add_button("Point on the map …", icon=viser.Icon.MAP_PIN, color=TEAL)
         self._delete = gui.add_button("Delete", icon=viser.Icon.TRASH, color=GREY)
         self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
         self._place.on_update(handler(post, lambda _, __: self._choose()))
@@ -83,8 +80,8 @@ class PlacePanel:
             self._fill(chosen)
         is_new = chosen is None
         self._save.visible = self._delete.visible = self._note.visible = not is_new
-        self._here.label = "Save where it stands" if is_new else "Move to where it stands"
-        self._point.label = "Show on the map …" if is_new else "Move on the map …"
+        self._here.label = "Save where the robot is" if is_new else "Move to the robot"
+        self._point.label = "Point on the map …" if is_new else "Move on the map …"
         show_undo(self._undo, self._actions.history)
 
     # Inside.

@@ -7,13 +7,14 @@ from typing import Any
 
 import viser
 
-from trolley_viz.panels.control import TEAL, Post, handler, set_options
-from trolley_viz.tour_draft import MAX_COUNT, MAX_SECONDS, OnFailure, Point
+from trolley_viz.editing.tour_draft import MAX_COUNT, MAX_SECONDS, OnFailure, Point
+from trolley_viz.panels.controls import TEAL, set_options
+from trolley_viz.threads import Post, handler
 
 ON_MAP: str = "a point on the map"
 UP, DOWN, REMOVE = "Earlier", "Later", "Remove"
 GIVE_UP: str = "end the tour"
-LEAVE_OUT: str = "leave it out"
+LEAVE_OUT: str = "skip it"
 FOR_EVER: str = "try until it works"
 FAILURES: dict[str, OnFailure] = {GIVE_UP: "abort", LEAVE_OUT: "skip", FOR_EVER: "retry"}
 
@@ -23,7 +24,7 @@ class PointEditor:
 
     Args:
         gui: where it is added.
-        change: called with the point as it was and as it shall be.
+        change: called with the point before and after.
         arrange: called with `UP`, `DOWN` or `REMOVE`.
         point_out: lets the person show the place on the map.
         post: hands calls to the service's thread.
@@ -43,20 +44,20 @@ class PointEditor:
         with self.folder:
             order = gui.add_button_group("Order", (UP, DOWN, REMOVE))
             self._place = gui.add_dropdown("Place", (ON_MAP,))
-            show = gui.add_button("Point at it on the map", icon=viser.Icon.MAP_PIN, color=TEAL)
+            show = gui.add_button("Point it out on the map", icon=viser.Icon.MAP_PIN, color=TEAL)
             self._passes = gui.add_checkbox("Pass without stopping", False)
-            self._dwell = gui.add_number("Stay, seconds", 0.0, min=0.0, max=MAX_SECONDS, step=1.0)
+            self._dwell = gui.add_number("Stay (s)", 0.0, min=0.0, max=MAX_SECONDS, step=1.0)
             self._failure = gui.add_dropdown("If it fails", tuple(FAILURES))
             self._tries = gui.add_number(
-                "Tries", 1, min=1, max=MAX_COUNT, step=1, hint="How often before it has failed."
+                "Tries", 1, min=1, max=MAX_COUNT, step=1, hint="How often to try before giving up."
             )
             self._timeout = gui.add_number(
-                "Longest drive, s",
+                "Longest drive (s)",
                 0.0,
                 min=0.0,
                 max=MAX_SECONDS,
                 step=1.0,
-                hint="How long the drive to it may take; 0: as usual.",
+                hint="How long driving there may take; 0 for the usual limit.",
             )
         order.on_click(handler(post, lambda _, action: arrange(action)))
         show.on_click(handler(post, lambda _, __: point_out()))

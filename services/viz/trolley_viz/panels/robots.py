@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 
 import viser
 
-from trolley_viz.fleet import Member
-from trolley_viz.panels.control import STOP_RED, AddFolder, Post, handler, show
+from trolley_viz.panels.controls import STOP_RED, AddFolder, show
 from trolley_viz.panels.markup import row
-from trolley_viz.words import AWAY, Words, base_words, goal_words, percent, position_words
+from trolley_viz.robots.fleet import Member
+from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, percent, position_line
+from trolley_viz.threads import Post, handler
 
 
 class RobotsPanel:
@@ -38,7 +39,7 @@ class RobotsPanel:
             self._build(members)
         for one in members:
             line, button = self._rows[one.name]
-            show(line, content=row(member_words(one)))
+            show(line, content=row(member_line(one)))
             show(button, visible=one.name != followed)
 
     def _build(self, members: Sequence[Member]) -> None:
@@ -62,18 +63,18 @@ def title_of(member: Member) -> str:
     return robot.title or member.name if robot is not None else member.name
 
 
-def member_words(member: Member) -> Words:
+def member_line(member: Member) -> StatusLine:
     """Say in one line what a robot is doing, the most pressing thing first."""
     if member.robot_ns is None:
         words = AWAY
     else:
         estimate = member.pose
         age_s = None if estimate is None else (member.robot_ns - estimate.stamp_ns) * 1e-9
-        position = position_words(estimate, age_s)
-        held = base_words(member.base)
+        position = position_line(estimate, age_s)
+        held = base_line(member.base)
         trouble = held or (position if position.tone in ("bad", "warn") else None)
-        words = trouble or (position if estimate is None else goal_words(member.goal, []))
+        words = trouble or (position if estimate is None else goal_line(member.goal, []))
     battery = None if member.base is None or member.is_away else member.base.battery
     charge = "" if battery is None or battery.fraction is None else percent(battery.fraction)
     detail = " ".join(part for part in (words.detail, charge and f"Battery {charge}.") if part)
-    return Words(f"{title_of(member)}: {words.headline}", words.tone, detail)
+    return StatusLine(f"{title_of(member)}: {words.headline}", words.tone, detail)

@@ -5,14 +5,12 @@ viser listens to the keys in the page; it leaves alone those that are typed into
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import viser
 
 from trolley_viz.panels.markup import note, table
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
 
 Key = Literal["escape", "G", "P", "F", "H", "O", "X", "U", "V"]
 
@@ -27,23 +25,23 @@ class Shortcut:
     act: Callable[[], None]
 
 
-def shortcuts(session: "Session") -> list[Shortcut]:
+def shortcuts(session: Session) -> list[Shortcut]:
     """Return what an operator can do with a key; Stop is everybody's, see `StopBar`."""
     actions, aiming = session.actions, session.aiming
     return [
         Shortcut("Go to …", "G", viser.Icon.MAP_PIN, aiming.point_goal),
         Shortcut("Set pose …", "P", viser.Icon.CURRENT_LOCATION, aiming.point_pose),
-        Shortcut("Leave what you point at or draw", "escape", viser.Icon.X, session.put_tools_away),
-        Shortcut("Find yourself", "F", viser.Icon.SEARCH, actions.find),
+        Shortcut("Cancel pointing or drawing", "escape", viser.Icon.X, session.put_tools_away),
+        Shortcut("Find position", "F", viser.Icon.SEARCH, actions.find),
         Shortcut("Pause", "H", viser.Icon.PLAYER_PAUSE, lambda: actions.steer("Pause")),
-        Shortcut("Go on", "O", viser.Icon.PLAYER_PLAY, lambda: actions.steer("Go on")),
+        Shortcut("Continue", "O", viser.Icon.PLAYER_PLAY, lambda: actions.steer("Continue")),
         Shortcut("Cancel", "X", viser.Icon.CIRCLE_X, lambda: actions.steer("Cancel")),
         Shortcut("Undo", "U", viser.Icon.ARROW_BACK_UP, actions.history.undo),
         Shortcut("Show the whole map", "V", viser.Icon.MAXIMIZE, session.fit_view),
     ]
 
 
-def add_shortcuts(gui: viser.GuiApi, session: "Session") -> str:
+def add_shortcuts(gui: viser.GuiApi, session: Session) -> str:
     """Listen to the keys; returns the list of them as HTML."""
     rows = [("Space or Shift+S", "Stop the robot")]
     if session.may_drive:
@@ -54,10 +52,10 @@ def add_shortcuts(gui: viser.GuiApi, session: "Session") -> str:
             rows.append((one.key.title(), one.title))
         rows.append(("J", "Drive by hand: open and close the joystick"))
     rows.append(("Ctrl+K", "Search all commands"))
-    return note("They do nothing while you type into a field.") + table(rows)
+    return note("Keys do nothing while you are typing in a field.") + table(rows)
 
 
-def _trigger(session: "Session", act: Callable[[], None]) -> Callable[[Any], Any]:
+def _trigger(session: Session, act: Callable[[], None]) -> Callable[[Any], Any]:
     # async, and only handing over: this runs on the thread of the web server.
     async def trigger(_: Any) -> None:
         session.post(act)

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import viser
 
-from trolley_viz.panels.control import Post, handler
 from trolley_viz.panels.markup import chips, sentence
-from trolley_viz.words import Words
+from trolley_viz.sentences import StatusLine
+from trolley_viz.threads import Post, handler
 
 NO_ROBOT: str = "…"
 
@@ -21,7 +21,11 @@ class StatusPanel:
         self._robot.on_update(handler(post, lambda _, label: self._chosen(label, select)))
 
     def update(
-        self, labels: Mapping[str, str], selected: str, doing: Words, lines: Sequence[Words]
+        self,
+        labels: Mapping[str, str],
+        selected: str,
+        doing: StatusLine,
+        lines: Sequence[StatusLine],
     ) -> None:
         """Show the robots (label to name), the selected one, what it is doing and its state."""
         self._names = dict(labels)

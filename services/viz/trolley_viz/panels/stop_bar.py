@@ -12,8 +12,8 @@ from typing import Any, cast
 
 import viser
 
-from trolley_viz.panels.control import GREEN, GREY, STOP_RED
-from trolley_viz.stopping import StopLine
+from trolley_viz.panels.controls import GREEN, GREY, STOP_RED
+from trolley_viz.robots.stop_presses import StopLine
 
 STYLE = """<style>
 [id="{stop}"],[id="{resume}"]{{position:fixed;z-index:9000;bottom:18px;height:66px!important;
@@ -108,7 +108,7 @@ class StopBar:
         )
 
     def show(self, line: StopLine | None, *, is_stopped: bool) -> None:
-        """Say what came of the last press. A stopped robot lights up Resume."""
+        """Show the outcome of the last press. A stopped robot lights up Resume."""
         text, is_alarm = (line.text, line.is_alarm) if line is not None else ("", False)
         if line is None and is_stopped:
             text = "Stopped"

@@ -4,10 +4,10 @@ import viser
 
 from trolley import topics
 from trolley.messages import Health
-from trolley_viz.panels.control import show
+from trolley_viz.panels.controls import show
 from trolley_viz.panels.markup import note, row, table
-from trolley_viz.scene.layer import View
-from trolley_viz.words import Tone, Words, age_words
+from trolley_viz.robots.view import View
+from trolley_viz.sentences import StatusLine, Tone, age_text
 
 RATE_OVER_NS = 3_000_000_000
 TONES: dict[str, Tone] = {"ok": "good", "starting": "busy", "degraded": "warn", "failed": "bad"}
@@ -15,7 +15,7 @@ SILENT_S = 3.0
 
 
 class StreamPanel:
-    """For reading; nothing can be pressed."""
+    """Read-only."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._services = gui.add_html("")
@@ -27,14 +27,14 @@ class StreamPanel:
     def update(self, view: View) -> None:
         """Bring both up to date."""
         health, heard = (
-            view.feeds.by_parts(topics.HEALTH),
-            view.feeds.arrived_by_parts(topics.HEALTH),
+            view.streams.by_parts(topics.HEALTH),
+            view.streams.arrived_by_parts(topics.HEALTH),
         )
         lines = [
-            service_words(name, one, (view.now_ns - heard.get((name,), 0)) * 1e-9)
+            service_line(name, one, (view.now_ns - heard.get((name,), 0)) * 1e-9)
             for (name,), one in sorted(health.items())
         ]
-        show(self._services, content="".join(map(row, lines)) or note("No service is heard."))
+        show(self._services, content="".join(map(row, lines)) or note("No services heard."))
         self._count(view)
         rows = [
             (name, f"{self._rates[name]:.1f} Hz" if name in self._rates else "…")
@@ -46,7 +46,7 @@ class StreamPanel:
         since_ns = view.now_ns - self._counted_ns
         if since_ns < RATE_OVER_NS and self._counts:
             return
-        counts = view.feeds.counts()
+        counts = view.streams.counts()
         self._rates = {
             name: max(count - self._counts[name], 0) / (since_ns * 1e-9)
             for name, count in counts.items()
@@ -55,11 +55,13 @@ class StreamPanel:
         self._counts, self._counted_ns = counts, view.now_ns
 
 
-def service_words(name: str, health: Health, age_s: float) -> Words:
+def service_line(name: str, health: Health, age_s: float) -> StatusLine:
     """Say how a service is, what it takes, and when it was last heard."""
     takes = f"{100 * health.cpu:.0f} % of a core, {health.rss / 2**20:.0f} MB"
-    heard = age_words(age_s, SILENT_S)
+    heard = age_text(age_s, SILENT_S)
     if age_s > SILENT_S:
-        return Words(f"{name}: silent", "bad", f"last heard {heard} ago. It said: {health.state}")
+        return StatusLine(
+            f"{name}: silent", "bad", f"last heard {heard} ago, when it said: {health.state}"
+        )
     detail = f"{health.message.rstrip('.')}. {takes}" if health.message else takes
-    return Words(f"{name}: {health.state}", TONES[health.state], detail)
+    return StatusLine(f"{name}: {health.state}", TONES[health.state], detail)

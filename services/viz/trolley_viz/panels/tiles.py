@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 import viser
 from viser import IconName
 
-from trolley_viz.icons import known_icon
-from trolley_viz.panels.control import Post, handler
+from trolley_viz.graphics.icons import known_icon
 from trolley_viz.panels.markup import note
+from trolley_viz.threads import Post, handler
 
 MAX_TILES = 60
 

@@ -2,33 +2,32 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
 from trolley import topics
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour
-from trolley_viz.aiming import ignore
-from trolley_viz.panels.control import GREEN, GREY, TEAL, Colour, Post, handler, set_options
+from trolley_viz.actions.aiming import ignore
+from trolley_viz.editing.tour_draft import Draft, Editing, Point, bearing, stay_text
+from trolley_viz.panels.controls import GREEN, GREY, TEAL, Colour, set_options
 from trolley_viz.panels.markup import note, row, title
 from trolley_viz.panels.point_editor import DOWN, REMOVE, UP, PointEditor, count
 from trolley_viz.panels.tour_times import TimesEditor
-from trolley_viz.pointing import Pointed, Tool
-from trolley_viz.scene.layer import View
+from trolley_viz.pointing.pointer import Pointed, Tool
+from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import place_finder
-from trolley_viz.tour_draft import Draft, Editing, Point, bearing, stay_text
-from trolley_viz.words import Words
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.sentences import StatusLine
+from trolley_viz.session.session import Session
+from trolley_viz.threads import Post, handler
 
 TOUR_POINT = "tour_point"
-POINT_HINT = "Press where it shall stop, drag to where it shall look, release."
+POINT_HINT = "Press where it should stop, drag the way it should face, and release."
 CHOOSE: str = "choose …"
-HERE, POINT_OUT = "Where it stands", "Point on the map"
+HERE, POINT_OUT = "Where it is", "Point on the map"
 KEEP_MINE, TAKE_THEIRS = "Keep mine", "Take theirs"
-MAX_ROWS = 30
+MAX_POINT_ROWS = 30
 """Of a longer tour the points around the chosen one are shown."""
 SURE = ("localized", "unsure")
 """Pose states in which "where it stands" means something."""
@@ -47,7 +46,7 @@ class TourEditor:
     def __init__(
         self,
         gui: viser.GuiApi,
-        session: "Session",
+        session: Session,
         save: Callable[[Tour, Tour | None], None],
         post: Post,
     ) -> None:
@@ -88,12 +87,12 @@ class TourEditor:
     def _option_controls(self, gui: viser.GuiApi) -> None:
         with self._session.folder("How often"):
             self._repeat = gui.add_number("Rounds", 1, min=1, max=1000, step=1)
-            self._endless = gui.add_checkbox("Again and again", False)
+            self._endless = gui.add_checkbox("Repeat forever", False)
             self._back = gui.add_checkbox("There and back", False)
             self._resume = gui.add_checkbox(
-                "Go on after a restart",
+                "Continue after a restart",
                 False,
-                hint="Whether the tour goes on by itself after the robot was switched off and on.",
+                hint="Whether it continues by itself after the robot has been switched off and on.",
             )
 
     # Opening and closing.
@@ -125,7 +124,7 @@ class TourEditor:
         if editing is None or not is_shown:
             return
         editing.hear(tours)
-        saved, grid = view.feeds.latest(topics.POSES), view.map
+        saved, grid = view.streams.latest(topics.POSES), view.map
         maps = {one.name: one.map for one in ([] if saved is None else saved.poses)}
         names = sorted(name for name, on in maps.items() if grid is None or on == grid.name)
         self._show_points(editing, names)
@@ -140,13 +139,13 @@ class TourEditor:
             if name in maps and name not in names
         ]
         self._show_problems(editing, elsewhere)
-        self._cancel.label = "Throw the changes away? Press again" if self._is_leaving else "Cancel"
+        self._cancel.label = "Discard changes? Press again" if self._is_leaving else "Cancel"
 
     def _show_points(self, editing: Editing, names: Sequence[str]) -> None:
         points, chosen = editing.draft.points, editing.chosen
         first = first_shown(len(points), chosen)
         with self._points:
-            while len(self._rows) < min(len(points), MAX_ROWS):
+            while len(self._rows) < min(len(points), MAX_POINT_ROWS):
                 self._rows.append(self._add_row(len(self._rows)))
         for i, button in enumerate(self._rows):
             index = first + i
@@ -158,7 +157,7 @@ class TourEditor:
             self._point.folder.order = chosen - first + 0.5
             self._point.folder.label = point_text(editing.draft, chosen)
         self._point.show(editing.point, names)
-        hidden = len(points) - min(len(points), MAX_ROWS)
+        hidden = len(points) - min(len(points), MAX_POINT_ROWS)
         self._around.content = note(f"{hidden} more points are not shown.") if hidden else ""
 
     def _add_row(self, i: int) -> viser.GuiButtonHandle:
@@ -167,18 +166,18 @@ class TourEditor:
         return button
 
     def _show_problems(self, editing: Editing, hints: Sequence[str]) -> None:
-        lines = [Words(text, "bad") for text in self._problems_of(editing)]
+        lines = [StatusLine(text, "bad") for text in self._problems_of(editing)]
         if editing.was_changed:
             gone = editing.theirs is None
-            text = "deleted this tour meanwhile" if gone else "changed this tour meanwhile"
-            lines.insert(0, Words(f"Somebody else {text}.", "warn"))
-        lines += [Words(text, "warn") for text in hints]
+            text = "has deleted this tour" if gone else "has changed this tour"
+            lines.insert(0, StatusLine(f"Somebody else {text}.", "warn"))
+        lines += [StatusLine(text, "warn") for text in hints]
         self._problems.content = "".join(map(row, lines))
         self._whose.visible = editing.was_changed
         self._save.disabled = bool(self._problems_of(editing)) or editing.was_changed
 
     def _problems_of(self, editing: Editing) -> list[str]:
-        saved = self._session.view.feeds.latest(topics.POSES)
+        saved = self._session.view.streams.latest(topics.POSES)
         places = {one.name: one.pose for one in ([] if saved is None else saved.poses)}
         problems = editing.draft.problems(editing.taken(self._tours), places.get)
         return [*problems, self._times.problem] if self._times.problem else problems
@@ -246,7 +245,7 @@ class TourEditor:
             self._point_out(lambda editing, point: self._add(point))
             return
         view = self._session.view
-        estimate = view.feeds.latest(topics.POSE)
+        estimate = view.streams.latest(topics.POSE)
         is_sure = estimate is not None and estimate.state in SURE and view.is_fresh(topics.POSE)
         if estimate is None or estimate.pose is None or not is_sure:
             self._session.tell("Not added", "The robot does not know where it is.", "warn")
@@ -305,7 +304,7 @@ class TourEditor:
         editing = self.editing
         if editing is None or editing.was_changed or self._problems_of(editing):
             return
-        saved = self._session.view.feeds.latest(topics.POSES)
+        saved = self._session.view.streams.latest(topics.POSES)
         places = {one.name: one.pose for one in ([] if saved is None else saved.poses)}
         self._save_tour(editing.draft.tour(places.get), editing.opened)
 
@@ -327,8 +326,8 @@ MAX_NAME_TYPED = 200
 
 def first_shown(num_points: int, chosen: int | None) -> int:
     """The first point that has a row: all have one, or those around the chosen one."""
-    last = max(num_points - MAX_ROWS, 0)
-    return last if chosen is None else min(max(chosen - MAX_ROWS // 2, 0), last)
+    last = max(num_points - MAX_POINT_ROWS, 0)
+    return last if chosen is None else min(max(chosen - MAX_POINT_ROWS // 2, 0), last)
 
 
 def point_text(draft: Draft, index: int) -> str:

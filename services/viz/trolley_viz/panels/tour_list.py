@@ -7,10 +7,11 @@ from typing import Protocol
 import viser
 
 from trolley.messages import Tour
-from trolley_viz.panels.control import GREEN, GREY, Post, handler, show_undo
+from trolley_viz.editing.tour_draft import days_text, stay_text
+from trolley_viz.editing.undo import History
+from trolley_viz.panels.controls import GREEN, GREY, show_undo
 from trolley_viz.panels.markup import note
-from trolley_viz.tour_draft import days_text, stay_text
-from trolley_viz.undo import History
+from trolley_viz.threads import Post, handler
 
 MAX_CARDS = 40
 SEARCH_FROM = 8
@@ -90,12 +91,12 @@ class TourList:
 
     def _rest_text(self, tours: Sequence[Tour] | None, num_found: int) -> str:
         if tours is None:
-            return note("The tour service has not said anything yet.")
+            return note("The tour service is still starting.")
         if not tours:
-            return note("No tour is saved yet. A tour takes the robot from place to place.")
+            return note("No tours saved yet. A tour takes the robot from place to place.")
         if num_found > MAX_CARDS:
             return note(f"{num_found - MAX_CARDS} more: search for them.")
-        return "" if num_found else note("No tour is called so.")
+        return "" if num_found else note("No tour has that name.")
 
     def _add(self, name: str) -> tuple[viser.GuiHtmlHandle, viser.GuiButtonGroupHandle]:
         with self._list:
@@ -129,9 +130,9 @@ def summary(tour: Tour) -> str:
     if tour.there_and_back:
         parts.append("there and back")
     if tour.repeat != 1:
-        parts.append(f"{tour.repeat} rounds" if tour.repeat else "again and again")
+        parts.append(f"{tour.repeat} rounds" if tour.repeat else "repeats forever")
     stay = sum(stop.dwell for stop in tour.stops)
     if stay:
-        parts.append(f"stays {stay_text(stay)} in all")
+        parts.append(f"stays {stay_text(stay)} in total")
     parts += [f"{entry.at} {days_text(entry.days)}" for entry in tour.schedule[:3]]
     return " · ".join(parts)

@@ -6,10 +6,11 @@ import viser
 
 from trolley.messages import ScheduleEntry
 from trolley.messages.touring import Day
-from trolley_viz.panels.control import GREY, AddFolder, Post, handler
+from trolley_viz.editing.tour_draft import DAYS, Draft, days_text, time_entry
+from trolley_viz.panels.controls import GREY, AddFolder
 from trolley_viz.panels.markup import note, row
-from trolley_viz.tour_draft import DAYS, Draft, days_text, time_entry
-from trolley_viz.words import Words
+from trolley_viz.sentences import StatusLine
+from trolley_viz.threads import Post, handler
 
 MAX_TIMES = 20
 CHOSEN_DAYS: str = "on these days"
@@ -26,7 +27,7 @@ class TimesEditor:
     Args:
         gui: where it is added.
         folder: adds its folder.
-        change: called with the times as they shall be.
+        change: called with the new times.
         post: hands calls to the service's thread.
     """
 
@@ -69,7 +70,7 @@ class TimesEditor:
             if button.visible:
                 entry = self._times[i]
                 button.label = f"Remove {entry.at} {days_text(entry.days)}"
-        self._none.content = "" if self._times else note("At no time of day.")
+        self._none.content = "" if self._times else note("No times set.")
         is_chosen = self._when.value == CHOSEN_DAYS
         for box in self._days.values():
             box.visible = is_chosen
@@ -79,7 +80,9 @@ class TimesEditor:
         """What is typed in and not added, in words."""
         text = self._at.value.strip()
         return (
-            f"The time “{text[:20]}” is not added yet: add it or empty the field." if text else ""
+            f"The time “{text[:20]}” has not been added yet. Add it or clear the field."
+            if text
+            else ""
         )
 
     def _add_row(self, index: int) -> viser.GuiButtonHandle:
@@ -97,14 +100,14 @@ class TimesEditor:
         entry = time_entry(text, days)
         problem = ""
         if entry is None:
-            problem = f"“{text.strip()[:20]}” is no time of day: write it like 08:30."
+            problem = f"“{text.strip()[:20]}” is not a time of day. Write it like 08:30."
         elif not days:
             problem = "Choose at least one day."
         elif entry in self._times:
-            problem = "This time is in the list already."
+            problem = "This time is already in the list."
         elif len(self._times) >= MAX_TIMES:
             problem = f"A tour has at most {MAX_TIMES} times."
         else:
             self._at.value = ""
             self._change((*self._times, entry))
-        self._note.content = row(Words(problem, "warn")) if problem else ""
+        self._note.content = row(StatusLine(problem, "warn")) if problem else ""

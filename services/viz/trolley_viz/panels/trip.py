@@ -5,13 +5,13 @@ from collections.abc import Callable
 import viser
 
 from trolley.messages import Stop, Tour, TourStatus
-from trolley_viz.panels.control import Post, handler
 from trolley_viz.panels.markup import note, row, title
-from trolley_viz.words import UNDER_WAY, Words, duration, result_words
+from trolley_viz.sentences import UNDER_WAY, StatusLine, duration, result_line
+from trolley_viz.threads import Post, handler
 
 DRIVING_ACTIONS = ("Pause", "Skip", "End")
 PAUSED_ACTIONS = ("Resume", "Skip", "End")
-MAX_ROWS = 30
+MAX_STOP_ROWS = 30
 
 
 class TripPanel:
@@ -50,7 +50,7 @@ class TripPanel:
 def progress(trip: TourStatus | None, tour: Tour | None) -> str:
     """The trip, what came of its stops, and those to come, as HTML."""
     if trip is None:
-        return note("The tour service has not said anything yet.")
+        return note("The tour service is still starting.")
     if trip.state == "idle":
         return note("No tour is under way.")
     is_under_way = trip.state in UNDER_WAY
@@ -59,13 +59,15 @@ def progress(trip: TourStatus | None, tour: Tour | None) -> str:
     if is_under_way and tour is not None:
         made = visits_in_lap(tour, trip.lap) - len(coming) - (not is_there(trip, tour))
         results = results[-made:] if made > 0 else []
-    lines = [result_words(one) for one in results[-MAX_ROWS:]]
+    lines = [result_line(one) for one in results[-MAX_STOP_ROWS:]]
     if tour is not None and trip.stop is not None and is_under_way:
         if not is_there(trip, tour) or trip.state == "paused":
             lines.append(_present(trip, tour))
-        lines += [Words(f"{_name(tour.stops, i)} to come", "idle") for i in coming[:MAX_ROWS]]
-        if len(coming) > MAX_ROWS:
-            lines.append(Words(f"and {len(coming) - MAX_ROWS} more", "idle"))
+        lines += [
+            StatusLine(f"{_name(tour.stops, i)} to come", "idle") for i in coming[:MAX_STOP_ROWS]
+        ]
+        if len(coming) > MAX_STOP_ROWS:
+            lines.append(StatusLine(f"and {len(coming) - MAX_STOP_ROWS} more", "idle"))
     return title(_heading(trip, tour)) + "".join(map(row, lines))
 
 
@@ -81,16 +83,16 @@ def _heading(trip: TourStatus, tour: Tour | None) -> str:
     return ", ".join(parts)
 
 
-def _present(trip: TourStatus, tour: Tour) -> Words:
+def _present(trip: TourStatus, tour: Tour) -> StatusLine:
     name = _name(tour.stops, trip.stop or 0)
     match trip.state:
         case "paused":
             is_next = "" if is_there(trip, tour) else " next"
-            return Words(f"{name}{is_next}, paused", "warn")
+            return StatusLine(f"{name}{is_next}, paused", "warn")
         case "waiting":
-            return Words(f"{name} next, waiting", "warn")
+            return StatusLine(f"{name} next, waiting", "warn")
         case _:
-            return Words(f"{name} now", "busy")
+            return StatusLine(f"{name} now", "busy")
 
 
 def visits_in_lap(tour: Tour, lap: int) -> int:

@@ -1,32 +1,31 @@
 """Zones: draw, change and delete them, and answer whether a suspected mirror is one."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
 from trolley.messages import SuspectLine
 from trolley.messages.mapping import ZoneKind
-from trolley_viz.drawing.editor import Mode
-from trolley_viz.panels.control import GREEN, GREY, handler, show
+from trolley_viz.drawing.zone_editor import Mode
+from trolley_viz.panels.controls import GREEN, GREY, show
 from trolley_viz.panels.markup import note
-
-if TYPE_CHECKING:
-    from trolley_viz.session import Session
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
 
 LINE_KINDS: dict[str, ZoneKind] = {"Mirror": "mirror", "Glass": "glass"}
 AREA_KINDS: dict[str, ZoneKind] = {"No-go": "keepout", "Slow": "speed"}
 KINDS: dict[str, ZoneKind] = LINE_KINDS | AREA_KINDS
 CHOOSE: str = "choose …"
-SUSPECT_TEXT = "A mirror seems to hang where “mirror?” stands on the map."
+SUSPECT_TEXT = "There seems to be a mirror where the map says “mirror?”."
 
 
 class ZonePanel:
-    """The zones of the map, and the editor that it steers."""
+    """The zones of the map, and the controls of their editor."""
 
-    def __init__(self, gui: viser.GuiApi, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._gui = gui
-        self._editor = session.zones
+        self._editor = session.zone_editor
         self._post = session.post
         self._dismiss = session.dismiss
         self._offer: SuspectLine | None = None
@@ -44,11 +43,11 @@ class ZonePanel:
             )
             self._name = gui.add_text("Name", "", visible=False)
             self._speed = gui.add_number(
-                "At most m/s", 0.15, min=0.01, max=5.0, step=0.01, visible=False
+                "At most (m/s)", 0.15, min=0.01, max=5.0, step=0.01, visible=False
             )
             self._done = gui.add_button("Done", icon=viser.Icon.CHECK, color=GREEN, visible=False)
             self._back = gui.add_button(
-                "Take last corner back", icon=viser.Icon.ARROW_BACK, color=GREY, visible=False
+                "Undo last corner", icon=viser.Icon.ARROW_BACK, color=GREY, visible=False
             )
             self._delete = gui.add_button(
                 "Delete", icon=viser.Icon.TRASH, color=GREY, visible=False
@@ -129,7 +128,7 @@ class ZonePanel:
             return
         editor = self._editor
         self._add_hotkey("Finish the zone", "enter", editor.done)
-        self._add_hotkey("Take the last corner back", "backspace", editor.take_back)
+        self._add_hotkey("Undo the last corner", "backspace", editor.take_back)
 
     def _add_hotkey(self, label: str, key: Any, act: Callable[[], None]) -> None:
         async def trigger(_: Any) -> None:

@@ -1,19 +1,13 @@
 """The base of all layers."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import viser
 
-from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
-from trolley_viz.feeds import Feeds
-from trolley_viz.fleet import Member
-from trolley_viz.past_trips import PastTrips
-from trolley_viz.placement import Placement
+from trolley_viz.robots.view import View
 
 # Heights above the floor [m] keep flat things from flickering into each other.
 Z_COSTMAP = 0.01
@@ -28,50 +22,7 @@ Z_SCAN = 0.14
 Z_LABEL = 0.2
 
 
-@dataclass(frozen=True)
-class View:
-    """What layers draw from."""
-
-    robot_name: str
-    feeds: Feeds
-    placement: Placement
-    robot: Robot | None
-    now_ns: int
-    """Local monotonic time [ns]."""
-    robot_ns: int | None
-    """The robot's time [ns], None while its clock is silent."""
-    work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
-    """Runs a slow function aside, then calls the second one with its result."""
-    past: PastTrips
-    """The past trips, once somebody looks at them."""
-    fleet: Sequence[Member] = ()
-    """All robots, where there are several."""
-
-    @property
-    def is_away(self) -> bool:
-        """Whether the robot's clock is silent."""
-        return self.robot_ns is None
-
-    @property
-    def map(self) -> OccupancyGrid | None:
-        """The robot's map."""
-        return self.feeds.latest(topics.MAP)
-
-    def place_frames(self) -> None:
-        """Bring the frames to where the newest messages say that they are."""
-        self.placement.update(
-            self.feeds.by_parts(topics.TF),
-            self.feeds.history(topics.ODOM),
-            has_map=self.map is not None,
-        )
-
-    def is_fresh(self, topic: Topic[Any], within_s: float = 1.5) -> bool:
-        """Whether a message of the topic arrived within the last real seconds."""
-        arrived_ns = self.feeds.arrived_ns(topic)
-        return arrived_ns is not None and self.now_ns - arrived_ns <= within_s * 1e9
-
-
-Group = Literal["Robot", "Senses", "Driving", "Map"]
+Group = Literal["Robot", "Sensing", "Driving", "Map"]
 
 
 class Layer:
@@ -103,7 +54,7 @@ class Layer:
             self.draw(view)
 
     def forget(self) -> None:
-        """Draw everything anew the next time, as after a restart of the robot."""
+        """Draw everything again the next time, as after a restart of the robot."""
         self._drawn = ()
         self._due_ns = 0
 

@@ -7,10 +7,17 @@ import viser
 
 from trolley import topics
 from trolley.messages import SavedPose, Zone
-from trolley_viz.pictures import badge
-from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL, Z_PLACE, Z_ZONE, Layer, View
-from trolley_viz.scene.names import Name
-from trolley_viz.shapes import arrow_outline, closed_segments, flat, open_segments, quaternion
+from trolley_viz.graphics.pictures import badge
+from trolley_viz.graphics.shapes import (
+    arrow_outline,
+    closed_segments,
+    flat,
+    open_segments,
+    quaternion,
+)
+from trolley_viz.robots.view import View
+from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL, Z_PLACE, Z_ZONE, Layer
+from trolley_viz.scene.place_labels import PlaceName
 
 PLACE_COLOUR = (92, 24, 150)
 ZONE_COLOURS = {
@@ -28,19 +35,19 @@ APPEARED_COLOUR, GONE_COLOUR = (240, 110, 0), (128, 132, 140)
 
 def current_places(view: View) -> list[SavedPose]:
     """The saved poses that lie on the map in use."""
-    saved, grid = view.feeds.latest(topics.POSES), view.feeds.latest(topics.MAP)
+    saved, grid = view.streams.latest(topics.POSES), view.streams.latest(topics.MAP)
     if saved is None:
         return []
     return [one for one in saved.poses if grid is None or one.map == grid.name]
 
 
-def place_names(view: View) -> list[Name]:
+def place_names(view: View) -> list[PlaceName]:
     """The names of the places, above their icons."""
     world_T_map = view.placement.world_T("map")
     if world_T_map is None:
         return []
     spots = [(one.name, world_T_map @ one.pose) for one in current_places(view)]
-    return [Name(name, pose.x, pose.y + 0.5 * ICON_SIZE) for name, pose in spots]
+    return [PlaceName(name, pose.x, pose.y + 0.5 * ICON_SIZE) for name, pose in spots]
 
 
 class PlaceLayer(Layer):
@@ -111,8 +118,8 @@ class ZoneLayer(Layer):
         self._nodes: list[viser.SceneNodeHandle] = []
 
     def draw(self, view: View) -> None:
-        """Draw all of them anew when one changed."""
-        zones = view.feeds.latest(topics.ZONES)
+        """Draw all of them again when one has changed."""
+        zones = view.streams.latest(topics.ZONES)
         world_T_map = view.placement.world_T("map")
         if not self.changed(zones, world_T_map):
             return

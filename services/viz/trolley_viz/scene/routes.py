@@ -6,17 +6,11 @@ import viser
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Path, floats_from_bytes
-from trolley_viz.placement import Placement
-from trolley_viz.scene.layer import (
-    Z_FOOTPRINT,
-    Z_LABEL,
-    Z_PATH,
-    Z_TRAJECTORY,
-    Layer,
-    View,
-)
-from trolley_viz.shapes import arrow_outline, closed_segments, flat, open_segments, place
-from trolley_viz.words import DRIVING, goal_name
+from trolley_viz.graphics.shapes import arrow_outline, closed_segments, flat, open_segments, place
+from trolley_viz.robots.placement import Placement
+from trolley_viz.robots.view import View
+from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Z_PATH, Z_TRAJECTORY, Layer
+from trolley_viz.sentences import DRIVING, goal_name
 
 Colour = tuple[int, int, int]
 
@@ -36,7 +30,7 @@ class Line:
         self._node: viser.LineSegmentsHandle | None = None
 
     def show(self, segments: np.ndarray) -> None:
-        """Draw segments (n, 2, 3) [m]; none: nothing."""
+        """Draw segments (n, 2, 3) [m]; nothing where there are none."""
         if not len(segments):
             if self._node is not None:
                 self._node.visible = False
@@ -66,9 +60,9 @@ class PathLayer(Layer):
 
     def draw(self, view: View) -> None:
         """Draw the newest path while there is somewhere to go."""
-        goal = view.feeds.latest(topics.GOAL)
+        goal = view.streams.latest(topics.GOAL)
         is_going = goal is not None and goal.state in DRIVING and not view.is_away
-        path = view.feeds.latest(self.needs[0]) if is_going else None
+        path = view.streams.latest(self.needs[0]) if is_going else None
         world_T_path = None if path is None else view.placement.world_T(path.frame)
         if self.changed(path, world_T_path):
             self._line.show(path_segments(path, world_T_path, self.height))
@@ -112,7 +106,7 @@ class GoalLayer(Layer):
 
     def draw(self, view: View) -> None:
         """Draw the goal while the robot is on its way there, and red where it failed."""
-        goal = view.feeds.latest(topics.GOAL)
+        goal = view.streams.latest(topics.GOAL)
         world_T_frame = None if goal is None else view.placement.world_T(goal.frame)
         if not self.changed(goal, world_T_frame, view.robot, view.is_away):
             return
@@ -128,7 +122,7 @@ class GoalLayer(Layer):
         self._show_blocked(blocked, world_T_frame)
         if not shown or goal is None or goal.pose is None or world_T_frame is None:
             return
-        poses = view.feeds.latest(topics.POSES)
+        poses = view.streams.latest(topics.POSES)
         name = goal_name(goal, [] if poses is None else poses.poses)
         self._label.text = name if name.startswith("(") else ""  # a place shows its own name
         self._arrow.color = FAILED_COLOUR if goal.state == "failed" else GOAL_COLOUR
@@ -170,14 +164,14 @@ class GoalLayer(Layer):
 
 
 class PreviewLine:
-    """The way to where the person at one browser points just now."""
+    """The path to where the person at one browser is pointing."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._line = Line(scene, "/preview", PREVIEW_COLOUR, 0.035)
         self._drawn: Path | None = None
 
     def draw(self, path: Path | None, placement: Placement) -> None:
-        """Draw it while it is asked for."""
+        """Draw it while it is shown."""
         if path is not self._drawn:
             self._drawn = path
             world_T_path = None if path is None else placement.world_T(path.frame)

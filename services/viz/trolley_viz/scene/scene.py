@@ -7,16 +7,17 @@ import viser
 
 from trolley import topics
 from trolley.topics import Topic
-from trolley_viz.overlays.layer import OverlayLayer
-from trolley_viz.scene.body import RobotLayer
-from trolley_viz.scene.certainty import CovarianceLayer, TruthLayer
-from trolley_viz.scene.ground import CostmapLayer, GlobalCostmapLayer, MapLayer
-from trolley_viz.scene.layer import Layer, View
-from trolley_viz.scene.markers import MarkerLayer
-from trolley_viz.scene.others import OthersLayer
+from trolley_viz.robots.view import View
+from trolley_viz.scene.layer import Layer
+from trolley_viz.scene.map_layers import CostmapLayer, GlobalCostmapLayer, MapLayer
+from trolley_viz.scene.markers.layer import MarkerLayer
+from trolley_viz.scene.other_robots import OthersLayer
+from trolley_viz.scene.overlays import OverlayLayer
 from trolley_viz.scene.places import PlaceLayer, ZoneLayer
+from trolley_viz.scene.pose_accuracy import CovarianceLayer, TruthLayer
+from trolley_viz.scene.robot_body import RobotLayer
 from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
-from trolley_viz.scene.sensing import CandidateLayer, ParticleLayer, ScanLayer
+from trolley_viz.scene.scan_and_particles import CandidateLayer, ParticleLayer, ScanLayer
 from trolley_viz.scene.tours import TripLayer, TroubleLayer
 
 LAYERS: tuple[type[Layer], ...] = (
@@ -83,7 +84,7 @@ class Scene:
                 layer.update(view)
 
     def forget(self) -> None:
-        """Draw everything anew."""
+        """Draw everything again."""
         for layer in self._layers:
             layer.forget()
 

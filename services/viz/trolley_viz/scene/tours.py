@@ -1,4 +1,4 @@
-"""Tours on the map: numbered pins, the way between them, and where past trips failed."""
+"""Tours on the map: numbered pins, the path between them, and where past trips failed."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,13 +10,14 @@ from trolley import codes, topics
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour, TourStatus
-from trolley_viz.past_trips import Spot, trouble_spots
-from trolley_viz.pins import pin_picture
-from trolley_viz.scene.ground import flat_quaternion
-from trolley_viz.scene.layer import Layer, View
-from trolley_viz.shapes import flat, open_segments
-from trolley_viz.tour_draft import Draft, Find
-from trolley_viz.words import UNDER_WAY
+from trolley_viz.editing.tour_draft import Draft, Find
+from trolley_viz.graphics.pictures import pin_picture
+from trolley_viz.graphics.shapes import flat, open_segments
+from trolley_viz.robots.past_trips import Spot, trouble_spots
+from trolley_viz.robots.view import View
+from trolley_viz.scene.layer import Layer
+from trolley_viz.scene.map_layers import flat_quaternion
+from trolley_viz.sentences import UNDER_WAY
 
 Colour = tuple[int, int, int]
 
@@ -49,7 +50,7 @@ class Pin:
 
 def place_finder(view: View) -> Find:
     """Where saved poses are, those of the map in use only."""
-    saved, grid = view.feeds.latest(topics.POSES), view.map
+    saved, grid = view.streams.latest(topics.POSES), view.map
     poses = {
         one.name: one.pose
         for one in ([] if saved is None else saved.poses)
@@ -88,7 +89,7 @@ def pins_of(draft: Draft, find: Find, colour: Callable[[int, int], Colour]) -> t
     return tuple(pins)
 
 
-def way_of(draft: Draft, find: Find) -> tuple[tuple[float, float], ...]:
+def path_of(draft: Draft, find: Find) -> tuple[tuple[float, float], ...]:
     """The points of a tour in order; closed where it goes round more than once."""
     poses = [point.where(find) for point in draft.points[:MAX_PINS]]
     way = [(pose.x, pose.y) for pose in poses if pose is not None]
@@ -119,7 +120,7 @@ class TourDrawing:
         way: tuple[tuple[float, float], ...],
         world_T_map: Pose2D | None,
     ) -> None:
-        """Draw these; no pins: nothing."""
+        """Draw these; nothing where there are no pins."""
         now = (pins, way, world_T_map)
         if now == self._drawn:
             return
@@ -194,13 +195,13 @@ class TripLayer(Layer):
         self._ended: tuple[str | None, int] = (None, 0)
 
     def forget(self) -> None:
-        """Show a trip that ended before no more."""
+        """Forget a trip that has ended."""
         super().forget()
         self._ended = (None, 0)
 
     def draw(self, view: View) -> None:
         """Draw the trip while it is under way, and a while longer."""
-        trip = view.feeds.latest(topics.TOUR)
+        trip = view.streams.latest(topics.TOUR)
         tour = None if trip is None else tour_of(trip, view)
         if trip is None or tour is None or not self._is_shown(trip, view.now_ns):
             self._drawing.show((), (), None)
@@ -211,7 +212,7 @@ class TripLayer(Layer):
             return COMING if draft.points[index].passes else colours.get(number - 1, COMING)
 
         pins = pins_of(draft, find, colour)
-        self._drawing.show(pins, way_of(draft, find), view.placement.world_T(MAP))
+        self._drawing.show(pins, path_of(draft, find), view.placement.world_T(MAP))
 
     def _is_shown(self, trip: TourStatus, now_ns: int) -> bool:
         if trip.state in UNDER_WAY:
@@ -230,7 +231,7 @@ def tour_of(trip: TourStatus, view: View) -> Tour | None:
     """The tour of a trip: as it says itself, else the stored one of its name."""
     if trip.tour is not None or trip.name is None:
         return trip.tour
-    tours = view.feeds.latest(topics.TOURS)
+    tours = view.streams.latest(topics.TOURS)
     stored = [] if tours is None else tours.tours
     return next((one for one in stored if one.name == trip.name), None)
 
@@ -257,7 +258,7 @@ class TroubleLayer(Layer):
 
     def draw(self, view: View) -> None:
         """Draw a pin for each spot, with how often and why."""
-        view.past.look(view.feeds.latest(topics.TOUR), view.now_ns)
+        view.past.refresh(view.streams.latest(topics.TOUR), view.now_ns)
         grid, world_T_map = view.map, view.placement.world_T(MAP)
         if not self.changed(view.past.trips, grid, world_T_map):
             return

@@ -1,0 +1,1 @@
+"""What buttons and gestures ask of a robot."""

@@ -1,0 +1,1 @@
+"""Shapes, pictures and the camera: geometry without any state of a robot."""

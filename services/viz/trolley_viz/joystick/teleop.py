@@ -1,0 +1,131 @@
+"""Driving with the joystick on the screen: commands to the robots, their state to the pads."""
+
+from collections.abc import Callable, Mapping
+
+from msgspec import Struct
+
+from trolley import teleop, topics
+from trolley.messages import VelocityCommand
+from trolley.runtime.service import Service
+from trolley_viz.joystick.joystick import Grip, Joystick
+from trolley_viz.robots.fleet import Robots
+from trolley_viz.robots.view import View
+from trolley_viz.sentences import AWAY, StatusLine, Tone, base_line, goal_line
+from trolley_viz.server.sockets import Sockets
+
+SOMEBODY_ELSE = StatusLine(
+    "Somebody else is driving", "warn", "Let go, and press again when they are done."
+)
+
+
+class PadState(Struct, frozen=True, kw_only=True):
+    """What a browser is sent: whether it may drive, how fast [m/s], and a sentence."""
+
+    can: bool
+    mine: bool
+    max_speed: float
+    text: str
+    tone: Tone
+
+
+class _DrivenRobot:
+    """One robot and its joystick."""
+
+    def __init__(self) -> None:
+        self.joystick = Joystick()
+        self.ramp = teleop.Hand()
+        self.stamp_ns = 0
+
+
+class Teleop:
+    """The joysticks of all browsers: each drives the robot that its browser follows.
+
+    Args:
+        service: publishes, and knows the time.
+        robots: what is known of each.
+        driven_by: the robot that a browser (viser's number for it) may drive, None for none.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        robots: Robots,
+        driven_by: Callable[[int], str | None],
+    ) -> None:
+        self._service = service
+        self._robots = robots
+        self._driven_by = driven_by
+        self._driven: dict[str, _DrivenRobot] = {}
+        self.sockets = Sockets(service.call_soon, Grip, self._said, self._left, operators_only=True)
+
+    def let_go(self, client_id: int) -> None:
+        """Take the joystick out of a browser's hand, as when it follows another robot."""
+        for who, client in self.sockets.clients().items():
+            if client == client_id:
+                for driven in self._driven.values():
+                    driven.joystick.bar(who)
+
+    def drive(self) -> None:
+        """Send what the joysticks want now; called at the rate of commands."""
+        for robot, driven in self._driven.items():
+            self._drive(robot, driven)
+
+    def send_states(self, views: Mapping[str, View]) -> None:
+        """Tell the browsers whether they may drive, and what keeps their robots from it."""
+        for who, client_id in self.sockets.clients().items():
+            name = self._driven_by(client_id)
+            view = None if name is None else views.get(name)
+            if name is not None and view is not None:
+                self.sockets.send(who, self._pad_state(who, name, view))
+
+    def _drive(self, name: str, driven: _DrivenRobot) -> None:
+        now_ns, robot = self._service.monotonic_ns, self._robots.get(name)
+        if not self._can_drive(name):
+            driven.joystick.drop()
+        wanted = None if robot is None else driven.joystick.wanted(robot, now_ns)
+        twist = driven.ramp.step(wanted, now_ns)
+        stamp_ns = None if twist is None else self._robot_ns(name)
+        if twist is None or stamp_ns is None:
+            return
+        driven.stamp_ns = max(stamp_ns, driven.stamp_ns + 1)  # base drops what is not newer
+        command = VelocityCommand(stamp_ns=driven.stamp_ns, twist=twist, valid_for=teleop.VALID_S)
+        self._service.publish(topics.COMMAND, command, teleop.SOURCE, robot=name)
+
+    def _pad_state(self, who: int, name: str, view: View) -> PadState:
+        can, robot = self._can_drive(name), self._robots.get(name)
+        driven = self._driven.get(name)
+        holder = None if driven is None else driven.joystick.holder
+        is_taken = holder not in (None, who)
+        words = AWAY if not can else SOMEBODY_ELSE if is_taken else _obstacle(view)
+        return PadState(
+            can=can and not is_taken,
+            mine=holder == who,
+            max_speed=0.0 if robot is None else robot.max_speed,
+            text="" if words is None else f"{words.headline}. {words.detail}",
+            tone="idle" if words is None else words.tone,
+        )
+
+    def _robot_ns(self, name: str) -> int | None:
+        """The time of a robot [ns], None while its clock is silent."""
+        return self._service.time_of(name).now(self._service.monotonic_ns)
+
+    def _can_drive(self, name: str) -> bool:
+        return self._robots.get(name) is not None and self._robot_ns(name) is not None
+
+    def _said(self, who: int, client_id: int, grip: Grip) -> None:
+        name = self._driven_by(client_id)
+        if name is not None:
+            driven = self._driven.setdefault(name, _DrivenRobot())
+            driven.joystick.hear(who, grip, self._service.monotonic_ns)
+
+    def _left(self, who: int) -> None:
+        for driven in self._driven.values():
+            driven.joystick.leave(who)
+
+
+def _obstacle(view: View) -> StatusLine | None:
+    """What keeps the robot from driving."""
+    words, goal = base_line(view.streams.latest(topics.BASE)), view.streams.latest(topics.GOAL)
+    if words is None and goal is not None and goal.state == "paused":
+        return goal_line(goal, [])
+    return words

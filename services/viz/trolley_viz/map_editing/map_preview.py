@@ -1,0 +1,91 @@
+"""The map being edited, shown in one browser's scene in place of the stored one."""
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley.gridmap.wire import map_message
+from trolley_viz.drawing.sketch import Point
+from trolley_viz.graphics.shapes import place
+from trolley_viz.scene.layer import WALL_HEIGHT
+from trolley_viz.scene.map_layers import WALL_SIDE, MapModel
+
+MERGED_COLOUR = (150, 60, 190)
+STROKE_COLOURS = {"erase": (214, 30, 30), "wall": (0, 140, 40), "crop": (30, 100, 255)}
+Z_STROKE = WALL_HEIGHT + 0.04
+
+
+def model_of(grid: GridMap) -> MapModel:
+    """Make a grid ready for drawing (to be run aside)."""
+    return MapModel.of(map_message(0, grid))
+
+
+class MapPreview:
+    """The nodes of one browser."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        self._nodes: list[viser.SceneNodeHandle] = []
+        self._stroke: viser.LineSegmentsHandle | None = None
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it stands in place of the stored map."""
+        return bool(self._nodes)
+
+    def show(self, model: MapModel, origin: Pose2D, merged: NDArray[np.float64]) -> None:
+        """Show a map, and points of the walls that a merge brings along."""
+        scene = self._client.scene
+        with self._client.atomic():
+            self.clear()
+            floor = scene.add_glb(
+                "/map_editing/floor", model.floor, cast_shadow=False, receive_shadow=False
+            )
+            place(floor, origin, 0.0)
+            self._nodes.append(floor)
+            if model.walls is not None:
+                walls = scene.add_mesh_simple(
+                    "/map_editing/walls",
+                    *model.walls,
+                    color=WALL_SIDE,
+                    flat_shading=True,
+                    side="double",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+                place(walls, origin, 0.0)
+                self._nodes.append(walls)
+            if len(merged):
+                points = np.column_stack([merged, np.full(len(merged), Z_STROKE)])
+                self._nodes.append(
+                    scene.add_point_cloud(
+                        "/map_editing/merged",
+                        points.astype(np.float32),
+                        MERGED_COLOUR,
+                        point_size=0.06,
+                    )
+                )
+
+    def show_stroke(self, points: list[Point], width: float, kind: str) -> None:
+        """Show a stroke under way, as wide as it will be [m]; none with fewer than two points."""
+        if self._stroke is not None:
+            self._stroke.remove()
+            self._stroke = None
+        if len(points) < 2:
+            return
+        line = np.column_stack([np.array(points), np.full(len(points), Z_STROKE)])
+        self._stroke = self._client.scene.add_line_segments(
+            "/map_editing/stroke",
+            np.stack([line[:-1], line[1:]], axis=1).astype(np.float32),
+            STROKE_COLOURS[kind],
+            thickness=max(width, 0.03),
+        )
+
+    def clear(self) -> None:
+        """Take everything away."""
+        for node in self._nodes:
+            node.remove()
+        self._nodes.clear()
+        self.show_stroke([], 0.0, "")

@@ -1,0 +1,65 @@
+"""The card that offers to update the map where things have appeared or gone."""
+
+import viser
+
+from trolley.messages import MapChange
+from trolley_viz.panels.controls import show
+from trolley_viz.panels.markup import note, sentence
+from trolley_viz.sentences import StatusLine
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
+
+NO_CHOICE: str = ""
+ACCEPT, LATER, NEVER = "Accept", "Not now", "Never"
+MAX_LISTED = 5
+
+
+class ChangePanel:
+    """Lists the changes that the robot found, and takes the answer."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        self._offered: list[MapChange] = []
+        self._text = gui.add_html("", visible=False)
+        self._which = gui.add_dropdown("Which", (NO_CHOICE,), visible=False)
+        self._answer = gui.add_button_group(
+            "Change the map?", (ACCEPT, LATER, NEVER), visible=False
+        )
+        self._answer.on_click(handler(session.post, lambda _, answer: self._answered(answer)))
+
+    def update(self, offered: list[MapChange]) -> None:
+        """Show what there is to decide."""
+        self._offered = offered
+        is_any = bool(offered)
+        show(self._text, visible=is_any, content=card(offered) if is_any else "")
+        choices = choices_of(offered)
+        if self._which.options != tuple(choices):
+            self._which.options = tuple(choices)
+        show(self._which, visible=len(offered) > 1)
+        show(self._answer, visible=is_any, disabled=self._session.change_requests.is_busy)
+
+    def _answered(self, answer: str) -> None:
+        chosen = choices_of(self._offered).get(self._which.value, [])
+        if answer == ACCEPT:
+            self._session.change_requests.accept(chosen)
+        elif answer == LATER:
+            self._session.put_off(chosen)
+        elif answer == NEVER:
+            self._session.change_requests.dismiss(chosen)
+
+
+def choices_of(offered: list[MapChange]) -> dict[str, list[MapChange]]:
+    """What can be decided on: all of it, or one by one."""
+    if len(offered) < 2:
+        return {NO_CHOICE: offered}
+    return {f"all {len(offered)}": offered} | {one.id: [one] for one in offered}
+
+
+def card(offered: list[MapChange]) -> str:
+    """What has changed, as HTML."""
+    count = len(offered)
+    headline = "1 thing has changed" if count == 1 else f"{count} things have changed"
+    lines = [note(f"{one.id}: {one.message}") for one in offered[:MAX_LISTED]]
+    if count > MAX_LISTED:
+        lines.append(note(f"and {count - MAX_LISTED} more, see the map"))
+    return sentence(StatusLine(f"{headline} since the map was made.", "warn")) + "".join(lines)

@@ -1,0 +1,158 @@
+"""The tab for engineers: what else there is to see, folded away until it is wanted."""
+
+import numpy as np
+import viser
+
+from trolley import topics
+from trolley.messages import PoseEstimate
+from trolley_viz.panels.controls import GREY, show
+from trolley_viz.panels.frames import FrameTreePanel
+from trolley_viz.panels.markup import note, swatches, table
+from trolley_viz.panels.measuring import FramesPanel, PlotPanel
+from trolley_viz.panels.streams import StreamPanel
+from trolley_viz.robots.view import View
+from trolley_viz.scene.layer import Group, Layer
+from trolley_viz.scene.places import (
+    APPEARED_COLOUR,
+    GONE_COLOUR,
+    SUSPECT_COLOUR,
+    ZONE_COLOURS,
+)
+from trolley_viz.scene.pose_accuracy import error_of
+from trolley_viz.scene.scan_and_particles import BEAM_COLOURS
+from trolley_viz.scene.scene import LAYERS
+from trolley_viz.sentences import age_text, percent
+from trolley_viz.session.robot_scene import follow_values
+from trolley_viz.session.session import Session
+from trolley_viz.threads import handler
+
+GROUPS: tuple[Group, ...] = ("Robot", "Sensing", "Driving", "Map")
+BEAMS = [
+    ("echo of something on the map", 0),
+    ("not on the map", 1),
+    ("behind a mirror or glass", 2),
+    ("suspected reflection", 3),
+    ("not used", 4),
+]
+PERIOD_NS = 1_000_000_000
+
+DOUBTS = [("mirror?", SUSPECT_COLOUR), ("new?", APPEARED_COLOUR), ("gone?", GONE_COLOUR)]
+"""What is asked on the map."""
+
+
+class MoreTab:
+    """Layers, position, frames, services and streams."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._due_ns = 0
+        post = session.post
+        fit = gui.add_button("Show the whole map", icon=viser.Icon.MAXIMIZE, color=GREY)
+        fit.on_click(handler(post, lambda _, __: session.fit_view()))
+        look = gui.add_checkbox("Dark background", session.choices.dark)
+        look.on_update(handler(post, lambda _, is_dark: session.set_dark(is_dark=bool(is_dark))))
+        self._layers = {group: LayerPanel(gui, session, group) for group in GROUPS}
+        with session.folder("Position"):
+            self._position = gui.add_html("")
+        with session.folder("Frames"):
+            self._frames = FrameTreePanel(gui, session)
+        with session.folder("Services and streams"):
+            self._streams = StreamPanel(gui)
+        self._relation = FramesPanel(gui, session.folder)
+        self._plot = PlotPanel(
+            gui, session.folder, post, lambda robot: follow_values(session.hub.service, robot)
+        )
+        self._notes = gui.add_html("")
+        self._robot_scene = lambda: session.hub.scenes.of(session.robot)
+
+    def update(self, view: View) -> None:
+        """Say what is: what is for reading once a second."""
+        self._relation.update(view)
+        self._plot.update(view)
+        if view.now_ns < self._due_ns:
+            return
+        self._due_ns = view.now_ns + PERIOD_NS
+        for panel in self._layers.values():
+            panel.update(view)
+        show(self._position, content=table(position_rows(view)))
+        self._frames.update(view)
+        self._streams.update(view)
+        show(self._notes, content="".join(map(note, self._robot_scene().notes)))
+
+    def close_plot(self) -> None:
+        """Stop following what is plotted."""
+        self._plot.close()
+
+
+class LayerPanel:
+    """The layers of one group, each with the age of what it shows."""
+
+    def __init__(self, gui: viser.GuiApi, session: Session, group: Group) -> None:
+        self._session = session
+        self._boxes: dict[type[Layer], viser.GuiCheckboxHandle] = {}
+        shown = session.layers()
+        with session.folder(f"Layers: {group}"):
+            for kind in LAYERS:
+                if kind.group == group:
+                    self._boxes[kind] = gui.add_checkbox(kind.title, shown[kind.key])
+            if group == "Sensing":
+                beams = [(text, _rgb(BEAM_COLOURS[i].tolist())) for text, i in BEAMS]
+                gui.add_html(note("Laser scan") + swatches(beams))
+            elif group == "Map":
+                zones = [(kind, colour) for kind, colour in ZONE_COLOURS.items()]
+                gui.add_html(note("Zones") + swatches([*zones, *DOUBTS]))
+        for kind, box in self._boxes.items():
+            key = kind.key
+            box.on_update(
+                handler(
+                    session.post,
+                    lambda _, is_on, key=key: session.switch_layer(key, is_on=bool(is_on)),
+                )
+            )
+
+    def update(self, view: View) -> None:
+        """Bring the ages up to date."""
+        shown = self._session.layers()
+        for kind, box in self._boxes.items():
+            is_aged = shown[kind.key] and kind.source is not None
+            age = f" · {_age(view, kind)}" if is_aged else ""
+            is_there = kind.source is not topics.SIM_TRUTH or _is_simulated(view)
+            show(box, label=f"{kind.title}{age}", visible=is_there)
+
+
+def position_rows(view: View) -> list[tuple[str, ...]]:
+    """How well the robot knows where it is, in numbers."""
+    streams = view.streams
+    estimate, cloud = streams.latest(topics.POSE), streams.latest(topics.PARTICLES)
+    if estimate is None:
+        return [("position", "no data")]
+    rows = [("match", f"{percent(estimate.match)}, {estimate.state}")]
+    count = "particles not shown" if cloud is None else f"{len(cloud.weights) // 4} particles"
+    rows.append(("particles", f"{count}, spread {estimate.spread:.2f} m"))
+    if estimate.covariance is not None:
+        rows.append(("standard deviation", _deviations(estimate)))
+    error = error_of(view)
+    if error is not None:
+        rows.append(("actual error", error.text))
+    if view.robot_ns is not None:
+        rows.append(("age", age_text((view.robot_ns - estimate.stamp_ns) * 1e-9)))
+    return rows
+
+
+def _deviations(estimate: PoseEstimate) -> str:
+    variances = np.array(estimate.covariance, np.float64)[[0, 4, 8]]
+    x, y, yaw = np.sqrt(np.maximum(variances, 0.0)).tolist()
+    return f"x {100 * x:.1f} cm, y {100 * y:.1f} cm, {np.degrees(yaw):.1f}°"
+
+
+def _age(view: View, kind: type[Layer]) -> str:
+    arrived_ns = None if kind.source is None else view.streams.arrived_ns(kind.source)
+    return age_text(None if arrived_ns is None else (view.now_ns - arrived_ns) * 1e-9)
+
+
+def _is_simulated(view: View) -> bool:
+    return view.robot is not None and view.robot.simulated
+
+
+def _rgb(values: list[int]) -> tuple[int, int, int]:
+    red, green, blue = values
+    return red, green, blue

@@ -1,0 +1,153 @@
+"""Pointing at the floor: press, drag and release give a place and a direction, as in rviz.
+
+While a tool is armed an unseen plane lies under the scene of the browser that armed it, and takes
+the drags that else would turn the camera. viser gives the end of a drag on a plane that faces
+the camera; the line of sight through it is followed down to the floor.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+
+from trolley_viz.graphics.shapes import meet_floor
+from trolley_viz.pointing.drags import Drags
+
+FLOOR_HALF_SIZE_M = 500.0
+MIN_DRAG_SCREEN = 0.012
+"""A drag shorter than this share of the screen is a click, without a direction."""
+ARROW_COLOUR = (0, 140, 40)
+Z_ARROW = 0.17
+
+
+@dataclass(frozen=True)
+class Pointed:
+    """A place on the floor [m] and, where the pointer was dragged, a heading [rad]."""
+
+    x: float
+    y: float
+    yaw: float | None = None
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What pointing is for."""
+
+    name: str
+    moved: Callable[[Pointed | None], None]
+    """Called while the pointer is dragged; with None where it points at nothing any more."""
+    done: Callable[[Pointed], None]
+    """Called at the release."""
+
+
+class Pointer:
+    """The tool of one browser, armed for one gesture.
+
+    Args:
+        client: the browser.
+        drags: tells which drags and clicks were meant.
+    """
+
+    def __init__(self, client: viser.ClientHandle, drags: Drags) -> None:
+        self._client = client
+        self._drags = drags
+        self._plane: viser.MeshHandle | None = None
+        self._arrow: viser.ArrowsHandle | None = None
+        self.tool: Tool | None = None
+
+    def arm(self, tool: Tool) -> None:
+        """Wait for a gesture; any tool that was armed is put away."""
+        self.disarm()
+        self.tool = tool
+        plane = self._plane = add_floor(self._client.scene, "/pointing")
+
+        # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
+        async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
+            pointed, phase = pointed_by_drag(event, event.client.camera.position), event.phase
+            self._drags.take(
+                event,
+                lambda: self._dragged(tool, pointed, phase),
+                lambda: self._dragged(tool, None, phase),
+            )
+
+        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
+            met = meet_floor(event.ray_origin, event.ray_direction)
+            if met is not None:
+                self._drags.on_click(event, lambda: self._dragged(tool, Pointed(*met), "end"))
+
+        plane.on_drag("left")(drag)
+        plane.on_click(click)
+
+    def disarm(self) -> None:
+        """Put the tool away."""
+        if self._plane is not None:
+            self._plane.remove()
+            self._plane = None
+        self.show_arrow(None)
+        self.tool = None
+
+    def show_arrow(self, pointed: Pointed | None) -> None:
+        """Draw the arrow as it is dragged."""
+        if pointed is None or pointed.yaw is None:
+            if self._arrow is not None:
+                self._arrow.visible = False
+            return
+        length = 0.7
+        tip = (
+            pointed.x + length * math.cos(pointed.yaw),
+            pointed.y + length * math.sin(pointed.yaw),
+        )
+        points = np.array([[(pointed.x, pointed.y, Z_ARROW), (*tip, Z_ARROW)]])
+        if self._arrow is None:
+            self._arrow = self._client.scene.add_arrows(
+                "/pointed",
+                points,
+                ARROW_COLOUR,
+                shaft_radius=0.03,
+                head_radius=0.09,
+                head_length=0.2,
+            )
+        self._arrow.points = points
+        self._arrow.visible = True
+
+    def _dragged(self, tool: Tool, pointed: Pointed | None, phase: str) -> None:
+        if tool is not self.tool:
+            return
+        if pointed is None or phase != "end":
+            self.show_arrow(pointed)
+            tool.moved(pointed)
+            return  # where it ends nowhere, the tool waits for another try
+        self.disarm()
+        tool.done(pointed)
+
+
+def add_floor(scene: viser.SceneApi, path: str) -> viser.MeshHandle:
+    """Lay an unseen floor under the scene, to take clicks and drags."""
+    half = FLOOR_HALF_SIZE_M
+    return scene.add_mesh_simple(
+        path,
+        np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        opacity=0.0,
+        side="double",
+        cast_shadow=False,
+        receive_shadow=False,
+    )
+
+
+def pointed_by_drag(
+    event: viser.SceneNodeDragEvent[Any], camera: np.ndarray[Any, Any]
+) -> Pointed | None:
+    """Say what a drag points at; None while its end does not lie over the floor."""
+    x, y, _ = event.start_position
+    du = event.end_screen_pos[0] - event.start_screen_pos[0]
+    dv = event.end_screen_pos[1] - event.start_screen_pos[1]
+    if math.hypot(du, dv) < MIN_DRAG_SCREEN:
+        return Pointed(x, y)
+    met = meet_floor(camera, np.array(event.end_position) - camera)
+    if met is None:
+        return None
+    return Pointed(x, y, math.atan2(met[1] - y, met[0] - x))

@@ -1,0 +1,1 @@
+"""What is known of the robots: their streams, frames and past trips."""

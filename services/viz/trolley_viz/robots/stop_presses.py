@@ -1,0 +1,85 @@
+"""Presses of Stop: repeated until the robot has answered, and shown as unanswered until then."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+PATIENCE_NS = 400_000_000
+"""Without an answer for this long the robot is not stopped, and Stop is asked again."""
+REPEAT_NS = 250_000_000
+NOT_STOPPED = "NOT STOPPED: no connection"
+
+Answered = Callable[[bool], None]
+"""Called with whether the robot answered."""
+AskStop = Callable[[str, Answered], None]
+"""Asks a robot to stop, and calls back with whether it answered."""
+
+
+@dataclass
+class _Press:
+    """One press of Stop; the robot counts as stopped only when `base` has answered."""
+
+    pressed_ns: int
+    next_try_ns: int
+    has_failed: bool = False
+
+
+@dataclass(frozen=True)
+class StopLine:
+    """What to say about Stop."""
+
+    text: str
+    is_alarm: bool
+
+
+class StopPresses:
+    """The presses that are not answered yet, one for each robot.
+
+    They are repeated for ever, whatever robot is shown by then and even with no browser open; only
+    an answer or Resume ends them.
+    """
+
+    def __init__(self, ask: AskStop) -> None:
+        self._ask = ask
+        self._presses: dict[str, _Press] = {}
+
+    def press(self, robot: str, now_ns: int) -> None:
+        """Stop a robot, at once and until it answers."""
+        if robot not in self._presses:
+            self._presses[robot] = _Press(now_ns, now_ns)
+        self._presses[robot].next_try_ns = now_ns
+        self.tick(now_ns)
+
+    def release(self, robot: str) -> None:
+        """Take the press back."""
+        self._presses.pop(robot, None)
+
+    def tick(self, now_ns: int) -> None:
+        """Repeat the presses that are due."""
+        for robot, press in tuple(self._presses.items()):
+            if now_ns >= press.next_try_ns:
+                press.next_try_ns = now_ns + PATIENCE_NS
+                self._ask(robot, self._answer_to(robot, press, now_ns))
+
+    def line(self, robot: str, now_ns: int) -> StopLine | None:
+        """What to say while this robot is shown; None where no press waits for an answer."""
+        lost = sorted(
+            name
+            for name, press in self._presses.items()
+            if press.has_failed or now_ns - press.pressed_ns > PATIENCE_NS
+        )
+        if lost:
+            others = ", ".join(name for name in lost if name != robot)
+            return StopLine(NOT_STOPPED + (f" ({others})" if others else ""), is_alarm=True)
+        return StopLine("Stopping …", is_alarm=False) if self._presses else None
+
+    def _answer_to(self, robot: str, press: _Press, asked_ns: int) -> Callable[[bool], None]:
+        def answer(is_answered: bool) -> None:
+            if self._presses.get(robot) is not press:
+                return
+            if is_answered:
+                del self._presses[robot]
+            else:
+                press.has_failed = True
+                press.next_try_ns = min(press.next_try_ns, asked_ns + REPEAT_NS)
+
+        return answer

@@ -1,0 +1,56 @@
+"""What is known of one robot now: what drawings and sentences are made from."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from trolley import topics
+from trolley.messages import OccupancyGrid, Robot
+from trolley.topics import Topic
+from trolley_viz.robots.fleet import Member
+from trolley_viz.robots.past_trips import PastTrips
+from trolley_viz.robots.placement import Placement
+from trolley_viz.robots.streams import Streams
+
+
+@dataclass(frozen=True)
+class View:
+    """One robot, as its newest messages tell of it."""
+
+    robot_name: str
+    streams: Streams
+    placement: Placement
+    robot: Robot | None
+    now_ns: int
+    """Local monotonic time [ns]."""
+    robot_ns: int | None
+    """The robot's time [ns], None while its clock is silent."""
+    work: Callable[[Callable[[], Any], Callable[[Any], None]], None]
+    """Runs a slow function aside, then calls the second one with its result."""
+    past: PastTrips
+    """The past trips, once somebody looks at them."""
+    fleet: Sequence[Member] = ()
+    """All robots, where there are several."""
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the robot's clock is silent."""
+        return self.robot_ns is None
+
+    @property
+    def map(self) -> OccupancyGrid | None:
+        """The robot's map."""
+        return self.streams.latest(topics.MAP)
+
+    def place_frames(self) -> None:
+        """Bring the frames to where the newest messages say that they are."""
+        self.placement.update(
+            self.streams.by_parts(topics.TF),
+            self.streams.history(topics.ODOM),
+            has_map=self.map is not None,
+        )
+
+    def is_fresh(self, topic: Topic[Any], within_s: float = 1.5) -> bool:
+        """Whether a message of the topic arrived within the last real seconds."""
+        arrived_ns = self.streams.arrived_ns(topic)
+        return arrived_ns is not None and self.now_ns - arrived_ns <= within_s * 1e9

@@ -1,0 +1,189 @@
+"""The map with its walls, and the costmap on it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from trolley import topics
+from trolley.geometry import Pose2D
+from trolley.gridmap import OCCUPIED_FROM
+from trolley.messages import OccupancyGrid
+from trolley_viz.graphics.camera import Bounds, bounds_of
+from trolley_viz.graphics.glb import floor_glb
+from trolley_viz.graphics.pictures import costmap_picture, map_picture
+from trolley_viz.graphics.shapes import Mesh, boxes, place, wall_rectangles
+from trolley_viz.robots.view import View
+from trolley_viz.scene.layer import WALL_HEIGHT, Z_COSTMAP, Layer
+
+
+def cells_of(grid: OccupancyGrid) -> NDArray[np.int8]:
+    """View a grid's cells, (height, width)."""
+    return np.frombuffer(grid.cells, np.int8).reshape(grid.height, grid.width)
+
+
+def flat_quaternion(yaw: float) -> tuple[float, float, float, float]:
+    """Lay a picture on the floor with its row 0 at +y: half a turn about x, then the heading."""
+    return 0.0, float(np.cos(0.5 * yaw)), float(np.sin(0.5 * yaw)), 0.0
+
+
+WALL_SIDE = (44, 50, 62)
+"""Darker than on the picture, as the scene is lit."""
+
+
+@dataclass(frozen=True)
+class MapModel:
+    """A map made ready for drawing, in frame `grid`."""
+
+    floor: bytes
+    """The floor as glb."""
+    walls: Mesh | None
+    """The walls, None where there are none or too many."""
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid) -> "MapModel":
+        """Make it; touches nothing but the message."""
+        cells = cells_of(grid)
+        image, factor = map_picture(cells)
+        rectangles = wall_rectangles(cells >= OCCUPIED_FROM)
+        walls = None
+        if rectangles is not None and len(rectangles):
+            walls = boxes(rectangles, grid.resolution, WALL_HEIGHT)
+        return cls(floor_glb(image, *picture_size(grid, factor)), walls)
+
+
+class MapLayer(Layer):
+    """The floor plan: floor light, walls raised."""
+
+    key, title = "map", "Map"
+    group = "Map"
+    source = topics.MAP
+    needs = (topics.MAP,)
+
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
+        self._nodes: list[viser.SceneNodeHandle] = []
+
+    def draw(self, view: View) -> None:
+        """Draw the map when another one arrived."""
+        grid = view.streams.latest(topics.MAP)
+        world_T_map = None if grid is None else view.placement.world_T(grid.frame)
+        if not self.changed(grid, world_T_map):
+            return
+        self._clear()
+        if grid is None or world_T_map is None or grid.width * grid.height == 0:
+            return
+        # A large map takes about a second, and Stop must not wait for it.
+        inputs, world_T_grid = self._drawn, world_T_map @ grid.origin
+
+        def show(model: MapModel) -> None:
+            if self._drawn is inputs:  # no other map came meanwhile
+                self._show(model, world_T_grid)
+
+        view.work(lambda: MapModel.of(grid), show)
+
+    def _clear(self) -> None:
+        for node in self._nodes:
+            node.remove()
+        self._nodes.clear()
+
+    def _show(self, model: MapModel, world_T_grid: Pose2D) -> None:
+        self._clear()
+        with self.server.atomic():
+            self._nodes.append(
+                self.scene.add_glb(
+                    self.path("floor"), model.floor, cast_shadow=False, receive_shadow=False
+                )
+            )
+            if model.walls is not None:
+                walls = self.scene.add_mesh_simple(
+                    self.path("walls"),
+                    *model.walls,
+                    color=WALL_SIDE,
+                    flat_shading=True,
+                    side="double",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+                self._nodes.append(walls)
+            for node in self._nodes:
+                place(node, world_T_grid, 0.0)
+
+
+class CostmapLayer(Layer):
+    """Where the planner lets the robot's centre be."""
+
+    key, title = "costmap", "Costmap near the robot"
+    group = "Driving"
+    source = topics.COSTMAP
+    needs = (topics.COSTMAP,)
+    period_s = 0.5
+    height = Z_COSTMAP
+    on_by_default = False
+
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
+        self._node: viser.ImageHandle | None = None
+
+    def draw(self, view: View) -> None:
+        """Draw the newest costmap."""
+        grid = view.streams.latest(self.needs[0]) if not view.is_away else None
+        world_T_frame = None if grid is None else view.placement.world_T(grid.frame)
+        if not self.changed(grid, world_T_frame):
+            return
+        if grid is None or world_T_frame is None or grid.width * grid.height == 0:
+            if self._node is not None:
+                self._node.visible = False
+            return
+        image, factor = costmap_picture(cells_of(grid))
+        width, height = picture_size(grid, factor)
+        centre = world_T_frame @ grid.origin @ Pose2D(0.5 * width, 0.5 * height, 0.0)
+        with self.server.atomic():
+            if self._node is None:
+                self._node = self.scene.add_image(
+                    self.path("grid"),
+                    image,
+                    width,
+                    height,
+                    format="png",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+            else:
+                self._node.image = image
+                self._node.render_width, self._node.render_height = width, height
+            self._node.position = (centre.x, centre.y, self.height)
+            self._node.wxyz = flat_quaternion(centre.yaw)
+            self._node.visible = True
+
+
+class GlobalCostmapLayer(CostmapLayer):
+    """Where the planner lets the robot's centre be, on the whole map."""
+
+    key, title = "costmap_global", "Costmap of the whole map"
+    source = topics.COSTMAP_GLOBAL
+    needs = (topics.COSTMAP_GLOBAL,)
+    period_s = 1.0
+    height = Z_COSTMAP - 0.003
+
+
+def picture_size(grid: OccupancyGrid, factor: int) -> tuple[float, float]:
+    """Width and height [m] of a grid's picture, padded to whole blocks of `factor` cells."""
+    block = factor * grid.resolution
+    return -(-grid.width // factor) * block, -(-grid.height // factor) * block
+
+
+def map_bounds(view: View) -> Bounds | None:
+    """The box around what is known of the map [m] in the world, None without a map."""
+    grid = view.streams.latest(topics.MAP)
+    world_T_map = None if grid is None else view.placement.world_T(grid.frame)
+    if grid is None or world_T_map is None or grid.width * grid.height == 0:
+        return None
+    known = cells_of(grid) >= 0
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        return None
+    x0, x1, y0, y1 = cols[0], cols[-1] + 1, rows[0], rows[-1] + 1
+    corners = grid.resolution * np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], np.float64)
+    return bounds_of((world_T_map @ grid.origin).transform_points(corners))

@@ -1,0 +1,191 @@
+"""What the robot senses and believes: the scan, the particles, places it might be at."""
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from trolley import topics
+from trolley.messages import BeamClasses, Scan, floats_from_bytes
+from trolley_viz.graphics.shapes import arrow_outline, flat, particle_segments, place
+from trolley_viz.robots.view import View
+from trolley_viz.scene.layer import Z_LABEL, Z_PARTICLES, Z_SCAN, Layer
+from trolley_viz.sentences import percent
+
+BEAM_COLOURS = np.array(
+    [(255, 62, 32), (190, 20, 220), (0, 150, 190), (255, 170, 0), (150, 150, 150)], np.uint8
+)
+"""By class: on the map, not on the map, behind a mirror or glass, suspected, unused."""
+PLAIN_SCAN = BEAM_COLOURS[0]
+
+MAX_PARTICLES = 2000
+PARTICLE_LENGTH_M = 0.12
+TAIL = 0.7
+"""How pale the end of a particle is that lies behind; the dark one shows where it looks."""
+FAINT, STRONG = np.array((150, 214, 150)), np.array((0, 110, 20))
+CANDIDATE = (240, 140, 0)
+
+
+class ScanLayer(Layer):
+    """The echoes of the lidar, coloured by what the localizer makes of them."""
+
+    key, title = "scan", "Laser scan"
+    group = "Sensing"
+    source = topics.SCAN
+    needs = (topics.SCAN, topics.BEAMS)
+    period_s = 0.0  # whenever one came: a pause of its own would now and then skip a scan
+
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
+        self._points: viser.PointCloudHandle | None = None
+
+    def draw(self, view: View) -> None:
+        """Draw the newest scan whose beams are classified, or the newest one."""
+        scan, beams = _choose(view)
+        if scan is None:
+            if self._points is not None:
+                self._points.visible = False
+            self._drawn = ()
+            return
+        if not self.changed(scan, beams):
+            return
+        ranges = floats_from_bytes(scan.ranges)
+        points = view.placement.scan_points(scan, ranges)
+        if points is None:
+            return
+        colours = _beam_colours(beams, len(ranges))
+        good = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
+        good &= ranges > 0.0
+        self._show(points[good], colours[good])
+
+    def _show(self, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> None:
+        raised = np.column_stack([points, np.full(len(points), Z_SCAN)]).astype(np.float32)
+        if self._points is None:
+            self._points = self.scene.add_point_cloud(
+                self.path("points"),
+                raised,
+                colours,
+                point_size=0.024,
+                point_shape="circle",
+                point_shading="flat",
+                precision="float32",
+            )
+            return
+        with self.server.atomic():
+            if len(points):
+                self._points.points = raised
+                self._points.colors = colours
+            self._points.visible = len(points) > 0
+
+
+class ParticleLayer(Layer):
+    """The localizer's hypotheses: the darker, the likelier."""
+
+    key, title = "particles", "Particles"
+    group = "Sensing"
+    source = topics.PARTICLES
+    needs = (topics.PARTICLES,)
+
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
+        self._arrows: viser.LineSegmentsHandle | None = None
+
+    def draw(self, view: View) -> None:
+        """Draw the newest cloud, thinned evenly where it is very large."""
+        cloud = view.streams.latest(topics.PARTICLES) if not view.is_away else None
+        world_T_map = view.placement.world_T("map")
+        if not self.changed(cloud, world_T_map):
+            return
+        if cloud is None or world_T_map is None or not len(cloud.weights):
+            if self._arrows is not None:
+                self._arrows.visible = False
+            return
+        poses = floats_from_bytes(cloud.poses, 3)
+        weights = floats_from_bytes(cloud.weights)
+        step = -(-len(poses) // MAX_PARTICLES)
+        placed = world_T_map.transform_poses(poses[::step])
+        segments = particle_segments(placed, PARTICLE_LENGTH_M, Z_PARTICLES)
+        colours = stroke_colours(weight_colours(weights[::step]))
+        if self._arrows is None:
+            self._arrows = self.scene.add_line_segments(
+                self.path("arrows"), segments, colours, thickness=1.5, thickness_units="screen"
+            )
+            return
+        with self.server.atomic():
+            self._arrows.points = segments
+            self._arrows.colors = colours
+            self._arrows.visible = True
+
+
+class CandidateLayer(Layer):
+    """The places between which a search cannot decide, with how well each matches."""
+
+    key, title = "candidates", "Possible places"
+    group = "Sensing"
+    source = topics.POSE
+
+    def __init__(self, server: viser.ViserServer, above: str) -> None:
+        super().__init__(server, above)
+        self._nodes: list[viser.SceneNodeHandle] = []
+
+    def draw(self, view: View) -> None:
+        """Draw an arrow and a label for each candidate."""
+        estimate = view.streams.latest(topics.POSE)
+        candidates = estimate.candidates if estimate is not None and not view.is_away else []
+        world_T_map = view.placement.world_T("map")
+        if not self.changed(world_T_map, *(_rounded(one.pose, one.match) for one in candidates)):
+            return
+        for node in self._nodes:
+            node.remove()
+        self._nodes.clear()
+        if world_T_map is None:
+            return
+        vertices, faces = flat(arrow_outline(0.5, 0.3))
+        for i, candidate in enumerate(candidates):
+            pose = world_T_map @ candidate.pose
+            arrow = self.scene.add_mesh_simple(
+                self.path(f"arrow{i}"), vertices, faces, color=CANDIDATE, side="double"
+            )
+            place(arrow, pose, Z_PARTICLES)
+            label = self.scene.add_label(
+                self.path(f"label{i}"), percent(candidate.match), anchor="bottom-center"
+            )
+            place(label, pose, Z_LABEL)
+            self._nodes += [arrow, label]
+
+
+def weight_colours(weights: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Colour particles by weight (n,) relative to the heaviest, (n, 3)."""
+    heaviest = float(weights.max(initial=0.0))
+    share = weights / heaviest if heaviest > 0.0 else np.ones_like(weights)
+    share = np.nan_to_num(np.clip(share, 0.0, 1.0))[:, None]
+    return np.rint((1.0 - share) * FAINT + share * STRONG).astype(np.uint8)
+
+
+def stroke_colours(heads: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Give strokes (n, 2, 3) pale tails and heads of these colours (n, 3)."""
+    tails = np.rint((1.0 - TAIL) * heads + TAIL * 255.0).astype(np.uint8)
+    return np.stack([tails, heads], axis=1)
+
+
+def _choose(view: View) -> tuple[Scan | None, BeamClasses | None]:
+    """The scan to draw and its classes: classified ones while they keep coming."""
+    if not view.is_fresh(topics.SCAN) or view.is_away:
+        return None, None
+    beams = view.streams.latest(topics.BEAMS) if view.is_fresh(topics.BEAMS, 0.5) else None
+    if beams is not None:
+        for scan in reversed(view.streams.history(topics.SCAN)):
+            if scan.stamp_ns == beams.stamp_ns:
+                return scan, beams
+    return view.streams.latest(topics.SCAN), None
+
+
+def _beam_colours(beams: BeamClasses | None, count: int) -> NDArray[np.uint8]:
+    classes = None if beams is None else np.frombuffer(beams.classes, np.uint8)
+    if classes is None or len(classes) != count:
+        return np.broadcast_to(PLAIN_SCAN, (count, 3))
+    return BEAM_COLOURS[np.minimum(classes, len(BEAM_COLOURS) - 1)]
+
+
+def _rounded(pose: object, match: float) -> tuple[object, ...]:
+    """What makes it worth drawing a candidate again."""
+    return (pose, round(match, 2))

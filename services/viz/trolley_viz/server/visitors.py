@@ -1,0 +1,23 @@
+"""Visitors: which browser it is, and what its person may do."""
+
+import contextvars
+from dataclasses import dataclass
+from typing import Literal
+
+Role = Literal["operator", "viewer"]
+"""An operator may do everything; a viewer may look, and press Stop."""
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """One browser, as the web server knows it."""
+
+    browser: str = ""
+    """The name under which the browser's choices are saved; "" saves nothing."""
+    role: Role = "operator"
+
+
+NOBODY = Visitor()
+
+present: contextvars.ContextVar[Visitor] = contextvars.ContextVar("present", default=NOBODY)
+"""The visitor whose connection the current task serves; viser's callbacks run in such a task."""

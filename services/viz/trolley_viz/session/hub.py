@@ -1,0 +1,39 @@
+"""What all open browsers share."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from trolley.runtime.service import Service
+from trolley_viz.robots.fleet import Robots
+from trolley_viz.robots.stop_presses import StopPresses
+from trolley_viz.server.web_server import LocalServer
+from trolley_viz.session.robot_scene import RobotScenes
+from trolley_viz.settings import Choices
+
+
+@dataclass(frozen=True)
+class Hub:
+    """The parts of the viewer that the session of each browser uses."""
+
+    service: Service
+    """Asks the robots, and knows the time."""
+    server: LocalServer
+    """The web server."""
+    robots: Robots
+    """The robots of the network."""
+    stops: StopPresses
+    """The presses of Stop that are not answered yet."""
+    scenes: RobotScenes
+    """What is drawn of the robots."""
+    remember: Callable[[str, Choices], None]
+    """Saves the choices of a browser."""
+    let_go: Callable[[int], None]
+    """Takes the joystick out of a browser's hand."""
+
+    def is_open(self, client_id: int) -> bool:
+        """Whether a browser is still connected; viser knows before it says that it is gone."""
+        return client_id in self.server.get_clients()
+
+    def robot_ns(self, robot: str) -> int | None:
+        """The time of a robot [ns], None while its clock is silent."""
+        return self.service.time_of(robot).now(self.service.monotonic_ns)

@@ -1,0 +1,297 @@
+"""One browser: its controls, its tool, the robot that it follows and the layers that it shows."""
+
+from collections.abc import Callable, Set
+
+import msgspec
+import viser
+
+from trolley.messages import MapChange, SuspectLine
+from trolley_viz.actions.aiming import Aiming
+from trolley_viz.actions.place_actions import PlaceActions
+from trolley_viz.actions.robot_actions import RobotActions
+from trolley_viz.drawing.canvas import Canvas
+from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
+from trolley_viz.drawing.suspected_mirrors import SuspectLines
+from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
+from trolley_viz.drawing.zone_requests import ZoneRequests
+from trolley_viz.map_editing.map_editor import MapEditor
+from trolley_viz.map_editing.map_preview import MapPreview
+from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.pointer import Pointer
+from trolley_viz.robots.view import View
+from trolley_viz.scene.map_layers import MapLayer
+from trolley_viz.scene.scene import shown_layers
+from trolley_viz.sentences import Tone
+from trolley_viz.server.visitors import Visitor
+from trolley_viz.server.web_server import configure_look
+from trolley_viz.session.browser_scene import BrowserScene
+from trolley_viz.session.hub import Hub
+from trolley_viz.session.notices import Notices
+from trolley_viz.session.viewport import Viewport
+from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
+
+FRAME = "frame:"
+"""Begins the keys under which the choices hold the frames whose axes are shown."""
+
+
+class Session:
+    """What one browser sees and may do.
+
+    Args:
+        hub: what all browsers share.
+        client: viser's handle of the browser.
+        visitor: who it is.
+        choices: what was chosen there before.
+    """
+
+    def __init__(
+        self,
+        hub: Hub,
+        client: viser.ClientHandle,
+        visitor: Visitor,
+        choices: Choices,
+    ) -> None:
+        self.client = client
+        self.visitor = visitor
+        self._hub = hub
+        service = hub.service
+        self._choices = choices
+        self._robot = choices.robot or hub.robots.own
+        self._notices = Notices(client)
+        self._folders: dict[str, viser.GuiFolderHandle] = {}
+        self.drags = Drags(
+            self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
+        )
+        self.pointing = Pointer(client, self.drags)
+        self.actions = RobotActions(service, lambda: self._robot, lambda: self.view, self.tell)
+        self.aiming = Aiming(
+            service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
+        )
+        self.place_actions = PlaceActions(self.actions, self.aiming, lambda: self.view)
+        self.zone_editor = ZoneEditor(
+            Canvas(client, self.drags),
+            ZoneRequests(
+                service,
+                lambda: self._robot,
+                lambda: stored_zones(self.view),
+                self._map_name,
+                self.actions.history,
+                self.tell,
+            ),
+            lambda: self.view,
+            self.tell,
+            self._begin_zone,
+        )
+        self.map_editor = MapEditor(
+            Canvas(client, self.drags),
+            MapPreview(client),
+            service,
+            lambda: self._robot,
+            lambda: self.view,
+            self.tell,
+            self._begin_map_tool,
+        )
+        self.suspected_mirrors = SuspectLines(client.scene)
+        self.change_marks = ChangeMarks(client.scene)
+        self.change_requests = ChangeRequests(
+            service, self.actions, lambda: self._robot, self._map_name
+        )
+        configure_look(client.gui, dark=choices.dark)
+        self.scene = BrowserScene(client.scene)
+        """What this browser alone has in its scene."""
+        self._viewport = Viewport(client)
+
+    # What the panels read.
+    @property
+    def hub(self) -> Hub:
+        """What all browsers share."""
+        return self._hub
+
+    @property
+    def may_drive(self) -> bool:
+        """Whether its person may do more than look and press Stop."""
+        return self.visitor.role == "operator"
+
+    @property
+    def robot(self) -> str:
+        """The name of the robot that it follows."""
+        return self._robot
+
+    @property
+    def choices(self) -> Choices:
+        """What was chosen here."""
+        return self._choices
+
+    @property
+    def view(self) -> View:
+        """What is known of the robot."""
+        return self._hub.scenes.of(self._robot).view
+
+    def robot_labels(self) -> dict[str, str]:
+        """What to call each robot in a list, to its name."""
+        hub = self._hub
+        return hub.robots.labels(self._robot, lambda name: hub.robot_ns(name) is None)
+
+    def layers(self) -> dict[str, bool]:
+        """Which layers are shown, by key."""
+        return shown_layers(self._choices.layers)
+
+    def frames_on(self) -> list[str]:
+        """The frames whose axes are shown."""
+        chosen = self._choices.layers.items()
+        return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
+
+    # What the panels ask for.
+    def folder(self, title: str, *, is_open: bool = False) -> viser.GuiFolderHandle:
+        """Add a folder of controls: as its person left it, else open or not as is said here."""
+        is_open = self._choices.folders.get(title, is_open)
+        folder = self._folders[title] = self.client.gui.add_folder(title, expand_by_default=is_open)
+        return folder
+
+    def post(self, fn: Callable[[], None]) -> None:
+        """Call on the service's thread."""
+        self._hub.service.call_soon(fn)
+
+    def tell(self, title: str, text: str, tone: Tone) -> None:
+        """Show a notice: a title and a sentence."""
+        self._notices.show(title, text, tone)
+
+    def press_stop(self) -> None:
+        """Stop the robot."""
+        self._hub.stops.press(self._robot, self._hub.service.monotonic_ns)
+
+    def press_stop_all(self) -> None:
+        """Stop all robots, also those that are away: each as soon as it answers."""
+        for name in self._hub.robots.names(self._robot):
+            self._hub.stops.press(name, self._hub.service.monotonic_ns)
+
+    def press_resume(self) -> None:
+        """Let it drive again."""
+        self._hub.stops.release(self._robot)
+        self.actions.resume()
+
+    def follow(self, robot: str) -> None:
+        """Show another robot."""
+        if robot != self._robot:
+            self.put_tools_away()
+            self.map_editor.leave()
+            self.actions.forget()
+            self._hub.let_go(self.client.client_id)
+            self._robot = robot
+            self._choose(msgspec.structs.replace(self._choices, robot=robot))
+
+    def switch_layer(self, key: str, *, is_on: bool) -> None:
+        """Show or hide a layer, and remember it."""
+        layers = {**self._choices.layers, key: is_on}
+        self._choose(msgspec.structs.replace(self._choices, layers=layers))
+
+    def switch_frame(self, frame: str, *, is_on: bool) -> None:
+        """Show or hide the axes of a frame, and remember it."""
+        others = {key: on for key, on in self._choices.layers.items() if key != FRAME + frame}
+        layers = {**others, FRAME + frame: True} if is_on else others
+        self._choose(msgspec.structs.replace(self._choices, layers=layers))
+
+    def dismiss(self, suspect: SuspectLine) -> None:
+        """Stop suspecting a mirror here."""
+        grid = self.view.map
+        if grid is not None:
+            one = Dismissed(map=grid.name, points=suspect.points)
+            dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
+            self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
+
+    def put_off(self, changes: list[MapChange]) -> None:
+        """Do not offer some changes of the map here for now."""
+        self.change_marks.put_off(self._map_name(), changes)
+
+    def resized(self, size: tuple[float, float]) -> None:
+        """Note the width and height of the picture [px of the page]."""
+        self._viewport.resized(size, self._hub.service.monotonic_ns)
+
+    def remember_folder(self, title: str, *, is_open: bool) -> None:
+        """Note that a folder was opened or closed, and remember it."""
+        folder = self._folders.get(title)
+        if folder is not None:  # a page may say anything
+            folder.expand_by_default = is_open  # as the page makes it anew with its tab
+            folders = {**self._choices.folders, title: is_open}
+            self._choose(msgspec.structs.replace(self._choices, folders=folders))
+
+    def set_dark(self, *, is_dark: bool) -> None:
+        """Change the look, and remember it."""
+        configure_look(self.client.gui, dark=is_dark)
+        self._choose(msgspec.structs.replace(self._choices, dark=is_dark))
+
+    def fit_view(self) -> None:
+        """Show the whole map."""
+        self._viewport.fit(self.view)
+
+    # What the service asks for.
+    def update_scene(self, robots: Set[str]) -> None:
+        """Show what this browser wants to see of the robots in the scene, and nothing else."""
+        layers, view = self.layers(), self.view
+        hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
+        shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
+        self.scene.show_robot(self._robot, robots, shown)
+        self.scene.move_root(self._robot, self.map_editor.new_T_old)
+        self.drags.tick()
+        self.aiming.request_preview()
+        markers = self._hub.scenes.of(self._robot).markers
+        self.scene.draw(
+            view,
+            layers,
+            preview=self.aiming.preview,
+            queue=self.actions.goal_queue.items,
+            icons=markers.icons if layers[markers.key] else [],
+            frames=self.frames_on(),
+            eye=self._viewport.eye,
+        )
+        self._keep_one_tool()
+        self.zone_editor.update()
+        self.map_editor.update()
+        self.suspected_mirrors.update(view, self._choices.dismissed, is_shown=layers["zones"])
+        self.change_marks.update(view, is_shown=layers["zones"])
+        self._viewport.update(view, self._robot)
+
+    def put_tools_away(self) -> None:
+        """End all pointing and drawing."""
+        self.aiming.put_away()
+        self.zone_editor.leave()
+        self.map_editor.choose("look")
+
+    # Inside.
+    def _post_while_open(self, fn: Callable[[], None]) -> None:
+        """Call on the service's thread what a pointer did, unless its browser is gone."""
+
+        def call() -> None:
+            if self._hub.is_open(self.client.client_id):
+                fn()
+
+        self._hub.service.call_soon(call)
+
+    def _begin_zone(self) -> None:
+        """Put away what else draws on the map: zones belong to the map that is stored."""
+        self.aiming.put_away()
+        self.map_editor.leave()
+
+    def _begin_map_tool(self) -> None:
+        self.aiming.put_away()
+        self.zone_editor.leave()
+
+    def _keep_one_tool(self) -> None:
+        """Put away what else takes the pointer while something is pointed out."""
+        if self.pointing.tool is None:
+            return
+        if self.zone_editor.mode != "idle":
+            self.zone_editor.leave()
+        self.map_editor.choose("look")
+
+    def _map_name(self) -> str:
+        grid = self.view.map
+        return "" if grid is None else grid.name
+
+    def _tell_unconfirmed(self) -> None:
+        """Say that a release was not confirmed by the page."""
+        self.tell("Nothing was done", "The page is slow to respond. Please point again.", "warn")
+
+    def _choose(self, choices: Choices) -> None:
+        self._choices = choices
+        self._hub.remember(self.visitor.browser, choices)

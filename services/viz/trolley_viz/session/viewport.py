@@ -1,0 +1,77 @@
+"""The camera of one browser: it shows the whole map until somebody moves it."""
+
+import viser
+
+from trolley_viz.graphics import camera
+from trolley_viz.robots.view import View
+from trolley_viz.scene.map_layers import map_bounds
+from trolley_viz.scene.place_labels import Eye
+
+SETTLE_NS = 2_000_000_000
+SAME_ASPECT = 0.03
+
+
+class Viewport:
+    """The camera of one browser."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        self._size: tuple[float, float] | None = None
+        """Width and height of the picture [px of the page], once the page has told."""
+        self._fitted = ""
+        """The map that the camera was last moved for, and the pixels there were then."""
+        self._pixels: tuple[float, float] = (1, 1)
+        self._is_at_start = False
+        """Whether it was moved to where every page begins anyway."""
+        self._settled_ns: int | None = None
+        """When to see whether the page is laid out as it was thought to be [ns]."""
+
+    @property
+    def eye(self) -> Eye:
+        """From where things are seen."""
+        at = self._client.camera
+        size = self._size or (at.image_width, at.image_height)
+        return Eye(at.position, at.wxyz, at.fov, size)
+
+    def resized(self, size: tuple[float, float], now_ns: int) -> None:
+        """Take note of the size of the picture: the map may not fit any more."""
+        self._size = size
+        self._settled_ns = now_ns + SETTLE_NS
+
+    def fit(self, view: View) -> None:
+        """Show the whole map."""
+        bounds = map_bounds(view)
+        if bounds is not None:
+            self._pixels = self._seen_pixels()
+            camera.fit(self._client, bounds, self._pixels)
+
+    def update(self, view: View, robot: str) -> None:
+        """Move the camera to a map that is new to it, and again where the page undoes that."""
+        if view.map is None:
+            return
+        fitted = f"{robot}/{view.map.name}"
+        is_new = self._fitted != fitted
+        if not is_new and self._settled_ns is None:
+            return  # as nearly always: the bounds of a large map take a while
+        bounds = map_bounds(view)
+        if bounds is None or not (is_new or self._is_to_fit_again(view.now_ns, bounds)):
+            return
+        self._pixels = self._seen_pixels(is_new=not self._fitted)
+        self._settled_ns = view.now_ns + SETTLE_NS
+        camera.fit(self._client, bounds, self._pixels)
+        self._is_at_start = camera.was_reset(self._client, bounds)
+        self._fitted = fitted
+
+    def _is_to_fit_again(self, now_ns: int, bounds: camera.Bounds) -> bool:
+        """Whether the page took the camera back, or turned out to be laid out otherwise."""
+        if not self._is_at_start and camera.was_reset(self._client, bounds):
+            return True
+        if self._settled_ns is None or now_ns < self._settled_ns:
+            return False
+        self._settled_ns = None
+        width, height = self._seen_pixels()
+        is_other = abs(width / height - self._pixels[0] / self._pixels[1]) > SAME_ASPECT
+        return is_other and camera.stands(self._client, bounds, self._pixels)
+
+    def _seen_pixels(self, *, is_new: bool = False) -> tuple[float, float]:
+        return self._size or camera.seen_pixels(self._client, is_new=is_new)

@@ -1,0 +1,148 @@
+"""Who is let in, and as what."""
+
+from http import HTTPStatus
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from websockets.datastructures import Headers
+
+from trolley_viz.server.access import (
+    AccessControl,
+    AccessDecision,
+    AccessRequest,
+    AccessTokens,
+    is_loopback_host,
+)
+
+ACCESS = AccessTokens(operator="drives", viewer="looks")
+LAN, HERE = "192.168.1.7", "127.0.0.1"
+PORT = 8080
+
+
+def ask(
+    path: str = "/",
+    *,
+    peer: str = HERE,
+    host: str = f"{HERE}:{PORT}",
+    origins: tuple[str, ...] = (),
+    always_ask: bool = False,
+    is_socket: bool = False,
+    **headers: str,
+) -> AccessDecision:
+    gate = AccessControl(PORT, origins, always_ask=always_ask, tokens=ACCESS)
+    named = {name.replace("_", "-"): value for name, value in headers.items()}
+    return gate.decide(AccessRequest(path, peer, Headers({"Host": host, **named}), is_socket))
+
+
+def role(answer: AccessDecision) -> str | None:
+    return None if answer.visitor is None else answer.visitor.role
+
+
+def cookie_of(answer: AccessDecision) -> str:
+    assert answer.cookie
+    return answer.cookie.partition(";")[0]
+
+
+def test_who_sits_here_needs_no_token_and_is_known_again() -> None:
+    first = ask()
+    assert role(first) == "operator"
+    assert "HttpOnly" in first.cookie
+    again = ask(Cookie=cookie_of(first))
+    assert again.visitor is not None
+    assert again.visitor.browser
+    assert not again.cookie
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"peer": LAN},
+        {"peer": LAN, "host": "127.0.0.1:8080"},
+        {"host": "robot.example"},
+        {"Origin": "https://robot.example", "origins": ("https://robot.example",)},
+        {"X_Forwarded_For": LAN},
+        {"Forwarded": f"for={LAN}"},
+        {"always_ask": True},
+        {"peer": ""},
+    ],
+)
+def test_everybody_else_is_asked(how: dict[str, object]) -> None:
+    answer = ask(**how)  # type: ignore[arg-type]
+    assert (role(answer), answer.status) == (None, HTTPStatus.UNAUTHORIZED)
+    assert "trolley viewer-link" in answer.text
+
+
+@pytest.mark.parametrize(("token", "wanted"), [("drives", "operator"), ("looks", "viewer")])
+def test_a_link_gives_a_cookie_that_lets_in(token: str, wanted: str) -> None:
+    shown = ask(f"/?token={token}", peer=LAN, host="robot:8080")
+    assert (shown.status, shown.location) == (HTTPStatus.SEE_OTHER, "/")
+    cookie = cookie_of(shown)
+    for is_socket in (False, True):
+        found = ask(
+            peer=LAN,
+            host="robot:8080",
+            is_socket=is_socket,
+            Cookie=cookie,
+            Origin="http://robot:8080",
+        )
+        assert role(found) == wanted
+
+
+def test_a_lesser_link_counts_on_this_host_too() -> None:
+    assert role(ask(Cookie=cookie_of(ask("/?token=looks")))) == "viewer"
+
+
+@pytest.mark.parametrize("token", ["", "wrong", "drive", "drivess", "drives looks", "é"])
+def test_no_other_token_counts(token: str) -> None:
+    assert role(ask(f"/?token={token}", peer=LAN)) is None
+    assert role(ask(peer=LAN, Cookie=f"trolley-{PORT}=0123456789abcdef.{token}")) is None
+
+
+def test_a_link_lets_no_socket_in() -> None:
+    assert role(ask("/?token=drives", peer=LAN, is_socket=True)) is None
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "http://evil.example",
+        "http://127.0.0.1.evil.example",
+        "null",
+        "http://localhost@x",
+        "file://",
+    ],
+)
+def test_pages_of_other_sites_are_refused_whoever_they_are(origin: str) -> None:
+    answer = ask(Origin=origin, Cookie=cookie_of(ask("/?token=drives")))
+    assert (role(answer), answer.status) == (None, HTTPStatus.FORBIDDEN)
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1:8080", "localhost:9999", "[::1]:8080"])
+def test_pages_of_this_host_are_its_own_on_any_port(name: str) -> None:
+    assert role(ask(Origin=f"http://{name}")) == "operator"
+
+
+def test_a_strangers_name_that_leads_here_is_asked() -> None:
+    rebound = ask(host="evil.example:8080", Origin="http://evil.example:8080")
+    assert (role(rebound), rebound.status) == (None, HTTPStatus.UNAUTHORIZED)
+
+
+def test_behind_a_proxy_with_its_name_a_token_lets_in() -> None:
+    proxy = {"origins": ("https://robot.example/",), "X_Forwarded_Proto": "https"}
+    shown = ask("/?token=drives", host="robot.example", **proxy)  # type: ignore[arg-type]
+    assert "; Secure" in shown.cookie
+    found = ask(Origin="https://robot.example", Cookie=cookie_of(shown), **proxy)  # type: ignore[arg-type]
+    assert role(found) == "operator"
+
+
+@given(cookie=st.text(), path=st.text(), host=st.text())
+def test_rubbish_neither_breaks_nor_opens(cookie: str, path: str, host: str) -> None:
+    gate = AccessControl(PORT, (), always_ask=False, tokens=ACCESS)
+    headers = {"Host": host, "Cookie": cookie}
+    assert gate.decide(AccessRequest(path, LAN, headers)).visitor is None
+
+
+def test_only_loopback_is_loopback() -> None:
+    assert all(map(is_loopback_host, ("127.0.0.1", "localhost", "::1", "127.9.9.9")))
+    assert not any(map(is_loopback_host, ("0.0.0.0", "::", "192.168.1.2", "robot", "")))

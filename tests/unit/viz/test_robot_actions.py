@@ -1,0 +1,240 @@
+"""What one browser asks of a robot, and how it is taken back."""
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from trolley import topics
+from trolley.geometry import Pose2D
+from trolley.messages import GoalStatus, Health, SavedPose, SavedPoses, TourStatus
+from trolley_viz.actions.aiming import GO_TO
+from trolley_viz.actions.robot_actions import what_is_under_way
+from trolley_viz.panels.shortcuts import shortcuts
+from trolley_viz.panels.tiles import MAX_TILES
+from trolley_viz.pointing.pointer import Pointed
+from trolley_viz.session.session import Session
+
+if TYPE_CHECKING:
+    from .conftest import Stage
+
+
+@pytest.fixture
+def session(stage: "Stage") -> Session:
+    stage.browse()
+    return stage.session
+
+
+def undo(stage: "Stage", session: Session) -> None:
+    session.actions.history.undo()
+    stage.runtime.run(0.3)
+
+
+def go(stage: "Stage", session: Session, x: float) -> None:
+    session.aiming._go_to(Pointed(x, 1.0, 0.5))
+    stage.runtime.run(0.3)
+
+
+def test_a_goal_is_taken_back_by_canceling_it(stage: "Stage", session: Session) -> None:
+    go(stage, session, 1.0)
+    assert session.actions.history.last is not None
+    undo(stage, session)
+    goal = session.view.streams.latest(topics.GOAL)
+    assert goal is not None
+    assert (goal.id, goal.state) == (stage.robot.goals[0].id, "canceled")
+
+
+def test_a_goal_in_place_of_another_is_taken_back_to_it(stage: "Stage", session: Session) -> None:
+    go(stage, session, 1.0)
+    go(stage, session, 2.0)
+    undo(stage, session)
+    first, second, again = stage.robot.goals
+    assert again.pose == first.pose
+    assert len({first.id, second.id, again.id}) == 3
+
+
+def test_a_goal_that_is_over_is_not_taken_back(stage: "Stage", session: Session) -> None:
+    go(stage, session, 1.0)
+    stage.robot._say_goal("another", "driving", Pose2D.identity())
+    stage.runtime.run(0.3)
+    assert session.actions.history.last is None
+
+
+def test_a_pose_is_set_back_to_where_the_robot_has_come_to(
+    stage: "Stage", session: Session
+) -> None:
+    session.aiming._set_pose(Pointed(-1.0, -1.0, 0.0))
+    stage.runtime.run(0.3)
+    stage.robot.driven_m = 0.25
+    stage.runtime.run(0.3)
+    undo(stage, session)
+    there, back = stage.robot.poses_set
+    assert (there.pose.x, there.pose.y) == (-1.0, -1.0)
+    assert back.pose.x == pytest.approx(1.75)  # 1.5 before, and 0.25 driven since then
+    assert back.pose.y == pytest.approx(0.0)
+
+
+def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", session: Session) -> None:
+    session.aiming._set_pose(Pointed(-1.0, -1.0, 0.0))
+    stage.runtime.run(0.3)
+    assert session.actions.history.last is not None
+    stage.robot.epoch = 10**18
+    stage.runtime.run(1.0)
+    assert session.actions.history.last is None
+
+
+def test_several_places_are_driven_as_one_tour(stage: "Stage", session: Session) -> None:
+    actions = session.actions
+    actions.goal_queue.collect(is_on=True)
+    session.aiming.point_goal()
+    actions.choose_place("kitchen")
+    session.aiming._go_to(Pointed(1.0, 1.0, 0.5))
+    assert session.aiming.armed == GO_TO  # for the next one
+    stage.runtime.run(0.3)
+    assert stage.robot.goals == []
+    assert len(session.scene._goal_pins._nodes) == 4  # an arrow and a number each
+    actions.start_goal_queue()
+    stage.runtime.run(0.3)
+    (started,) = stage.robot.tours
+    assert started.tour is not None
+    assert [stop.name for stop in started.tour.stops] == ["kitchen", None]
+    assert not actions.goal_queue.is_collecting
+    over = TourStatus(stamp_ns=stage.viz.monotonic_ns, name=None, trip="t1", state="done")
+    stage.robot.publish(topics.TOUR, over)
+    stage.runtime.run(0.3)
+    assert actions.goal_queue.items == ()
+    assert session.scene._goal_pins._nodes == []
+
+
+def test_who_follows_another_robot_leaves_all_behind(stage: "Stage", session: Session) -> None:
+    go(stage, session, 1.0)
+    session.actions.goal_queue.collect(is_on=True)
+    session.actions.choose_place("kitchen")
+    session.aiming.point_goal()
+    session.follow("kart")
+    assert session.actions.history.last is None
+    assert session.actions.goal_queue.items == ()
+    assert session.aiming.armed == ""
+
+
+def test_the_way_is_looked_for_where_the_pointer_came_to_rest(
+    stage: "Stage", session: Session
+) -> None:
+    asked: list[Any] = []
+    session.aiming._service = AccessRequest(session.aiming._service, asked)  # type: ignore[assignment]
+    for x in (1.0, 1.1, 1.2, 1.3):
+        session.aiming._preview_moved(Pointed(x, 0.0, 0.0))
+    stage.runtime.run(1.0)
+    assert [one.pose.x for one in asked] == [1.0, 1.3]
+
+
+class AccessRequest:
+    """Answers what it is asked at once."""
+
+    def __init__(self, service: Any, asked: list[Any]) -> None:
+        self._service, self._asked = service, asked
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._service, name)
+
+    def request(self, request: Any, params: Any, then: Any, **_: Any) -> None:
+        from trolley.codes import Refused
+
+        self._asked.append(params)
+        then(Refused("no_path"))
+
+
+def goal(state: str, goal_id: str = "a") -> GoalStatus:
+    return GoalStatus(stamp_ns=1, id=goal_id, state=state)  # type: ignore[arg-type]
+
+
+def trip(state: str) -> TourStatus:
+    return TourStatus(stamp_ns=1, name="t", trip="t1", state=state)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("now", "tour", "what"),
+    [
+        (None, None, ""),
+        (goal("idle"), trip("done"), ""),
+        (goal("driving"), None, "goal"),
+        (goal("paused"), trip("idle"), "goal"),
+        (goal("driving", "tour-t1-0-0"), trip("driving"), "trip"),
+        (goal("arrived", "tour-t1-0-0"), trip("dwelling"), "trip"),
+        (goal("driving"), trip("paused"), "goal"),
+        (goal("arrived"), trip("paused"), "trip"),
+    ],
+)
+def test_the_buttons_are_for_what_is_under_way(
+    now: GoalStatus | None, tour: TourStatus | None, what: str
+) -> None:
+    assert what_is_under_way(now, tour) == what
+
+
+def test_each_key_does_one_thing(session: Session) -> None:
+    keys = [one.key for one in shortcuts(session)]
+    assert len(keys) == len(set(keys))
+    assert not {"space", "S", "J"} & set(keys)  # Stop and the joystick have them
+
+
+def test_nothing_under_way_is_nothing_to_pause(stage: "Stage") -> None:
+    browser = stage.browse()
+    for action in ("Pause", "Continue", "Cancel"):
+        stage.session.actions.steer(action)
+    assert [title for title, _ in browser.notices] == [
+        "Pause: not done",
+        "Continue: not done",
+        "Cancel: not done",
+    ]
+
+
+def test_a_service_that_falls_silent_is_missed(stage: "Stage", session: Session) -> None:
+    here = session.view.placement.world_T_base
+    assert here is not None
+    stage.robot._say_goal("a", "driving", here)
+    health = Health(stamp_ns=1, state="ok", cpu=0.0, rss=0)
+    stage.robot.publish(topics.HEALTH, health, "planner")
+    stage.runtime.run(1.0)
+    assert "on its way" in stage.console._status._lines.content
+    stage.runtime.run(4.0)
+    assert "the planner is not running" in stage.console._status._lines.content
+
+
+def put_places(stage: "Stage", names: list[str], icon: str = "") -> None:
+    here = Pose2D(0.0, 0.0, 0.0)
+    poses = [SavedPose(name=name, map="room", pose=here, icon=icon) for name in names]
+    stage.robot.publish(topics.POSES, SavedPoses(stamp_ns=1, poses=poses))
+    stage.runtime.run(0.5)
+
+
+def test_there_is_a_button_for_each_place(stage: "Stage", session: Session) -> None:
+    assert stage.console._go is not None
+    tiles = stage.console._go._places
+    assert list(tiles._buttons) == ["kitchen"]
+    kitchen = tiles._buttons["kitchen"]
+    put_places(stage, ["kitchen"], icon="coffee")
+    assert tiles._buttons["kitchen"] is kitchen
+    assert kitchen.icon == "coffee"
+    put_places(stage, ["<b>bed</b>", "Äpfel", "kitchen"], icon="no such icon")
+    assert list(tiles._buttons) == ["<b>bed</b>", "kitchen", "Äpfel"]
+    put_places(stage, [f"place {i:03}" for i in range(MAX_TILES + 7)])
+    assert len(tiles._buttons) == MAX_TILES
+    assert tiles._more is not None
+    assert "and 7 more" in tiles._more.content
+    put_places(stage, [])
+    assert tiles._buttons == {}
+    assert stage.console._go._no_places.visible
+
+
+def test_the_form_shows_what_others_change(stage: "Stage", session: Session) -> None:
+    form = stage.console._places
+    assert form is not None
+    form._place.value = "kitchen"
+    stage.runtime.run(0.3)
+    assert (form._name.value, form._icon.value) == ("kitchen", "pin")
+    put_places(stage, ["kitchen"], icon="tools-kitchen-2")
+    assert form._icon.value == "kitchen"
+    put_places(stage, ["kitchen"], icon="pizza")
+    assert form._icon.value == "pizza"  # not among those that are offered
+    put_places(stage, ["door"])
+    assert form._name.value == ""
+    assert not form._delete.visible
