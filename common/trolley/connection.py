@@ -20,6 +20,7 @@ from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
 from trolley.messages import BaseState, Clock
+from trolley.ports import ROUTER_PORT
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard
@@ -33,7 +34,7 @@ M = TypeVar("M", bound=msgspec.Struct)
 P = TypeVar("P", bound=msgspec.Struct)
 R = TypeVar("R")
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_ENDPOINT = f"tcp/127.0.0.1:{ROUTER_PORT}"
 CONNECT_TIMEOUT_S = 3.0
 ASK_TIMEOUT_S = 2.5
 """Requests are answered within 2 s."""
@@ -326,7 +327,7 @@ class RobotTime:
         return self._time.now(time.monotonic_ns())
 
     def _hear(self, heard: Arrival[Clock]) -> None:
-        self._time.hear(heard.message, round(heard.arrived_s * 1e9))
+        self._time.update(heard.message, round(heard.arrived_s * 1e9))
 
 
 @dataclasses.dataclass(frozen=True)

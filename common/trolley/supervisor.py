@@ -23,7 +23,7 @@ LONGEST_DELAY_S = 10.0
 SETTLED_AFTER_S = 20.0
 """A service that ran for so long is started again without delay."""
 GRACE_S = 5.0
-PERIOD_S = 0.05
+POLL_PERIOD_S = 0.05
 AWAY_S = 2.0
 """A supervisor that did not turn for so long was stopped itself."""
 
@@ -152,7 +152,7 @@ class Supervisor:
 
     def _run(self) -> None:
         turned_s = time.monotonic()
-        while not self._stop.wait(PERIOD_S):
+        while not self._stop.wait(POLL_PERIOD_S):
             now_s = time.monotonic()
             was_away, turned_s = now_s - turned_s > AWAY_S, now_s
             for child in self.children.values():

@@ -23,8 +23,9 @@ from trolley.messages.request_params import Nothing, SendGoal
 from trolley.requests import Request
 from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.security.access import security_of
 from trolley.security.certificates import Role
-from trolley.security.host_keys import HostKeys, security_of
+from trolley.security.host_keys import HostKeys
 from trolley.security.keyring import Keyring
 from trolley.topics import Qos, Topic
 

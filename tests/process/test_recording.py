@@ -128,7 +128,7 @@ def follow_time(connection: Connection, name: str, rate: float) -> None:
             clock: Clock = heard.message
             assert clock.rate == rate
             arrived_ns = round(heard.arrived_s * 1e9)
-            begun += followed.hear(clock, arrived_ns)
+            begun += followed.update(clock, arrived_ns)
             now_ns = followed.now(arrived_ns)
             assert now_ns is not None
             stamps_in_time += abs(now_ns - clock.stamp_ns) < 500_000_000

@@ -47,7 +47,6 @@ from trolley.config.hardware import Board, LidarModel
 from trolley.connection import Connection
 from trolley.runtime.zenoh_bus import open_router
 
-DEFAULT_PORT = 7447
 DEFAULT_VIZ_PORT = 8080
 FOXGLOVE_PORT = 8765
 
@@ -81,7 +80,7 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--port",
     type=click.IntRange(1, 65535),
-    default=DEFAULT_PORT,
+    default=ports.ROUTER_PORT,
     show_default=True,
     help="The router's port.",
 )
@@ -211,7 +210,7 @@ def _run(
                 if headless:
                     return
         if choices.has_places:
-            at = "" if choices.port == DEFAULT_PORT else f" --connect {choices.endpoint}"
+            at = "" if choices.port == ports.ROUTER_PORT else f" --connect {choices.endpoint}"
             click.echo(f"Start the tour in the viewer, or: trolley tour start {TOUR_NAME}{at}")
         click.echo("Ctrl-C ends the demo.")
         wait_for_interrupt()

@@ -14,6 +14,7 @@ from trolley import worlds
 from trolley.config import ConfigError
 from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.messages import Stop, Tour
+from trolley.ports import ROUTER_PORT
 
 WORLD = "apartment.toml"
 NAME = "trolley"
@@ -45,7 +46,7 @@ class Choices:
     """What the command line says about a demo."""
 
     name: str = NAME
-    port: int = 7447
+    port: int = ROUTER_PORT
     viz_port: int | None = None
     """None: no viewer."""
     foxglove_port: int | None = None

@@ -9,6 +9,7 @@ from typing import ParamSpec, TypeVar
 
 import click
 
+from trolley.ports import ROUTER_TLS_PORT
 from trolley.security.certificates import (
     ROLES,
     VALID_DAYS,
@@ -23,7 +24,6 @@ from trolley.security.keyring import Keyring
 P = ParamSpec("P")
 R = TypeVar("R")
 
-PORT = 7448
 RENEW_DAYS = 90
 ROUTER_NAME = "home"
 
@@ -99,7 +99,7 @@ def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, repla
     keys = keyring.issue("router", name, _until(days), reached, replace=replace)
     _say_made(keys)
     click.echo(
-        f"Others reach it at {', '.join(reached)}, port {PORT}. Copy the folder's files to that "
+        f"Others reach it at {', '.join(reached)}, port {ROUTER_TLS_PORT}. Copy the files to that "
         f"host:\n{_copying(keys)}\nThen restart its router; its robot.toml needs no new line."
     )
 
@@ -111,7 +111,7 @@ def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: b
     _say_made(keys)
     click.echo(
         f"Copy the folder's files to that host:\n{_copying(keys)}\n"
-        f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{PORT}"]'
+        f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{ROUTER_TLS_PORT}"]'
     )
     _say_routers(routers)
 

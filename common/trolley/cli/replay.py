@@ -113,10 +113,11 @@ class _Play:
 
     def on(self, connection: Connection, name: str, *, loop: bool) -> int:
         """Play it under a name; the exit code."""
-        from trolley.recording.stage import VIEWERS, Stage
+        from trolley.recording.stage import Stage
+        from trolley.runtime.clash import is_one_per_host
 
         there = {service for robot, service in connection.services(name) if robot == name}
-        if any(not service.startswith(VIEWERS) for service in there):
+        if not all(map(is_one_per_host, there)):
             raise ConfigError(f"there is a robot called {name} already; give another name by --as")
         click.echo(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
         with closing(Stage(connection, name)) as stage:
@@ -231,5 +232,5 @@ class _Clock:
         now_ns = self._pace.now(time.monotonic_ns())
         clock = self._stage.replica.clock(now_ns, self._pace.rate)
         if clock is not None:
-            self._stage.tell_time(clock)
+            self._stage.publish_clock(clock)
         self._progress(now_ns, self._pace.rate)

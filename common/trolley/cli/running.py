@@ -18,19 +18,18 @@ from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
 from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.security.access import Security, security_of
 from trolley.security.host_keys import (
     DEFAULT_FOLDER,
     KeysError,
-    Security,
     find_keys,
     keys_for,
-    security_of,
 )
 from trolley.supervisor import Supervisor
 
 SERVICES = "trolley.services"
 VIEWER = "viz"
-FOR_OTHERS = "tls/0.0.0.0:7448"
+FOR_OTHERS = f"tls/0.0.0.0:{ports.ROUTER_TLS_PORT}"
 """Where a router with keys for it listens for other hosts."""
 MQTT = "mqtt"
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")

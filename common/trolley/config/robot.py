@@ -9,6 +9,7 @@ from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.geometry.pose import Finite
 from trolley.messages.motion import Drive, RobotName
 from trolley.messages.types import Point
+from trolley.ports import ROUTER_PORT
 
 Length = Annotated[float, Meta(ge=0.02, le=5.0)]
 
@@ -101,7 +102,7 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """`[zenoh]`: how services find each other."""
 
     connect: Annotated[list[str], Meta(min_length=1)] = field(
-        default_factory=lambda: ["tcp/127.0.0.1:7447"]
+        default_factory=lambda: [f"tcp/127.0.0.1:{ROUTER_PORT}"]
     )
     """Endpoints of the router that services and tools connect to."""
     uplink: list[str] = []
@@ -125,5 +126,5 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             if protocol not in PROTOCOLS or not (has_port or protocol in WITHOUT_PORT):
                 raise ValueError(
                     f"{endpoint!r} is no endpoint: write protocol/host:port, such as "
-                    f"tcp/127.0.0.1:7447"
+                    f"tcp/127.0.0.1:{ROUTER_PORT}"
                 )

@@ -35,7 +35,6 @@ from trolley.security.host_keys import KEY
 UNIT_STATE = Path("/var/lib/trolley")
 SERVICE_USER = "trolley"
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"
-DEFAULT_PORT = 7447
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,7 +9,7 @@ from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.messages import BaseState, Clock, GoalStatus, Health, PoseEstimate, Robot
 from trolley.messages.motion import PROTOCOL
 from trolley.topics import Kind, Topic
-from trolley.traffic import ONLY_AT_WORK, Expected, Flow, expected
+from trolley.traffic import Expected, Flow, expected
 
 NEEDED = ("base", "localizer", "planner", "tour")
 SLOW, FAST = 0.7, 1.5
@@ -195,7 +195,7 @@ def check_rates(facts: RobotFacts) -> list[Finding]:
     for topic in topics.TOPICS:
         if topic.kind is not Kind.STREAM or topic is topics.HEALTH:
             continue
-        owner = topic.owner.partition(",")[0]
+        owner = topic.first_owner
         names = [name for name in facts.flows if topic.match(_key(facts, name))]
         wanted = _wanted(topic, facts)
         for name in names:
@@ -220,13 +220,11 @@ def _key(facts: RobotFacts, name: str) -> str:
 
 def _is_due(topic: Topic[Any], facts: RobotFacts) -> bool:
     """Whether a topic is to be expected from this robot, in what it does now."""
-    if topic is topics.SIM_TRUTH:
+    if topic.when_simulated:
         return facts.robot is not None and facts.robot.simulated
-    if topic is topics.GOAL:
+    if topic.when_driving and topic.num_parts == 0:
         return facts.goal is not None and facts.goal.state in GOAL_AT_WORK
-    if topic in ONLY_AT_WORK:
-        return False
-    return facts.needs_map or topic.owner.partition(",")[0] != "localizer"
+    return facts.needs_map or topic.first_owner != "localizer"
 
 
 def _must_be_kept(topic: Topic[Any], facts: RobotFacts) -> bool:
@@ -248,9 +246,9 @@ def _wanted(topic: Topic[Any], facts: RobotFacts) -> Expected:
     if wanted.is_each_scan:
         scan = facts.flows.get(topics.SCAN.name)
         return Expected(low=None if scan is None else scan.hz)
-    if topic in (topics.CLOCK, topics.TOUR):  # these count real seconds
+    if topic.real_time:
         return wanted
-    if topic in ONLY_AT_WORK and not _is_due(topic, facts):
+    if topic.when_driving and not _is_due(topic, facts):
         wanted = Expected(high=wanted.high)
     times = facts.rate
     return Expected(

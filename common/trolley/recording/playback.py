@@ -9,6 +9,7 @@ from trolley.messages import Clock
 from trolley.recording.reader import Entry
 from trolley.runtime import codec
 from trolley.runtime.bus import matches
+from trolley.runtime.robot_time import SILENCE_NS
 from trolley.topics import Qos
 
 LONGEST_GAP_NS = 10_000_000_000
@@ -16,8 +17,6 @@ LONGEST_GAP_NS = 10_000_000_000
 PATIENCE_NS = 500_000_000
 LOWER_TO = 0.95
 SLOWEST = 0.001
-SILENCE_NS = 1_000_000_000
-"""A clock that is silent for so long (times its rate) is none."""
 TURN_NS = 1_000_000_000
 """Epochs of different turns differ by less than this."""
 MAX_KEYS = 4000

@@ -44,6 +44,16 @@ def host_name() -> str:
     return re.sub(r"[^A-Za-z0-9_.-]", "-", socket.gethostname())[:32] or "host"
 
 
+def label_of(service: str, *, one_per_host: bool) -> str:
+    """The name in `health` and in the liveliness token: that of the host too where it matters."""
+    return f"{service}-{host_name()}" if one_per_host else service
+
+
+def is_one_per_host(label: str) -> bool:
+    """Whether a label is that of a service which each host may run, such as a viewer."""
+    return "-" in label
+
+
 class Elders:
     """The older processes of this service that are alive now.
 

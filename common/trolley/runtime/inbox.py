@@ -29,6 +29,9 @@ class Inbox:
 
     def __init__(self, monotonic_ns: Callable[[], int]) -> None:
         self.now_ns = monotonic_ns
+        """The local monotonic clock."""
+        self.arrived_ns = 0
+        """When the entry that was popped last had arrived."""
         self._queue: deque[_Entry] = deque()
         self._urgent: deque[_Entry] = deque()
         self._slots: dict[Hashable, _Entry] = {}
@@ -92,6 +95,7 @@ class Inbox:
             self._bytes -= entry.size
             if entry.slot is not None:
                 del self._slots[entry.slot]
+            self.arrived_ns = entry.arrived_ns
             return entry.task, entry.arrived_ns
 
     def wait(self, timeout_s: float) -> None:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
-from trolley.runtime.clash import Elders, Run, host_name
+from trolley.runtime.clash import Elders, Run, label_of
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.node import Node
 from trolley.runtime.parent import end_with_parent
@@ -118,7 +118,7 @@ class ServiceProcess:
 
     def __init__(self, service: Service, config: RobotConfig) -> None:
         self._service = service
-        self._label = f"viz-{host_name()}" if service.name == "viz" else service.name
+        self._label = label_of(service.name, one_per_host=service.one_per_host)
         self._log = Log(service.name)
         self._config = config
         self._robot = config.robot.name
@@ -179,7 +179,7 @@ class ServiceProcess:
             code = EXIT_CRASHED
         return self._end(node, host) or code
 
-    def _loop(self, node: Node, host: "ProcessHost", elders: Elders) -> int:
+    def _loop(self, node: Node, host: ProcessHost, elders: Elders) -> int:
         next_alive_s = 0.0
         while not self._is_told_to_stop:
             node.step()
@@ -192,11 +192,11 @@ class ServiceProcess:
             if period_s is not None and time.monotonic() >= next_alive_s:
                 self._supervision.alive()
                 next_alive_s = time.monotonic() + period_s
-            wait_s = (node.next_due_ns() - node.monotonic_ns) * 1e-9
+            wait_s = (node.next_due_ns() - host.monotonic_ns()) * 1e-9
             node.inbox.wait(min(max(wait_s, 0.0), period_s or LONGEST_WAIT_S))
         return 0
 
-    def _end(self, node: Node, host: "ProcessHost") -> int:
+    def _end(self, node: Node, host: ProcessHost) -> int:
         """Let the service say its last word and finish what it saves; not 0 where it could not."""
         self._supervision.stopping()
         code = 0

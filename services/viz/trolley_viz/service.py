@@ -49,6 +49,7 @@ class VizService(Service):
 
     name = "viz"
     all_robots = True
+    one_per_host = True
 
     _server: LocalServer | None = None
 

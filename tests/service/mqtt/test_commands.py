@@ -193,15 +193,15 @@ def test_a_robot_that_is_away_is_unavailable(bridge: "Bridge") -> None:
 
 def test_a_lost_broker_is_reported_and_found_again(make_bridge: "Callable[..., Bridge]") -> None:
     bridge = make_bridge(is_up=False)
-    assert bridge.lockstep.nodes["mqtt"]._health.state == "degraded"
+    assert bridge.lockstep.nodes["mqtt"].health.state == "degraded"
     assert bridge.broker.published == []
     bridge.broker.connect()
     bridge.run(1.5)
-    assert bridge.lockstep.nodes["mqtt"]._health.state == "ok"
+    assert bridge.lockstep.nodes["mqtt"].health.state == "ok"
     assert bridge.broker.kept["trolley/robby/bridge"] == b"online"
     bridge.broker.lose()
     bridge.run(1.5)
-    assert bridge.lockstep.nodes["mqtt"]._health.message == "The connection was lost."
+    assert bridge.lockstep.nodes["mqtt"].health.message == "The connection was lost."
     bridge.broker.kept.clear()  # a broker that keeps nothing over its restart
     bridge.broker.connect()
     bridge.run(1.5)

@@ -102,7 +102,7 @@ def test_an_idle_robot_says_so_and_stays_where_it_is(housed: "Home") -> None:
     live(housed, 120, 0.05)
     assert housed.planner.sent == []
     assert housed.status.message == "Battery at 5 %: charge the robot."
-    assert housed.lockstep.nodes["tour"]._health.message == "Battery at 5 %: charge the robot."
+    assert housed.lockstep.nodes["tour"].health.message == "Battery at 5 %: charge the robot."
 
 
 def test_a_direct_goal_is_driven_then_the_robot_goes_home(housed: "Home") -> None:
@@ -172,7 +172,7 @@ def test_without_a_home_the_trip_goes_on_and_it_is_said(home: "Home") -> None:
     home.start("corridor", "kitchen")
     live(home, 20, 0.08)
     assert home.status.state == "done"
-    assert "no place “home”" in home.lockstep.nodes["tour"]._health.message
+    assert "no place “home”" in home.lockstep.nodes["tour"].health.message
 
 
 def test_at_home_already_it_stays(housed: "Home") -> None:
