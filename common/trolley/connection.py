@@ -321,7 +321,7 @@ class RobotTime:
             self._hear(first)
 
     def now_ns(self) -> int | None:
-        """Robot time [ns], None where nothing was heard of the robot for a second."""
+        """Robot time [ns], None where nothing was received from the robot for a second."""
         while (heard := self._clocks.next(0.0)) is not None:
             self._hear(heard)
         return self._time.now(time.monotonic_ns())

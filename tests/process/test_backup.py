@@ -33,7 +33,7 @@ def test_a_backup_is_made_while_the_robot_runs_and_put_back_only_when_it_does_no
     poses.write_text("[cellar]\nx = 2.0\n")
     refused = trolley("--config", str(config), "restore", "saved.tar.gz")
     assert refused.returncode != 0
-    assert "these services run on this host: base" in refused.stderr
+    assert "these services are running on this host: base" in refused.stderr
     assert "cellar" in poses.read_text()
     again = trolley("--config", str(config), "backup", "saved.tar.gz")
     assert again.returncode != 0

@@ -177,7 +177,7 @@ def first_reference(recording: Path) -> Pose2D | None:
             rows = archive["reference"] if "reference" in archive.files else None
             return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{recording}: is no recorded drive: {error}") from error
+        raise ConfigError(f"{recording}: is not a recorded drive: {error}") from error
 
 
 def _plain(pose: Pose2D) -> dict[str, float]:

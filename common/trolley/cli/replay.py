@@ -14,7 +14,7 @@ from trolley.cli import exits
 from trolley.cli.options import given, where_options
 from trolley.cli.record import patterns_option, told_to_end
 from trolley.cli.robots import connected, reports_errors
-from trolley.cli.show import Progress, seconds_text
+from trolley.cli.show import Progress, counted, seconds_text
 from trolley.config import ConfigError
 from trolley.connection import Connection
 from trolley.messages.motion import RobotName
@@ -43,10 +43,15 @@ LONGEST_NAME = 32
     "--as",
     "name",
     metavar="NAME",
-    help=f"Its name [default: the recorded one and {SUFFIX}].",
+    help=f"Its name [default: the recorded one plus {SUFFIX}].",
 )
-@click.option("--loop", is_flag=True, help="Again and again, until Ctrl-C.")
-@click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Begin so late [s].")
+@click.option("--loop", is_flag=True, help="Repeat until Ctrl-C.")
+@click.option(
+    "--start",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="How far into the recording to start [s].",
+)
 @click.option(
     "--topics",
     "patterns",
@@ -61,16 +66,16 @@ def replay_command(
 ) -> None:
     """Play FILE, which `trolley record` wrote, as if it were a robot.
 
-    It has the recorded robot's name with -replay, or the one of --as: never that of a robot that is
-    there. The viewer shows it like any other. Commands to the wheels are not played, and nothing
-    can be asked of it.
+    It has the recorded robot's name plus -replay, or the one given by --as; never the name of a
+    robot on the network. The viewer shows it like any other robot. Velocity commands are not
+    played, and it answers no requests.
     """
     try:
         from trolley.recording.reader import BadRecording, RecordingFile
     except ImportError as error:
         raise ConfigError(f"replaying needs the extra trolley[foxglove]: {error}") from error
     if given("robot"):
-        raise click.UsageError("--robot means nothing here: --as NAME says what it is called")
+        raise click.UsageError("--robot has no effect here; --as NAME sets its name")
     try:
         recording = RecordingFile(file)
     except BadRecording as error:
@@ -87,7 +92,7 @@ def _name(given_name: str | None, recorded: str) -> str:
         return msgspec.convert(name, RobotName)
     except msgspec.ValidationError as error:
         raise click.BadParameter(
-            f"{name!r} is no robot's name: 1 to 32 of a-z, 0-9, _ and -"
+            f"{name!r} is not a valid robot name: use 1 to 32 characters of a-z, 0-9, _ and -"
         ) from error
 
 
@@ -118,7 +123,9 @@ class _Play:
 
         there = {service for robot, service in connection.services(name) if robot == name}
         if not all(map(is_one_per_host, there)):
-            raise ConfigError(f"there is a robot called {name} already; give another name by --as")
+            raise ConfigError(
+                f"there is a robot called {name} already; give another name with --as"
+            )
         click.echo(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
         with closing(Stage(connection, name)) as stage:
             has_begun = self._turn(stage)
@@ -132,9 +139,9 @@ class _Play:
             click.secho(text, err=True, fg="red")
             return exits.FAILED
         if not has_begun:
-            click.secho("Nothing was played: --start lies behind the end.", err=True, fg="red")
+            click.secho("Nothing was played: --start is past the end.", err=True, fg="red")
             return exits.FAILED
-        click.echo(f"Played {self._num_messages} messages.")
+        click.echo(f"Played {counted(self._num_messages, 'message')}.")
         return exits.OK
 
     def _is_over(self, stage: "Stage") -> bool:
@@ -189,12 +196,12 @@ class _Play:
 
     def _progress(self, now_ns: int, rate: float) -> None:
         span = self._recording.span_ns
-        text = f"{self._num_messages} messages"
+        text = counted(self._num_messages, "message")
         if span is not None:
             passed_s, whole_s = (now_ns - span[0]) * 1e-9, (span[1] - span[0]) * 1e-9
             text = f"{passed_s:.0f} of {seconds_text(whole_s)}, {text}"
         if rate < self._speed:
-            text += f", at speed {rate:.2g}: this machine does no more"
+            text += f", at speed {rate:.2g}: this computer is no faster"
         self._line.show(text)
 
 

@@ -29,7 +29,7 @@ DRIVEN_S = 0.5
 """`cmd_vel` that is older says nothing about now."""
 
 HELP = """\
-Hold a key to drive {name}; let go and it stands.
+Hold a key to drive {name}; let go and it stops.
   W, Up    forward      A, Left   turn left      Q  forward and left
   S, Down  back         D, Right  turn right     E  forward and right
 {sideways}  Shift  slowly   + -  speed   Space  stand   P  stop   R  resume   X, Esc  leave
@@ -43,22 +43,22 @@ SIDEWAYS = "  J, L     sideways\n"
     type=click.FloatRange(min=0.0, min_open=True),
     default=SPEED_MPS,
     show_default=True,
-    help="In m/s, as far as the robot's own limit allows.",
+    help="Speed in m/s, within the robot's own limit.",
 )
 @click.option(
     "--turn",
     type=click.FloatRange(min=0.0, min_open=True),
     default=TURN_RADPS,
     show_default=True,
-    help="In rad/s, as far as the robot's own limit allows.",
+    help="Turn rate in rad/s, within the robot's own limit.",
 )
 @where_options
 @reports_errors
 def teleop_command(speed: float, turn: float) -> None:
     """Drive by hand, with the keys of this terminal (over SSH too).
 
-    The robot moves only while a key is held, and stands where the connection is lost. What it was
-    doing by itself is paused.
+    The robot moves only while a key is held, and stops if the connection is lost. Whatever it was
+    doing on its own is paused.
     """
     terminal = Terminal()
     with one_robot() as robot, ThreadPoolExecutor(1) as aside:

@@ -144,7 +144,11 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
     ),
     "no pose": (replace(GOOD, pose=None), Level.PROBLEM, "no pose at all"),
     "lost": (replace(GOOD, pose=pose("lost")), Level.PROBLEM, "is lost"),
-    "searching": (replace(GOOD, pose=pose("searching")), Level.WARNING, "searches its place"),
+    "searching": (
+        replace(GOOD, pose=pose("searching")),
+        Level.WARNING,
+        "is working out where it is",
+    ),
     "unsure": (replace(GOOD, pose=pose("unsure")), Level.WARNING, "unsure where it is"),
     "no scan": (without(GOOD, "scan", "pose", "tf/odom"), Level.PROBLEM, "scan does not come"),
     "slow odom": (with_flow("odom", 8.0), Level.WARNING, "odom comes 8.0 times a second, 20"),
