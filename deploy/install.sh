@@ -44,7 +44,7 @@ while (($#)); do
         --name) name=${2:?--name needs a name}; shift ;;
         --root) root=$(realpath -m "${2:?--root needs a folder}"); shift ;;
         -h | --help) usage; exit 0 ;;
-        *) usage >&2; die "What is '$1'?" ;;
+        *) usage >&2; die "Unknown option '$1'." ;;
     esac
     shift
 done

@@ -13,8 +13,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
-from trolley.runtime import parent
-from trolley.runtime.watchdog import Watchdog
+from trolley.runtime.supervision import PARENT_VARIABLE, Watchdog
 
 EXIT_CONFIG = 2
 """A service's exit code for settings that cannot be used: starting it again would not help."""
@@ -121,7 +120,7 @@ class Supervisor:
         }
         self.failure: str | None = None
         """Why one cannot run at all; the main thread then gets a SIGINT."""
-        self._environment = {**os.environ, **environment, parent.VARIABLE: str(os.getpid())}
+        self._environment = {**os.environ, **environment, PARENT_VARIABLE: str(os.getpid())}
         self._report = report
         self._stop = threading.Event()
         self._main_thread = threading.main_thread().ident or 0

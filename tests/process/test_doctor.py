@@ -66,7 +66,7 @@ def test_doctor_finds_what_is_wrong_with_a_robot(
     found = json.loads(done.stdout)["findings"]
     problems = [one["sentence"] for one in found if one["level"] == "problem"]
     assert "planner is not running, or hangs." in problems
-    assert "scan does not come, though base runs." in problems
+    assert "scan is not published, although base is running." in problems
     assert {one["robot"] for one in found} == {None, "one"}
     assert all(one["remedy"] for one in found if one["level"] in ("problem", "warning"))
     everybody = trolley("doctor", "--connect", endpoint, "--json", "--seconds", "1")

@@ -131,7 +131,8 @@ def code_of(connection: Connection, request: Request, params: Any = None) -> str
     try:
         connection.ask("one", request, Nothing() if params is None else params)
     except Refused as refused:
-        says_both = "is not running, or this connection may not ask it" in refused.message
+        absent, present = "not running, or this connection may not ask it.", "look but not command."
+        says_both = refused.message.endswith((absent, present))
         return NOT_ALLOWED if says_both else refused.code
     return "ok"
 

@@ -134,7 +134,7 @@ def cli(ctx: click.Context) -> None:
     """Navigation for small indoor robots.
 
     Commands that talk to a robot take --robot and --connect, then the configuration file, then the
-    single robot on the network.
+    only robot on the network.
     """
     ctx.ensure_object(dict)
     if os.environ.get("NO_COLOR"):  # no-color.org

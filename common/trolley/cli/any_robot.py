@@ -44,8 +44,8 @@ def in_order(offers: Mapping[str, Offer]) -> list[str]:
     ]
     if not able:
         reasons = {name: offer.reason or codes.BUSY for name, offer in offers.items()}
-        told = " ".join(
+        reasons_text = " ".join(
             f"{name}: {SENTENCES.get(code, code)}" for name, code in sorted(reasons.items())
         )
-        raise Refused(codes.BUSY, f"No robot can go there now. {told}", robots=reasons)
+        raise Refused(codes.BUSY, f"No robot can go there now. {reasons_text}", robots=reasons)
     return [name for _, name in sorted(able)]

@@ -45,16 +45,16 @@ def patterns_option(
 
 
 @contextmanager
-def told_to_end() -> Generator[Callable[[], bool]]:
+def until_signalled() -> Generator[Callable[[], bool]]:
     """Whether a signal asked this process to end; nothing is interrupted in its midst."""
-    told: list[int] = []
+    signals: list[int] = []
 
     def note(number: int, _frame: object) -> None:
-        told.append(number)
+        signals.append(number)
 
     before = {number: signal.signal(number, note) for number in ENDING}
     try:
-        yield lambda: bool(told)
+        yield lambda: bool(signals)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -92,10 +92,10 @@ def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | 
         raise ConfigError(f"recording needs the extra trolley[foxglove]: {error}") from error
     listener = Listener(robot.connection, robot.name)
     try:
-        with _open(path, robot.name) as writer, told_to_end() as is_told:
+        with _open(path, robot.name) as writer, until_signalled() as should_end:
             recorder = Recorder(writer, robot.name, patterns)
             try:
-                _follow(listener, recorder, writer, is_told, seconds)
+                _follow(listener, recorder, writer, should_end, seconds)
                 writer.finish()
             except OSError as error:
                 writer.abandon()
@@ -130,15 +130,15 @@ def _follow(
     listener: Listener,
     recorder: "Recorder",
     writer: "RecordingWriter",
-    is_told: Callable[[], bool],
+    should_end: Callable[[], bool],
     seconds: float | None,
 ) -> None:
     """Record until told to end, and what waits by then."""
     progress, started_s = Progress(), time.monotonic()
     flush_at_s, heard_s = started_s + FLUSH_S, started_s
-    clock = listener.await_clock(CLOCK_PATIENCE_S, is_told)
+    clock = listener.await_clock(CLOCK_PATIENCE_S, should_end)
     if clock is not None:
-        recorder.hear_clock(clock.sample, clock.arrived_ns)
+        recorder.update_clock(clock.sample, clock.arrived_ns)
     is_over = False
     while True:
         heard = listener.take(0.0 if is_over else POLL_S)
@@ -158,7 +158,7 @@ def _follow(
                 + ("Ctrl-C ends it" if silent_s < SILENCE_S else _silence(silent_s)),
                 "silent" if silent_s >= SILENCE_S else "",
             )
-        if not is_over and (is_told() or (seconds is not None and now_s - started_s >= seconds)):
+        if not is_over and (should_end() or (seconds is not None and now_s - started_s >= seconds)):
             is_over = True
             listener.close()
     progress.clear()

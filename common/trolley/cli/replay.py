@@ -12,7 +12,7 @@ import msgspec
 
 from trolley.cli import exits
 from trolley.cli.options import given, where_options
-from trolley.cli.record import patterns_option, told_to_end
+from trolley.cli.record import patterns_option, until_signalled
 from trolley.cli.robots import connected, reports_errors
 from trolley.cli.show import Progress, counted, seconds_text
 from trolley.config import ConfigError
@@ -80,8 +80,8 @@ def replay_command(
         recording = RecordingFile(file)
     except BadRecording as error:
         raise ConfigError(str(error)) from error
-    with connected() as connection, told_to_end() as is_told:
-        play = _Play(recording, speed, start, patterns, is_told)
+    with connected() as connection, until_signalled() as should_end:
+        play = _Play(recording, speed, start, patterns, should_end)
         code = play.on(connection, _name(name, recording.robot), loop=loop)
     raise SystemExit(code)
 
@@ -105,13 +105,13 @@ class _Play:
         speed: float,
         start_s: float,
         patterns: Sequence[str],
-        is_told: Callable[[], bool],
+        should_end: Callable[[], bool],
     ) -> None:
         self._recording = recording
         self._speed = speed
         self._start_ns = round(start_s * 1e9)
         self._patterns = patterns
-        self._is_told = is_told
+        self._should_end = should_end
         self._num_messages = 0
         self._turns = 0
         self._line = Progress()
@@ -145,7 +145,7 @@ class _Play:
         return exits.OK
 
     def _is_over(self, stage: "Stage") -> bool:
-        return self._is_told() or stage.usurper is not None
+        return self._should_end() or stage.usurper is not None
 
     def _turn(self, stage: "Stage") -> bool:
         """Play it once; False where there was nothing to play."""
@@ -167,13 +167,13 @@ class _Play:
             while not self._is_over(stage):
                 wait_s = pace.wait_s(entry.at_ns, time.monotonic_ns())
                 stage.serve(min(wait_s, clock.due_s))
-                clock.tell_when_due()
+                clock.publish_when_due()
                 if wait_s <= 0.0:
                     break
             if self._is_over(stage):
                 break
             made = replica.take(entry)
-            clock.tell_new_epoch()
+            clock.publish_new_epoch()
             if made is not None:
                 stage.publish(made)
                 self._num_messages += 1
@@ -216,24 +216,24 @@ class _Clock:
         self._progress = progress
         self._at_s = 0.0
         self._epoch: int | None = None
-        self._tell()
+        self._publish()
 
     @property
     def due_s(self) -> float:
-        """How long until it is to be told again."""
+        """How long until the clock is due again."""
         return max(0.0, self._at_s - time.monotonic())
 
-    def tell_when_due(self) -> None:
+    def publish_when_due(self) -> None:
         """Tell it ten times a second."""
         if self.due_s <= 0.0:
-            self._tell()
+            self._publish()
 
-    def tell_new_epoch(self) -> None:
+    def publish_new_epoch(self) -> None:
         """Tell it at once where base was restarted, before what counts by the new epoch."""
         if self._stage.replica.epoch != self._epoch:
-            self._tell()
+            self._publish()
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         self._at_s = time.monotonic() + CLOCK_S
         self._epoch = self._stage.replica.epoch
         now_ns = self._pace.now(time.monotonic_ns())

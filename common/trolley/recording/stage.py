@@ -1,4 +1,4 @@
-"""Stands on the network in place of the robot that a recording is played as."""
+"""Stands in on the network for the robot that a recording is played as."""
 
 import time
 from collections.abc import Callable
@@ -25,7 +25,7 @@ SERVICE = "replay"
 class Stage:
     """Publishes under a robot's name, shows that it is there, and answers `get`; close it.
 
-    Requests are answered by nobody: a recording obeys nobody.
+    Requests are not answered: a recording obeys nobody.
     """
 
     def __init__(self, connection: Connection, name: str) -> None:
@@ -65,7 +65,7 @@ class Stage:
         self._connection.publish(self.name, topics.CLOCK, clock)
 
     def serve(self, timeout_s: float) -> None:
-        """Answer what is asked, for so long at most."""
+        """Answer queries for at most this long."""
         end_s = time.monotonic() + timeout_s
         while True:
             while (waiting := self._inbox.pop()) is not None:

@@ -1,4 +1,4 @@
-"""The clash rule: of two processes of one service the older stays.
+"""The clash rule: of two processes of one service, the older one stays.
 
 Each shows a liveliness token that names host, process and start, and reads those of the others of
 its name; who has seen an older one ends.

@@ -28,7 +28,7 @@ class Context:
         self.counters[name] = self.counters.get(name, 0) + number
 
     def after(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call once, `seconds` of local time from now."""
+        """Call once, in `seconds` of local time."""
         self.timers.at(self.inbox.now_ns() + int(seconds * 1e9), call)
 
     def ask(

@@ -1,4 +1,4 @@
-"""Where everything that arrives waits for the one thread that calls a service's methods."""
+"""The queue between the bus's threads and the one thread that calls a service's methods."""
 
 import dataclasses
 import threading
@@ -6,11 +6,11 @@ from collections import deque
 from collections.abc import Callable, Hashable
 
 Task = Callable[[int], None]
-"""What to do about an arrival; its argument is the local monotonic time of the arrival [ns]."""
+"""What to do about an arrival; its argument is the local monotonic time at which it came [ns]."""
 
 MAX_WAITING = 4096
 MAX_WAITING_BYTES = 96 << 20
-"""Three of the largest maps: what a flood may hold in memory."""
+"""How many bytes a flood may hold in memory: three of the largest maps."""
 
 
 @dataclasses.dataclass(slots=True)

@@ -76,12 +76,12 @@ class Node:
         self._context.timers.every(HEALTH_PERIOD_S, self._look_after_itself, is_local=True)
 
     def close(self) -> None:
-        """Let the service say its last word and take everything off the bus."""
+        """Let the service stop, and take everything off the bus."""
         self.service.stop()
         self.silence()
 
     def silence(self) -> None:
-        """Take everything off the bus without a word, as when the process dies."""
+        """Take everything off the bus at once, as when the process dies."""
         self._server.close()
         self._receiver.close()
 

@@ -1,4 +1,4 @@
-"""The receiving half of a node: watches fed from the bus, everything validated before it counts."""
+"""What a service receives: watches fed from the bus, with everything validated first."""
 
 import dataclasses
 import unicodedata
@@ -17,12 +17,12 @@ from trolley.topics import Kind, Qos, Topic
 M = TypeVar("M", bound=msgspec.Struct)
 
 GET_TIMEOUT_S = 1.5
-"""A request that is answered after a look at somebody else's values is still answered in time."""
+"""How long a read may take, so that a request that depends on one is still answered in time."""
 
 
 @dataclasses.dataclass(eq=False)
 class Feed:
-    """A watch and how it is fed."""
+    """A watch and where its messages come from."""
 
     watch: Watch[Any]
     robot: str | None
@@ -181,7 +181,7 @@ class Receiver:
         if is_read and _is_newer(watch, where, message, time_ns):
             return
         if not feed.is_wish and not watch.take(message, where, time_ns, size):
-            self._drop(topic, "too_many", sample.key, "too much is known already")
+            self._drop(topic, "too_many", sample.key, "too much is kept already")
             return
         if feed.then is not None:
             self._call(topic, feed.then, message, *where)

@@ -97,16 +97,16 @@ class Service:
         self._wire, self._host = wire, host
 
     def prepare(self) -> None:
-        """Called once before anything is watched or served: what takes long, such as compiling.
+        """Called once before anything is watched or served: for what takes long, such as compiling.
 
-        Until it is done whoever asks hears at once that nobody answers.
+        Until it is done, requests fail at once with `not_ready`.
         """
 
     def start(self) -> None:
         """Called once when all is bound, before any other method: watch topics, read state."""
 
     def stop(self) -> None:
-        """Called once at the end (SIGTERM too): say the last word, save what must be saved."""
+        """Called once at the end, also on SIGTERM: publish and save what must be."""
 
     def epoch_began(self) -> None:
         """Called when `base` began a new run: what was measured before it no longer counts."""
@@ -180,7 +180,7 @@ class Service:
         self._wire.server.publish(topic, message, parts, robot)
 
     def withdraw(self, topic: Topic[Any], *parts: str) -> None:
-        """Answer `get` of a topic no more, until it is published again: another owns it now."""
+        """Stop answering `get` of a topic until it is published again: another owns it now."""
         self._wire.server.withdraw(topic, parts)
 
     def put_wish(
@@ -197,7 +197,7 @@ class Service:
         robot: str | None = None,
         then: Callable[..., None] | None = None,
     ) -> Watch[M]:
-        """Keep what is known of a topic; `parts`, `robot` and what `then` gets are as for `on`."""
+        """Keep what is known of a topic; `parts`, `robot` and `then` are as for `on`."""
         return self._wire.receiver.watch(topic, parts, seconds, robot, then)
 
     def close_watch(self, watch: Watch[Any]) -> None:
@@ -264,7 +264,7 @@ class Service:
         *,
         is_secret: bool = False,
     ) -> None:
-        """Write a state file aside, whole or not at all; `then` hears None, or why it failed.
+        """Write a state file in the background, whole or not at all; `then` gets None or an error.
 
         Without `then` a failure is counted as `state/not_saved` and logged.
         """
@@ -301,5 +301,5 @@ class Service:
         self._wire.context.count(name, number)
 
     def set_health(self, state: Literal["ok", "degraded", "failed"], message: str = "") -> None:
-        """Set what `health` says from now on."""
+        """Set state and message of `health`."""
         self._wire.health.set(state, message)

@@ -18,7 +18,7 @@ from trolley.topics import Topic
 MAX_REQUEST_BYTES = 1 << 20
 ANSWER_WITHIN_S = 1.9
 MAX_WAITING = 256
-"""Requests of one key; what comes on top is refused before anything of it is looked at."""
+"""How many requests of one key may wait; more are refused unread."""
 _TOO_MANY = codec.encode(
     ErrorReply(
         code=codes.NOT_READY, message="Too many such requests are waiting already; ask again later."
@@ -41,7 +41,7 @@ class Server:
         self._newest: dict[str, tuple[Topic[Any], Newest]] = {}
 
     def close(self) -> None:
-        """Take everything back."""
+        """Take everything off the bus."""
         for closer in self._closers:
             closer.close()
         for _, newest in self._newest.values():
@@ -74,7 +74,7 @@ class Server:
             bus.put(key, codec.encode(message, "msgpack"), codec.MIME["msgpack"], topic.qos)
 
     def withdraw(self, topic: Topic[Any], parts: tuple[str, ...]) -> None:
-        """Answer `get` of a key no more, until something is published there again."""
+        """Stop answering `get` of a key until something is published there again."""
         key = topic.key(self._context.robot, *parts)
         self._latest.pop(key, None)
         if key in self._newest:
@@ -214,7 +214,7 @@ class Server:
 
 
 def _nothing_of(topic: Topic[Any], asked: str, parameters: dict[str, str]) -> Refused:
-    """Refuse a `get` of one thing that there is not: by its key, or by its id."""
+    """Refuse a `get` of something that does not exist: by its key, or by its id."""
     name = parameters.get("id", asked.rpartition("/")[2])
     return Refused(codes.UNKNOWN_NAME, f"There is no {name!r} under {topic.chunks[0]}.", name=name)
 

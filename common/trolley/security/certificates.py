@@ -1,7 +1,7 @@
-"""Making and reading the certificates of a family's hosts.
+"""Making and reading the certificates of a household's hosts.
 
 A certificate's common name is `role:name:id`. Routers know a certificate by this name alone, and
-the id is another one each time, so one that was replaced or removed never opens the door again.
+the id is another one each time, so one that was replaced or removed is never accepted again.
 """
 
 import dataclasses
@@ -184,7 +184,7 @@ def as_role(role: str) -> Role:
         KeysError: There is none.
     """
     if role not in ROLES:
-        raise KeysError(f"{role!r} is no role: {', '.join(ROLES)}")
+        raise KeysError(f"{role!r} is not a role: {', '.join(ROLES)}")
     return role
 
 

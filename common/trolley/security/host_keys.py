@@ -9,7 +9,7 @@ AUTHORITY, CERTIFICATE, KEY, ALLOWED = "ca.pem", "cert.pem", "key.pem", "allowed
 
 
 class KeysError(Exception):
-    """Certificates are missing, unusable or there already; the text says what to do."""
+    """Certificates are missing, unusable or already there; the text says what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
