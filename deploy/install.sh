@@ -44,11 +44,11 @@ while (($#)); do
         --name) name=${2:?--name needs a name}; shift ;;
         --root) root=$(realpath -m "${2:?--root needs a folder}"); shift ;;
         -h | --help) usage; exit 0 ;;
-        *) usage >&2; die "What is '$1'?" ;;
+        *) usage >&2; die "Unknown option '$1'." ;;
     esac
     shift
 done
-[[ $name =~ ^[a-z0-9_-]{1,32}$ ]] || die "A robot's name is 1 to 32 of a-z, 0-9, _ and -, not '$name'."
+[[ $name =~ ^[a-z0-9_-]{1,32}$ ]] || die "A robot's name is 1 to 32 characters of a-z, 0-9, _ and -, not '$name'."
 ((purge)) && [[ $action != uninstall ]] && die "--purge goes with --uninstall."
 
 checkout=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -99,7 +99,7 @@ Ubuntu 24.04 bring one: sudo apt install python3 python3-venv"
 
 check_machine() {
     ((dry)) || [[ $(id -u) == 0 ]] || die "This changes the system: run it with sudo."
-    command -v systemctl > /dev/null || die "There is no systemd here, which keeps Trolley's services running."
+    command -v systemctl > /dev/null || die "There is no systemd here; Trolley needs it to keep its services running."
     [[ $action == uninstall ]] && return
     find_python
     [[ $("$python" -c 'import struct; print(8 * struct.calcsize("P"))') == 64 ]] || die \
@@ -158,7 +158,7 @@ make_environment() {
         if ! apt-get -q update ||
             ! apt-get -q install -y --no-install-recommends "$(basename "$python")-venv"
         then
-            die "apt-get could not. Is the network there? Try: sudo apt install python3-venv"
+            die "apt-get failed. Is there a network? Try: sudo apt install python3-venv"
         fi
     fi
     say "Making the environment (about 500 MB; some minutes on a Raspberry Pi) ..."
@@ -174,7 +174,7 @@ Nothing that ran before was changed; run the same command again."
         --constraint "$folder/requirements.lock" -r "$folder/.venv/runtime.txt"
     then
         # uv does not read pip's settings: where only those know the way to the packages.
-        say "uv could not; trying pip, which fetches the developers' tools as well ..."
+        say "uv failed; trying pip, which fetches the developers' tools as well ..."
         "$bin/python" -m pip install --quiet --disable-pip-version-check --no-cache-dir \
             --require-hashes -r "$folder/requirements.lock"
     fi
@@ -335,7 +335,7 @@ switch_and_check() {
     if wait_until_up "$worst"; then
         rm "$opt/upgrading"
         prune_releases "$old"
-        say "Trolley $new runs now. The state before it: $backup"
+        say "Trolley $new is running. The state before it: $backup"
         return
     fi
     warn "Trolley $new did not come up: $missing"
@@ -352,7 +352,7 @@ switch_and_check() {
     bring_up
     rm "$opt/upgrading"
     wait_until_up 1 || die "$old does not come up either: $missing"
-    die "Trolley $old runs again, with the state from before. Nothing is lost."
+    die "Trolley $old is running again, with the state from before. Nothing is lost."
 }
 
 # An upgrade was cut short, by a power cut perhaps.
@@ -402,9 +402,9 @@ install_all() {
 }
 
 finish() {
-    if ((changes == 0)); then say "Nothing was to do: Trolley $release is installed as a $role."; return; fi
+    if ((changes == 0)); then say "Nothing to do: Trolley $release is installed as a $role."; return; fi
     if ((dry)); then say "Nothing was done (--dry-run)."; return; fi
-    ((is_up)) || wait_until_up 1 || die "It is installed, but not all is up: $missing
+    ((is_up)) || wait_until_up 1 || die "It is installed, but not everything is running: $missing
 What they say: journalctl -u 'trolley-*' -n 50"
     memory_note
     say "Trolley $release is installed as a $role."
@@ -447,7 +447,7 @@ uninstall() {
         for one in "$etc" "$state" "$backups" "$rules"; do [[ ! -e $one ]] || run rm -rf "$one"; done
         if id -u trolley > /dev/null 2>&1; then run userdel trolley; fi
     fi
-    if ((changes == 0)); then say "Nothing was to do: Trolley is not installed."
+    if ((changes == 0)); then say "Nothing to do: Trolley is not installed."
     elif ((dry)); then say "Nothing was done (--dry-run)."
     elif ((purge)); then say "Trolley is removed, with its settings and state."
     else say "Trolley is removed. Settings ($etc) and state ($state) are kept."; fi
@@ -460,6 +460,6 @@ if ((!dry)); then
     mkdir -p "$root/run"
     exec 9> "$root/run/trolley-install.lock"
     flock -n 9 || die "Another install.sh is running."
-    trap 'warn "This did not work (line $LINENO). Nothing is half done that running it again would not mend."' ERR
+    trap 'warn "This failed (line $LINENO). Running it again repairs whatever is half done."' ERR
 fi
 if [[ $action == uninstall ]]; then uninstall; else install_all; fi

@@ -1,8 +1,8 @@
 """A robot's state and settings as one file, and back: what `trolley backup` and `restore` do.
 
 The file is a `.tar.gz`: first `trolley-backup.toml` (what it is), then `state/...`, the host's
-state folder, and `config/...`, robot.toml with the files beside it that it names. Nothing of an
-archive is put to use before all of it has been read and found right.
+state folder, and `config/...`, robot.toml with the files beside it that it names. Nothing in an
+archive is used before all of it has been read and checked.
 """
 
 import gzip
@@ -39,11 +39,11 @@ _SIDE_FILES = ("-wal", "-shm", "-journal")
 
 
 class BackupError(Exception):
-    """It cannot be saved or put back; the text says why, and nothing has been changed."""
+    """It cannot be saved or restored; the text says why, and nothing has been changed."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a backup says of itself."""
+    """What a backup says about itself."""
 
     format: int
     made_at: str
@@ -87,7 +87,7 @@ def save(target: Path, state: Path, config: Path | None, manifest: Manifest) -> 
 
 
 def _files_of(state: Path, left_out: list[str]) -> Iterator[Path]:
-    """All files to keep, in order; temporary ones are left out without a word."""
+    """All files to keep, in order; temporary ones are left out silently."""
     for folder, folders, names in os.walk(state):
         folders.sort()
         for name in sorted(names):
@@ -95,7 +95,7 @@ def _files_of(state: Path, left_out: list[str]) -> Iterator[Path]:
             if name.startswith(".") or name.endswith(_SIDE_FILES):
                 continue
             if path.is_symlink() or not path.is_file():
-                left_out.append(f"{path} is no plain file and was left out")
+                left_out.append(f"{path} is not a regular file and was left out")
                 continue
             yield path
 
@@ -181,10 +181,10 @@ def _add(archive: tarfile.TarFile, name: str, content: bytes, mode: int = READAB
 
 
 class Unpacked:
-    """A backup that has been read and found right, in a folder beside the state folder.
+    """A backup that has been read and checked, in a folder beside the state folder.
 
     Raises:
-        BackupError: It is no backup, is damaged, or holds what no backup holds.
+        BackupError: It is not a backup, is damaged, or contains what no backup contains.
     """
 
     def __init__(self, source: Path, state: Path) -> None:
@@ -213,7 +213,7 @@ class Unpacked:
         return path if path.is_file() else None
 
     def put_state(self, state: Path, now: datetime) -> Path | None:
-        """Put its state in place of what is there, and return what that is called now.
+        """Replace the state, and return the new name of the old one.
 
         Raises:
             BackupError: What is there cannot be moved aside.
@@ -265,7 +265,7 @@ class Unpacked:
         return kept
 
     def close(self) -> None:
-        """Remove what was unpacked and not put in place."""
+        """Remove what was unpacked but not used."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
@@ -292,7 +292,7 @@ def _unpack(source: Path, folder: Path) -> Manifest:
     """Write all files of a backup into an empty folder.
 
     Raises:
-        BackupError: At the first thing that is not right.
+        BackupError: At the first thing that is wrong.
     """
     num_bytes, manifest = 0, None
     try:
@@ -313,7 +313,7 @@ def _unpack(source: Path, folder: Path) -> Manifest:
             while stream.read(1 << 20):  # the checksum stands behind all of it
                 pass
     except (tarfile.TarError, EOFError, zlib.error, ValueError) as error:
-        raise BackupError(f"{source} is no backup, or damaged: {error}") from error
+        raise BackupError(f"{source} is not a backup, or is damaged: {error}") from error
     except OSError as error:
         raise BackupError(f"{source} cannot be unpacked: {error}") from error
     if manifest is None:
@@ -338,7 +338,7 @@ def _checked_name(source: Path, entry: tarfile.TarInfo) -> PurePosixPath:
     """Where an entry belongs.
 
     Raises:
-        BackupError: It is something else than a file in a folder that a backup has.
+        BackupError: It is anything but a file in a folder that backups have.
     """
     name = PurePosixPath(entry.name)
     parts = entry.name.split("/")
@@ -350,7 +350,7 @@ def _checked_name(source: Path, entry: tarfile.TarInfo) -> PurePosixPath:
         parts[0] == STATE and (len(parts) < 2 or _STATE_FOLDER.fullmatch(parts[1]) is not None)
     )
     if not is_plain or not is_ours or len(entry.name) > 1024:
-        raise BackupError(f"{source} holds {entry.name[:80]!r}, which no backup holds")
+        raise BackupError(f"{source} holds {entry.name[:80]!r}, which no backup contains")
     return name
 
 

@@ -2,7 +2,7 @@
 
     from trolley import Robot
 
-    with Robot() as robot:                  # the single robot on the network
+    with Robot() as robot:                  # the only robot on the network
         print(robot.pose().pose)
         robot.go_to("kitchen")              # waits; raises Refused where it does not arrive
         robot.go_to((1.0, 2.0, 1.57), wait=False)
@@ -71,7 +71,7 @@ class Robot:
     """One robot; a context manager (or call `close`).
 
     Args:
-        name: Which robot; else the configuration file's, else the single one on the network.
+        name: Which robot; else the configuration file's, else the only one on the network.
         connect: Endpoints of its router, such as "tcp/192.168.1.5:7447"; else the file's.
         config: A `robot.toml`; else `TROLLEY_CONFIG`, else /etc/trolley/robot.toml.
         connect_timeout: How long to wait for the router [s].
@@ -259,7 +259,7 @@ class Robot:
                 if trip is None:
                     trip = status.trip
                 if status.trip is None and trip is not None:
-                    raise Refused(codes.RESTARTED, "The tour service forgot the trip.")
+                    raise Refused(codes.RESTARTED, "The tour service no longer knows the trip.")
                 if status.trip != trip:
                     raise Refused(codes.REPLACED, "Another trip took its place.", trip=status.trip)
                 yield status
@@ -270,7 +270,7 @@ class Robot:
 
     # Driving by hand.
     def now_ns(self) -> int | None:
-        """Robot time [ns], None while nothing is heard of the robot."""
+        """Robot time [ns], None while nothing is received from the robot."""
         if self._time is None:
             self._time = RobotTime(self._connection, self.name)
         return self._time.now_ns()
@@ -282,11 +282,11 @@ class Robot:
         after the last call; the planner's goal is paused then.
 
         Raises:
-            RobotUnreachable: Nothing is heard of the robot, so nothing was sent.
+            RobotUnreachable: Nothing is received from the robot, so nothing was sent.
         """
         stamp_ns = self.now_ns()
         if stamp_ns is None:
-            raise RobotUnreachable(f"NOT CONNECTED: nothing is heard of {self.name}")
+            raise RobotUnreachable(f"NOT CONNECTED: nothing is received from {self.name}")
         self._stamp_ns = max(stamp_ns, self._stamp_ns + 1)  # base drops what is not newer
         command = VelocityCommand(stamp_ns=self._stamp_ns, twist=twist, valid_for=valid_for)
         self._connection.publish(self.name, topics.COMMAND, command, teleop.SOURCE)
@@ -327,12 +327,12 @@ class Robot:
         return self.ask(requests.BASE_RESUME)
 
     def _goal_now(self, goal: str | None) -> GoalStatus:
-        """What became of a goal, also where a newer one is under way."""
+        """The status of a goal, even if a newer one is under way."""
         if goal is None:
             return self._ask_again(topics.GOAL, "planner")
         found = self._connection.get(self.name, topics.GOAL, parameters={"id": goal})
         if not found and self._ask_again(topics.GOAL, "planner").id != goal:
-            raise Refused(codes.RESTARTED, "The planner was restarted, the goal is gone.")
+            raise Refused(codes.RESTARTED, "The planner was restarted and the goal is gone.")
         return found.get(()) or self._ask_again(topics.GOAL, "planner")
 
     def _ask_again(self, topic: Topic[M], service: str) -> M:

@@ -16,10 +16,11 @@ from urllib.parse import quote
 
 import msgspec
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
 from trolley.messages import BaseState, Clock
+from trolley.ports import ROUTER_PORT
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard
@@ -33,7 +34,7 @@ M = TypeVar("M", bound=msgspec.Struct)
 P = TypeVar("P", bound=msgspec.Struct)
 R = TypeVar("R")
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_ENDPOINT = f"tcp/127.0.0.1:{ROUTER_PORT}"
 CONNECT_TIMEOUT_S = 3.0
 ASK_TIMEOUT_S = 2.5
 """Requests are answered within 2 s."""
@@ -51,7 +52,7 @@ class SeveralRobots(Exception):
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = list(names)
-        super().__init__(f"several robots are here, name one of them: {', '.join(names)}")
+        super().__init__(f"several robots are on the network; name one of them: {', '.join(names)}")
 
 
 class Arrival(msgspec.Struct, Generic[M], frozen=True):
@@ -84,7 +85,7 @@ class Subscription(Generic[M]):
         self._closer = bus.subscribe(key, self._take)
 
     def add_latest(self, reply: Reply) -> None:
-        """Take a latest value that was read after subscribing, unless something newer came."""
+        """Add a latest value that was read after subscribing, unless something newer came."""
         with self._condition:
             if not reply.is_error and reply.key not in self._heard:
                 self._store(reply.key, reply.payload, reply.encoding)
@@ -192,18 +193,27 @@ class Connection:
             codec.encode(params, "msgpack"),
             codec.MIME["msgpack"],
         )
-        if not replies and not self.services(robot):
-            raise RobotUnreachable(
-                f"no robot called {robot} is at {', '.join(self.endpoints)} "
-                "(or this connection may not ask it)"
-            )
+        if not replies:
+            alive = self.services(robot)
+            if not alive:
+                raise RobotUnreachable(
+                    f"no robot called {robot} is at {', '.join(self.endpoints)} "
+                    "(or this connection may not ask it)"
+                )
+            if not timed_out and (robot, request.owner) in alive:
+                raise Refused(
+                    codes.NOT_READY,
+                    f"{request.name}: {request.owner} is still starting, or this connection may "
+                    "look but not command.",
+                    service=request.owner,
+                )
         result: Any = outcome(request, replies, timed_out)  # pyright: ignore[reportArgumentType]
         if isinstance(result, Refused):
             raise result
         return result
 
     def stop_all(self, timeout_s: float = ASK_TIMEOUT_S) -> dict[str, BaseState]:
-        """Stop every robot of the network; what each answered, by name."""
+        """Stop every robot on the network; what each answered, by name."""
         key = requests.BASE_STOP.key("*")
         replies, _ = self._gather(f"{key}?format=msgpack", timeout_s)
         return {
@@ -320,13 +330,13 @@ class RobotTime:
             self._hear(first)
 
     def now_ns(self) -> int | None:
-        """Robot time [ns], None where nothing was heard of the robot for a second."""
+        """Robot time [ns], None where nothing was received from the robot for a second."""
         while (heard := self._clocks.next(0.0)) is not None:
             self._hear(heard)
         return self._time.now(time.monotonic_ns())
 
     def _hear(self, heard: Arrival[Clock]) -> None:
-        self._time.hear(heard.message, round(heard.arrived_s * 1e9))
+        self._time.update(heard.message, round(heard.arrived_s * 1e9))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and broken ones that are kept."""
+"""Files that are written whole or not at all; broken ones are set aside."""
 
 import os
 import tempfile
@@ -12,11 +12,11 @@ READABLE_BY_ALL, SECRET = 0o644, 0o600
 
 
 def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) -> None:
-    """Replace a file so that after a crash the old or the new content stands there, never a part.
+    """Replace a file so that after a crash it holds the old or the new content, never a part.
 
     Args:
         path: the file.
-        content: what it shall hold.
+        content: the new content.
         mode: who may read and write it.
 
     Raises:
@@ -60,7 +60,7 @@ def make_folder(path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """See to it that names in a folder survive a power cut, too."""
+    """Make sure that names in a folder survive a power cut, too."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -60,8 +60,8 @@ def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
         compiled.enable_caching()
     except RuntimeError as error:  # numba's "no locator available": nowhere to write
         _log.warning(
-            "compiled kernels cannot be kept, so every start compiles them again (%s); "
-            "name a writable folder in NUMBA_CACHE_DIR",
+            "compiled kernels cannot be cached, so every start compiles them again (%s); set "
+            "NUMBA_CACHE_DIR to a writable folder",
             error,
         )
         return
@@ -116,7 +116,7 @@ class KernelFiles:
             Path(temporary).replace(self._folder / self._name(key))
         except OSError as error:  # a full disk must not stop a robot that could compile
             Path(temporary).unlink(missing_ok=True)
-            _log.warning("compiled kernel %s cannot be kept: %s", self._prefix, error)
+            _log.warning("compiled kernel %s cannot be cached: %s", self._prefix, error)
         if self._function.__closure__:  # made several times over, each with values of its own
             return
         for file in self._folder.glob(f"{self._prefix}.*.nbc"):

@@ -1,10 +1,14 @@
-"""Who listens on a TCP port of this host."""
+"""The routers' TCP ports, and who listens on a port of this host."""
 
 import contextlib
 import errno
 import socket
 from pathlib import Path
 
+ROUTER_PORT = 7447
+"""Where a host's router listens for that host's own programs."""
+ROUTER_TLS_PORT = 7448
+"""Where it listens for other hosts, if it has keys."""
 _LISTENING = "0A"
 
 

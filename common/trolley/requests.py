@@ -1,7 +1,7 @@
 """The one table of requests: key under `@do/`, parameters, reply, who answers, refusals."""
 
 import dataclasses
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import msgspec
 
@@ -16,14 +16,18 @@ R = TypeVar("R")
 
 @dataclasses.dataclass(frozen=True)
 class Request(Generic[P, R]):
-    """A row. `reply` is what msgspec encodes as the answer; `refusals` besides the common codes."""
+    """A row of the table."""
 
     name: str
     params: type[P]
     reply: type[R]
+    """What msgspec encodes as the answer."""
     owner: str
+    """The service that answers."""
     refusals: tuple[str, ...] = ()
-    always: bool = False  # obeyed whatever the payload holds, and for all robots at once
+    """Codes that it may be refused with, besides those that any request may be refused with."""
+    always: bool = False
+    """Whether it is obeyed whatever the payload holds, and for all robots at once."""
 
     def key(self, robot: str) -> str:
         """The full key; "*" as robot is allowed only where the row says `always`."""
@@ -168,41 +172,7 @@ MAP_EDIT = Request(
     ),
 )
 
-REQUESTS: tuple[Request[Any, Any], ...] = (
-    POSE_CAPTURE,
-    POSE_SET,
-    POSE_FIND,
-    GOAL_SEND,
-    GOAL_PREVIEW,
-    GOAL_CANCEL,
-    GOAL_PAUSE,
-    GOAL_RESUME,
-    TOUR_START,
-    TOUR_STOP,
-    TOUR_PAUSE,
-    TOUR_RESUME,
-    TOUR_SKIP,
-    TOUR_HISTORY,
-    TOUR_OFFER,
-    POSES_PUT,
-    POSES_DELETE,
-    TOURS_PUT,
-    TOURS_DELETE,
-    ZONES_PUT,
-    ZONES_DELETE,
-    CHANGES_DISMISS,
-    BASE_STOP,
-    BASE_RESUME,
-    MAP_LIST,
-    MAP_LOAD,
-    LOCALIZER_YIELD,
-    MAP_NEW,
-    MAP_EXTEND,
-    MAP_SAVE,
-    MAP_PAUSE,
-    MAP_EXPLORE,
-    MAP_UNDO,
-    MAP_CANCEL,
-    MAP_EDIT,
+REQUESTS: tuple[Request[Any, Any], ...] = tuple(
+    cast("Request[Any, Any]", row) for row in list(globals().values()) if isinstance(row, Request)
 )
-"""All rows."""
+"""All rows, in the order above."""

@@ -13,8 +13,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
-from trolley.runtime import parent
-from trolley.runtime.watchdog import Watchdog
+from trolley.runtime.supervision import PARENT_VARIABLE, Watchdog
 
 EXIT_CONFIG = 2
 """A service's exit code for settings that cannot be used: starting it again would not help."""
@@ -23,7 +22,7 @@ LONGEST_DELAY_S = 10.0
 SETTLED_AFTER_S = 20.0
 """A service that ran for so long is started again without delay."""
 GRACE_S = 5.0
-PERIOD_S = 0.05
+POLL_PERIOD_S = 0.05
 AWAY_S = 2.0
 """A supervisor that did not turn for so long was stopped itself."""
 
@@ -121,7 +120,7 @@ class Supervisor:
         }
         self.failure: str | None = None
         """Why one cannot run at all; the main thread then gets a SIGINT."""
-        self._environment = {**os.environ, **environment, parent.VARIABLE: str(os.getpid())}
+        self._environment = {**os.environ, **environment, PARENT_VARIABLE: str(os.getpid())}
         self._report = report
         self._stop = threading.Event()
         self._main_thread = threading.main_thread().ident or 0
@@ -152,7 +151,7 @@ class Supervisor:
 
     def _run(self) -> None:
         turned_s = time.monotonic()
-        while not self._stop.wait(PERIOD_S):
+        while not self._stop.wait(POLL_PERIOD_S):
             now_s = time.monotonic()
             was_away, turned_s = now_s - turned_s > AWAY_S, now_s
             for child in self.children.values():

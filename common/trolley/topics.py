@@ -7,7 +7,7 @@ Everything that publishes, subscribes or documents a topic reads its row here; r
 import dataclasses
 import enum
 import unicodedata
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import msgspec
 
@@ -35,19 +35,40 @@ class Kind(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Topic(Generic[M]):
-    """A row: `name` holds a `{placeholder}` for each chunk that varies."""
+    """A row of the table; what is special about a topic is a column of it."""
 
     name: str
+    """Holds a `{placeholder}` for each chunk that varies."""
     message: type[M]
     owner: str
+    """Who publishes it, in words; where several may, the one that usually does comes first."""
     rate: str
+    """How often it comes, in words that `trolley.traffic.expected` reads."""
     qos: Qos = Qos.SENSOR
     kind: Kind = Kind.STREAM
-    binary_get: bool = False  # `get` answers msgpack unless asked for JSON
-    of_epoch: bool = False  # dropped when stamped before the present run of base
+    binary_get: bool = False
+    """Whether `get` answers msgpack unless asked for JSON."""
+    of_epoch: bool = False
+    """Whether it is dropped when stamped before the present run of base."""
+    of_epoch_parts: tuple[tuple[str, ...], ...] = ()
+    """The varying chunks of which this holds where it does not hold for the whole topic."""
+    get_only_parts: tuple[tuple[str, ...], ...] = ()
+    """The varying chunks that nobody publishes: their owner only answers `get` with them."""
+    owned_parts: tuple[tuple[str, ...], ...] = ()
+    """The varying chunks that services publish, where anybody may publish the others."""
+    is_shared: bool = False
+    """Whether several services may publish the same key."""
+    is_drawing: bool = False
+    """Whether it is drawn by programs: kept key by key, without a list, and cleared by wildcard."""
+    real_time: bool = False
+    """Whether its rate counts real seconds even where a simulation runs faster or slower."""
+    when_driving: bool = False
+    """Whether it comes only while the robot drives."""
+    when_simulated: bool = False
+    """Whether only a simulated robot has it."""
     max_bytes: int = 1 << 20
     max_keys: int = 2000
-    """Of how many keys a receiver keeps the newest: what a stranger may make it remember."""
+    """How many keys a receiver keeps the newest message of: what a stranger can make it store."""
     max_kept_bytes: int = 256 << 20
     """How large these may be together, as they came over the wire."""
 
@@ -62,10 +83,19 @@ class Topic(Generic[M]):
         return sum(chunk.startswith("{") for chunk in self.chunks)
 
     @property
-    def has_one_voice(self) -> bool:
-        """Whether one service alone says it, and then nothing for long: it must not be drowned."""
+    def first_owner(self) -> str:
+        """The service that usually publishes it."""
+        return self.owner.partition(",")[0]
+
+    @property
+    def is_exclusive(self) -> bool:
+        """Whether one service publishes each key, seldom: nobody else's message may stand there."""
         is_state = self.qos is Qos.STATE and self.kind is Kind.STREAM
-        return is_state and not self.of_epoch and self.owner != "viz"  # there may be several
+        return is_state and not self.of_epoch and not self.is_shared
+
+    def is_of_epoch(self, parts: tuple[str, ...]) -> bool:
+        """Whether a message of this key counts in one run of base only."""
+        return self.of_epoch or parts in self.of_epoch_parts
 
     def key(self, robot: str, *parts: str) -> str:
         """The full key for these varying chunks ("*" for any); missing ones become "*"."""
@@ -92,7 +122,7 @@ class Topic(Generic[M]):
 _MAP_BYTES = 32 << 20
 
 ROBOT = Topic("robot", m.Robot, "base", "on change", Qos.STATE, max_bytes=2 << 20)
-CLOCK = Topic("clock", m.Clock, "base", "10 Hz", Qos.SENSOR)
+CLOCK = Topic("clock", m.Clock, "base", "10 Hz", Qos.SENSOR, real_time=True)
 SCAN = Topic("scan", m.Scan, "base", "5-50 Hz", Qos.SENSOR, of_epoch=True)
 ODOM = Topic("odom", m.Odometry, "base", "20-50 Hz", Qos.SENSOR, of_epoch=True)
 IMU = Topic("imu", m.Imu, "base", "if any", Qos.SENSOR, of_epoch=True)
@@ -102,9 +132,18 @@ TF = Topic(
     "base, localizer (mapper while it maps), anyone",
     "on change, at most 20 Hz",
     Qos.STATE,
+    of_epoch_parts=(("odom",),),
+    get_only_parts=(("base_link",),),
+    owned_parts=(("odom",), ("laser",), ("base_link",)),
 )
 COMMAND = Topic(
-    "cmd_vel/{source}", m.VelocityCommand, "the source", "10-30 Hz", Qos.COMMAND, of_epoch=True
+    "cmd_vel/{source}",
+    m.VelocityCommand,
+    "the source",
+    "10-30 Hz",
+    Qos.COMMAND,
+    of_epoch=True,
+    when_driving=True,
 )
 CMD_VEL = Topic("cmd_vel", m.VelocityCommand, "base", "10 Hz", Qos.SENSOR, of_epoch=True)
 BASE = Topic("base", m.BaseState, "base", "on change, 1 Hz", Qos.STATE)
@@ -128,7 +167,7 @@ PARTICLES = Topic(
 BEAMS = Topic("beams", m.BeamClasses, "localizer", "at most 10 Hz", Qos.SENSOR)
 SUSPECTS = Topic("suspects", m.Suspects, "localizer", "on change", Qos.STATE)
 MAPPING = Topic("mapping", m.MappingStatus, "mapper", "on change", Qos.STATE)
-GOAL = Topic("goal", m.GoalStatus, "planner", "on change, 5 Hz", Qos.STATE)
+GOAL = Topic("goal", m.GoalStatus, "planner", "on change, 5 Hz", Qos.STATE, when_driving=True)
 PATH = Topic("path", m.Path, "planner", "on change", Qos.STATE, of_epoch=True)
 TRAJECTORY = Topic("trajectory", m.Path, "planner", "at most 10 Hz", Qos.SENSOR, of_epoch=True)
 COSTMAP = Topic(
@@ -155,7 +194,7 @@ POSES = Topic("poses", m.SavedPoses, "tour", "on change", Qos.STATE)
 SAVED_POSE = Topic("poses/{name}", m.SavedPose, "tour", "stored", Qos.STATE, Kind.STORED)
 TOURS = Topic("tours", m.Tours, "tour", "on change", Qos.STATE)
 STORED_TOUR = Topic("tours/{name}", m.Tour, "tour", "stored", Qos.STATE, Kind.STORED)
-TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz", Qos.STATE)
+TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz", Qos.STATE, real_time=True)
 MARKER = Topic(
     "markers/{ns}/{id}",
     m.Marker,
@@ -163,6 +202,7 @@ MARKER = Topic(
     "on change",
     Qos.STATE,
     Kind.STORED,
+    is_drawing=True,
     max_keys=5000,
     max_kept_bytes=8 << 20,
 )
@@ -173,52 +213,20 @@ OVERLAY = Topic(
     "on change",
     Qos.STATE,
     Kind.STORED,
+    is_drawing=True,
     max_kept_bytes=8 << 20,
 )
-CHOICE = Topic("choices/{id}", m.Choice, "viz", "on change", Qos.STATE)
-SIM_TRUTH = Topic("sim/truth", m.Truth, "base, simulated", "20 Hz", Qos.SENSOR)
-HEALTH = Topic("health/{service}", m.Health, "each service", "1 Hz", Qos.STATE)
+CHOICE = Topic("choices/{id}", m.Choice, "viz", "on change", Qos.STATE, is_shared=True)
+SIM_TRUTH = Topic("sim/truth", m.Truth, "base, simulated", "20 Hz", Qos.SENSOR, when_simulated=True)
+HEALTH = Topic("health/{service}", m.Health, "each service", "1 Hz", Qos.STATE, real_time=True)
 ALIVE = Topic(
     "alive/{service}/{run}", m.Alive, "each service", "while it runs", Qos.STATE, Kind.TOKEN
 )
 
-TOPICS: tuple[Topic[Any], ...] = (
-    ROBOT,
-    CLOCK,
-    SCAN,
-    ODOM,
-    IMU,
-    TF,
-    COMMAND,
-    CMD_VEL,
-    BASE,
-    MAP,
-    ZONES,
-    CHANGES,
-    ZONE,
-    POSE,
-    PARTICLES,
-    BEAMS,
-    SUSPECTS,
-    MAPPING,
-    GOAL,
-    PATH,
-    TRAJECTORY,
-    COSTMAP,
-    COSTMAP_GLOBAL,
-    POSES,
-    SAVED_POSE,
-    TOURS,
-    STORED_TOUR,
-    TOUR,
-    MARKER,
-    OVERLAY,
-    CHOICE,
-    SIM_TRUTH,
-    HEALTH,
-    ALIVE,
+TOPICS: tuple[Topic[Any], ...] = tuple(
+    cast("Topic[Any]", row) for row in list(globals().values()) if isinstance(row, Topic)
 )
-"""All rows."""
+"""All rows, in the order above."""
 
 
 def find(key: str) -> tuple[Topic[Any], str, tuple[str, ...]] | None:

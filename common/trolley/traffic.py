@@ -7,7 +7,6 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from trolley import topics
 from trolley.runtime.bus import Sample
 from trolley.topics import Topic
 
@@ -139,7 +138,3 @@ def expected(topic: Topic[Any]) -> Expected:
     if found := re.fullmatch(rf"{_NUMBER}-{_NUMBER} Hz", words):
         return Expected(low=float(found[1]), high=float(found[2]))
     raise ValueError(f"the rate {words!r} of {topic.name} is not understood")
-
-
-ONLY_AT_WORK = (topics.GOAL, topics.COMMAND)
-"""What comes regularly while the robot drives, and not at all while it stands."""

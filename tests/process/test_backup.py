@@ -33,7 +33,7 @@ def test_a_backup_is_made_while_the_robot_runs_and_put_back_only_when_it_does_no
     poses.write_text("[cellar]\nx = 2.0\n")
     refused = trolley("--config", str(config), "restore", "saved.tar.gz")
     assert refused.returncode != 0
-    assert "these services run on this host: base" in refused.stderr
+    assert "these services are running on this host: base" in refused.stderr
     assert "cellar" in poses.read_text()
     again = trolley("--config", str(config), "backup", "saved.tar.gz")
     assert again.returncode != 0
@@ -62,5 +62,5 @@ def test_what_is_no_backup_is_refused(trolley: Trolley, config: Path, tmp_path: 
     (tmp_path / "cat.tar.gz").write_bytes(b"meow")
     refused = trolley("--config", str(config), "restore", "cat.tar.gz")
     assert refused.returncode != 0
-    assert "is no backup" in refused.stderr or "cannot be unpacked" in refused.stderr
+    assert "is not a backup" in refused.stderr or "cannot be unpacked" in refused.stderr
     assert "kitchen" in (tmp_path / "cli-state" / "one" / "poses.toml").read_text()

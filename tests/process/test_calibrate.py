@@ -113,7 +113,7 @@ def test_where_there_is_no_room_nothing_is_driven(robot_file: Path) -> None:
     with start(robot_file, "square", "--side", "5.0", "--yes") as process:
         _, problem = process.communicate(timeout=30.0)
     assert process.returncode == 1
-    assert "Something stands in the way" in problem
+    assert "Something is in the way" in problem
 
 
 def test_nothing_is_driven_before_somebody_says_yes(robot_file: Path) -> None:

@@ -115,7 +115,7 @@ def test_up_runs_all_services_of_a_configuration(
                 "all services are alive",
             )
         assert up.terminate(ENDS_WITHIN_S) == 0
-        assert "All services have ended." in up.log
+        assert "All services have stopped." in up.log
     finally:
         up.kill()
 

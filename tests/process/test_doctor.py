@@ -28,7 +28,7 @@ def test_doctor_needs_nothing_that_runs(port: int, trolley: Callable, tmp_path: 
     path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}") + '[base]\ndriver = "hardware"\n')
     done = trolley("doctor", "--config", str(path), "--json")
     problems = findings(done.stdout, "problem")
-    assert "No map is set, so the robot can drive nowhere." in problems
+    assert "No map is set, so the robot cannot drive anywhere." in problems
     assert "[base.lidar.port] is not set." in problems
     # Making the service itself, in a process of its own, finds what the checks do not know.
     assert [one for one in problems if one.startswith("base cannot use robot.toml")]
@@ -66,7 +66,7 @@ def test_doctor_finds_what_is_wrong_with_a_robot(
     found = json.loads(done.stdout)["findings"]
     problems = [one["sentence"] for one in found if one["level"] == "problem"]
     assert "planner is not running, or hangs." in problems
-    assert "scan does not come, though base runs." in problems
+    assert "scan is not published, although base is running." in problems
     assert {one["robot"] for one in found} == {None, "one"}
     assert all(one["remedy"] for one in found if one["level"] in ("problem", "warning"))
     everybody = trolley("doctor", "--connect", endpoint, "--json", "--seconds", "1")
@@ -125,7 +125,7 @@ def test_status_of_all_robots(add_robot: Callable, endpoint: str, trolley: Calla
     done = trolley("status", "--all", "--connect", endpoint)
     assert done.returncode == 1  # most of their services are missing
     lines = done.stdout.splitlines()
-    assert lines[1:3] == ["one    It stands and is ready.", "two    It stands and is ready."]
+    assert lines[1:3] == ["one    Ready.", "two    Ready."]
     plain = json.loads(trolley("status", "--all", "--json", "--connect", endpoint).stdout)
     assert [one["name"] for one in plain] == ["one", "two"]
 
@@ -136,7 +136,7 @@ def test_top_measures_once_without_a_terminal(
     add_robot("one")
     done = trolley("top", "--connect", endpoint)
     assert done.returncode == 0, done.stderr
-    assert "one: It stands and is ready." in done.stdout
+    assert "one: Ready." in done.stdout
     assert "\x1b" not in done.stdout
     assert trolley("top", "--connect", endpoint, "--robot", "three").returncode == 3
 

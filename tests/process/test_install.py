@@ -194,7 +194,7 @@ def test_a_robot_is_installed_and_the_second_run_changes_nothing(host: Host) -> 
     before = host.snapshot()
     built, asked = host.said("built"), host.said("trolley")
     time.sleep(0.01)
-    assert "Nothing was to do" in host.install("robot")
+    assert "Nothing to do" in host.install("robot")
     assert host.snapshot() == before
     assert (host.said("built"), host.said("trolley")) == (built, asked)
 
@@ -205,7 +205,7 @@ def test_other_hosts_enable_only_their_own(host: Host, role: str) -> None:
     assert sorted(path.name for path in host.fake.glob("enabled-*")) == [
         f"enabled-trolley-{role}.target"
     ]
-    assert "Nothing was to do" in host.install(role)
+    assert "Nothing to do" in host.install(role)
     assert "uninstall" in host.install("robot", code=1)
 
 
@@ -259,7 +259,7 @@ def test_where_systemd_does_not_run_it_only_enables(host: Host) -> None:
     assert "at the next boot" in host.install("robot")
     assert (host.fake / "enabled-trolley-robot.target").exists()
     assert not (host.fake / "active").exists()
-    assert "Nothing was to do" in host.install("robot")
+    assert "Nothing to do" in host.install("robot")
 
 
 @pytest.mark.parametrize("step", ["pip install", "trolley.warmup", "compileall"])
@@ -273,7 +273,7 @@ def test_one_that_was_killed_can_be_run_again(host: Host, step: str) -> None:
     process.communicate()
     assert not (host.root / "opt/trolley/current").exists()
     host.install("robot")
-    assert "Nothing was to do" in host.install("robot")
+    assert "Nothing to do" in host.install("robot")
 
 
 def test_packages_that_cannot_be_fetched_leave_what_runs_as_it_is(host: Host) -> None:
@@ -318,7 +318,7 @@ def test_an_upgrade_switches_and_keeps_the_one_before(host: Host) -> None:
         assert Path(said.split("The state before it: ")[1].split("\n")[0]).exists()
     releases = {path.name for path in (host.root / "opt/trolley/releases").iterdir()}
     assert releases == {before, host.current}
-    assert "Nothing was to do" in host.install("--upgrade")
+    assert "Nothing to do" in host.install("--upgrade")
 
 
 @pytest.mark.parametrize(
@@ -332,7 +332,7 @@ def test_an_upgrade_that_does_not_come_up_is_taken_back(host: Host, flaw: str, s
     host.change(flaw)
     told = host.install("--upgrade", code=1)
     assert said in told
-    assert f"Trolley {first} runs again" in told
+    assert f"Trolley {first} is running again" in told
     assert host.current == first
     assert (host.root / "var/lib/trolley/poses.toml").read_text() == "kitchen"
     assert not (host.root / "etc/systemd/system/trolley-new.service").exists()

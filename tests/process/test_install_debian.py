@@ -88,11 +88,11 @@ def test_a_robot_is_installed_upgraded_and_removed(debian: Path) -> None:
     assert list((debian / "opt").rglob("*.nbc"))
     run(debian, "runuser", "-u", "trolley", "--", "trolley", "--version")
     before = stamps(debian)
-    assert "Nothing was to do" in run(debian, "/src/deploy/install.sh", "robot")
+    assert "Nothing to do" in run(debian, "/src/deploy/install.sh", "robot")
     assert stamps(debian) == before
     with (debian / "src/README.md").open("a") as readme:
         readme.write("\n")
-    assert "runs now" in run(debian, "/src/deploy/install.sh", "--upgrade")
+    assert "is running. The state before" in run(debian, "/src/deploy/install.sh", "--upgrade")
     assert len(list((debian / "opt/trolley/releases").iterdir())) == 2
     run(debian, "/src/deploy/install.sh", "--uninstall")
     assert not (debian / "opt/trolley").exists()

@@ -23,8 +23,9 @@ from trolley.messages.request_params import Nothing, SendGoal
 from trolley.requests import Request
 from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.security.access import security_of
 from trolley.security.certificates import Role
-from trolley.security.host_keys import HostKeys, security_of
+from trolley.security.host_keys import HostKeys
 from trolley.security.keyring import Keyring
 from trolley.topics import Qos, Topic
 
@@ -130,7 +131,8 @@ def code_of(connection: Connection, request: Request, params: Any = None) -> str
     try:
         connection.ask("one", request, Nothing() if params is None else params)
     except Refused as refused:
-        says_both = "is not running, or this connection may not ask it" in refused.message
+        absent, present = "not running, or this connection may not ask it.", "look but not command."
+        says_both = refused.message.endswith((absent, present))
         return NOT_ALLOWED if says_both else refused.code
     return "ok"
 

@@ -128,7 +128,7 @@ def follow_time(connection: Connection, name: str, rate: float) -> None:
             clock: Clock = heard.message
             assert clock.rate == rate
             arrived_ns = round(heard.arrived_s * 1e9)
-            begun += followed.hear(clock, arrived_ns)
+            begun += followed.update(clock, arrived_ns)
             now_ns = followed.now(arrived_ns)
             assert now_ns is not None
             stamps_in_time += abs(now_ns - clock.stamp_ns) < 500_000_000
@@ -145,7 +145,7 @@ def test_the_name_of_a_robot_that_is_there_is_refused(
 ) -> None:
     add_robot("other")
     at = ("--connect", endpoint)
-    for name, problem in (("other", "a robot called other"), ("No Name", "no robot's name")):
+    for name, problem in (("other", "a robot called other"), ("No Name", "not a valid robot name")):
         done = trolley("replay", str(recorded), "--as", name, *at)
         assert done.returncode == 2
         assert problem in done.stderr
@@ -180,7 +180,7 @@ def test_a_start_and_a_choice_of_topics(
     assert "pose" not in heard
     done = trolley("replay", str(recorded), "--start", "99", "--connect", endpoint)
     assert done.returncode == 1
-    assert "behind the end" in done.stderr
+    assert "past the end" in done.stderr
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
@@ -214,7 +214,7 @@ def test_what_cannot_be_done_is_said_in_words(
         (("record", str(recorded)), 2, "is there already"),
         (("record", str(tmp_path / "no" / "x.mcap")), 2, "cannot be written"),
         (("record", "x.mcap", "--topics", "scam"), 2, "there is no topic 'scam'"),
-        (("record", "x.mcap", "--robot", "nobody", "--seconds", "1"), 1, "Nothing was heard"),
+        (("record", "x.mcap", "--robot", "nobody", "--seconds", "1"), 1, "Nothing was received"),
         (("replay", str(tmp_path / "x.txt")), 2, "does not exist"),
         (("replay", str(recorded), "--speed", "0"), 2, "--speed"),
         (("replay", str(recorded), "--robot", "two"), 2, "--as"),

@@ -36,7 +36,7 @@ def test_it_never_goes_back_within_an_epoch(
     for what, number, rate in steps:
         if what == "tick":
             robot += int(rate * SECOND / 10)
-            followed.hear(Clock(stamp_ns=robot, rate=rate, epoch=start), local + number)
+            followed.update(Clock(stamp_ns=robot, rate=rate, epoch=start), local + number)
             local += number
         else:
             local += number
@@ -59,7 +59,7 @@ def test_it_is_exact_after_the_quickest_message_of_ten_seconds(
         arrivals.append((sent + delay, UNIX + round(rate * sent), sent))
     arrivals.sort()
     for arrived, stamp, _ in arrivals:
-        followed.hear(Clock(stamp_ns=stamp, rate=rate, epoch=UNIX), arrived)
+        followed.update(Clock(stamp_ns=stamp, rate=rate, epoch=UNIX), arrived)
     end = arrivals[-1][0]
     now = followed.now(end)
     truth = UNIX + round(rate * end)
@@ -72,7 +72,7 @@ def test_it_is_exact_after_the_quickest_message_of_ten_seconds(
 def test_there_is_none_a_second_after_the_last_message(gap: int) -> None:
     followed = FollowedTime()
     assert followed.now(0) is None
-    followed.hear(Clock(stamp_ns=UNIX, rate=1.0, epoch=UNIX), SECOND)
+    followed.update(Clock(stamp_ns=UNIX, rate=1.0, epoch=UNIX), SECOND)
     assert (followed.now(SECOND + gap) is None) == (gap > SECOND)
 
 
@@ -80,20 +80,20 @@ def test_there_is_none_a_second_after_the_last_message(gap: int) -> None:
 def test_a_new_epoch_starts_afresh(jump: int) -> None:
     """An earlier one only after a second of silence: else it is a message that came late."""
     followed = FollowedTime()
-    assert followed.hear(Clock(stamp_ns=UNIX + 5, rate=1.0, epoch=UNIX), SECOND)
-    assert not followed.hear(Clock(stamp_ns=UNIX + 6, rate=1.0, epoch=UNIX), SECOND + 1)
+    assert followed.update(Clock(stamp_ns=UNIX + 5, rate=1.0, epoch=UNIX), SECOND)
+    assert not followed.update(Clock(stamp_ns=UNIX + 6, rate=1.0, epoch=UNIX), SECOND + 1)
     restarted = Clock(stamp_ns=UNIX + jump, rate=1.0, epoch=UNIX + jump)
-    began = followed.hear(restarted, 2 * SECOND)
+    began = followed.update(restarted, 2 * SECOND)
     assert began == (jump > 0)
     assert followed.epoch == (UNIX + jump if began else UNIX)
-    assert followed.hear(restarted, 4 * SECOND) == (jump < 0)
+    assert followed.update(restarted, 4 * SECOND) == (jump < 0)
     assert followed.now(4 * SECOND) == UNIX + jump + (2 * SECOND if jump > 0 else 0)
 
 
 @given(clock=instances_of(Clock), later=st.integers(0, SECOND))
 def test_whatever_clock_is_valid_it_has_a_time(clock: Any, later: int) -> None:
     followed = FollowedTime()
-    followed.hear(clock, 5)
+    followed.update(clock, 5)
     assert followed.now(5 + later) is not None
 
 

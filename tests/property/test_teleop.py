@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley.cli.teleop_keys import KeyDecoder, Told
+from trolley.cli.teleop_keys import KeyDecoder, TerminalReport
 
 PIECES = st.sampled_from(
     [b"w", b"W", b" ", b"\x1b", b"[", b"O", b"A", b"1;2:3", b";", b":", b"u", b"n", b"?31", b"\xc3"]
@@ -26,4 +26,4 @@ def test_how_the_bytes_are_cut_changes_nothing(data: bytes, cuts: list[int]) -> 
 def test_every_key_has_a_name(data: bytes) -> None:
     decoder = KeyDecoder()
     for event in decoder.feed(data) + decoder.flush():
-        assert isinstance(event, Told) or event.name
+        assert isinstance(event, TerminalReport) or event.name

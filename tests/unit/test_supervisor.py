@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from trolley.runtime.watchdog import Watchdog
+from trolley.runtime.supervision import Watchdog
 from trolley.supervisor import Supervisor
 
 OBEDIENT = "import time\nwhile True: time.sleep(1)\n"
@@ -99,7 +99,9 @@ def test_a_child_that_ignores_sigterm_is_killed(
 
 
 def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_path: Path) -> None:
-    polite = "from trolley.runtime.parent import end_with_parent\nend_with_parent()\n" + OBEDIENT
+    polite = (
+        "from trolley.runtime.supervision import end_with_parent\nend_with_parent()\n" + OBEDIENT
+    )
     environment = module("polite", polite)
     program = (
         "import sys, time\nfrom trolley.supervisor import Supervisor\n"
@@ -126,7 +128,7 @@ def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_pat
 
 HANGS = """
 import time
-from trolley.runtime.systemd import Supervision
+from trolley.runtime.supervision import Supervision
 supervision = Supervision()
 supervision.ready()
 for _ in range(5):
@@ -136,7 +138,7 @@ time.sleep(100.0)
 """
 FROZEN = """
 import os, signal, time
-from trolley.runtime.systemd import Supervision
+from trolley.runtime.supervision import Supervision
 supervision = Supervision()
 supervision.ready()
 while True:

@@ -20,32 +20,32 @@ from trolley.cli.options import where_options
 COMMANDS = {
     "demo": (
         "trolley.cli.demo",
-        "A simulated robot drives in an apartment, watched in the browser.",
+        "Watch a simulated robot drive through an apartment, in the browser.",
     ),
     "up": ("trolley.cli.running", "Run all services of a robot in this terminal."),
-    "router": ("trolley.cli.running", "Run the router that services and tools meet at."),
-    "keys": ("trolley.cli.keys", "Make the certificates of the hosts that may talk."),
+    "router": ("trolley.cli.running", "Run the router that services and tools connect to."),
+    "keys": ("trolley.cli.keys", "Make certificates for the hosts that may connect."),
     "run": ("trolley.cli.running", "Run one service in the foreground."),
     "init": ("trolley.cli.init", "Write a commented robot.toml."),
-    "status": ("trolley.cli.status", "How the robot and its services are."),
+    "status": ("trolley.cli.status", "Show how the robot and its services are doing."),
     "top": ("trolley.cli.top", "Watch services and topics live: rates, processor, memory."),
-    "doctor": ("trolley.cli.doctor", "Say what is wrong, and what to do about it."),
-    "pose": ("trolley.cli.pose", "Where the robot is; saved poses."),
+    "doctor": ("trolley.cli.doctor", "Find out what is wrong, and what to do about it."),
+    "pose": ("trolley.cli.pose", "Show where the robot is; manage saved places."),
     "go": ("trolley.cli.go", "Drive to a place."),
     "cancel": ("trolley.cli.go", "Cancel the current goal."),
     "tour": ("trolley.cli.tour", "Drive through several places."),
     "stop": ("trolley.cli.stopping", "Stop the robot until it is resumed."),
     "resume": ("trolley.cli.stopping", "Allow a stopped robot to drive again."),
-    "topic": ("trolley.cli.topic", "See what is published."),
-    "tf": ("trolley.cli.tf", "Where one frame is in another."),
+    "topic": ("trolley.cli.topic", "Show what is published."),
+    "tf": ("trolley.cli.tf", "Show where one frame is in another."),
     "map": ("trolley.cli.maps", "The map."),
-    "zones": ("trolley.cli.maps", "Mirrors, glass, keep-out and speed zones."),
+    "zones": ("trolley.cli.maps", "List mirrors, glass, keep-out and speed zones."),
     "teleop": ("trolley.cli.teleop", "Drive by hand, with the keys of this terminal."),
     "record": ("trolley.cli.record", "Record what a robot publishes into a file."),
     "replay": ("trolley.cli.replay", "Play a recording under another robot's name."),
-    "backup": ("trolley.cli.backup", "Save all that the robot knows in one file."),
-    "restore": ("trolley.cli.backup", "Put back what `trolley backup` saved."),
-    "import": ("trolley.cli.importing", "Take over what another system's files say."),
+    "backup": ("trolley.cli.backup", "Save everything the robot knows in one file."),
+    "restore": ("trolley.cli.backup", "Restore what `trolley backup` saved."),
+    "import": ("trolley.cli.importing", "Import settings from another system."),
     "completion": (
         "trolley.cli.completion",
         "Print the script that completes commands in a shell.",
@@ -134,7 +134,7 @@ def cli(ctx: click.Context) -> None:
     """Navigation for small indoor robots.
 
     Commands that talk to a robot take --robot and --connect, then the configuration file, then the
-    single robot on the network.
+    only robot on the network.
     """
     ctx.ensure_object(dict)
     if os.environ.get("NO_COLOR"):  # no-color.org

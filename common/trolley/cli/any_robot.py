@@ -1,4 +1,4 @@
-"""Which of several robots goes: the one that is free and there first."""
+"""Which of several robots goes: the nearest one that is free."""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -9,7 +9,7 @@ from trolley.connection import Connection, RobotUnreachable
 from trolley.messages import Offer, request_params
 
 MOST_ASKED = 16
-"""So many are asked at the same time."""
+"""How many robots are asked at the same time."""
 
 
 def ask_offers(connection: Connection, goal: request_params.SendGoal) -> dict[str, Offer]:
@@ -44,8 +44,8 @@ def in_order(offers: Mapping[str, Offer]) -> list[str]:
     ]
     if not able:
         reasons = {name: offer.reason or codes.BUSY for name, offer in offers.items()}
-        told = " ".join(
+        reasons_text = " ".join(
             f"{name}: {SENTENCES.get(code, code)}" for name, code in sorted(reasons.items())
         )
-        raise Refused(codes.BUSY, f"No robot can go there now. {told}", robots=reasons)
+        raise Refused(codes.BUSY, f"No robot can go there now. {reasons_text}", robots=reasons)
     return [name for _, name in sorted(able)]

@@ -29,11 +29,11 @@ state_option = click.option(
 @where_options
 @reports_errors
 def backup_command(file: Path | None, state: Path | None) -> None:
-    """Save what the robot knows and robot.toml in FILE (a .tar.gz).
+    """Save what the robot knows, and robot.toml, in FILE (a .tar.gz).
 
-    Saved places, tours, trips, zones, maps, the last pose, the viewer's links. The robot may go on
-    meanwhile. FILE may be a folder; without it the backup goes into this one. On an installed
-    robot use sudo. The certificates of the network are not in it.
+    That is saved places, tours, trips, zones, maps, the last pose and the viewer's links. The robot
+    may keep running. FILE may be a folder; without it the backup goes into the current one. On an
+    installed robot use sudo. Network certificates are not included.
     """
     config = find_config(given("config"))
     root = state or state_root(config)
@@ -60,7 +60,7 @@ def _target(file: Path | None, now: datetime) -> Path:
     if target.is_dir():
         target /= f"trolley-{host_name()}-{now:%Y%m%d-%H%M%S}.tar.gz"
     if target.exists():
-        raise click.UsageError(f"{target} is there already and stays as it is")
+        raise click.UsageError(f"{target} already exists; not overwritten")
     return target
 
 
@@ -72,7 +72,7 @@ def _check_readable(root: Path) -> None:
     """
     hidden = [path for path in (root, *root.rglob("*")) if not os.access(path, os.R_OK)]
     if root.exists() and hidden:
-        raise BackupError(f"{hidden[0]} cannot be read by you: use sudo")
+        raise BackupError(f"{hidden[0]} may not be read by this user: use sudo")
 
 
 @click.command(name="restore")
@@ -82,11 +82,11 @@ def _check_readable(root: Path) -> None:
 @where_options
 @reports_errors
 def restore_command(file: Path, state_only: bool, state: Path | None) -> None:
-    """Put back what `trolley backup` saved in FILE.
+    """Restore what `trolley backup` saved in FILE.
 
-    All of FILE is checked first. What was there is kept beside it under another name. The services
-    must not run, since they would write over it; start them afterwards. On an installed robot use
-    sudo.
+    FILE is checked completely first. The existing state is kept beside the new one under another
+    name. Stop the services first, since they would overwrite what is restored; start them
+    afterwards. On an installed robot use sudo.
     """
     config = find_config(given("config")) or DEFAULT_PATH
     root = (state or state_root(config)).absolute()
@@ -101,9 +101,9 @@ def restore_command(file: Path, state_only: bool, state: Path | None) -> None:
     except BackupError as error:
         raise click.ClickException(str(error)) from error
     made = f"made {unpacked.manifest.made_at} by Trolley {unpacked.manifest.version}"
-    click.echo(f"Put back {file} ({made}).")
+    click.echo(f"Restored {file} ({made}).")
     for path in kept:
-        click.echo(f"What was there before: {path}")
+        click.echo(f"The previous state is kept: {path}")
     click.echo("Now start the services again.")
 
 
@@ -112,7 +112,9 @@ def _put_back(unpacked: Unpacked, root: Path, config: Path | None, now: datetime
     if config is not None and wants_config:
         folder = next(path for path in config.parents if path.exists())
         if not os.access(folder, os.W_OK):
-            raise BackupError(f"{folder} cannot be written by you: use sudo, or --state-only")
+            raise BackupError(
+                f"{folder} may not be written by this user: use sudo, or --state-only"
+            )
     aside = unpacked.put_state(root, now)
     kept = [] if aside is None else [aside]
     if config is not None and wants_config:
@@ -145,6 +147,6 @@ def _refuse_while_running() -> None:
     )
     if here:
         raise click.ClickException(
-            f"these services run on this host: {', '.join(here)}. Stop them first "
-            "(installed: sudo systemctl stop 'trolley-*'), else they write over it"
+            f"these services are running on this host: {', '.join(here)}. Stop them first "
+            "(installed: sudo systemctl stop 'trolley-*'), or they will overwrite what is restored"
         )

@@ -1,4 +1,4 @@
-"""`trolley map changes`: what has come or gone since the map was made."""
+"""`trolley map changes`: what has appeared or disappeared since the map was made."""
 
 import click
 
@@ -16,7 +16,9 @@ ALL = "all"
 
 
 @click.command(name="changes")
-@click.option("--accept", "accepted", metavar="ID", help="Put a change on the map; `all`: each.")
+@click.option(
+    "--accept", "accepted", metavar="ID", help="Apply a change to the map; `all` applies every one."
+)
 @click.option("--dismiss", "dismissed", metavar="ID", help="Do not propose a change again.")
 @click.option("--as", "as_name", metavar="NAME", help="Store the changed map under another name.")
 @where_options
@@ -25,7 +27,7 @@ ALL = "all"
 def map_changes(
     accepted: str | None, dismissed: str | None, as_name: str | None, as_json: bool
 ) -> None:
-    """Say what has come or gone since the map was made, and decide on it.
+    """List what has appeared or disappeared since the map was made, and decide on it.
 
     The localizer watches for it only where `[localizer] propose_changes` is true. What is accepted
     becomes a new version of the map; the old one is kept.
@@ -35,7 +37,7 @@ def map_changes(
     with one_robot() as robot:
         known = robot.latest(topics.CHANGES)
         if known is None:
-            raise Refused(codes.NOT_READY, "The localizer is not running, or makes way for a map.")
+            raise Refused(codes.NOT_READY, "The localizer is not running, or a map is being made.")
         if accepted is not None:
             edited = _accept(robot, known, accepted, as_name)
             click.echo(edited.message)
@@ -43,12 +45,12 @@ def map_changes(
         if dismissed is not None:
             for one in _chosen(known, dismissed):
                 robot.ask(requests.CHANGES_DISMISS, request_params.WhichChange(id=one.id))
-                click.echo(f"{one.id} is not proposed any more.")
+                click.echo(f"{one.id} will not be proposed again.")
             return
     if as_json:
         print_json(known)
     elif not known.changes:
-        click.echo(f"No change of the map {known.map} is proposed.")
+        click.echo(f"No changes to the map {known.map} are proposed.")
     else:
         print_table(("ID", "SURE", "WHAT"), [_row(one) for one in known.changes])
 

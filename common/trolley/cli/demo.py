@@ -47,7 +47,6 @@ from trolley.config.hardware import Board, LidarModel
 from trolley.connection import Connection
 from trolley.runtime.zenoh_bus import open_router
 
-DEFAULT_PORT = 7447
 DEFAULT_VIZ_PORT = 8080
 FOXGLOVE_PORT = 8765
 
@@ -71,8 +70,8 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 @click.command(name="demo")
-@click.option("--headless", is_flag=True, help="Without the viewer.")
-@click.option("--tour", is_flag=True, help="Drive the tour, then end.")
+@click.option("--headless", is_flag=True, help="Do not start the viewer.")
+@click.option("--tour", is_flag=True, help="Drive the tour, then exit.")
 @click.option(
     "--speed", type=click.FloatRange(0.1, 20.0), default=1.0, help="Simulated seconds per second."
 )
@@ -81,7 +80,7 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--port",
     type=click.IntRange(1, 65535),
-    default=DEFAULT_PORT,
+    default=ports.ROUTER_PORT,
     show_default=True,
     help="The router's port.",
 )
@@ -106,7 +105,7 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--map",
     "map_file",
     type=FILE,
-    help="The map of the recorded drive, if not the one that it holds (mcap).",
+    help="The map of the recorded drive, if not the one it contains (mcap).",
 )
 @click.option("--start", callback=pose_option, metavar="X,Y,YAW", help="Where the robot starts.")
 @click.option(
@@ -116,19 +115,19 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     metavar="BOARD,LIDAR",
     help="Emulate these devices on serial ports, and drive them as real ones (linorobot,ld19).",
 )
-@click.option("-v", "--verbose", is_flag=True, help="Show all that the services log.")
+@click.option("-v", "--verbose", is_flag=True, help="Show everything that the services log.")
 @reports_errors
 def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> None:
     """Run all services on a simulated robot in an apartment, until Ctrl-C.
 
-    With --tour it drives corridor, entrance and kitchen, and ends: exit code 0 only when all stops
-    were reached without a collision. With --recording it plays a recorded drive; with --headless it
-    ends with that.
+    With --tour it visits corridor, entrance and kitchen and then ends; the exit code is 0 only if
+    all stops were reached without a collision. With --recording it plays a recorded drive; with
+    --headless it ends when the recording does.
     """
     state: Path | None = options.pop("state")
     viz_port: int | None = options.pop("viz_port")
     if not headless and VIEWER not in installed_services():
-        click.secho("The viewer is not installed; going on without it.", err=True, fg="yellow")
+        click.secho("The viewer is not installed; continuing without it.", err=True, fg="yellow")
         headless = True
     choices = Choices(viz_port=None if headless else _viz_port(viz_port), **options)
     if choices.foxglove_port is not None:
@@ -211,7 +210,7 @@ def _run(
                 if headless:
                     return
         if choices.has_places:
-            at = "" if choices.port == DEFAULT_PORT else f" --connect {choices.endpoint}"
+            at = "" if choices.port == ports.ROUTER_PORT else f" --connect {choices.endpoint}"
             click.echo(f"Start the tour in the viewer, or: trolley tour start {TOUR_NAME}{at}")
         click.echo("Ctrl-C ends the demo.")
         wait_for_interrupt()
@@ -227,7 +226,7 @@ def _show(
         return None
     estimate = wait_for_localized(robot, LOCALIZED_WITHIN_S if tour else None)
     if estimate is None:
-        click.secho("The robot has not found out where it is.", err=True, fg="red")
+        click.secho("The robot could not work out where it is.", err=True, fg="red")
         return exits.FAILED
     click.echo(describe_localized(estimate, started_s))
     return drive_tour(robot) if tour else None

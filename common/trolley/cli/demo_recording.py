@@ -33,7 +33,9 @@ def with_recorded(choices: Choices, folder: Path) -> Choices:
     map_file, start = choices.map_file, choices.start
     if map_file is None:
         if drive.map is None:
-            raise ConfigError(f"{choices.recording} holds no map; name the one driven on by --map")
+            raise ConfigError(
+                f"{choices.recording} contains no map; name the one it was driven on with --map"
+            )
         map_file = _write_map(drive.map, drive.zones, folder)
         # On another map it stood elsewhere.
         start = start or drive.map_T_start

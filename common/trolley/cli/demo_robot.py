@@ -14,6 +14,7 @@ from trolley import worlds
 from trolley.config import ConfigError
 from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.messages import Stop, Tour
+from trolley.ports import ROUTER_PORT
 
 WORLD = "apartment.toml"
 NAME = "trolley"
@@ -45,7 +46,7 @@ class Choices:
     """What the command line says about a demo."""
 
     name: str = NAME
-    port: int = 7447
+    port: int = ROUTER_PORT
     viz_port: int | None = None
     """None: no viewer."""
     foxglove_port: int | None = None
@@ -176,7 +177,7 @@ def first_reference(recording: Path) -> Pose2D | None:
             rows = archive["reference"] if "reference" in archive.files else None
             return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{recording}: is no recorded drive: {error}") from error
+        raise ConfigError(f"{recording}: is not a recorded drive: {error}") from error
 
 
 def _plain(pose: Pose2D) -> dict[str, float]:

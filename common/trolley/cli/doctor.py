@@ -12,7 +12,7 @@ import click
 from trolley.cli import exits
 from trolley.cli.options import given, json_option, where_options
 from trolley.cli.robots import reports_errors
-from trolley.cli.show import Progress, print_json
+from trolley.cli.show import Progress, counted, print_json
 from trolley.config import ConfigError, find_config
 from trolley.connection import DEFAULT_ENDPOINT, Target, find_target
 from trolley.doctor import Finding, Level
@@ -47,10 +47,10 @@ class Row:
 @json_option
 @reports_errors
 def doctor_command(verbose: bool, seconds: float, as_json: bool) -> None:
-    """Look for what is wrong with this computer and the robot, and say what to do.
+    """Look for problems with this computer and the robot, and say what to do.
 
-    Nothing is changed, and it works with nothing running. Exit code 1 where there is a problem;
-    warnings and notes are none.
+    It changes nothing, and works even when nothing is running. The exit code is 1 if there is a
+    problem; warnings and notes do not count.
     """
     progress = Progress()
     progress.show("Looking at this computer ...")
@@ -142,9 +142,10 @@ def _print(found: list[Row], numbers: Counter[Level], *, verbose: bool) -> None:
 
 def _summary(numbers: Counter[Level]) -> str:
     bad = [
-        f"{numbers[level]} {_WORDS[level]}{'s' if numbers[level] > 1 else ''}"
+        counted(numbers[level], _WORDS[level])
         for level in (Level.PROBLEM, Level.WARNING, Level.NOTE)
         if numbers[level]
     ]
-    fine = f"{numbers[Level.OK]} things are fine."
+    number = numbers[Level.OK]
+    fine = f"{counted(number, 'thing')} {'is' if number == 1 else 'are'} fine."
     return f"{', '.join(bad)}; {fine}" if bad else f"Nothing is wrong: {fine}"

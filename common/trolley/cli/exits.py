@@ -9,7 +9,7 @@ INTERRUPTED = 130
 MEANINGS = {
     OK: "done",
     FAILED: "the robot refused or failed; the code and a sentence say why",
-    USAGE: "wrong command or configuration, or several robots are there and none was named",
+    USAGE: "wrong command or configuration, or several robots were found and none was named",
     UNREACHABLE: "no router, no such robot, or the service that answers is not running",
     INTERRUPTED: "interrupted (Ctrl-C)",
 }

@@ -32,9 +32,11 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 @click.command(name="go", cls=NumbersCommand)
 @click.argument("where", nargs=-1, required=True, metavar="NAME | X Y [YAW]")
 @click.option("--deg", is_flag=True, help="YAW is in degrees.")
-@click.option("--speed", type=click.FloatRange(min=0.0, min_open=True), help="At most, in m/s.")
-@click.option("--frame", help="The frame of X and Y (else the planner's own).")
-@click.option("--any", "anyone", is_flag=True, help="Send the robot that is free and there first.")
+@click.option(
+    "--speed", type=click.FloatRange(min=0.0, min_open=True), help="Highest speed, in m/s."
+)
+@click.option("--frame", help="The frame of X and Y [default: the planner's].")
+@click.option("--any", "anyone", is_flag=True, help="Send the nearest free robot.")
 @click.option("--preview", is_flag=True, help="Only say how long it would take.")
 @click.option("--no-wait", is_flag=True, help="Send the goal and return.")
 @click.option("--timeout", type=float, help="Seconds after which to give up and cancel.")
@@ -53,7 +55,7 @@ def go_command(
 ) -> None:
     """Drive to the saved place NAME, or to X Y in metres on the map (YAW in radians, else any).
 
-    Follows until the robot is there; Ctrl-C cancels the goal.
+    Follows the drive until it ends; Ctrl-C cancels the goal.
     """
     fields = {name: value for name, value in options.items() if value is not None}
     goal = goal_to(_place(where, deg=deg), **fields)
@@ -76,7 +78,7 @@ def go_command(
 
 @contextmanager
 def _whoever_is_first(goal: request_params.SendGoal) -> Generator[Robot]:
-    """The robot that is free and would be at the goal first; its name is said on stderr."""
+    """The free robot that would reach the goal first; its name is printed on stderr."""
     if given("robot"):
         raise click.UsageError("--any asks all robots: leave out --robot")
     with connected() as connection:
@@ -141,7 +143,7 @@ def _ending(status: GoalStatus) -> str:
 @json_option
 @reports_errors
 def cancel_command(as_json: bool) -> None:
-    """Cancel the current goal; the robot stops, a trip under way is paused."""
+    """Cancel the current goal; the robot stops, and a trip under way is paused."""
     with one_robot() as robot:
         status = robot.cancel()
     if as_json:

@@ -7,4 +7,4 @@ from trolley.cli import PluggedGroup
 
 @click.group(name="import", cls=PluggedGroup)
 def import_command() -> None:
-    """Take over what another system's files say."""
+    """Import settings from another system."""

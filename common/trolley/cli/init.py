@@ -19,7 +19,7 @@ WIDTH = 96
 @click.option("--name", default="trolley", show_default=True, help="The robot's name.")
 @click.option("--length", default=0.30, show_default=True, help="Its length in metres.")
 @click.option("--width", default=0.24, show_default=True, help="Its width in metres.")
-@click.option("--map", "map_file", help="A map_server YAML file to begin with.")
+@click.option("--map", "map_file", help="The map to start with, a map_server YAML file.")
 @reports_errors
 def init_command(path: Path, name: str, length: float, width: float, map_file: str | None) -> None:
     """Write a robot.toml with every setting explained to PATH (robot.toml if not given).
@@ -27,7 +27,7 @@ def init_command(path: Path, name: str, length: float, width: float, map_file: s
     An existing file is never overwritten.
     """
     if not re.fullmatch(r"[a-z0-9_-]{1,32}", name):
-        raise click.BadParameter("a robot's name is 1 to 32 of a-z, 0-9, _ and -")
+        raise click.BadParameter("a robot's name is 1 to 32 characters of a-z, 0-9, _ and -")
     chosen = {
         "robot.name": to_toml(name),
         "robot.footprint": to_toml({"length_m": length, "width_m": width}),
@@ -38,7 +38,7 @@ def init_command(path: Path, name: str, length: float, width: float, map_file: s
         with path.open("x", encoding="utf-8") as file:
             file.write(render(chosen))
     except FileExistsError as error:
-        raise click.UsageError(f"{path} is there already and stays as it is") from error
+        raise click.UsageError(f"{path} already exists; not overwritten") from error
     except OSError as error:
         raise click.UsageError(f"{path} cannot be written: {error.strerror}") from error
     load_config(path)

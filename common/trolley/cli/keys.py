@@ -9,6 +9,7 @@ from typing import ParamSpec, TypeVar
 
 import click
 
+from trolley.ports import ROUTER_TLS_PORT
 from trolley.security.certificates import (
     ROLES,
     VALID_DAYS,
@@ -23,7 +24,6 @@ from trolley.security.keyring import Keyring
 P = ParamSpec("P")
 R = TypeVar("R")
 
-PORT = 7448
 RENEW_DAYS = 90
 ROUTER_NAME = "home"
 
@@ -47,26 +47,24 @@ def _reports(command: Callable[P, R]) -> Callable[P, R]:
     type=click.Path(file_okay=False, path_type=Path),
     default=Path("~/trolley-keys"),
     show_default=True,
-    help="Where all keys are kept; whoever reads it may do everything.",
+    help="Where all keys are kept; whoever can read it can do anything.",
 )
 @click.pass_context
 def keys_command(context: click.Context, folder: Path) -> None:
-    """Make the certificates of the hosts that may talk to your robots.
+    """Make certificates for the hosts that may talk to your robots.
 
-    One host has one certificate, and one certificate one role. Keep the folder in a safe place.
+    Each host has one certificate, and each certificate one role. Keep the folder in a safe place.
     """
     context.obj = Keyring(folder.expanduser())
 
 
-_replace = click.option(
-    "--replace", is_flag=True, help="Make new keys; the old ones are let in no more."
-)
+_replace = click.option("--replace", is_flag=True, help="Make new keys; the old ones stop working.")
 _days = click.option(
     "--days",
     type=click.IntRange(1, 20 * 365),
     default=VALID_DAYS,
     show_default=True,
-    help="How long it is valid.",
+    help="How long the certificate is valid.",
 )
 
 
@@ -84,23 +82,23 @@ def init(keyring: Keyring) -> None:
 
 @keys_command.command(name="router")
 @click.argument("hosts", nargs=-1, metavar="[HOST]...")
-@click.option("--name", default=ROUTER_NAME, show_default=True, help="What you call it.")
+@click.option("--name", default=ROUTER_NAME, show_default=True, help="The router's name.")
 @_days
 @_replace
 @click.pass_obj
 @_reports
 def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, replace: bool) -> None:
-    """Make the keys of a router that other hosts connect to.
+    """Make keys for a router that other hosts connect to.
 
-    HOST is each name and address by which the others reach it (else this host's own name).
+    HOST is each name and address at which others reach it [default: this host's name].
     """
     own = socket.gethostname()
     reached = hosts or (own, f"{own}.local")
     keys = keyring.issue("router", name, _until(days), reached, replace=replace)
     _say_made(keys)
     click.echo(
-        f"Others reach it at {', '.join(reached)}, port {PORT}. Copy the folder's files to that "
-        f"host:\n{_copying(keys)}\nThen restart its router; its robot.toml needs no new line."
+        f"Others reach it at {', '.join(reached)}, port {ROUTER_TLS_PORT}. Copy the files to that "
+        f"host:\n{_copying(keys)}\nThen restart its router; its robot.toml needs no change."
     )
 
 
@@ -111,7 +109,7 @@ def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: b
     _say_made(keys)
     click.echo(
         f"Copy the folder's files to that host:\n{_copying(keys)}\n"
-        f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{PORT}"]'
+        f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{ROUTER_TLS_PORT}"]'
     )
     _say_routers(routers)
 
@@ -123,7 +121,7 @@ def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: b
 @click.pass_obj
 @_reports
 def robot(keyring: Keyring, name: str, days: int, replace: bool) -> None:
-    """Make the keys of the robot NAME, which is `[robot] name` in its robot.toml."""
+    """Make keys for the robot NAME, which is `[robot] name` in its robot.toml."""
     _issue_client(keyring, "robot", name, days, replace)
 
 
@@ -134,7 +132,7 @@ def robot(keyring: Keyring, name: str, days: int, replace: bool) -> None:
 @click.pass_obj
 @_reports
 def operator(keyring: Keyring, name: str, days: int, replace: bool) -> None:
-    """Make the keys of a host that sees and commands all robots."""
+    """Make keys for a host that may watch and command all robots."""
     _issue_client(keyring, "operator", name, days, replace)
 
 
@@ -145,7 +143,7 @@ def operator(keyring: Keyring, name: str, days: int, replace: bool) -> None:
 @click.pass_obj
 @_reports
 def viewer(keyring: Keyring, name: str, days: int, replace: bool) -> None:
-    """Make the keys of a host that sees all robots, and may stop them."""
+    """Make keys for a host that may watch all robots, and stop them."""
     _issue_client(keyring, "viewer", name, days, replace)
 
 
@@ -155,7 +153,7 @@ def viewer(keyring: Keyring, name: str, days: int, replace: bool) -> None:
 @click.pass_obj
 @_reports
 def remove(keyring: Keyring, role: str, name: str) -> None:
-    """Let a host in no more, such as one that was lost."""
+    """Revoke a host, such as one that was lost."""
     keyring.remove(as_role(role), name)
     click.echo(f"Removed {role} {name}.")
     _say_routers([one for one in keyring.certificates() if one.role == "router"])
@@ -166,9 +164,9 @@ def remove(keyring: Keyring, role: str, name: str) -> None:
 @click.pass_obj
 @_reports
 def list_keys(keyring: Keyring, host_folder: Path | None) -> None:
-    """List all certificates: role, name, how long they are valid.
+    """List all certificates with role, name and last day.
 
-    With HOST_FOLDER (such as /etc/trolley/keys) those that lie on a host.
+    With HOST_FOLDER (such as /etc/trolley/keys) list those on a host.
     """
     if host_folder is not None:
         found = read_certificates(host_folder)
@@ -202,11 +200,11 @@ def _copying(keys: HostKeys) -> str:
 
 def _say_routers(routers: list[Certificate]) -> None:
     if not routers:
-        click.echo("There is no router yet that lets it in: `trolley keys router`.")
+        click.echo("No router accepts it yet: run `trolley keys router`.")
     for one in routers:
         click.echo(
-            f"Copy {one.path.parent / ALLOWED} to the router {one.name} again, into the folder of "
-            "its keys, and restart it: sudo systemctl restart trolley-router"
+            f"Copy {one.path.parent / ALLOWED} to the router {one.name} again, into its keys "
+            "folder, and restart it: sudo systemctl restart trolley-router"
         )
 
 

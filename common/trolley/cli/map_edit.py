@@ -37,21 +37,25 @@ Line = tuple[float, float, float, float]
 @click.argument("name")
 @click.option("--erase", type=LINE, multiple=True, metavar="X Y X Y", help="Erase along a line.")
 @click.option("--wall", type=LINE, multiple=True, metavar="X Y X Y", help="Draw a wall.")
-@click.option("--width", type=float, help="Of brush and walls [m]; default 0.2 and 0.05.")
-@click.option("--merge", "other", metavar="MAP", help="Fill in what is unknown from this map.")
-@click.option("--at", type=(float, float, float), metavar="X Y YAW", help="Where it lies [m, °].")
+@click.option(
+    "--width", type=float, help="Width of the brush and of walls [m]; default 0.2 and 0.05."
+)
+@click.option("--merge", "other", metavar="MAP", help="Fill in unknown areas from this map.")
+@click.option(
+    "--at", type=(float, float, float), metavar="X Y YAW", help="Where that map lies [m, °]."
+)
 @click.option("--turn", type=float, metavar="DEGREES", help="Turn it counter-clockwise.")
 @click.option("--crop", type=LINE, metavar="X Y X Y", help="Keep this rectangle.")
-@click.option("--undo", is_flag=True, help="Go back to the version before.")
-@click.option("--as", "as_name", metavar="NEW", help="Store it as a map of its own.")
-@click.option("--dry-run", is_flag=True, help="Say what would come of it; store nothing.")
+@click.option("--undo", is_flag=True, help="Go back to the previous version.")
+@click.option("--as", "as_name", metavar="NEW", help="Store the result as a map of its own.")
+@click.option("--dry-run", is_flag=True, help="Dry run: say what would happen; store nothing.")
 @where_options
 @json_option
 @reports_errors
 def edit_map(name: str, as_name: str | None, dry_run: bool, as_json: bool, **what: object) -> None:
-    """Change the map NAME and store it as a new version; the one before is kept.
+    """Edit the map NAME and store it as a new version; the previous one is kept.
 
-    In this order: erase, draw walls, merge, turn, crop.
+    Edits are made in this order: erase, draw walls, merge, turn, crop.
     """
     ops = _operations(**what)  # type: ignore[arg-type]
     if not ops:
@@ -62,7 +66,7 @@ def edit_map(name: str, as_name: str | None, dry_run: bool, as_json: bool, **wha
     if as_json:
         print_json(reply)
     else:
-        click.echo(f"Would do: {reply.message}" if dry_run else reply.message)
+        click.echo(f"Dry run, nothing is stored. {reply.message}" if dry_run else reply.message)
 
 
 def ask_to_edit(robot: Robot, params: EditMap) -> MapEdited:

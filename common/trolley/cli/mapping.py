@@ -20,8 +20,8 @@ START_TIMEOUT_S = 900.0
 SAVE_TIMEOUT_S = 60.0
 
 DRIVE = (
-    "Drive it through every room by hand (`trolley teleop`, or the joystick of the viewer), come "
-    "back to where you began, then `trolley map save`."
+    "Drive it through every room by hand (`trolley teleop`, or the viewer's joystick), come back "
+    "to where you started, then run `trolley map save`."
 )
 
 
@@ -32,10 +32,13 @@ def add_commands(group: click.Group) -> None:
         extend_map,
         save_map,
         _control(
-            "pause", requests.MAP_PAUSE, request_params.PauseMap(), "Let the map be as it is."
+            "pause",
+            requests.MAP_PAUSE,
+            request_params.PauseMap(),
+            "Pause mapping; the map stays as it is.",
         ),
         _control(
-            "resume", requests.MAP_PAUSE, request_params.PauseMap(on=False), "Go on with the map."
+            "resume", requests.MAP_PAUSE, request_params.PauseMap(on=False), "Resume mapping."
         ),
         undo_map,
         explore_map,
@@ -47,13 +50,11 @@ def add_commands(group: click.Group) -> None:
 
 
 EXPLORES = (
-    "The robot drives by itself to what it does not know yet, and back. Stay near: mirrors, glass, "
-    "stairs and low things are not seen. `trolley map explore off` or any key of `trolley teleop` "
-    "halts it; `trolley map status` says how far it is; then `trolley map save`."
+    "The robot explores on its own and comes back. Stay near it: it cannot see mirrors, glass, "
+    "stairs or low objects. `trolley map explore off` or any key of `trolley teleop` "
+    "stops it; `trolley map status` shows progress; finish with `trolley map save`."
 )
-explore_option = click.option(
-    "--explore", is_flag=True, help="The robot drives by itself to what it does not know yet."
-)
+explore_option = click.option("--explore", is_flag=True, help="The robot explores on its own.")
 
 
 @click.command(name="new")
@@ -63,7 +64,7 @@ explore_option = click.option(
 @json_option
 @reports_errors
 def new_map(name: str, explore: bool, as_json: bool) -> None:
-    """Begin the map NAME where the robot stands."""
+    """Start the map NAME; its origin is where the robot stands."""
     with one_robot() as robot:
         status = _begin(robot, requests.MAP_NEW, name, explore=explore)
     _show(status, as_json=as_json, text=f"Mapping {name}. {EXPLORES if explore else DRIVE}")
@@ -76,7 +77,7 @@ def new_map(name: str, explore: bool, as_json: bool) -> None:
 @json_option
 @reports_errors
 def extend_map(name: str, explore: bool, as_json: bool) -> None:
-    """Go on with the map NAME, which the robot is on; saving keeps the old one."""
+    """Extend the map NAME, which the robot is using; saving keeps the old version."""
     with one_robot() as robot:
         status = _begin(robot, requests.MAP_EXTEND, name, explore=explore)
     _show(status, as_json=as_json, text=f"Extending {name}. {EXPLORES if explore else DRIVE}")
@@ -88,7 +89,7 @@ def extend_map(name: str, explore: bool, as_json: bool) -> None:
 @json_option
 @reports_errors
 def explore_map(switch: str, as_json: bool) -> None:
-    """Let the robot drive by itself to what the map in the making lacks, or stand (`off`)."""
+    """Let the robot explore what the map still lacks, or stop exploring (`off`)."""
     with one_robot() as robot:
         status = robot.ask(requests.MAP_EXPLORE, request_params.ExploreMap(on=switch == "on"))
     _show(status, as_json=as_json, text=EXPLORES if switch == "on" else status_text(status))
@@ -115,19 +116,19 @@ def save_map(name: str | None, as_json: bool) -> None:
 @json_option
 @reports_errors
 def undo_map(seconds: float, as_json: bool) -> None:
-    """Forget what was mapped last."""
+    """Remove what was mapped last."""
     with one_robot() as robot:
         status = robot.ask(requests.MAP_UNDO, request_params.UndoMap(seconds=seconds))
     _show(status, as_json=as_json, text=status_text(status))
 
 
 @click.command(name="cancel")
-@click.option("--yes", is_flag=True, help="Do not ask whether that is meant.")
+@click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
 @where_options
 @json_option
 @reports_errors
 def cancel_map(yes: bool, as_json: bool) -> None:
-    """Give the map up; the robot uses the one of before again."""
+    """Discard the map; the robot goes back to the previous map."""
     with one_robot() as robot:
         if not yes:
             known = robot.latest(topics.MAPPING)
@@ -142,7 +143,7 @@ def cancel_map(yes: bool, as_json: bool) -> None:
 @json_option
 @reports_errors
 def map_status(as_json: bool) -> None:
-    """Say how far the map in the making is."""
+    """Show mapping progress."""
     with one_robot() as robot:
         status = robot.latest(topics.MAPPING)
     if status is None:
@@ -203,7 +204,7 @@ def _wait(robot: Robot, status: MappingStatus, state: str, timeout_s: float) -> 
         while status.state == state:
             progress.show(f"{state} ...", state)
             if time.monotonic() > until_s:
-                raise Refused(codes.TIMEOUT, f"The mapper is {state} still; {status.message}")
+                raise Refused(codes.TIMEOUT, f"The mapper is still {state}; {status.message}")
             time.sleep(0.2)
             status = robot.latest(topics.MAPPING) or status
     finally:

@@ -26,7 +26,7 @@ LOAD_S, POLL_S = 60.0, 0.5
 
 @click.group(name="map")
 def map_command() -> None:
-    """Say what map the robot uses and which there are; make a new one from a drive."""
+    """Show which map the robot uses and which it has; make a new one by driving."""
 
 
 add_commands(map_command)
@@ -95,14 +95,14 @@ def list_maps(as_json: bool) -> None:
 @json_option
 @reports_errors
 def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) -> None:
-    """Let the robot use the map NAME from now on; without --at it searches its place there."""
+    """Switch the robot to the map NAME; without --at it works out where it is on it."""
     pose = None if at is None else Pose2D(*at)
     with one_robot() as robot:
         info = ask_to_load(robot, request_params.LoadMap(name=name, pose=pose))
     if as_json:
         print_json(info)
     else:
-        click.echo(f"The robot uses the map {info.name}.")
+        click.echo(f"The robot now uses the map {info.name}.")
 
 
 def ask_to_load(robot: Robot, params: request_params.LoadMap) -> MapInfo:
@@ -125,7 +125,7 @@ def ask_to_load(robot: Robot, params: request_params.LoadMap) -> MapInfo:
             grid = robot.latest(topics.MAP)
             if grid is not None and grid.name == params.name:
                 return msgspec.convert(grid, MapInfo, from_attributes=True)
-    raise Refused(codes.TIMEOUT, f"The map {params.name} is not in use yet; `trolley status` says.")
+    raise Refused(codes.TIMEOUT, f"The map {params.name} is not in use yet; see `trolley status`.")
 
 
 @click.command(name="zones")

@@ -20,7 +20,7 @@ def where_options(command: F) -> F:
 
     shared: dict[str, Any] = {"expose_value": False, "callback": keep}
     options = [
-        click.option("--robot", metavar="NAME", help="Which robot.", **shared),
+        click.option("--robot", metavar="NAME", help="The robot's name.", **shared),
         click.option(
             "--connect",
             metavar="ENDPOINT",
@@ -40,7 +40,7 @@ def where_options(command: F) -> F:
     return command
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for a program.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
 def given(name: str) -> Any:

@@ -23,9 +23,9 @@ FIND_TIMEOUT_S = 60.0
 @click.pass_context
 @reports_errors
 def pose_command(ctx: click.Context, as_json: bool) -> None:
-    """Say where the robot is; with a subcommand, set its pose or keep places.
+    """Show where the robot is; with a subcommand, set its pose or manage saved places.
 
-    Refused with a reason where it is lost or the pose is too old.
+    Refused, with a reason, if the robot is lost or its pose is too old.
     """
     if ctx.invoked_subcommand is not None:
         return
@@ -85,7 +85,7 @@ def set_pose(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
 @json_option
 @reports_errors
 def find_pose(as_json: bool) -> None:
-    """Let the robot search the whole map for where it is, and wait for the outcome."""
+    """Let the robot search the whole map for its pose, and wait for the result."""
     with one_robot() as robot:
         asked = robot.ask(requests.POSE_FIND)
         progress, started_s = Progress(), time.monotonic()
@@ -103,12 +103,12 @@ def find_pose(as_json: bool) -> None:
     elif found.pose is not None:
         click.echo(f"{found.state} at {pose_text(found.pose)}")
     if found.state not in ("localized", "unsure"):
-        raise Refused(codes.LOST, found.message or "It was not found on the map.")
+        raise Refused(codes.LOST, found.message or "The robot was not found on the map.")
 
 
 @pose_command.command(name="save")
 @click.argument("name")
-@click.option("--replace", is_flag=True, help="Overwrite a place of that name.")
+@click.option("--replace", is_flag=True, help="Overwrite an existing place of that name.")
 @click.option("--icon", default="", help="Its icon in the viewer.")
 @where_options
 @json_option
@@ -136,7 +136,7 @@ def list_poses(as_json: bool) -> None:
     if as_json:
         print_json(saved.poses)
     elif not saved.poses:
-        click.echo("No place is saved yet: `trolley pose save NAME`.")
+        click.echo("No places are saved yet; save one with `trolley pose save NAME`.")
     else:
         print_table(("NAME", "MAP", "X", "Y", "YAW", "SAVED"), [_row(pose) for pose in saved.poses])
 
@@ -152,7 +152,7 @@ def _row(saved: SavedPose) -> tuple[str, ...]:
 @where_options
 @reports_errors
 def delete_pose(name: str) -> None:
-    """Forget the saved place NAME."""
+    """Delete the saved place NAME."""
     with one_robot() as robot:
         robot.ask(requests.POSES_DELETE, request_params.Named(name=name))
     click.echo(f"deleted {name}")

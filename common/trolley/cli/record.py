@@ -14,7 +14,7 @@ import click
 from trolley.cli import exits
 from trolley.cli.options import where_options
 from trolley.cli.robots import one_robot, reports_errors
-from trolley.cli.show import Progress, seconds_text
+from trolley.cli.show import Progress, counted, seconds_text
 from trolley.client import Robot
 from trolley.config import ConfigError
 from trolley.recording.layout import bad_pattern
@@ -45,16 +45,16 @@ def patterns_option(
 
 
 @contextmanager
-def told_to_end() -> Generator[Callable[[], bool]]:
+def until_signalled() -> Generator[Callable[[], bool]]:
     """Whether a signal asked this process to end; nothing is interrupted in its midst."""
-    told: list[int] = []
+    signals: list[int] = []
 
     def note(number: int, _frame: object) -> None:
-        told.append(number)
+        signals.append(number)
 
     before = {number: signal.signal(number, note) for number in ENDING}
     try:
-        yield lambda: bool(told)
+        yield lambda: bool(signals)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -76,8 +76,8 @@ def record_command(file: Path | None, patterns: list[str], seconds: float | None
     """Record what a robot publishes into FILE, until Ctrl-C.
 
     The file is MCAP: `trolley replay` plays it, and Foxglove opens it. Without FILE it is
-    ROBOT-DATE.mcap in this folder; a file that is there is never overwritten. After a crash or a
-    power cut all but the last one or two seconds is there.
+    ROBOT-DATE.mcap in the current folder; an existing file is never overwritten. After a crash or a
+    power cut only the last one or two seconds are missing.
     """
     with one_robot() as robot:
         path = file or Path(f"{robot.name}-{datetime.now().astimezone():%Y-%m-%d-%H%M%S}.mcap")
@@ -92,10 +92,10 @@ def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | 
         raise ConfigError(f"recording needs the extra trolley[foxglove]: {error}") from error
     listener = Listener(robot.connection, robot.name)
     try:
-        with _open(path, robot.name) as writer, told_to_end() as is_told:
+        with _open(path, robot.name) as writer, until_signalled() as should_end:
             recorder = Recorder(writer, robot.name, patterns)
             try:
-                _follow(listener, recorder, writer, is_told, seconds)
+                _follow(listener, recorder, writer, should_end, seconds)
                 writer.finish()
             except OSError as error:
                 writer.abandon()
@@ -105,12 +105,12 @@ def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | 
         listener.close()
     if not writer.num_messages:
         path.unlink()
-        click.secho(f"Nothing was heard of {robot.name}.", err=True, fg="red")
+        click.secho(f"Nothing was received from {robot.name}.", err=True, fg="red")
         return exits.FAILED
-    click.echo(f"{path}: {writer.num_messages} messages, {writer.size / 1e6:.1f} MB.")
+    click.echo(f"{path}: {counted(writer.num_messages, 'message')}, {writer.size / 1e6:.1f} MB.")
     for reason, number in {**recorder.counts, "lost, the disk is too slow": listener.lost}.items():
         if number:
-            click.secho(f"{number} messages: {reason}", err=True, fg="yellow")
+            click.secho(f"{counted(number, 'message')}: {reason}", err=True, fg="yellow")
     return exits.OK
 
 
@@ -121,7 +121,7 @@ def _open(path: Path, robot: str) -> "RecordingWriter":
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         return RecordingWriter(path, robot, {"recorded_at": now})
     except FileExistsError as error:
-        raise ConfigError(f"{path} is there already; name another file") from error
+        raise ConfigError(f"{path} already exists; name another file") from error
     except OSError as error:
         raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
 
@@ -130,15 +130,15 @@ def _follow(
     listener: Listener,
     recorder: "Recorder",
     writer: "RecordingWriter",
-    is_told: Callable[[], bool],
+    should_end: Callable[[], bool],
     seconds: float | None,
 ) -> None:
     """Record until told to end, and what waits by then."""
     progress, started_s = Progress(), time.monotonic()
     flush_at_s, heard_s = started_s + FLUSH_S, started_s
-    clock = listener.await_clock(CLOCK_PATIENCE_S, is_told)
+    clock = listener.await_clock(CLOCK_PATIENCE_S, should_end)
     if clock is not None:
-        recorder.hear_clock(clock.sample, clock.arrived_ns)
+        recorder.update_clock(clock.sample, clock.arrived_ns)
     is_over = False
     while True:
         heard = listener.take(0.0 if is_over else POLL_S)
@@ -153,26 +153,27 @@ def _follow(
             writer.flush()
             silent_s = now_s - heard_s
             progress.show(
-                f"{seconds_text(now_s - started_s)}, {writer.num_messages} messages, "
+                f"{seconds_text(now_s - started_s)}, {counted(writer.num_messages, 'message')}, "
                 f"{writer.size / 1e6:.1f} MB; "
                 + ("Ctrl-C ends it" if silent_s < SILENCE_S else _silence(silent_s)),
                 "silent" if silent_s >= SILENCE_S else "",
             )
-        if not is_over and (is_told() or (seconds is not None and now_s - started_s >= seconds)):
+        if not is_over and (should_end() or (seconds is not None and now_s - started_s >= seconds)):
             is_over = True
             listener.close()
     progress.clear()
 
 
 def _silence(seconds: float) -> str:
-    return f"nothing was heard of the robot for {seconds_text(seconds)}"
+    return f"nothing was received from the robot for {seconds_text(seconds)}"
 
 
 def _say_why(path: Path, writer: "RecordingWriter", error: OSError) -> None:
     why = "The disk is full" if error.errno == errno.ENOSPC else f"It cannot be written ({error})"
     click.echo(err=True)
     click.secho(
-        f"{why}, so recording has ended. {path} is good up to here: {writer.size / 1e6:.1f} MB.",
+        f"{why}, so recording has stopped. {path} is complete up to here: {writer.size / 1e6:.1f} "
+        "MB.",
         err=True,
         fg="red",
     )

@@ -12,9 +12,9 @@ import msgspec
 
 from trolley.cli import exits
 from trolley.cli.options import given, where_options
-from trolley.cli.record import patterns_option, told_to_end
+from trolley.cli.record import patterns_option, until_signalled
 from trolley.cli.robots import connected, reports_errors
-from trolley.cli.show import Progress, seconds_text
+from trolley.cli.show import Progress, counted, seconds_text
 from trolley.config import ConfigError
 from trolley.connection import Connection
 from trolley.messages.motion import RobotName
@@ -43,10 +43,15 @@ LONGEST_NAME = 32
     "--as",
     "name",
     metavar="NAME",
-    help=f"Its name [default: the recorded one and {SUFFIX}].",
+    help=f"Its name [default: the recorded one plus {SUFFIX}].",
 )
-@click.option("--loop", is_flag=True, help="Again and again, until Ctrl-C.")
-@click.option("--start", type=click.FloatRange(min=0.0), default=0.0, help="Begin so late [s].")
+@click.option("--loop", is_flag=True, help="Repeat until Ctrl-C.")
+@click.option(
+    "--start",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="How far into the recording to start [s].",
+)
 @click.option(
     "--topics",
     "patterns",
@@ -61,22 +66,22 @@ def replay_command(
 ) -> None:
     """Play FILE, which `trolley record` wrote, as if it were a robot.
 
-    It has the recorded robot's name with -replay, or the one of --as: never that of a robot that is
-    there. The viewer shows it like any other. Commands to the wheels are not played, and nothing
-    can be asked of it.
+    It has the recorded robot's name plus -replay, or the one given by --as; never the name of a
+    robot on the network. The viewer shows it like any other robot. Velocity commands are not
+    played, and it answers no requests.
     """
     try:
         from trolley.recording.reader import BadRecording, RecordingFile
     except ImportError as error:
         raise ConfigError(f"replaying needs the extra trolley[foxglove]: {error}") from error
     if given("robot"):
-        raise click.UsageError("--robot means nothing here: --as NAME says what it is called")
+        raise click.UsageError("--robot has no effect here; --as NAME sets its name")
     try:
         recording = RecordingFile(file)
     except BadRecording as error:
         raise ConfigError(str(error)) from error
-    with connected() as connection, told_to_end() as is_told:
-        play = _Play(recording, speed, start, patterns, is_told)
+    with connected() as connection, until_signalled() as should_end:
+        play = _Play(recording, speed, start, patterns, should_end)
         code = play.on(connection, _name(name, recording.robot), loop=loop)
     raise SystemExit(code)
 
@@ -87,7 +92,7 @@ def _name(given_name: str | None, recorded: str) -> str:
         return msgspec.convert(name, RobotName)
     except msgspec.ValidationError as error:
         raise click.BadParameter(
-            f"{name!r} is no robot's name: 1 to 32 of a-z, 0-9, _ and -"
+            f"{name!r} is not a valid robot name: use 1 to 32 characters of a-z, 0-9, _ and -"
         ) from error
 
 
@@ -100,24 +105,27 @@ class _Play:
         speed: float,
         start_s: float,
         patterns: Sequence[str],
-        is_told: Callable[[], bool],
+        should_end: Callable[[], bool],
     ) -> None:
         self._recording = recording
         self._speed = speed
         self._start_ns = round(start_s * 1e9)
         self._patterns = patterns
-        self._is_told = is_told
+        self._should_end = should_end
         self._num_messages = 0
         self._turns = 0
         self._line = Progress()
 
     def on(self, connection: Connection, name: str, *, loop: bool) -> int:
         """Play it under a name; the exit code."""
-        from trolley.recording.stage import VIEWERS, Stage
+        from trolley.recording.stage import Stage
+        from trolley.runtime.clash import is_one_per_host
 
         there = {service for robot, service in connection.services(name) if robot == name}
-        if any(not service.startswith(VIEWERS) for service in there):
-            raise ConfigError(f"there is a robot called {name} already; give another name by --as")
+        if not all(map(is_one_per_host, there)):
+            raise ConfigError(
+                f"there is a robot called {name} already; give another name with --as"
+            )
         click.echo(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
         with closing(Stage(connection, name)) as stage:
             has_begun = self._turn(stage)
@@ -131,13 +139,13 @@ class _Play:
             click.secho(text, err=True, fg="red")
             return exits.FAILED
         if not has_begun:
-            click.secho("Nothing was played: --start lies behind the end.", err=True, fg="red")
+            click.secho("Nothing was played: --start is past the end.", err=True, fg="red")
             return exits.FAILED
-        click.echo(f"Played {self._num_messages} messages.")
+        click.echo(f"Played {counted(self._num_messages, 'message')}.")
         return exits.OK
 
     def _is_over(self, stage: "Stage") -> bool:
-        return self._is_told() or stage.usurper is not None
+        return self._should_end() or stage.usurper is not None
 
     def _turn(self, stage: "Stage") -> bool:
         """Play it once; False where there was nothing to play."""
@@ -159,13 +167,13 @@ class _Play:
             while not self._is_over(stage):
                 wait_s = pace.wait_s(entry.at_ns, time.monotonic_ns())
                 stage.serve(min(wait_s, clock.due_s))
-                clock.tell_when_due()
+                clock.publish_when_due()
                 if wait_s <= 0.0:
                     break
             if self._is_over(stage):
                 break
             made = replica.take(entry)
-            clock.tell_new_epoch()
+            clock.publish_new_epoch()
             if made is not None:
                 stage.publish(made)
                 self._num_messages += 1
@@ -188,12 +196,12 @@ class _Play:
 
     def _progress(self, now_ns: int, rate: float) -> None:
         span = self._recording.span_ns
-        text = f"{self._num_messages} messages"
+        text = counted(self._num_messages, "message")
         if span is not None:
             passed_s, whole_s = (now_ns - span[0]) * 1e-9, (span[1] - span[0]) * 1e-9
             text = f"{passed_s:.0f} of {seconds_text(whole_s)}, {text}"
         if rate < self._speed:
-            text += f", at speed {rate:.2g}: this machine does no more"
+            text += f", at speed {rate:.2g}: this computer is no faster"
         self._line.show(text)
 
 
@@ -208,28 +216,28 @@ class _Clock:
         self._progress = progress
         self._at_s = 0.0
         self._epoch: int | None = None
-        self._tell()
+        self._publish()
 
     @property
     def due_s(self) -> float:
-        """How long until it is to be told again."""
+        """How long until the clock is due again."""
         return max(0.0, self._at_s - time.monotonic())
 
-    def tell_when_due(self) -> None:
+    def publish_when_due(self) -> None:
         """Tell it ten times a second."""
         if self.due_s <= 0.0:
-            self._tell()
+            self._publish()
 
-    def tell_new_epoch(self) -> None:
+    def publish_new_epoch(self) -> None:
         """Tell it at once where base was restarted, before what counts by the new epoch."""
         if self._stage.replica.epoch != self._epoch:
-            self._tell()
+            self._publish()
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         self._at_s = time.monotonic() + CLOCK_S
         self._epoch = self._stage.replica.epoch
         now_ns = self._pace.now(time.monotonic_ns())
         clock = self._stage.replica.clock(now_ns, self._pace.rate)
         if clock is not None:
-            self._stage.tell_time(clock)
+            self._stage.publish_clock(clock)
         self._progress(now_ns, self._pace.rate)

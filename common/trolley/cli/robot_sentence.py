@@ -5,8 +5,8 @@ from trolley.cli.show import seconds_text
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, TourStatus
 
 LOST = {
-    "searching": "It searches its place on the map.",
-    "lost": "It does not know where it is.",
+    "searching": "The robot is working out where it is.",
+    "lost": "The robot does not know where it is.",
 }
 
 
@@ -28,49 +28,48 @@ def robot_sentence(
         is_stale: whether the pose is too old to be true.
     """
     if base is None:
-        return "Nothing is heard of its base."
+        return "No contact with the robot."
     why = (base.message or codes.SENTENCES.get(base.reason, base.reason)).rstrip(".")
     if base.mode != "ok":
-        begin = {"stopped": "It is stopped", "held": "It waits", "fault": "It cannot drive"}
-        return _sentence(begin[base.mode], why)
+        if base.mode == "stopped":
+            return "Stopped. `trolley resume` lets it drive."
+        return _sentence("Waiting" if base.mode == "held" else "It cannot drive", why)
     if pose is not None and is_stale:
-        return "Its pose is out of date."
+        return "The pose is out of date."
     if pose is not None and pose.state in LOST:
         return LOST[pose.state]
     doing = _on_its_way(base, goal, trip)
     if pose is not None and pose.state == "mapping":
-        return f"It makes the map {pose.map}. {doing}"
+        return f"Making the map {pose.map}. {doing}"
     return doing
 
 
 def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | None) -> str:
     left = "" if goal is None or goal.eta is None else f", {seconds_text(goal.eta)} left"
     if trip is not None and trip.state in ("driving", "dwelling", "waiting", "paused"):
-        doing = {"driving": f"drives{left}", "dwelling": "is at a stop"}.get(
-            trip.state, "waits" if trip.state == "waiting" else "is paused"
+        doing = {"driving": f"driving{left}", "dwelling": "at a stop"}.get(
+            trip.state, "waiting" if trip.state == "waiting" else "paused"
         )
         stop = "" if trip.stop is None else f", stop {trip.stop + 1}"
         name = f"tour {trip.name}" if trip.name else "a tour"
-        return _sentence(f"On {name}{stop} it {doing}", trip.message.rstrip("."))
+        return _sentence(f"On {name}{stop}, {doing}", trip.message.rstrip("."))
     if base.source not in (None, "planner"):
-        return f"It is driven by {base.source}."
+        return f"Driven by {base.source}."
     match goal.state if goal is not None else "idle":
         case "planning":
-            return "It looks for a way."
+            return "Looking for a path."
         case "driving":
-            return f"It drives to its goal{left}."
+            return f"Driving to its goal{left}."
         case "recovering":
-            return _sentence("It tries to get free", goal.message.rstrip(".") if goal else "")
+            return _sentence("Trying to get free", goal.message.rstrip(".") if goal else "")
         case "paused":
-            return _sentence("It is paused", goal.message.rstrip(".") if goal else "")
+            return _sentence("Paused", goal.message.rstrip(".") if goal else "")
         case "failed":
-            return _sentence(
-                "It stands; its last goal failed", goal.message.rstrip(".") if goal else ""
-            )
+            return _sentence("The last goal failed", goal.message.rstrip(".") if goal else "")
         case "arrived":
-            return "It stands where it was sent."
+            return "It has arrived."
         case _:
-            return "It stands and is ready."
+            return "Ready."
 
 
 def _sentence(begin: str, why: str) -> str:

@@ -18,19 +18,18 @@ from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
 from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.security.access import Security, security_of
 from trolley.security.host_keys import (
     DEFAULT_FOLDER,
     KeysError,
-    Security,
     find_keys,
     keys_for,
-    security_of,
 )
 from trolley.supervisor import Supervisor
 
 SERVICES = "trolley.services"
 VIEWER = "viz"
-FOR_OTHERS = "tls/0.0.0.0:7448"
+FOR_OTHERS = f"tls/0.0.0.0:{ports.ROUTER_TLS_PORT}"
 """Where a router with keys for it listens for other hosts."""
 MQTT = "mqtt"
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
@@ -134,7 +133,7 @@ def announce_viewer(config: RobotConfig) -> None:
     host = "127.0.0.1" if config.viz.host in ("0.0.0.0", "") else config.viz.host
     while not ports.is_listening(config.viz.port):
         if time.monotonic() > deadline_s:
-            click.secho("The viewer has not come up.", err=True, fg="yellow")
+            click.secho("The viewer did not start.", err=True, fg="yellow")
             return
         time.sleep(CHECK_PERIOD_S)
     click.echo(f"Viewer: http://{host}:{config.viz.port}")
@@ -160,21 +159,21 @@ def _broker_option(
 
 
 @click.command(name="up")
-@click.option("--no-viz", is_flag=True, help="Without the viewer.")
-@click.option("--no-router", is_flag=True, help="A router runs already.")
+@click.option("--no-viz", is_flag=True, help="Do not start the viewer.")
+@click.option("--no-router", is_flag=True, help="Use a router that is already running.")
 @click.option("-q", "--quiet", is_flag=True, help="Show warnings only.")
 @click.option(
     "--mqtt",
     metavar="HOST[:PORT]",
     callback=_broker_option,
-    help="Tell this MQTT broker, and so Home Assistant, what the robot does.",
+    help="Report to this MQTT broker, and through it to Home Assistant.",
 )
 @where_options
 @reports_errors
 def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> None:
     """Run the router and all installed services of a robot until Ctrl-C.
 
-    Needs a configuration file. A service that ends is started again.
+    Needs a configuration file. A service that ends is restarted.
     """
     path, config = find_settings()
     modules = installed_services()
@@ -200,7 +199,7 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
                 announce_viewer(config)
             wait_for_interrupt()
     except KeyboardInterrupt:
-        click.echo("All services have ended.")
+        click.echo("All services have stopped.")
 
 
 def _router_of(config: RobotConfig, local: str) -> AbstractContextManager[None]:
@@ -230,7 +229,12 @@ def listening(security: Security | None, local: Sequence[str]) -> list[str]:
 
 
 @click.command(name="router")
-@click.option("--listen", multiple=True, metavar="ENDPOINT", help="Where (may be repeated).")
+@click.option(
+    "--listen",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="An endpoint to listen at (may be repeated).",
+)
 @click.option("--uplink", multiple=True, metavar="ENDPOINT", help="A home router to link to.")
 @click.option(
     "--keys",
@@ -243,8 +247,8 @@ def listening(security: Security | None, local: Sequence[str]) -> list[str]:
 def router_command(listen: tuple[str, ...], uplink: tuple[str, ...], folder: Path | None) -> None:
     """Run the router that services and tools connect to.
 
-    It listens where the configuration file's services connect, else at port 7447 of this host only.
-    With keys that `trolley keys router` made it also lets other hosts in, by TLS at port 7448.
+    It listens at the configuration file's endpoints, or else at port 7447 for this host only. With
+    keys made by `trolley keys router` it also accepts other hosts, over TLS at port 7448.
     """
     path = find_config(given("config"))
     config = None if path is None else load_config(path)
@@ -278,11 +282,11 @@ def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) 
 def run_command(service: str) -> None:
     """Run one SERVICE (base, localizer, mapper, mqtt, planner, tour, viz) in the foreground.
 
-    Needs a configuration file and a router. Exit code 3: it runs already somewhere.
+    Needs a configuration file and a router. Exit code 3 means that it is already running somewhere.
     """
     path, _ = find_settings()
     entries = {entry.name: entry for entry in entry_points(group=SERVICES)}
     if service not in entries:
         known = ", ".join(sorted(entries)) or "none"
-        raise click.BadParameter(f"{service!r} is not installed; there are: {known}")
+        raise click.BadParameter(f"{service!r} is not installed; installed are: {known}")
     run_process(entries[service].load(), ["--config", str(path)])

@@ -99,6 +99,11 @@ def pose_text(pose: Pose2D) -> str:
     return f"x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {yaw}"
 
 
+def counted(number: int, noun: str) -> str:
+    """A number of things for a person, the noun in the plural where it is not one."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def seconds_text(seconds: float | None) -> str:
     """A duration for a person."""
     if seconds is None:

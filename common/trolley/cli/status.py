@@ -37,14 +37,14 @@ _COLOURS = {"starting": "yellow", "degraded": "yellow", "failed": "red", "not ru
 
 
 @click.command(name="status")
-@click.option("--all", "everybody", is_flag=True, help="All robots of the network, a line each.")
+@click.option("--all", "everybody", is_flag=True, help="All robots on the network, a line each.")
 @where_options
 @json_option
 @reports_errors
 def status_command(everybody: bool, as_json: bool) -> None:
-    """Say how the robot is: what it does, its services, pose, goal, trip.
+    """Show what the robot is doing, its services, pose, goal and trip.
 
-    Exit code 1 where a service is missing or has failed, or the robot is stopped or lost.
+    The exit code is 1 if a service is missing or has failed, or the robot is stopped or lost.
     """
     found: list[dict[str, Any]]
     if everybody:

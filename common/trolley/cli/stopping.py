@@ -9,12 +9,12 @@ from trolley.connection import RobotUnreachable
 
 
 @click.command(name="stop")
-@click.option("--all", "everybody", is_flag=True, help="Stop every robot of the network.")
+@click.option("--all", "everybody", is_flag=True, help="Stop every robot on the network.")
 @where_options
 @json_option
 @reports_errors
 def stop_command(everybody: bool, as_json: bool) -> None:
-    """Stop the robot; it stays stopped, over a restart too, until it is resumed."""
+    """Stop the robot; it stays stopped, even after a restart, until it is resumed."""
     if everybody:
         with connected() as connection:
             stopped = connection.stop_all()
@@ -33,7 +33,7 @@ def stop_command(everybody: bool, as_json: bool) -> None:
     if as_json:
         print_json(state)
     else:
-        click.echo(f"{state.mode}; `trolley resume` lets it drive again")
+        click.echo("Stopped. `trolley resume` lets it drive.")
 
 
 @click.command(name="resume")
@@ -47,4 +47,8 @@ def resume_command(as_json: bool) -> None:
     if as_json:
         print_json(state)
     else:
-        click.echo(state.mode + (f": {state.message}" if state.message else ""))
+        click.echo(
+            "Resumed; it can drive again."
+            if state.mode == "ok"
+            else f"Resumed, but it cannot drive yet ({state.mode}): {state.message}"
+        )

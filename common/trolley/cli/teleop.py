@@ -4,21 +4,26 @@ import contextlib
 import math
 import signal
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, TypeVar
 
 import click
+import msgspec
 
-from trolley import topics
+from trolley import codes, topics
 from trolley.cli.options import where_options
 from trolley.cli.robots import one_robot, reports_errors
-from trolley.cli.teleop_base import Latest, Wishes, base_line
-from trolley.cli.teleop_keys import ASK_ALIVE, HeldKeys, Key, KeyDecoder, Told
-from trolley.cli.teleop_pace import Pace
+from trolley.cli.teleop_keys import ASK_ALIVE, HeldKeys, Key, KeyDecoder, Pace, TerminalReport
 from trolley.cli.terminal import Terminal, TerminalGone
 from trolley.client import Robot
-from trolley.connection import RobotUnreachable
+from trolley.codes import Refused
+from trolley.connection import Arrival, RobotUnreachable
 from trolley.geometry import Twist2D
+from trolley.messages import BaseState
 from trolley.teleop import PERIOD_S, SOURCE, SPEED_MPS, TURN_RADPS, Hand, twist_words
+from trolley.topics import Topic
+
+M = TypeVar("M", bound=msgspec.Struct)
 
 LEAVE, STAND, STOP, RESUME = ("x", "escape"), "space", "p", "r"
 FASTER, SLOWER = ("+", "="), ("-", "_")
@@ -29,12 +34,13 @@ DRIVEN_S = 0.5
 """`cmd_vel` that is older says nothing about now."""
 
 HELP = """\
-Hold a key to drive {name}; let go and it stands.
+Hold a key to drive {name}; let go and it stops.
   W, Up    forward      A, Left   turn left      Q  forward and left
   S, Down  back         D, Right  turn right     E  forward and right
 {sideways}  Shift  slowly   + -  speed   Space  stand   P  stop   R  resume   X, Esc  leave
 """
 SIDEWAYS = "  J, L     sideways\n"
+_COLOURS = {"ok": None, "held": "yellow", "stopped": "red", "fault": "red"}
 
 
 @click.command(name="teleop")
@@ -43,27 +49,27 @@ SIDEWAYS = "  J, L     sideways\n"
     type=click.FloatRange(min=0.0, min_open=True),
     default=SPEED_MPS,
     show_default=True,
-    help="In m/s, as far as the robot's own limit allows.",
+    help="Speed in m/s, within the robot's own limit.",
 )
 @click.option(
     "--turn",
     type=click.FloatRange(min=0.0, min_open=True),
     default=TURN_RADPS,
     show_default=True,
-    help="In rad/s, as far as the robot's own limit allows.",
+    help="Turn rate in rad/s, within the robot's own limit.",
 )
 @where_options
 @reports_errors
 def teleop_command(speed: float, turn: float) -> None:
     """Drive by hand, with the keys of this terminal (over SSH too).
 
-    The robot moves only while a key is held, and stands where the connection is lost. What it was
-    doing by itself is paused.
+    The robot moves only while a key is held, and stops if the connection is lost. Whatever it was
+    doing on its own is paused.
     """
     terminal = Terminal()
     with one_robot() as robot, ThreadPoolExecutor(1) as aside:
-        wishes = Wishes(robot, aside)
-        driving = Driving(robot, terminal, wishes, Pace(speed, turn))
+        stop_requests = StopRequests(robot, aside)
+        driving = Teleop(robot, terminal, stop_requests, Pace(speed, turn))
         with terminal:
             try:
                 driving.run()
@@ -71,20 +77,101 @@ def teleop_command(speed: float, turn: float) -> None:
                 terminal.ended_by = signal.SIGHUP
             finally:
                 driving.stand()
-        wishes.settle()
-        if wishes.wants_stop:
+        stop_requests.settle()
+        if stop_requests.wants_stop:
             raise RobotUnreachable(f"NOT STOPPED: no connection to base of {robot.name}")
     if terminal.ended_by is not None:
         raise SystemExit(128 + terminal.ended_by)
 
 
-class Driving:
+class Latest(Generic[M]):
+    """The newest message of a topic of the robot."""
+
+    def __init__(self, robot: Robot, topic: Topic[M]) -> None:
+        self._arrivals = robot.subscribe(topic)
+        self._newest: Arrival[M] | None = None
+
+    def message(self, most_age_s: float = math.inf) -> M | None:
+        """Return it, None where there is none or it came too long ago."""
+        while (arrival := self._arrivals.next(0.0)) is not None:
+            self._newest = arrival
+        newest = self._newest
+        if newest is None or time.monotonic() - newest.arrived_s > most_age_s:
+            return None
+        return newest.message
+
+
+class StopRequests:
+    """Stop and resume, asked aside: driving does not wait for the answer."""
+
+    def __init__(self, robot: Robot, aside: ThreadPoolExecutor) -> None:
+        self._robot = robot
+        self._aside = aside
+        self._asked: Future[BaseState] | None = None
+        self._wants_resume = False
+        self.wants_stop = False
+        """Whether a stop is not answered yet; it is asked again until it is."""
+        self.trouble = ""
+        """Why the last wish was not fulfilled, "" if it was."""
+
+    def stop(self) -> None:
+        """Stop the robot until it is resumed."""
+        self.wants_stop, self._wants_resume = True, False
+        self.tick()
+
+    def resume(self) -> None:
+        """Let it drive again."""
+        self.wants_stop, self._wants_resume, self.trouble = False, True, ""
+        self.tick()
+
+    def tick(self) -> None:
+        """Take the answer if it is there, and ask what is to be asked next."""
+        if self._asked is not None and self._asked.done():
+            self.settle()
+        if self._asked is None and self.wants_stop:
+            self._asked = self._aside.submit(self._robot.stop)
+        elif self._asked is None and self._wants_resume:
+            self._wants_resume = False
+            self._asked = self._aside.submit(self._robot.resume)
+
+    def settle(self) -> None:
+        """Wait for the answer to what was asked."""
+        if self._asked is None:
+            return
+        asked, self._asked = self._asked, None
+        try:
+            state = asked.result()
+        except (Refused, RobotUnreachable) as error:
+            self.trouble = str(error)
+        else:
+            self.trouble = ""
+            self.wants_stop = self.wants_stop and state.mode != "stopped"
+
+
+def base_line(base: BaseState | None) -> tuple[str, str | None]:
+    """Say how base is, in words and a colour."""
+    if base is None:
+        return "", None
+    text = "Ready."
+    if base.mode != "ok":
+        why = base.message or codes.SENTENCES.get(base.reason, base.reason)
+        text = f"{base.mode.capitalize()}: {why}" if why else f"{base.mode.capitalize()}."
+    if base.mode == "stopped":
+        text += " R lets it drive again."
+    if base.battery is not None and base.battery.fraction is not None:
+        text += f"  Battery {base.battery.fraction:.0%}."
+    return text, _COLOURS[base.mode]
+
+
+class Teleop:
     """Keys in, commands out, and two lines that say what comes of it."""
 
-    def __init__(self, robot: Robot, terminal: Terminal, wishes: Wishes, pace: Pace) -> None:
+    def __init__(
+        self, robot: Robot, terminal: Terminal, stop_requests: StopRequests, pace: Pace
+    ) -> None:
         self._robot = robot
         self._terminal = terminal
-        self._wishes = wishes
+        self._stop_requests = stop_requests
         self._pace = pace
         self._decoder = KeyDecoder()
         self._keys = HeldKeys()
@@ -110,7 +197,7 @@ class Driving:
             if self._terminal.wants_pause:
                 self._pause()
             self._drive(time.monotonic())
-            self._wishes.tick()
+            self._stop_requests.tick()
             self._show()
 
     def stand(self) -> None:
@@ -126,21 +213,21 @@ class Driving:
             now_s = time.monotonic()
             if data:
                 self._heard_s = now_s
-                self._keys.hear(now_s)
+                self._keys.note_alive(now_s)
                 events = self._decoder.feed(data)
             else:
                 events = self._decoder.flush() if now_s - self._heard_s > ESCAPE_S else []
             for event in events:
                 self._take(event, now_s)
 
-    def _take(self, event: Key | Told, now_s: float) -> None:
+    def _take(self, event: Key | TerminalReport, now_s: float) -> None:
         match event:
-            case Told("has_releases"):
+            case TerminalReport("has_releases"):
                 self._keys.has_releases = True
                 self._keys.release_all()
-            case Told("focus_lost"):
+            case TerminalReport("focus_lost"):
                 self._keys.release_all()
-            case Told():
+            case TerminalReport():
                 pass
             case Key("c", ctrl=True):
                 self._leaves = True
@@ -160,9 +247,9 @@ class Driving:
         elif name in (STAND, STOP):
             self._keys.release_all()
             if name == STOP:
-                self._wishes.stop()
+                self._stop_requests.stop()
         elif name == RESUME:
-            self._wishes.resume()
+            self._stop_requests.resume()
         elif name in SLOWER:
             self._pace.slower()
         elif name in FASTER and (about := self._about.message()) is not None:
@@ -196,7 +283,7 @@ class Driving:
 
     # What comes of it.
     def _show(self) -> None:
-        about, trouble = self._about.message(), (self._wishes.trouble, "red")
+        about, trouble = self._about.message(), (self._stop_requests.trouble, "red")
         if about is None or not self._is_connected:
             self._terminal.show((f"NOT CONNECTED to base of {self._robot.name}", "red"), trouble)
             return
@@ -207,4 +294,6 @@ class Driving:
         speed, turn = self._pace.limits(about)
         motion = f"{twist_words(twist)}{source}".capitalize()
         line = f"{motion:<46}  keys: {speed:.2f} m/s, {turn:.2f} rad/s"
-        self._terminal.show((line, None), trouble if self._wishes.trouble else base_line(base))
+        self._terminal.show(
+            (line, None), trouble if self._stop_requests.trouble else base_line(base)
+        )

@@ -1,4 +1,4 @@
-"""What a terminal sends while keys are pressed, and which keys are held.
+"""The keys of `trolley teleop`: what a terminal sends, which are held, and how they drive.
 
 Terminals that speak the kitty keyboard protocol (kitty, foot, WezTerm, Ghostty, Alacritty, Konsole,
 iTerm2 ...) tell of each press, repeat and release. All others send a character, and repeat it while
@@ -10,8 +10,12 @@ Source:
 
 import codecs
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
+
+from trolley.geometry import Twist2D
+from trolley.messages import Robot
 
 ASK_FOR_RELEASES = "\x1b[>31u\x1b[?u"
 """Switch the protocol on (all of it: letters tell of their release only then) and ask for it."""
@@ -59,7 +63,7 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class TerminalReport:
     """The terminal told something by itself, or answered."""
 
     what: Literal["alive", "has_releases", "focus_lost"]
@@ -72,23 +76,23 @@ class KeyDecoder:
         self._text = codecs.getincrementaldecoder("utf-8")("replace")
         self._rest: str = ""
 
-    def feed(self, data: bytes) -> list[Key | Told]:
+    def feed(self, data: bytes) -> list[Key | TerminalReport]:
         """Take bytes; what is not finished waits for more of them."""
         self._rest += self._text.decode(data)
-        found: list[Key | Told] = []
+        found: list[Key | TerminalReport] = []
         while self._rest and not _UNFINISHED.match(self._rest):
             event = self._take_one()
             if event is not None:
                 found.append(event)
         return found
 
-    def flush(self) -> list[Key | Told]:
+    def flush(self) -> list[Key | TerminalReport]:
         """Say that no more bytes came for a while: an Escape that waits was the key itself."""
         was_escape = self._rest == "\x1b"
         self._rest = ""
         return [Key("escape")] if was_escape else []
 
-    def _take_one(self) -> Key | Told | None:
+    def _take_one(self) -> Key | TerminalReport | None:
         text = self._rest
         if not text.startswith("\x1b"):
             self._rest = text[1:]
@@ -115,18 +119,18 @@ def _typed(character: str) -> Key | None:
     return Key(lower, shift=lower != character)
 
 
-def _sequence(private: str, parameters: str, final: str) -> Key | Told | None:
+def _sequence(private: str, parameters: str, final: str) -> Key | TerminalReport | None:
     fields = [part.split(":") for part in parameters.split(";")]
     if private == "?" and final == "u":
         flags = _number(fields[0][0], 0)
         is_all = flags & EVENTS_OF_ALL_KEYS == EVENTS_OF_ALL_KEYS
-        return Told("has_releases") if is_all else None
+        return TerminalReport("has_releases") if is_all else None
     if private:
         return None
     if final == "n":
-        return Told("alive")
+        return TerminalReport("alive")
     if final == "O" and not parameters:
-        return Told("focus_lost")
+        return TerminalReport("focus_lost")
     if final not in _ARROWS and final != "u":
         return None
     modifiers = fields[1] if len(fields) > 1 else [""]
@@ -173,7 +177,7 @@ class HeldKeys:
         self._typed_s: dict[str, float] = {}
         self._heard_s = 0.0
 
-    def hear(self, now_s: float) -> None:
+    def note_alive(self, now_s: float) -> None:
         """Note that the terminal sent something: it is still there."""
         self._heard_s = now_s
 
@@ -200,3 +204,67 @@ class HeldKeys:
         if self.has_releases and now_s - self._heard_s > SILENCE_S:
             self.release_all()
         return frozenset(name for name, until_s in self._until_s.items() if now_s < until_s)
+
+
+MOTIONS = {
+    "w": (1, 0, 0),
+    "s": (-1, 0, 0),
+    "a": (0, 0, 1),
+    "d": (0, 0, -1),
+    "q": (1, 0, 1),
+    "e": (1, 0, -1),
+    "j": (0, 1, 0),
+    "l": (0, -1, 0),
+    "up": (1, 0, 0),
+    "down": (-1, 0, 0),
+    "left": (0, 0, 1),
+    "right": (0, 0, -1),
+}
+"""What each key wants: forward, to the left, turning left."""
+SLOW = 0.4
+"""With Shift, this share of the speed."""
+STEP = 1.25
+"""One press of + or -."""
+SLOWEST = 0.2
+
+
+class Pace:
+    """How fast the keys drive.
+
+    Args:
+        speed: [m/s].
+        turn: [rad/s].
+    """
+
+    def __init__(self, speed: float, turn: float) -> None:
+        self._speed, self._turn = speed, turn
+        self._factor = 1.0
+
+    def faster(self, robot: Robot) -> None:
+        """Drive faster, until both speed and turn rate are at the robot's limits."""
+        enough = max(robot.max_speed / self._speed, robot.max_wz / self._turn)
+        self._factor = min(STEP * self._factor, max(self._factor, enough))
+
+    def slower(self) -> None:
+        """Drive slower."""
+        self._factor = max(self._factor / STEP, SLOWEST)
+
+    def limits(self, robot: Robot) -> tuple[float, float]:
+        """Return speed [m/s] and turn rate [rad/s], never above the robot's limits."""
+        return (
+            min(self._factor * self._speed, robot.max_speed),
+            min(self._factor * self._turn, robot.max_wz),
+        )
+
+    def twist(self, held: Collection[str], robot: Robot, *, is_slow: bool) -> Twist2D | None:
+        """Return what the held keys want, None where none of them is for driving this robot."""
+        can_sideways = robot.drive == "mecanum"
+        motions = [motion for name in held if (motion := MOTIONS.get(name)) is not None]
+        motions = [motion for motion in motions if can_sideways or motion[1] == 0]
+        if not motions:
+            return None
+        forward, left, turning = (max(-1, min(1, sum(part))) for part in zip(*motions, strict=True))
+        speed, turn = self.limits(robot)
+        return Twist2D(forward * speed, left * speed, turning * turn).scaled(
+            SLOW if is_slow else 1.0
+        )

@@ -61,15 +61,17 @@ def _print(found: Relation) -> None:
 @click.command(name="tf")
 @click.argument("parent")
 @click.argument("child")
-@click.option("--follow", is_flag=True, help="Print it again and again until Ctrl-C.")
-@click.option("--period", type=click.FloatRange(min=0.05), default=0.5, help="Seconds between.")
+@click.option("--follow", is_flag=True, help="Repeat until Ctrl-C.")
+@click.option(
+    "--period", type=click.FloatRange(min=0.05), default=0.5, help="Seconds between repetitions."
+)
 @where_options
 @json_option
 @reports_errors
 def tf_command(parent: str, child: str, follow: bool, period: float, as_json: bool) -> None:
-    """Say where frame CHILD is in frame PARENT: distance, bearing, translation, rotation, age.
+    """Show where frame CHILD is in frame PARENT: distance, bearing, translation, rotation, age.
 
-    Exit code 1 where the frames are not connected (the missing link is named) or a link of the
+    The exit code is 1 if the frames are not connected (the missing link is named) or a link of the
     robot's own motion is over 1 s old.
     """
     parent, child = parent.removeprefix("/"), child.removeprefix("/")

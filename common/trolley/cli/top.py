@@ -152,7 +152,7 @@ def sentence_of(tallies: Mapping[str, Tally], robot: str, now_s: float) -> str:
 
 @click.command(name="top")
 @click.option("--all", "everybody", is_flag=True, help="All robots of the network.")
-@click.option("--once", is_flag=True, help="Measure once, print it, and end.")
+@click.option("--once", is_flag=True, help="Measure once, print the result, and exit.")
 @click.option(
     "--sort",
     "order",
@@ -167,8 +167,8 @@ def sentence_of(tallies: Mapping[str, Tally], robot: str, now_s: float) -> str:
 def top_command(everybody: bool, once: bool, order: Order, as_json: bool) -> None:
     """Watch services and topics live: rates, age, processor, memory, restarts.
 
-    Where no robot is named, all of the network are shown. RESTARTS counts what was seen while
-    watching, and what systemd of this computer has done. Without a terminal it measures once.
+    If no robot is named, all on the network are shown. RESTARTS counts the restarts seen while
+    watching and those by this computer's systemd. Without a terminal it measures once.
     """
     target = find_target(given("robot"), given("connect"), given("config"))
     units = read_units(Host()) or []

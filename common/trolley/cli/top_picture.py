@@ -9,7 +9,7 @@ from trolley.cli.columns import Column, table_lines
 from trolley.messages import Health
 from trolley.runtime.clash import Run
 from trolley.sanitize import sanitize
-from trolley.traffic import ONLY_AT_WORK, Expected, Flow, expected
+from trolley.traffic import Expected, Flow, expected
 
 Order = Literal["bytes", "rate", "name"]
 SILENT_S = 3.0
@@ -106,11 +106,11 @@ def topic_views(
         if row is None:
             continue
         topic, robot, _ = row
-        wanted = Expected() if topic in ONLY_AT_WORK else expected(topic)
+        wanted = Expected() if topic.when_driving else expected(topic)
         if wanted.is_each_scan:
             scan = flows.get(topics.SCAN.key(robot))
             wanted = Expected(low=None if scan is None else round(scan.hz, 1))
-        elif topic not in (topics.CLOCK, topics.TOUR, topics.HEALTH):
+        elif not topic.real_time:
             wanted = _times(wanted, rates.get(robot, 1.0))
         if flow.age_s < GONE_S or wanted.low is not None:
             name = "/".join(key.split("/")[2:])

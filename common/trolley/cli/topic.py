@@ -11,7 +11,7 @@ from trolley import topics
 from trolley.cli import exits
 from trolley.cli.options import json_option, where_options
 from trolley.cli.robots import one_robot, reports_errors
-from trolley.cli.show import Progress, as_json, describe, print_json, print_table
+from trolley.cli.show import Progress, as_json, counted, describe, print_json, print_table
 from trolley.client import Robot
 from trolley.connection import Arrival
 from trolley.topics import Kind, Topic
@@ -29,7 +29,7 @@ topic_argument = click.argument("name", metavar="TOPIC", shell_complete=_complet
 
 @click.group(name="topic")
 def topic_command() -> None:
-    """See what is published: TOPIC is its name below the robot's, such as scan or tf/laser."""
+    """Show what is published; TOPIC is a key without the robot's name, such as scan or tf/laser."""
 
 
 def _resolve(robot: Robot, name: str) -> tuple[Topic[Any], tuple[str, ...]]:
@@ -44,7 +44,7 @@ def _resolve(robot: Robot, name: str) -> tuple[Topic[Any], tuple[str, ...]]:
 
 
 @topic_command.command(name="list")
-@click.option("--all", "everything", is_flag=True, help="Also what nobody publishes now.")
+@click.option("--all", "everything", is_flag=True, help="Also topics that nobody publishes now.")
 @click.option("--seconds", default=LISTEN_S, show_default=True, help="How long to listen.")
 @where_options
 @json_option
@@ -103,17 +103,19 @@ def _rate(row: dict[str, Any]) -> str:
 
 @topic_command.command(name="echo")
 @topic_argument
-@click.option("-n", "--count", type=click.IntRange(min=1), help="End after so many messages.")
+@click.option("-n", "--count", type=click.IntRange(min=1), help="Exit after this many messages.")
 @click.option("--once", is_flag=True, help="Print one message: the latest, else the next.")
 @click.option("--full", is_flag=True, help="Print arrays in full.")
-@click.option("--timeout", type=float, help="End with exit code 1 after so long a silence [s].")
+@click.option(
+    "--timeout", type=float, help="Exit with code 1 after this long without a message [s]."
+)
 @where_options
 @json_option
 @reports_errors
 def echo_topic(
     name: str, count: int | None, once: bool, full: bool, timeout: float | None, as_json: bool
 ) -> None:
-    """Print the messages of TOPIC as they come; arrays as numbers, with --json one line each."""
+    """Print the messages of TOPIC as they arrive; arrays as numbers, with --json one line each."""
     left = 1 if once else count
     with one_robot() as robot:
         topic, parts = _resolve(robot, name)
@@ -121,7 +123,8 @@ def echo_topic(
             while left is None or left > 0:
                 arrival = messages.next(timeout)
                 if arrival is None:
-                    click.secho(f"{name}: nothing came in {timeout:g} s", err=True, fg="red")
+                    text = f"{name}: nothing was received in {timeout:g} s"
+                    click.secho(text, err=True, fg="red")
                     raise SystemExit(exits.FAILED)
                 _print(topic, arrival, full=full, to_json=as_json)
                 left = None if left is None else left - 1
@@ -146,7 +149,7 @@ def _print(topic: Topic[Any], arrival: Arrival[Any], *, full: bool, to_json: boo
 @json_option
 @reports_errors
 def topic_rate(name: str, seconds: float, as_json: bool) -> None:
-    """Measure how often TOPIC comes, how evenly, and how large it is."""
+    """Measure how often and how evenly TOPIC arrives, and how large it is."""
     with one_robot() as robot:
         topic, parts = _resolve(robot, name)
         times: list[float] = []
@@ -160,13 +163,13 @@ def topic_rate(name: str, seconds: float, as_json: bool) -> None:
                 if arrival is not None:
                     times.append(arrival.arrived_s)
                     sizes.append(arrival.size)
-                    progress.show(f"{len(times)} messages, {left_s:.0f} s left")
+                    progress.show(f"{counted(len(times), 'message')}, {left_s:.0f} s left")
         progress.clear()
     result = _statistics(times, sizes, seconds)
     if as_json:
         print_json({"topic": name, **result})
     elif len(times) < 2:
-        click.echo(f"{len(times)} messages in {seconds:g} s")
+        click.echo(f"{counted(len(times), 'message')} in {seconds:g} s")
     else:
         click.echo(
             f"{result['hz']:.2f} Hz, gaps {result['gap_min']:.3f} to {result['gap_max']:.3f} s "

@@ -20,7 +20,7 @@ def tour_command() -> None:
 
 @tour_command.command(name="start")
 @click.argument("name")
-@click.option("--no-wait", is_flag=True, help="Start it and return.")
+@click.option("--no-wait", is_flag=True, help="Start the tour and return.")
 @where_options
 @json_option
 @reports_errors
@@ -103,8 +103,8 @@ def _control(name: str, request: Request[request_params.Nothing, TourStatus], te
 
 _control("stop", requests.TOUR_STOP, "End the trip; the robot stops where it is.")
 _control("pause", requests.TOUR_PAUSE, "Pause the trip.")
-_control("resume", requests.TOUR_RESUME, "Go on with a paused trip, to the same stop.")
-_control("skip", requests.TOUR_SKIP, "Leave out the stop under way.")
+_control("resume", requests.TOUR_RESUME, "Resume a paused trip, to the same stop.")
+_control("skip", requests.TOUR_SKIP, "Skip the current stop.")
 
 
 def _stored(robot: Robot) -> list[Tour]:
@@ -125,14 +125,14 @@ def list_tours(as_json: bool) -> None:
     if as_json:
         print_json(tours)
     elif not tours:
-        click.echo("No tour is stored yet: `trolley tour import`, or the viewer.")
+        click.echo("No tours are stored yet; use `trolley tour import` or the viewer.")
     else:
         rows = [(tour.name, str(len(tour.stops)), _laps(tour), _times(tour)) for tour in tours]
         print_table(("NAME", "STOPS", "LAPS", "TIMES"), rows)
 
 
 def _laps(tour: Tour) -> str:
-    laps = "for ever" if tour.repeat == 0 else str(tour.repeat)
+    laps = "forever" if tour.repeat == 0 else str(tour.repeat)
     return f"{laps}, there and back" if tour.there_and_back else laps
 
 
@@ -168,7 +168,7 @@ def _stop_row(index: int, stop: Stop) -> tuple[str, ...]:
 
 
 @tour_command.command(name="history")
-@click.option("--since", help="Only trips from this moment on (ISO 8601).")
+@click.option("--since", help="Only trips since this moment (ISO 8601).")
 @click.option("--limit", type=click.IntRange(1, 1000), default=20, show_default=True)
 @click.option("--stops", is_flag=True, help="Show how each stop ended, too.")
 @where_options
@@ -183,7 +183,7 @@ def trip_history(since: str | None, limit: int, stops: bool, as_json: bool) -> N
     if as_json:
         print_json(trips)
     elif not trips:
-        click.echo("There was no trip yet.")
+        click.echo("There have been no trips yet.")
     elif stops:
         for trip in trips:
             click.echo("  ".join(_row(trip)))

@@ -17,9 +17,9 @@ class BatteryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
     """Its charge when base starts."""
     minutes: Annotated[float, Meta(gt=0.0, le=100_000.0)]
-    """How long a full one lasts; it charges four times as fast."""
+    """How long a full battery lasts [min]; it charges four times as fast."""
     charger: PoseConfig | None = None
-    """Where it is charged, within 0.3 m of there; nowhere if not given."""
+    """Where it is charged, within 0.3 m; nowhere if not given."""
 
 
 class SimulatedConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -28,11 +28,11 @@ class SimulatedConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     world: str = "apartment.toml"
     """A world file, relative to this file, or the name of one that ships with Trolley."""
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1)] = 0
-    """Fixes noise, slip, odometry bias and people."""
+    """Seed of noise, slip, odometry bias and people."""
     rate: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
     """Simulated seconds per real second."""
     start: PoseConfig | None = None
-    """Where the robot truly stands at first; the world's own start if not given."""
+    """Where the robot really stands at first; the world's own start if not given."""
     battery: BatteryConfig | None = None
 
 
@@ -40,32 +40,32 @@ class RecordingConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """`[base.recording]`: a recorded drive to play instead of hardware."""
 
     file: str
-    """What `trolley record` wrote, or an npz file with stamps, odom, ranges_mm, angle_min,
+    """A file written by `trolley record`, or an npz file with stamps, odom, ranges_mm, angle_min,
     angle_increment and range_max."""
     rate: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
     """Recorded seconds per real second."""
 
 
 class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.limits]`: what no source may exceed."""
+    """`[base.limits]`: what no source of commands may exceed."""
 
     max_speed_mps: Speed = 0.5
-    """Along x and y together."""
+    """Highest speed, along x and y together."""
     max_wz_radps: Rate = 1.5
-    """Turning."""
+    """Highest turn rate."""
     acceleration_mps2: Rate = 0.8
-    """How quickly it gains speed."""
+    """Highest acceleration."""
     deceleration_mps2: Rate = 1.0
-    """What the robot can surely brake with; the stop field counts on it."""
+    """Deceleration that the robot can always reach; the stop field relies on it."""
     angular_acceleration_radps2: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
-    """How quickly it begins and ends to turn."""
+    """Highest angular acceleration."""
 
 
 class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What can be set about the base."""
+    """The base: what drives, within which limits, and at whose command."""
 
     driver: Literal["simulated", "recording", "hardware"] = "simulated"
-    """What moves and sees."""
+    """Where motion and scans come from: a simulation, a recording or real devices."""
     simulated: SimulatedConfig = SimulatedConfig()
     recording: RecordingConfig | None = None
     chassis: ChassisConfig = ChassisConfig()
@@ -77,4 +77,4 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     )
     """Priority of each source that may drive; the highest with a fresh command wins."""
     stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
-    """How far before an echo the stop field stops the robot."""
+    """Distance from an obstacle at which the stop field stops the robot [m]."""

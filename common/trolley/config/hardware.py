@@ -16,30 +16,30 @@ Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 
 class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.lidar]`: the lidar and where it sits (a recording says that itself)."""
+    """`[base.lidar]`: the lidar and where it is mounted (a recording brings its own)."""
 
     model: LidarModel | None = None
-    """What is plugged in, where the driver is `hardware`; `ld19` is the LD06 too."""
+    """The lidar's model, if the driver is `hardware`; `ld19` also covers the LD06."""
     port: str = ""
-    """Its serial port; a name below /dev/serial/by-id or by-path stays the same."""
+    """The serial port; a name below /dev/serial/by-id or by-path stays the same."""
     baud: Baud | None = None
-    """The line's speed; the model's own if not given."""
+    """Baud rate of the line; the model's own if not given."""
     mode: Literal["auto", "standard", "express"] = "auto"
-    """How a `rplidar_a1` measures; `auto` takes the express scan where the sensor knows it."""
+    """How a `rplidar_a1` measures; `auto` uses the express scan if the sensor has it."""
     pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
-    """In `base_link`: x forward, y left, yaw counter-clockwise to the direction of angle 0."""
+    """Its pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
     z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
     """Height above the floor."""
     upside_down: bool = False
-    """Mounted head down: what turned clockwise turns the other way; angle 0 stays where it is."""
+    """Whether it is mounted upside down, which reverses its rotation; angle 0 stays the same."""
     reversed: bool = False
-    """The sensor turns the other way round than its model says."""
+    """Whether the sensor rotates the opposite way to its model."""
     masks_deg: list[tuple[Degrees, Degrees]] = []
     """Angles in frame `laser`, counter-clockwise [from, to], where it sees the robot itself."""
     range_min_m: Annotated[float, Meta(gt=0.0, le=5.0)] | None = None
-    """Nearer echoes count for nothing; the model's own limit if not given."""
+    """Nearer echoes are ignored; the model's own limit if not given."""
     range_max_m: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
-    """Farther echoes count for nothing; the model's own limit if not given."""
+    """Farther echoes are ignored; the model's own limit if not given."""
 
     def __post_init__(self) -> None:
         """Refuse limits that leave nothing between them."""
@@ -49,27 +49,27 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class WheelsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.chassis.wheels]`: for a board that counts ticks (`arduino_bridge`)."""
+    """`[base.chassis.wheels]`: the wheels of a board that counts ticks (`arduino_bridge`)."""
 
     ticks_per_revolution: Annotated[float, Meta(gt=0.0, le=1e6)]
-    """Of the wheel: the encoder's resolution times the gear."""
+    """Ticks per turn of the wheel: the encoder's resolution times the gear ratio."""
     diameter_m: Annotated[float, Meta(gt=0.0, le=1.0)]
-    """Of a driven wheel."""
+    """Diameter of a driven wheel."""
     track_m: Annotated[float, Meta(gt=0.0, le=3.0)]
-    """Between the middles of the left and the right wheels."""
+    """Distance between the centres of the left and right wheels."""
     reverse_left: bool = False
-    """The left encoder counts down, and the motor needs a minus, when the wheel turns forward."""
+    """Whether encoder and motor of the left wheel count and turn the wrong way round."""
     reverse_right: bool = False
-    """The same of the right wheel."""
+    """The same for the right wheel."""
 
 
 class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.chassis.inputs]`: pins of the board that something is wired to (`arduino_bridge`)."""
+    """`[base.chassis.inputs]`: what is wired to the pins of the board (`arduino_bridge`)."""
 
     bumper_pins: Annotated[list[Pin], Meta(max_length=4)] = []
     """Digital pins of bumpers."""
     cliff_pins: Annotated[list[Pin], Meta(max_length=4)] = []
-    """Digital pins of sensors that look for the floor."""
+    """Digital pins of the cliff sensors, which look for the floor."""
     bumper_active: Annotated[int, Meta(ge=0, le=1)] = 0
     """What a bumper pin reads when it is hit; a switch to ground with a pull-up reads 0."""
     cliff_active: Annotated[int, Meta(ge=0, le=1)] = 1
@@ -77,11 +77,11 @@ class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     battery_pin: Pin | None = None
     """The analog pin that measures the battery."""
     battery_volts_per_count: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.0049
-    """What one count of it stands for, the voltage divider included."""
+    """Battery voltage per count of that pin, including the voltage divider."""
     battery_empty_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.5
-    """Below this for 2 s the robot does not drive."""
+    """Voltage below which, after 2 s, the robot does not drive."""
     battery_full_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 12.6
-    """What counts as fully charged."""
+    """Voltage of a fully charged battery."""
 
     def __post_init__(self) -> None:
         """Refuse a battery that is empty when it is full."""
@@ -93,11 +93,11 @@ class PidConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[base.chassis.pid]`: gains of the board's speed control, sent at each connection."""
 
     p: Annotated[float, Meta(ge=0.0, le=1e4)]
-    """Proportional."""
+    """Proportional gain."""
     i: Annotated[float, Meta(ge=0.0, le=1e4)]
-    """Integral."""
+    """Integral gain."""
     d: Annotated[float, Meta(ge=0.0, le=1e4)]
-    """Derivative."""
+    """Derivative gain."""
     o: Annotated[float, Meta(gt=0.0, le=1e4)] = 50.0
     """The divisor Ko of ROSArduinoBridge; `linorobot` has none."""
 
@@ -106,18 +106,18 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """`[base.chassis]`: the motor board, where the driver is `hardware`."""
 
     board: Board | None = None
-    """What firmware it runs; without one only the lidar works and nothing is driven."""
+    """The firmware it runs; without one only the lidar works and the robot cannot drive."""
     port: str = ""
-    """Its serial port; a name below /dev/serial/by-id or by-path stays the same."""
+    """The serial port; a name below /dev/serial/by-id or by-path stays the same."""
     baud: Baud | None = None
-    """The line's speed; the board's own if not given."""
+    """Baud rate of the line; the board's own if not given."""
     watchdog_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
-    """After what silence the firmware stops the motors, where you have changed it and seen it
-    work; with more than 0.5 s the robot drives at most 0.2 m/s."""
+    """Silence after which the firmware stops the motors, if you have changed and tested it; above
+    0.5 s the robot drives at most 0.2 m/s."""
     use_imu: bool = True
     """Fuse the turn rate of the board's gyro, if it has one."""
     imu_axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
-    """Which axes of the chip point forward, left and up; `-y` is against y."""
+    """The axes of the chip that point forward, left and up; `-y` is opposite to y."""
     pid: PidConfig | None = None
     wheels: WheelsConfig | None = None
     inputs: InputsConfig = InputsConfig()
@@ -145,16 +145,16 @@ def _is_right_handed(axes: tuple[Axis, Axis, Axis]) -> bool:
 
 
 class OdometryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.odometry]`: how what the wheels report is corrected; `trolley calibrate` finds it."""
+    """`[base.odometry]`: corrections of what the wheels report; `trolley calibrate` finds them."""
 
     linear_scale: Scale = 1.0
     """True metres per reported metre, forwards and backwards."""
     sideways_scale: Scale = 1.0
     """True metres per reported metre sideways (mecanum)."""
     angular_scale: Scale = 1.0
-    """True radians per reported radian; a larger one is a narrower track."""
+    """True radians per reported radian; a larger value means a narrower track."""
     wheel_ratio: Annotated[float, Meta(ge=0.8, le=1.25)] = 1.0
     """The right wheel's true diameter over the left one's."""
     track_m: Annotated[float, Meta(gt=0.0, le=3.0)] | None = None
-    """The track that the board counts with; needed for `wheel_ratio` where the board has no
+    """The track that the board calculates with; needed for `wheel_ratio` where the board has no
     [base.chassis.wheels]."""

@@ -67,9 +67,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is no UTF-8 text") from error
+        raise ConfigError(f"{path}: is not UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # a number of 5000 digits is a plain ValueError
-        raise ConfigError(f"{path}: is no valid TOML: {error}") from error
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
 
 
 def load_config(path: Path) -> RobotConfig:

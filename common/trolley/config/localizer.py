@@ -12,16 +12,16 @@ Seconds = Annotated[float, Meta(gt=0.0, le=600.0)]
 
 
 class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the localizer moves, weighs and judges its hypotheses.
+    """The localizer: motion model, measurement model, search and monitoring.
 
     The noise parameters are named after Thrun, Burgard, Fox, Probabilistic Robotics (2005), tables
     5.6 and 6.3.
     """
 
     min_particles: Annotated[int, Meta(ge=50, le=100_000)] = 500
-    """Fewest particles, however sure the pose is."""
+    """Least number of particles, however certain the pose is."""
     max_particles: Annotated[int, Meta(ge=50, le=100_000)] = 4000
-    """Most particles, however unsure the pose is."""
+    """Greatest number of particles, however uncertain the pose is."""
     kld_error: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.03
     """Largest error of the particles' distribution (epsilon; Fox 2003)."""
     kld_quantile: Annotated[float, Meta(gt=0.0, le=5.0)] = 2.33
@@ -36,50 +36,50 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     alpha4: Alpha = 0.02
     """Noise in driving from turning [m^2 / rad^2]."""
     slip_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01
-    """Deviation along and across per update, whatever the odometry says [m]."""
+    """Standard deviation of position added at each update, whatever the odometry says [m]."""
     slip_rad: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01
-    """Deviation of the heading per update, whatever the odometry says [rad]."""
+    """Standard deviation of heading added at each update, whatever the odometry says [rad]."""
 
     update_distance_m: Distance = 0.08
-    """Drive after which the particles are weighed again [m]."""
+    """Distance driven after which the particles are weighted again [m]."""
     update_turn_rad: Angle = 0.08
-    """Turn after which the particles are weighed again [rad]."""
+    """Rotation after which the particles are weighted again [rad]."""
 
     num_beams: Annotated[int, Meta(ge=10, le=2000)] = 120
-    """Beams of a scan that weigh the particles."""
+    """Beams per scan that the particles are weighted with."""
     refine_beams: Annotated[int, Meta(ge=20, le=4000)] = 360
-    """Beams of a scan that align the estimate with the map."""
+    """Beams per scan that the estimate is aligned to the map with."""
     max_range_m: Distance = 60.0
-    """Echoes from beyond are left out [m]."""
+    """Echoes from farther away are ignored [m]."""
     sigma_hit_m: Distance = 0.12
-    """Deviation of an end point from the wall that it belongs to [m]."""
+    """Standard deviation of a beam's end point from its wall [m]."""
     z_rand: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.1
     """Share of beams that end anywhere (people, furniture); z_hit is the rest."""
     independent_beams: Annotated[float, Meta(gt=0.0, le=1000.0)] = 20.0
-    """As how many independent beams a whole scan counts: neighbours err together."""
+    """How many independent beams a scan is worth: neighbouring beams err together."""
 
     explained_within_m: Distance = 0.15
-    """A beam that ends this near to a wall of the map is explained [m]."""
+    """A beam that ends this close to a wall of the map is explained by it [m]."""
     through_margin_m: Distance = 0.4
     """A beam that ends this far behind a wall of the map contradicts it [m]."""
     good_support: Share = 0.6
-    """Support by the scan from which on a pose is believed: how well the ends of the beams fit the
-    map, less those that went through walls, above all where they end nowhere behind them."""
+    """Support above which a pose is trusted: how well the ends of the beams fit the map, less those
+    that went through walls, most of all if they end at nothing behind them."""
     poor_support: Share = 0.4
-    """Support below which a pose is lost when it lasts."""
+    """Support below which a pose is lost, if it lasts."""
     lost_after_s: Seconds = 2.0
     """Time of poor support after which the pose is lost [s]."""
     max_spread_m: Distance = 0.5
     """Spread of the particles above which a pose is unsure [m]."""
 
     search_margin: Share = 0.1
-    """A place found by a search is taken at once if its support beats the others by this."""
+    """A pose found by a search is accepted at once if its support beats the others by this."""
     search_again_s: Seconds = 3.0
-    """Time between two searches of the whole map while it is not clear where the robot is [s]."""
+    """Time between two searches of the whole map while the robot's pose is unclear [s]."""
 
     propose_changes: bool = False
-    """Permission to watch for what has come or gone since the map was made, and to propose it: what
-    was seen where is kept in the state folder. Nothing changes on a map without a person."""
+    """Whether to watch for what has appeared or disappeared since the map was made, and to propose
+    it; sightings are kept in the state folder. A map never changes without a person."""
     change_after_s: Annotated[float, Meta(ge=60.0, le=2_592_000.0)] = 900.0
-    """How long a change must have been seen, from time to time, before it is proposed: time in
-    which the robot ran and knew where it was [s]."""
+    """How long a change must have been seen, on and off, before it is proposed; only time in which
+    the robot was localized counts [s]."""

@@ -11,25 +11,25 @@ class MapperConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     resolution_m: Annotated[float, Meta(ge=0.01, le=0.2)] = 0.05
     """Cell edge of the map [m]."""
     max_range_m: Annotated[float, Meta(gt=0.5, le=100.0)] = 30.0
-    """Echoes from beyond are left out [m]."""
+    """Echoes from farther away are ignored [m]."""
     keyframe_distance_m: Annotated[float, Meta(ge=0.05, le=2.0)] = 0.3
-    """Drive after which a scan becomes part of the map [m]."""
+    """Distance driven after which a scan becomes part of the map [m]."""
     keyframe_turn_rad: Annotated[float, Meta(ge=0.05, le=1.6)] = 0.3
-    """Turn after which a scan becomes part of the map [rad]."""
+    """Rotation after which a scan becomes part of the map [rad]."""
     local_way_m: Annotated[float, Meta(ge=1.0, le=50.0)] = 8.0
-    """Scans are compared with keyframes that are tied to the newest within so long a way [m];
-    keyframes farther back are found again by the search for loops."""
+    """Longest path along edges of the pose graph from the newest keyframe to those that scans are
+    matched with [m]; others are found by the search for loops."""
     local_reach_m: Annotated[float, Meta(ge=2.0, le=50.0)] = 25.0
-    """And with surfaces within this distance [m]."""
+    """Greatest distance of surfaces that scans are matched with [m]."""
     local_keyframes: Annotated[int, Meta(ge=3, le=200)] = 20
-    """And with at most so many keyframes."""
+    """Greatest number of keyframes that a scan is matched with."""
     keyframes_per_place: Annotated[int, Meta(ge=2, le=50)] = 4
-    """Where more show the same, the older ones are forgotten: memory follows the area mapped."""
+    """Keyframes kept of one place; older ones are dropped, so memory follows the area mapped."""
     drift_share: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.05
-    """How far off a pose may be at most, as a share of the way driven since the place was seen."""
+    """Greatest error of a pose, as a share of the distance driven since the place was seen."""
     lost_after_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.5
     """Time without a good match after which the robot is lost [s]."""
     explore_radius_m: Annotated[float, Meta(ge=1.0, le=200.0)] = 30.0
-    """Exploring keeps this near to where it began, whatever glass doors show [m]."""
+    """Exploring stays this close to where it began, whatever glass doors show [m]."""
     explore_area_m2: Annotated[float, Meta(ge=1.0, le=10_000.0)] = 500.0
-    """Exploring ends when so much floor is known [m²]."""
+    """Exploring ends once this much floor is known [m²]."""

@@ -17,22 +17,22 @@ TopicName = Annotated[
 
 
 class MqttConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The MQTT broker that the robot tells its state and takes a few commands from."""
+    """The MQTT broker that the robot reports to and takes a few commands from."""
 
     broker: str = ""
-    """`host` or `host:port` of the broker; empty: no bridge is run."""
+    """`host` or `host:port` of the broker; empty for no bridge."""
     username: str = ""
-    """Whom the broker knows the robot as; empty: it asks nobody."""
+    """User name for the broker; empty if it asks for none."""
     password_file: str = ""
     """A file whose first line is the password, relative to this file."""
     tls: bool = False
-    """Encrypt, and trust the certificate authorities that this computer trusts."""
+    """Whether to encrypt, trusting the certificate authorities that this computer trusts."""
     tls_ca: str = ""
-    """Encrypt, and trust the certificate authority in this PEM file alone."""
+    """Encrypt, trusting only the certificate authority in this PEM file."""
     base_topic: TopicName = ""
-    """What all topics of this robot begin with; `trolley/<robot>` if empty."""
+    """The beginning of all topics of this robot; `trolley/<robot>` if empty."""
     discovery_prefix: TopicName = "homeassistant"
-    """Where Home Assistant looks for devices; empty: nothing is announced to it."""
+    """Where Home Assistant looks for devices; empty to announce nothing."""
 
     def __post_init__(self) -> None:
         """Refuse a broker that is no address."""

@@ -12,15 +12,15 @@ Seconds = Annotated[float, Meta(gt=0.0, le=3600.0)]
 
 
 class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the planner drives. What the base can do (speed, turn rate, braking) it tells itself."""
+    """How the planner drives; the base reports its own limits of speed, turn rate and braking."""
 
     frame: Literal["map", "odom"] = "map"
-    """Frame of goals: `map` needs a map and a pose on it; `odom` drives by what the lidar sees."""
+    """Frame of goals: `map` needs a map and a pose on it; `odom` needs only the lidar."""
     turn_to_find: bool = False
-    """Whether a robot that does not know where it is may turn once in place to look around."""
+    """Whether a robot that does not know where it is may turn on the spot once to find out."""
 
     max_speed_mps: Speed = 0.5
-    """Highest speed of the planner; the base's own limit holds besides."""
+    """Highest speed of the planner; the base's own limit applies as well."""
     max_turn_radps: Rate = 1.5
     """Highest turn rate."""
     acceleration_mps2: Rate = 0.6
@@ -28,18 +28,18 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     angular_acceleration_radps2: Rate = 3.0
     """How fast the turn rate may change."""
     slow_speed_mps: Speed = 0.15
-    """Speed right beside an obstacle, and where the pose is `unsure`."""
+    """Speed right beside an obstacle, and while the pose is `unsure`."""
     caution_distance_m: Distance = 0.35
-    """Clearance from which on the robot need not drive slower [m]."""
+    """Clearance below which the robot slows down [m]."""
     clearance_m: Margin = 0.03
-    """Distance that the footprint keeps where the way allows; best below the stop margin [m]."""
+    """Distance that the footprint keeps where there is room; best below the stop margin [m]."""
 
     unknown_is_free: bool = False
-    """Whether paths may lead through cells that the map does not know (in `odom` they may)."""
+    """Whether paths may lead through unknown cells of the map (in `odom` they may)."""
     inflation_falloff_m: Distance = 0.15
-    """Distance over which the price of passing near an obstacle falls to 1/e [m]."""
+    """Distance over which the cost of passing an obstacle falls to 1/e [m]."""
     inflation_height: Annotated[float, Meta(ge=0.0, le=30.0)] = 8.0
-    """Price of touching an obstacle; open floor costs 1 a metre."""
+    """Cost of touching an obstacle; open floor costs 1 per metre."""
     odom_size_m: Annotated[float, Meta(ge=4.0, le=200.0)] = 40.0
     """Edge of the square that is remembered around the robot in frame `odom` [m]."""
     odom_resolution_m: Annotated[float, Meta(ge=0.01, le=0.5)] = 0.05
@@ -50,16 +50,16 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     clear_range_m: Distance = 8.0
     """Beams clear the costmap up to here [m]."""
     mirror_tolerance_m: Margin = 0.12
-    """How far an echo or a beam may miss a mirror's line, by the error of the pose [m]."""
+    """How far an echo or a beam may miss a mirror's line because of pose error [m]."""
     fade_s: Seconds = 3.0
     """How long an obstacle seen once is remembered while it is out of sight."""
     fade_per_sighting_s: Seconds = 0.5
-    """How much longer for each scan that confirmed it."""
+    """How much longer it is remembered for each scan that confirmed it."""
     fade_max_s: Seconds = 60.0
-    """How long an obstacle is remembered at most while it is out of sight."""
+    """Longest time for which an obstacle out of sight is remembered."""
 
     controller: Literal["mppi", "pursuit"] = "mppi"
-    """How it steers: by many drives tried in thought, or plainly after a point ahead (cheap)."""
+    """How it steers: by comparing many simulated drives, or by following a point ahead (cheap)."""
     control_rate_hz: Annotated[float, Meta(ge=5.0, le=30.0)] = 20.0
     """Commands per second."""
     horizon_s: Annotated[float, Meta(ge=0.5, le=6.0)] = 2.4
@@ -67,17 +67,17 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     rollouts: Annotated[int, Meta(ge=32, le=4000)] = 512
     """Trajectories that the controller compares for each command."""
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1)] = 0
-    """Fixes the controller's samples."""
+    """Seed of the controller's samples."""
 
     replan_s: Seconds = 1.0
-    """Time between looks for a better path; a blocked one is replaced at once."""
+    """Time between searches for a better path; a blocked one is replaced at once."""
     progress_distance_m: Distance = 0.15
-    """The robot must get this much nearer (or turn half a radian) [m]"""
+    """Progress that the robot must make within `progress_s` (or turn half a radian) [m]."""
     progress_s: Seconds = 6.0
-    """within this time, or it tries to get free."""
+    """Time without that progress after which the robot tries to free itself."""
     patience_s: Seconds = 5.0
-    """How long it waits for a way that became blocked, before it goes another or tries more."""
+    """How long it waits on a blocked path before it takes another one or tries harder."""
     back_up_m: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.4
-    """How far it backs up the way it came to get free [m]."""
+    """How far it backs up along its own path to free itself [m]."""
     give_up_s: Seconds = 60.0
-    """How long it tries to get free, or waits for its pose, before the goal fails."""
+    """How long it tries to free itself, or waits for its pose, before the goal fails."""

@@ -9,6 +9,7 @@ from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.geometry.pose import Finite
 from trolley.messages.motion import Drive, RobotName
 from trolley.messages.types import Point
+from trolley.ports import ROUTER_PORT
 
 Length = Annotated[float, Meta(ge=0.02, le=5.0)]
 
@@ -46,22 +47,22 @@ class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class RobotSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[robot]`: who it is and how large."""
+    """`[robot]`: name, shape and drive."""
 
     name: RobotName
-    """In every key of the wire: 1 to 32 of a-z, 0-9, _ and -."""
+    """The robot's name in every key: 1 to 32 characters of a-z, 0-9, _ and -."""
     title: Annotated[str, Meta(max_length=64)] = ""
-    """What the viewer calls it; the name if empty."""
+    """The name shown in the viewer; `name` if empty."""
     footprint: FootprintConfig
-    """Its outline, seen from above."""
+    """The robot's outline, seen from above."""
     drive: Drive = "differential"
-    """How it is driven."""
+    """The kind of drive."""
     mesh: str | None = None
-    """A glb file with the robot's body, 1 MiB at most, in metres, +y up, +z ahead."""
+    """A glb file of the robot's body, at most 1 MiB, in metres, +y up, +z forward."""
 
 
 class MapSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[map]`: the map to begin with."""
+    """`[map]`: the map to start with."""
 
     file: str | None = None
     """A ROS map_server YAML file, relative to this file; its stem is the map's name."""
@@ -92,16 +93,17 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """`[start]`: where the robot stands when it is switched on and no last pose is known."""
 
     pose: PoseConfig | str | None = None
-    """Coordinates on the map, or the name of a saved pose; without it the robot searches."""
+    """Coordinates on the map, or the name of a saved pose; without it the robot searches the
+    map."""
     always: bool = False
-    """Begin here even when a last pose is known."""
+    """Start here even if a last pose is known."""
 
 
 class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[zenoh]`: how services find each other."""
 
     connect: Annotated[list[str], Meta(min_length=1)] = field(
-        default_factory=lambda: ["tcp/127.0.0.1:7447"]
+        default_factory=lambda: [f"tcp/127.0.0.1:{ROUTER_PORT}"]
     )
     """Endpoints of the router that services and tools connect to."""
     uplink: list[str] = []
@@ -109,7 +111,7 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     keys: str = "keys"
     """The folder with this host's certificate, relative to this file; for `tls/` endpoints."""
     downsample: dict[str, Annotated[float, Meta(ge=0.01, le=100.0)]] = {}
-    """At most so many messages a second of a stream leave over TLS, such as `{scan = 2.0}`."""
+    """Highest rates of streams that leave over TLS [Hz], such as `{scan = 2.0}`."""
 
     def __post_init__(self) -> None:
         """Refuse what is no endpoint, since Zenoh would look for it for ever, and no stream."""
@@ -124,6 +126,6 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             has_port = re.search(r":[0-9]{1,5}([?#].*)?\Z", address) is not None
             if protocol not in PROTOCOLS or not (has_port or protocol in WITHOUT_PORT):
                 raise ValueError(
-                    f"{endpoint!r} is no endpoint: write protocol/host:port, such as "
-                    f"tcp/127.0.0.1:7447"
+                    f"{endpoint!r} is not an endpoint: write protocol/host:port, such as "
+                    f"tcp/127.0.0.1:{ROUTER_PORT}"
                 )

@@ -8,19 +8,19 @@ Origin = Annotated[str, Meta(pattern=r"^https?://[^/\s]+$", max_length=200)]
 
 
 class VizConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the viewer listens, and whom it lets in."""
+    """Where the viewer listens, and who may use it."""
 
     host: str = "127.0.0.1"
-    """The address to bind; beyond loopback (`"0.0.0.0"`) everybody needs a link with a token."""
+    """The address to bind; beyond loopback (`"0.0.0.0"`) everyone needs a link with a token."""
     port: Annotated[int, Meta(ge=1, le=65_535)] = 8080
     """The port; a busy one is an error, not a silent move to the next."""
     origins: list[Origin] = []
     """Addresses of the page behind a proxy, as `"https://robot.example"`."""
     always_ask: bool = False
-    """Ask for a token on this host, too."""
+    """Whether to ask for a token on this host, too."""
     foxglove_port: Annotated[int, Meta(ge=1, le=65_535)] | None = None
-    """The port for Foxglove, which looks on and commands nothing; usual is 8765."""
+    """The port for Foxglove, which can watch but not command; 8765 is usual."""
     foxglove_host: str = "127.0.0.1"
     """The address for Foxglove; anything but loopback also needs `foxglove_open`."""
     foxglove_open: bool = False
-    """Let everybody look on who reaches `foxglove_host`: Foxglove asks for no password."""
+    """Whether anybody who reaches `foxglove_host` may watch: Foxglove has no password."""

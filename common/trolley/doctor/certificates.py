@@ -66,19 +66,19 @@ def check_certificates(found: list[Validity], now: datetime) -> list[Finding]:
             findings.append(
                 problem(
                     "certificates",
-                    f"{who} is good from {one.not_before:%Y-%m-%d} on, and here it is "
+                    f"{who} is valid from {one.not_before:%Y-%m-%d} on, but here it is "
                     f"{now:%Y-%m-%d}.",
                     "Set the clock of this computer.",
                 )
             )
         elif days < 0.0:
             findings.append(
-                problem("certificates", f"{who} ran out on {one.not_after:%Y-%m-%d}.", new)
+                problem("certificates", f"{who} expired on {one.not_after:%Y-%m-%d}.", new)
             )
         elif days < SOON_DAYS:
-            findings.append(warning("certificates", f"{who} runs out in {days:.0f} days.", new))
+            findings.append(warning("certificates", f"{who} expires in {days:.0f} days.", new))
         else:
-            findings.append(ok("certificates", f"{who} is good until {one.not_after:%Y-%m-%d}."))
+            findings.append(ok("certificates", f"{who} is valid until {one.not_after:%Y-%m-%d}."))
     return findings
 
 

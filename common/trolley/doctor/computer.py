@@ -73,8 +73,8 @@ def check_clock(facts: WallClock) -> list[Finding]:
         return [
             warning(
                 "clock",
-                "The clock of this computer is not synchronised, so tours do not start by "
-                "timetable and nothing gets a date.",
+                "The clock of this computer is not synchronised, so scheduled tours do not start "
+                "and nothing is dated.",
                 "`sudo timedatectl set-ntp true`, and see that it reaches the internet.",
             )
         ]
@@ -144,7 +144,7 @@ def _check_power(word: int | None) -> list[Finding]:
 def _check_temperature(celsius: float | None) -> list[Finding]:
     if celsius is None:
         return [ok("temperature", "This computer does not tell how hot it is.")]
-    text = f"The processor has {celsius:.0f} °C."
+    text = f"The processor is at {celsius:.0f} °C."
     if celsius >= TOO_HOT_C:
         return [problem("temperature", text, "Cool it: heat sink, fan, air to its case.")]
     if celsius >= HOT_C:
@@ -155,7 +155,7 @@ def _check_temperature(celsius: float | None) -> list[Finding]:
 def _check_load(facts: Processor) -> list[Finding]:
     if facts.load is None:
         return []
-    text = f"{facts.load:.1f} programs want to run on {facts.cores} cores"
+    text = f"{facts.load:.1f} programs are competing for {facts.cores} cores"
     if facts.load > 1.5 * facts.cores:
         return [
             warning(
@@ -194,13 +194,18 @@ def check_memory(facts: Memory) -> list[Finding]:
     swapped = facts.swap_total - facts.swap_free
     if swapped > 100 * MB and swapped > facts.swap_total // 2:
         found.append(
-            warning("memory", f"{swapped // MB} MB are swapped out, which makes all slow.", remedy)
+            warning(
+                "memory",
+                f"{swapped // MB} MB are swapped out, which slows everything down.",
+                remedy,
+            )
         )
     if facts.killed:
         found.append(
             warning(
                 "memory",
-                f"For lack of memory the system has ended {facts.killed} programs since its start.",
+                f"For lack of memory the system has ended {facts.killed} programs since it "
+                "started.",
                 "`journalctl -k | grep -i 'out of memory'` names them; " + remedy,
             )
         )
@@ -262,7 +267,7 @@ class Wifi:
 def check_wifi(networks: list[Wifi]) -> list[Finding]:
     """Whether the wireless network is strong, and awake."""
     if not networks:
-        return [ok("wi-fi", "There is no Wi-Fi here.")]
+        return [ok("wi-fi", "This computer uses no Wi-Fi.")]
     found: list[Finding] = []
     for one in networks:
         text = f"{one.name} receives {one.level_dbm:.0f} dBm"

@@ -148,7 +148,7 @@ def _check_port(port: Port) -> list[Finding]:
         return [
             problem(
                 "devices",
-                f"{port.path} ([{port.key}]) is no serial port.",
+                f"{port.path} ([{port.key}]) is not a serial port.",
                 f"`trolley detect` finds it. {port.others}",
             )
         ]
@@ -173,15 +173,15 @@ def _check_port(port: Port) -> list[Finding]:
         found.append(
             warning(
                 "devices",
-                f"{port.path} ([{port.key}]) may be another device after the next start.",
-                "`trolley detect` tells a name that stays.",
+                f"{port.path} ([{port.key}]) may be a different device after the next restart.",
+                "`trolley detect` finds a name that stays the same.",
             )
         )
     if not found and not port.is_seen_whole:
         return [
             note(
                 "devices",
-                f"{port.path} ([{port.key}]) is there; who has it open you may not see.",
+                f"{port.path} ([{port.key}]) is there, but you may not see who has it open.",
                 "Look again with `sudo`.",
             )
         ]

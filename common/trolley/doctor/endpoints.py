@@ -52,7 +52,7 @@ def check_uplinks(endpoints: Sequence[Endpoint]) -> list[Finding]:
             "router",
             f"The home router at {one.text} does not answer: {one.trouble}.",
             "See that it is switched on and its address is right ([zenoh] uplink); the robot "
-            "itself goes on without it.",
+            "itself works without it.",
         )
         if one.trouble
         else ok("router", f"The home router at {one.text} answers.")
@@ -96,7 +96,7 @@ def check_door(door: Door) -> list[Finding]:
         return [
             problem(
                 "router",
-                f"At {where} no router answers; the port is taken by {door.owner}.",
+                f"No router answers at {where}; the port is used by {door.owner}.",
                 "End that program, or set another port in [zenoh] connect.",
             )
         ]

@@ -35,7 +35,6 @@ from trolley.security.host_keys import KEY
 UNIT_STATE = Path("/var/lib/trolley")
 SERVICE_USER = "trolley"
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"
-DEFAULT_PORT = 7447
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,9 +103,7 @@ def _now() -> datetime.datetime:
 
 def _check_memory(host: Host) -> list[Finding]:
     memory = computer_facts.read_memory(host)
-    return (
-        [note("memory", "It is unknown here.")] if memory is None else computer.check_memory(memory)
-    )
+    return [note("memory", "unknown here.")] if memory is None else computer.check_memory(memory)
 
 
 def _check_devices(place: Place) -> list[Finding]:
@@ -145,7 +142,7 @@ def _check_map(place: Place) -> list[Finding]:
     if file is None:
         if config.planner.frame == "odom":
             return kept_aside
-        text = "No map is set, so the robot can drive nowhere."
+        text = "No map is set, so the robot cannot drive anywhere."
         remedy = (
             "Make one (`trolley map new NAME`), name one in [map] file, or set [planner] "
             'frame = "odom" to drive without.'

@@ -104,7 +104,7 @@ def check_secrets(files: list[tuple[str, int]]) -> list[Finding]:
             warning(
                 "permissions",
                 f"Others can read the secret file {path}.",
-                f"`sudo chmod 600 {path}`; make it anew if somebody may have copied it.",
+                f"`sudo chmod 600 {path}`; make a new one if somebody may have copied it.",
             )
             for path in open_ones
         ]

@@ -9,7 +9,7 @@ from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.messages import BaseState, Clock, GoalStatus, Health, PoseEstimate, Robot
 from trolley.messages.motion import PROTOCOL
 from trolley.topics import Kind, Topic
-from trolley.traffic import ONLY_AT_WORK, Expected, Flow, expected
+from trolley.traffic import Expected, Flow, expected
 
 NEEDED = ("base", "localizer", "planner", "tour")
 SLOW, FAST = 0.7, 1.5
@@ -113,14 +113,14 @@ def _check_service(name: str, runs: Sequence[str], facts: RobotFacts) -> list[Fi
             *found,
             problem(
                 name,
-                f"{name} runs, but has said nothing for {facts.seconds:.0f} s.",
-                f"It hangs, or has only just begun; if it stays so, start it again. {LOG}",
+                f"{name} is running, but has been silent for {facts.seconds:.0f} s.",
+                f"It hangs, or has only just started; if this persists, restart it. {LOG}",
             ),
         ]
     if health.state == "failed":
         found.append(problem(name, f"{name} cannot work: {_message(health)}", LOG))
     elif health.state == "degraded":
-        found.append(warning(name, f"{name} works only in part: {_message(health)}", LOG))
+        found.append(warning(name, f"{name} is only partly working: {_message(health)}", LOG))
     elif health.state == "starting":
         found.append(note(name, f"{name} is still starting: {_message(health)}"))
     if health.cpu > BUSY:
@@ -145,13 +145,17 @@ def check_base(facts: RobotFacts) -> list[Finding]:
     for link in base.links:
         if link.state != "up":
             text = f"The {link.name} is not connected ({link.state}). {link.message}"
-            found.append(problem("base", text.strip(), "See to its cable; `trolley detect` looks."))
+            found.append(
+                problem("base", text.strip(), "Check its cable; `trolley detect` looks for it.")
+            )
     if base.mode == "fault":
         found.append(problem("base", f"The robot cannot drive: {why}", LOG))
     elif base.mode == "stopped":
         found.append(warning("base", f"The robot is stopped: {why}", "`trolley resume`"))
     elif base.mode == "held":
-        found.append(warning("base", f"The robot is held: {why}", "It goes on when that is over."))
+        found.append(
+            warning("base", f"The robot is held: {why}", "It continues when that is over.")
+        )
     battery = base.battery
     if battery is not None and battery.fraction is not None and not battery.charging:
         text = f"The battery is at {battery.fraction:.0%}."
@@ -171,15 +175,16 @@ def check_pose(facts: RobotFacts) -> list[Finding]:
         return [
             problem(
                 "localizer",
-                "There is no pose at all.",
-                "The localizer needs a map, scan and odometry: see what is said of those.",
+                "There is no pose.",
+                "The localizer needs a map, scan and odometry: see the findings about those.",
             )
         ]
-    help_it = "Show it in the viewer where it is, or `trolley pose find`."
+    help_it = "Show it where it is, in the viewer, or run `trolley pose find`."
     if pose.state == "lost":
         return [problem("localizer", f"The robot is lost. {pose.message}".strip(), help_it)]
     if pose.state in ("searching", "unsure"):
-        text = "searches its place" if pose.state == "searching" else "is unsure where it is"
+        is_searching = pose.state == "searching"
+        text = "is working out where it is" if is_searching else "is unsure where it is"
         return [warning("localizer", f"The robot {text}. {pose.message}".strip(), help_it)]
     return [
         ok(
@@ -195,7 +200,7 @@ def check_rates(facts: RobotFacts) -> list[Finding]:
     for topic in topics.TOPICS:
         if topic.kind is not Kind.STREAM or topic is topics.HEALTH:
             continue
-        owner = topic.owner.partition(",")[0]
+        owner = topic.first_owner
         names = [name for name in facts.flows if topic.match(_key(facts, name))]
         wanted = _wanted(topic, facts)
         for name in names:
@@ -205,12 +210,12 @@ def check_rates(facts: RobotFacts) -> list[Finding]:
             found.append(
                 problem(
                     owner,
-                    f"{topic.name} does not come, though {owner} runs.",
+                    f"{topic.name} is not published, although {owner} is running.",
                     _silence_remedy(topic),
                 )
             )
         elif is_due and not names and topic.name not in facts.kept and _must_be_kept(topic, facts):
-            found.append(warning(owner, f"{owner} runs, but has no {topic.name} to give.", LOG))
+            found.append(warning(owner, f"{owner} is running, but has no {topic.name}.", LOG))
     return found
 
 
@@ -220,13 +225,11 @@ def _key(facts: RobotFacts, name: str) -> str:
 
 def _is_due(topic: Topic[Any], facts: RobotFacts) -> bool:
     """Whether a topic is to be expected from this robot, in what it does now."""
-    if topic is topics.SIM_TRUTH:
+    if topic.when_simulated:
         return facts.robot is not None and facts.robot.simulated
-    if topic is topics.GOAL:
+    if topic.when_driving and topic.num_parts == 0:
         return facts.goal is not None and facts.goal.state in GOAL_AT_WORK
-    if topic in ONLY_AT_WORK:
-        return False
-    return facts.needs_map or topic.owner.partition(",")[0] != "localizer"
+    return facts.needs_map or topic.first_owner != "localizer"
 
 
 def _must_be_kept(topic: Topic[Any], facts: RobotFacts) -> bool:
@@ -238,7 +241,7 @@ def _silence_remedy(topic: Topic[Any]) -> str:
     if topic is topics.SCAN:
         return "Is the lidar plugged in and turning? `trolley status` shows its connection."
     if topic is topics.POSE:
-        return "The localizer needs a map, scan and odometry: see what is said of those."
+        return "The localizer needs a map, scan and odometry: see the findings about those."
     return LOG
 
 
@@ -248,9 +251,9 @@ def _wanted(topic: Topic[Any], facts: RobotFacts) -> Expected:
     if wanted.is_each_scan:
         scan = facts.flows.get(topics.SCAN.name)
         return Expected(low=None if scan is None else scan.hz)
-    if topic in (topics.CLOCK, topics.TOUR):  # these count real seconds
+    if topic.real_time:
         return wanted
-    if topic in ONLY_AT_WORK and not _is_due(topic, facts):
+    if topic.when_driving and not _is_due(topic, facts):
         wanted = Expected(high=wanted.high)
     times = facts.rate
     return Expected(
@@ -263,15 +266,15 @@ def _check_flow(name: str, flow: Flow, wanted: Expected, facts: RobotFacts) -> l
     # At 1 Hz three seconds hold two to four messages: one more or less says nothing.
     counted = flow.hz * facts.seconds
     low, high = wanted.low, wanted.high
-    text = f"{name} comes {flow.hz:.1f} times a second"
+    text = f"{name} arrives at {flow.hz:.1f} Hz"
     if low is not None and counted + 1.0 < SLOW * low * facts.seconds:
-        return [warning("rates", f"{text}, {low:g} would be right.", OVERLOADED)]
+        return [warning("rates", f"{text}; {low:g} Hz is expected.", OVERLOADED)]
     if high is not None and counted - 1.0 > FAST * high * facts.seconds:
         return [
             warning(
                 "rates",
-                f"{text}, {high:g} would be the most.",
-                "Do two programs publish it? `trolley topic echo` shows what they say.",
+                f"{text}; {high:g} Hz is the maximum.",
+                "Are two programs publishing it? `trolley topic echo` shows the messages.",
             )
         ]
     return [ok("rates", f"{text}.")] if low is not None else []
@@ -281,13 +284,13 @@ def check_lateness(facts: RobotFacts) -> list[Finding]:
     """Whether what comes is fresh."""
     found: list[Finding] = []
     for name, late_s in facts.late_s.items():
-        text = f"{name} is {late_s:.1f} s old when it comes"
+        text = f"{name} is {late_s:.1f} s old when it arrives"
         if late_s > TOO_LATE_S * facts.rate:
             found.append(problem("rates", f"{text}, so the robot stops.", OVERLOADED))
         elif late_s > LATE_S * facts.rate:
             found.append(warning("rates", f"{text}.", OVERLOADED))
         else:
-            found.append(ok("rates", f"{name} is {max(0.0, late_s):.2f} s old when it comes."))
+            found.append(ok("rates", f"{name} is {max(0.0, late_s):.2f} s old when it arrives."))
     return found
 
 
@@ -300,5 +303,5 @@ def check_counters(facts: RobotFacts) -> list[Finding]:
             text = f"{service} counted {name} {times} in {facts.seconds:.0f} s"
             is_often = number > facts.seconds
             make = warning if is_often else note
-            found.append(make("dropped", f"{text}.", f"It drops or misses something. {LOG}"))
+            found.append(make("dropped", f"{text}.", f"It is dropping or missing something. {LOG}"))
     return found

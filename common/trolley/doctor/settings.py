@@ -83,7 +83,7 @@ def check_map(facts: MapFacts) -> list[Finding]:
         found.append(
             problem(
                 "map",
-                f"The map {facts.name} is walls nearly everywhere.",
+                f"The map {facts.name} is almost all walls.",
                 "Look at `negate` and `free_thresh` in its YAML file: it may be inside out.",
             )
         )
@@ -225,6 +225,6 @@ def check_kept_aside(state: Path) -> list[Finding]:
             "saved",
             f"{_listed(broken)} could not be read and {'was' if len(broken) == 1 else 'were'} "
             f"kept aside in {state}.",
-            "Bring back a backup, or delete them when they are not missed.",
+            "Bring back a backup, or delete them if they are not needed.",
         )
     ]

@@ -88,7 +88,7 @@ def parse_units(text: str) -> list[Unit]:
 def check_units(units: list[Unit] | None) -> list[Finding]:
     """Whether the services that this host should run do run."""
     if units is None:
-        return [ok("services", "systemd does not run here, so nothing is started by it.")]
+        return [ok("services", "systemd is not running here, so it starts nothing.")]
     if not units:
         return [ok("services", "No services of Trolley are installed on this computer.")]
     return [_check_unit(unit) for unit in units]
@@ -101,26 +101,28 @@ def _check_unit(unit: Unit) -> Finding:
         if unit.exit_status == CANNOT_USE_CONFIG:
             return problem(
                 "services",
-                f"{unit.name} has ended since it cannot use robot.toml.",
+                f"{unit.name} has stopped because it cannot use robot.toml.",
                 f"{log}; correct the file. {again}",
             )
         return problem("services", f"{unit.name} has failed ({unit.result}).", f"{log}; {again}")
     if unit.restarts > OFTEN:
         return warning(
-            "services", f"{unit.name} has been started again {unit.restarts} times.", f"{log}."
+            "services", f"{unit.name} has been restarted {unit.restarts} times.", f"{log}."
         )
     if unit.sub == "auto-restart":
-        return problem("services", f"{unit.name} ends each time it is started.", f"{log}; {again}")
+        return problem(
+            "services", f"{unit.name} stops every time it is started.", f"{log}; {{again}}"
+        )
     if unit.active == "activating":
         return warning("services", f"{unit.name} is not ready yet.", f"Wait a little; {log}.")
     if unit.active != "active":
         if unit.enabled == "enabled":
             return problem(
                 "services",
-                f"{unit.name} should run, and does not.",
+                f"{unit.name} should be running, but is not.",
                 f"`sudo systemctl start {unit.name}`; {log}.",
             )
         return ok("services", f"{unit.name} is not in use.")
     if unit.restarts:
-        return note("services", f"{unit.name} runs; it was started again {unit.restarts} times.")
+        return note("services", f"{unit.name} is running; it was restarted {unit.restarts} times.")
     return ok("services", f"{unit.name} runs.")

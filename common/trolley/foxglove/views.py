@@ -142,8 +142,8 @@ class Views:
 
         `now_ns` is robot time, for what has no stamp of its own.
         """
-        if topic is topics.TF and parts == ("base_link",):
-            return  # an answer to `get` only: the odometry says it for every moment
+        if parts in topic.get_only_parts:  # the odometry says it for every moment
+            return
         if topic is topics.MAP:
             self._map_name = str(message.name)
         for name, (_, rows) in _DRAWN.items():

@@ -1,4 +1,4 @@
-"""What of a recording can be driven again: scans, odometry, and what they were measured on."""
+"""The part of a recording that services can be run on: scans, odometry, and the robot's shape."""
 
 import dataclasses
 from bisect import bisect_left
@@ -66,7 +66,7 @@ def read_drive(path: Path) -> Drive:
     """Read the first run of base in a recording; a restart ends it, since odometry begins anew.
 
     Raises:
-        BadRecording: It is no recording, or something is missing in it.
+        BadRecording: It is not a recording, or lacks something.
     """
     drive = Drive()
     epoch: int | None = None
@@ -82,7 +82,7 @@ def read_drive(path: Path) -> Drive:
     # A scan needs odometry before it; what is stamped twice or backwards is of no use.
     drive.scans = [scan for scan in drive.scans if scan.stamp_ns >= drive.odometry[0].stamp_ns]
     if len(drive.scans) < MIN_SCANS:
-        raise BadRecording(f"{path}: holds too few scans with odometry to be driven")
+        raise BadRecording(f"{path}: holds too few scans with odometry to be played")
     return drive
 
 

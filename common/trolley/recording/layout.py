@@ -16,7 +16,7 @@ WIRE = "encoding"
 MAX_RECORD_BYTES = 128 << 20
 """No chunk that Trolley writes is larger: a map and the rest of a second."""
 
-DRAWINGS = (topics.MARKER, topics.OVERLAY)
+DRAWINGS = tuple(topic for topic in topics.TOPICS if topic.is_drawing)
 """Stored keys that are recorded, since there is no list of them."""
 
 
@@ -31,7 +31,7 @@ def recorded_topic(key: str) -> Topic[Any] | None:
     if found is None:
         return None
     topic, _, parts = found
-    if topic is topics.TF and parts == ("base_link",):  # no stream: base answers `get` with it
+    if parts in topic.get_only_parts:
         return None
     return topic if topic.kind is Kind.STREAM or topic in DRAWINGS else None
 

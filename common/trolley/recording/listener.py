@@ -1,4 +1,4 @@
-"""Hears all that a robot publishes, and asks for what it published before."""
+"""Receives everything that a robot publishes, and asks for what it published before."""
 
 import threading
 import time
@@ -12,19 +12,19 @@ from trolley.recording.layout import key_of
 from trolley.runtime.bus import Closer, Reply, Sample
 
 MAX_WAITING_BYTES = 96 << 20
-"""What may wait for a slow disk: three of the largest maps."""
+"""How many bytes may wait for a slow disk: three of the largest maps."""
 ASK_TIMEOUT_S = 2.0
 OTHERS_ARE_BACK_S = 2.0
 
 
 class Heard(NamedTuple):
-    """Something that arrived."""
+    """A message that arrived."""
 
     sample: Sample
     arrived_ns: int
     """Local monotonic time."""
     is_latest: bool
-    """It was asked for: a latest value that may be old."""
+    """Whether it was asked for: a latest value, which may be old."""
 
 
 class Listener:
@@ -44,7 +44,7 @@ class Listener:
         self._bus.on_connection(self._reconnected)
 
     def take(self, timeout_s: float) -> Heard | None:
-        """The oldest arrival, None if nothing comes in time."""
+        """The oldest arrival, None if nothing arrives in time."""
         self._ask_when_due()
         with self._condition:
             self._condition.wait_for(lambda: bool(self._waiting), timeout_s)

@@ -1,4 +1,4 @@
-"""Playing a recording: its time, and what is made of its messages under another name."""
+"""Playing a recording: its time, and its messages under another name."""
 
 from collections.abc import Iterator
 
@@ -9,20 +9,19 @@ from trolley.messages import Clock
 from trolley.recording.reader import Entry
 from trolley.runtime import codec
 from trolley.runtime.bus import matches
+from trolley.runtime.robot_time import SILENCE_NS
 from trolley.topics import Qos
 
 LONGEST_GAP_NS = 10_000_000_000
-"""More than this between two messages was no pause: base was restarted, or a part is missing."""
+"""A longer gap between two messages is not a pause: base was restarted, or a part is missing."""
 PATIENCE_NS = 500_000_000
 LOWER_TO = 0.95
 SLOWEST = 0.001
-SILENCE_NS = 1_000_000_000
-"""A clock that is silent for so long (times its rate) is none."""
 TURN_NS = 1_000_000_000
 """Epochs of different turns differ by less than this."""
 MAX_KEYS = 4000
 OTHER_WORLD = "replay"
-"""What the simulated world is called when it is played again."""
+"""The name of the simulated world when it is replayed, so that no simulation shares it."""
 
 
 class Pace:
@@ -56,7 +55,7 @@ class Pace:
         return max(0.0, ahead_ns * 1e-9 / self.rate)
 
     def played(self, at_ns: int, monotonic_ns: int) -> None:
-        """Say that a message of robot time `at_ns` went out; lower the speed if it was late."""
+        """Note that a message of robot time `at_ns` was sent; lower the speed if it was late."""
         late_s = (self.now(monotonic_ns) - at_ns) * 1e-9 / self.rate
         if late_s < 0.1:
             self._late = None
@@ -90,9 +89,9 @@ class Replica:
         self._clock: tuple[int, Clock] | None = None
 
     def take(self, entry: Entry) -> Entry | None:
-        """What is to be published of an entry: as it is, changed, or None for nothing.
+        """What to publish of an entry: the entry itself, a changed one, or None.
 
-        Commands to the wheels are never published. The clock has a rate of its own, see `clock`.
+        Velocity commands are never published. The clock has a rate of its own, see `clock`.
         """
         if entry.topic is topics.COMMAND:
             return None
@@ -117,7 +116,7 @@ class Replica:
         return entry
 
     def kept(self) -> list[Entry]:
-        """What a late joiner is told: the latest values of everything that is said on change."""
+        """What a late joiner gets: the latest values of everything that is published on change."""
         return [entry for entry in self.latest.values() if entry.topic.qos is Qos.STATE]
 
     def clock(self, now_ns: int, rate: float) -> Clock | None:
@@ -144,7 +143,7 @@ class Replica:
 
 
 def _changed(entry: Entry, **changes: str) -> Entry | None:
-    """An entry whose message is changed, None where nobody could understand it."""
+    """An entry with a changed message, None if it cannot be decoded."""
     try:
         message = codec.decode(entry.topic.message, entry.payload, entry.encoding)
     except codec.BadPayload:

@@ -1,4 +1,4 @@
-"""Reads a recording from its beginning to its end, or as far as it is good."""
+"""Reads a recording from beginning to end, or as far as it is intact."""
 
 import dataclasses
 import struct
@@ -34,7 +34,7 @@ _BROKEN = (
     RuntimeError,
     zstandard.ZstdError,
 )
-"""What reading damaged bytes ends in."""
+"""What reading damaged bytes may raise."""
 
 
 class BadRecording(Exception):
@@ -68,31 +68,31 @@ class Damage:
     bad_chunks: int = 0
     """In the middle; each holds about a second."""
     lost_messages: int = 0
-    """In good chunks, of channels that were described in bad ones."""
+    """In intact chunks, of channels that were described in damaged ones."""
 
     def sentences(self) -> list[str]:
-        """What to say about it; nothing about a file that is whole."""
-        told: list[str] = []
+        """Sentences about it; none about a file that is intact."""
+        found: list[str] = []
         if self.bad_chunks:
             seconds = "second is" if self.bad_chunks == 1 else "seconds are"
-            told.append(f"The file is damaged: about {self.bad_chunks} {seconds} missing.")
+            found.append(f"The file is damaged: about {self.bad_chunks} {seconds} missing.")
         if self.lost_messages:
-            told.append(
-                f"The file is damaged: {self.lost_messages} messages say no more what they are."
+            found.append(
+                f"The file is damaged: {self.lost_messages} messages can no longer be identified."
             )
         if self.unread_bytes:
-            told.append(
+            found.append(
                 f"The file was cut or is damaged: its last {self.unread_bytes} bytes "
                 "cannot be read."
             )
-        return told
+        return found
 
 
 class RecordingFile:
     """A file that `trolley record` wrote.
 
     Raises:
-        BadRecording: It is none, cannot be read, or ends before its first message.
+        BadRecording: It is not a recording, cannot be read, or ends before its first message.
     """
 
     def __init__(self, path: Path) -> None:
@@ -165,7 +165,7 @@ class RecordingFile:
             head = file.read(len(MCAP0_MAGIC))
             if head != MCAP0_MAGIC[: len(head)]:
                 raise BadRecording(
-                    f"{self.path}: is no MCAP file; `trolley record` writes such files"
+                    f"{self.path}: is not an MCAP file; `trolley record` writes those"
                 )
             file.seek(0)
             stream = cast("IO[bytes]", _WholeReads(file))

@@ -1,4 +1,4 @@
-"""Decides what of a robot's streams is recorded, and with what time."""
+"""Decides which messages of a robot are recorded, and with which time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,16 +14,16 @@ from trolley.topics import Qos, Topic
 
 LAST_NS = 2**63 - 1
 MAX_KEYS = 2000
-"""Of how many keys messages are recorded: what a stranger may make the file list."""
+"""How many keys are recorded at most: what a stranger can make the file list."""
 
 
 class Recorder:
-    """Takes what is heard of a robot, in the order of its arrival, and writes it down.
+    """Records what a robot publishes, in the order of arrival.
 
     Args:
         writer: The file.
         robot: The robot's name.
-        patterns: Names below the robot's key, with Zenoh's wildcards; nothing is all.
+        patterns: Names below the robot's key, with Zenoh's wildcards; none for all.
     """
 
     def __init__(self, writer: RecordingWriter, robot: str, patterns: Sequence[str] = ()) -> None:
@@ -38,13 +38,13 @@ class Recorder:
         self._last_ns = 0
         self._last_arrived_ns = 0
 
-    def hear_clock(self, sample: Sample, arrived_ns: int) -> None:
-        """Learn robot time from a clock message that is still to be taken."""
+    def update_clock(self, sample: Sample, arrived_ns: int) -> None:
+        """Update robot time from a clock message before it is recorded."""
         try:
             clock = codec.decode(Clock, sample.payload, sample.encoding)
         except codec.BadPayload:
             return
-        self._time.hear(clock, arrived_ns)
+        self._time.update(clock, arrived_ns)
 
     def take(
         self, sample: Sample, arrived_ns: int, unix_ns: int, *, is_latest: bool = False
@@ -55,7 +55,7 @@ class Recorder:
             sample: What came.
             arrived_ns: Local monotonic time of its arrival.
             unix_ns: The host's clock, which counts only until robot time is known.
-            is_latest: It was asked for, and is recorded only if it is news.
+            is_latest: It was asked for, and is recorded only if it is new.
 
         Raises:
             OSError: The file cannot be written.
@@ -79,7 +79,7 @@ class Recorder:
             return
         self._heard[sample.key] = own_stamp_ns, hash(sample.payload)
         if isinstance(message, Clock):
-            self._time.hear(message, arrived_ns)
+            self._time.update(message, arrived_ns)
         at_ns = self._robot_ns(arrived_ns, unix_ns)
         stamp_ns = own_stamp_ns or at_ns
         self._writer.add(at_ns, sample.key, topic, sample.payload, sample.encoding, stamp_ns)
@@ -95,7 +95,7 @@ class Recorder:
             self._writer.add_view(at_ns, name, data, stamp_ns)
 
     def _is_known(self, sample: Sample, stamp_ns: int) -> bool:
-        """Whether a latest value was heard already, or something newer of its key was."""
+        """Whether this latest value, or a newer message of its key, has been recorded already."""
         heard = self._heard.get(sample.key)
         if heard is None:
             return False
@@ -111,7 +111,7 @@ class Recorder:
             return None
 
     def _robot_ns(self, arrived_ns: int, unix_ns: int) -> int:
-        """Robot time of an arrival; carried on while the clock is silent, and never back."""
+        """Robot time of an arrival; it runs on while the clock is silent, and never goes back."""
         now_ns = self._time.now(arrived_ns)
         if now_ns is None and self._last_ns:
             passed_ns = arrived_ns - self._last_arrived_ns

@@ -1,4 +1,4 @@
-"""Stands on the network in place of the robot that a recording is played as."""
+"""Stands in on the network for the robot that a recording is played as."""
 
 import time
 from collections.abc import Callable
@@ -11,23 +11,21 @@ from trolley.recording.layout import DRAWINGS, key_of
 from trolley.recording.playback import Replica
 from trolley.recording.reader import Entry
 from trolley.runtime import codec
-from trolley.runtime.clash import Run
+from trolley.runtime.clash import Run, is_one_per_host
+from trolley.runtime.context import Context
 from trolley.runtime.inbox import Inbox
 from trolley.runtime.log import Log
-from trolley.runtime.receiving import Context
-from trolley.runtime.robot_time import FollowedTime
+from trolley.runtime.robot_time import RobotClocks
 from trolley.runtime.serving import Server
 from trolley.topics import Kind, Topic
 
 SERVICE = "replay"
-VIEWERS = "viz"
-"""How the viewers' tokens begin: who looks at a robot is not the robot."""
 
 
 class Stage:
     """Publishes under a robot's name, shows that it is there, and answers `get`; close it.
 
-    Requests are answered by nobody: a recording obeys nobody.
+    Requests are not answered: a recording obeys nobody.
     """
 
     def __init__(self, connection: Connection, name: str) -> None:
@@ -42,15 +40,7 @@ class Stage:
         self._own = topics.ALIVE.key(name, SERVICE, run)
         connection.bus.declare_token(self._own)
         connection.bus.watch_tokens(topics.ALIVE.key(name), self._see)
-        context = Context(
-            robot=name,
-            bus=connection.bus,
-            inbox=self._inbox,
-            log=Log(SERVICE),
-            count=lambda _name: None,
-            time_of=lambda _robot: FollowedTime(),
-            after=lambda _seconds, _call: None,
-        )
+        context = Context(name, connection.bus, self._inbox, Log(SERVICE), RobotClocks(name))
         self._server = Server(context)
         for topic in topics.TOPICS:
             if topic.kind is Kind.STREAM or topic in DRAWINGS:
@@ -69,13 +59,13 @@ class Stage:
             encoding = entry.encoding or codec.MIME["msgpack"]
             self._connection.bus.put(key, entry.payload, encoding, entry.topic.qos)
 
-    def tell_time(self, clock: Clock) -> None:
+    def publish_clock(self, clock: Clock) -> None:
         """Publish robot time."""
         self._clock = clock
         self._connection.publish(self.name, topics.CLOCK, clock)
 
     def serve(self, timeout_s: float) -> None:
-        """Answer what is asked, for so long at most."""
+        """Answer queries for at most this long."""
         end_s = time.monotonic() + timeout_s
         while True:
             while (waiting := self._inbox.pop()) is not None:
@@ -108,6 +98,6 @@ class Stage:
         matched = topics.ALIVE.match(key)
         if matched is None or key == self._own or not is_there:
             return
-        service = matched[1][0]
-        if not service.startswith(VIEWERS):
-            self.usurper = service
+        label = matched[1][0]
+        if not is_one_per_host(label):  # who looks at a robot is not the robot
+            self.usurper = label

@@ -72,14 +72,14 @@ class Closer(Protocol):
 
 
 class Newest(Protocol):
-    """The newest of a key, without a thought for all that came before."""
+    """The newest message of a key, without those before it."""
 
     def take(self) -> bytes | None:
         """Return what was put since the last call, None if nothing was; b"" for a deletion."""
         ...
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         ...
 
 
@@ -144,7 +144,7 @@ def _meet(
 ) -> bool:
     """Whether two sequences, in which `star` is any number of items, can be the same.
 
-    Row by row over all pairs of beginnings, since a stranger's key may hold many stars.
+    Dynamic programming over all pairs of prefixes, since a stranger's key may hold many stars.
     """
     row = [True]
     for item in other:

@@ -1,4 +1,4 @@
-"""The clash rule: of two processes of one service the older stays.
+"""The clash rule: of two processes of one service, the older one stays.
 
 Each shows a liveliness token that names host, process and start, and reads those of the others of
 its name; who has seen an older one ends.
@@ -42,6 +42,16 @@ class Run:
 def host_name() -> str:
     """This host's name as it may stand in a key."""
     return re.sub(r"[^A-Za-z0-9_.-]", "-", socket.gethostname())[:32] or "host"
+
+
+def label_of(service: str, *, one_per_host: bool) -> str:
+    """The name in `health` and in the liveliness token: that of the host too where it matters."""
+    return f"{service}-{host_name()}" if one_per_host else service
+
+
+def is_one_per_host(label: str) -> bool:
+    """Whether a label is that of a service which each host may run, such as a viewer."""
+    return "-" in label
 
 
 class Elders:

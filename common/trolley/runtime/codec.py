@@ -22,7 +22,7 @@ _POSE_FIELDS = ("x", "y", "yaw")
 
 
 class BadPayload(ValueError):
-    """Bytes that are no valid message of the expected type; the text says what and where."""
+    """Bytes that are not a valid message of the expected type; the text says what and where."""
 
 
 def encode(message: Any, fmt: Format) -> bytes:

@@ -1,4 +1,4 @@
-"""Where everything that arrives waits for the one thread that calls a service's methods."""
+"""The queue between the bus's threads and the one thread that calls a service's methods."""
 
 import dataclasses
 import threading
@@ -6,11 +6,11 @@ from collections import deque
 from collections.abc import Callable, Hashable
 
 Task = Callable[[int], None]
-"""What to do about an arrival; its argument is the local monotonic time of the arrival [ns]."""
+"""What to do about an arrival; its argument is the local monotonic time at which it came [ns]."""
 
 MAX_WAITING = 4096
 MAX_WAITING_BYTES = 96 << 20
-"""Three of the largest maps: what a flood may hold in memory."""
+"""How many bytes a flood may hold in memory: three of the largest maps."""
 
 
 @dataclasses.dataclass(slots=True)
@@ -29,6 +29,9 @@ class Inbox:
 
     def __init__(self, monotonic_ns: Callable[[], int]) -> None:
         self.now_ns = monotonic_ns
+        """The local monotonic clock."""
+        self.arrived_ns = 0
+        """When the entry that was popped last had arrived."""
         self._queue: deque[_Entry] = deque()
         self._urgent: deque[_Entry] = deque()
         self._slots: dict[Hashable, _Entry] = {}
@@ -92,6 +95,7 @@ class Inbox:
             self._bytes -= entry.size
             if entry.slot is not None:
                 del self._slots[entry.slot]
+            self.arrived_ns = entry.arrived_ns
             return entry.task, entry.arrived_ns
 
     def wait(self, timeout_s: float) -> None:

@@ -239,7 +239,7 @@ class Lockstep:
         return service
 
     def kill(self, name: str) -> None:
-        """Take a service away as SIGKILL would: without its last word."""
+        """Remove a service as SIGKILL would: without calling `stop`."""
         node = self.nodes.pop(name)
         node.silence()
 

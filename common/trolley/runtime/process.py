@@ -20,13 +20,12 @@ from pathlib import Path
 from typing import Any
 
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
-from trolley.runtime.clash import Elders, Run, host_name
+from trolley.runtime.clash import Elders, Run, label_of
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.node import Node
-from trolley.runtime.parent import end_with_parent
 from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder, state_root
-from trolley.runtime.systemd import Supervision
+from trolley.runtime.supervision import Supervision, end_with_parent
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus_patiently
 from trolley.security.host_keys import KeysError, keys_for
 
@@ -53,7 +52,7 @@ class ProcessHost:
         self._worker = threading.Thread(target=self._run_jobs, name="work", daemon=True)
         self._worker.start()
         self.failure: BaseException | None = None
-        """What a job died of."""
+        """The exception that ended the worker."""
         self._cpu_s, self._measured_s = time.process_time(), time.monotonic()
 
     def monotonic_ns(self) -> int:
@@ -87,7 +86,7 @@ class ProcessHost:
         return round(share, 4), pages * os.sysconf("SC_PAGE_SIZE")
 
     def finish(self, timeout_s: float = 4.0) -> bool:
-        """Let the jobs that wait be done; False where one failed or they take too long."""
+        """Finish the waiting jobs; False if one failed or they take too long."""
         self._jobs.put(None)
         self._worker.join(timeout_s)
         return self.failure is None and not self._worker.is_alive()
@@ -118,7 +117,7 @@ class ServiceProcess:
 
     def __init__(self, service: Service, config: RobotConfig) -> None:
         self._service = service
-        self._label = f"viz-{host_name()}" if service.name == "viz" else service.name
+        self._label = label_of(service.name, one_per_host=service.one_per_host)
         self._log = Log(service.name)
         self._config = config
         self._robot = config.robot.name
@@ -127,10 +126,10 @@ class ServiceProcess:
         self._patience_until_s = 0.0
         self._node: Node | None = None
         # A plain flag: a threading.Event may not be set by a signal that interrupts its `wait`.
-        self._is_told_to_stop = False
+        self._should_stop = False
 
     def main(self) -> int:
-        """Connect, settle who stays, serve; the exit code."""
+        """Connect, settle clashes, serve; return the exit code."""
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._request_stop)
         zenoh = self._config.zenoh
@@ -153,13 +152,13 @@ class ServiceProcess:
         if now_s >= self._patience_until_s:
             self._supervision.waiting(ROUTER_PATIENCE_S, "waiting for the router")
             self._patience_until_s = now_s + 0.5 * ROUTER_PATIENCE_S
-        return not self._is_told_to_stop
+        return not self._should_stop
 
     def _serve(self, bus: ZenohBus) -> int:
         elders = Elders(bus, self._robot, self._label, self._run, self._wake)
         end_s = time.monotonic() + CLASH_WAIT_S
         while time.monotonic() < end_s:
-            if self._is_told_to_stop:
+            if self._should_stop:
                 return 0
             time.sleep(POLL_S)
         if elders.oldest() is not None:
@@ -175,13 +174,13 @@ class ServiceProcess:
             gc.freeze()
             code = self._loop(node, host, elders)
         except Exception:
-            self._log.crash("The service ends because of an error of its own")
+            self._log.crash("The service ends because of an internal error")
             code = EXIT_CRASHED
         return self._end(node, host) or code
 
-    def _loop(self, node: Node, host: "ProcessHost", elders: Elders) -> int:
+    def _loop(self, node: Node, host: ProcessHost, elders: Elders) -> int:
         next_alive_s = 0.0
-        while not self._is_told_to_stop:
+        while not self._should_stop:
             node.step()
             if host.failure is not None:
                 raise host.failure
@@ -192,12 +191,12 @@ class ServiceProcess:
             if period_s is not None and time.monotonic() >= next_alive_s:
                 self._supervision.alive()
                 next_alive_s = time.monotonic() + period_s
-            wait_s = (node.next_due_ns() - node.monotonic_ns) * 1e-9
+            wait_s = (node.next_due_ns() - host.monotonic_ns()) * 1e-9
             node.inbox.wait(min(max(wait_s, 0.0), period_s or LONGEST_WAIT_S))
         return 0
 
-    def _end(self, node: Node, host: "ProcessHost") -> int:
-        """Let the service say its last word and finish what it saves; not 0 where it could not."""
+    def _end(self, node: Node, host: ProcessHost) -> int:
+        """Stop the service and finish what it saves; not 0 if that failed."""
         self._supervision.stopping()
         code = 0
         try:
@@ -207,7 +206,7 @@ class ServiceProcess:
             node.silence()
             code = EXIT_CRASHED
         if not host.finish():
-            self._log.error("What was being saved did not get done", why=str(host.failure or ""))
+            self._log.error("Saving was not completed", why=str(host.failure or ""))
             code = EXIT_CRASHED
         return code
 
@@ -226,7 +225,7 @@ class ServiceProcess:
             self._node.inbox.wake()
 
     def _request_stop(self, _number: int, _frame: object) -> None:
-        self._is_told_to_stop = True
+        self._should_stop = True
         self._wake()
 
 
@@ -244,7 +243,7 @@ def main(
     path = find_config(options.config)
     if path is None:
         sys.stderr.write(
-            "No robot.toml: give --config, set TROLLEY_CONFIG, or run `trolley init`.\n"
+            "No robot.toml found: give --config, set TROLLEY_CONFIG, or run `trolley init`.\n"
         )
         sys.exit(EXIT_CONFIG)
     try:

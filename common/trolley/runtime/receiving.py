@@ -1,41 +1,28 @@
-"""The receiving half of a node: watches fed from the bus, everything validated before it counts."""
+"""What a service receives: watches fed from the bus, with everything validated first."""
 
 import dataclasses
 import unicodedata
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Collection
+from typing import Any, TypeVar
 
-from trolley import topics
+import msgspec
+
 from trolley.codes import Refused
 from trolley.runtime import codec
-from trolley.runtime.bus import Bus, Closer, Reply, Sample, has_wildcard, matches
-from trolley.runtime.inbox import Inbox
-from trolley.runtime.log import Log
-from trolley.runtime.replies import Gathering
-from trolley.runtime.robot_time import TimeSource
+from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard, matches
+from trolley.runtime.context import Context
 from trolley.runtime.watch import Watch
 from trolley.topics import Kind, Qos, Topic
 
+M = TypeVar("M", bound=msgspec.Struct)
+
 GET_TIMEOUT_S = 1.5
-"""A request that is answered after a look at somebody else's values is still answered in time."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Context:
-    """What the halves of a node share."""
-
-    robot: str
-    bus: Bus
-    inbox: Inbox
-    log: Log
-    count: Callable[[str], None]
-    time_of: Callable[[str], TimeSource]
-    after: Callable[[float, Callable[[], None]], None]
+"""How long a read may take, so that a request that depends on one is still answered in time."""
 
 
 @dataclasses.dataclass(eq=False)
-class Watching:
-    """A watch and how it is fed."""
+class Feed:
+    """A watch and where its messages come from."""
 
     watch: Watch[Any]
     robot: str | None
@@ -54,49 +41,65 @@ class Watching:
 class Receiver:
     """Subscribes, decodes, drops what is invalid or of an earlier run, and calls the handlers."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, owned: Collection[Topic[Any] | None] = ()) -> None:
+        """Begin with nothing; `owned` are the stored keys whose wishes come to this service."""
         self._context = context
-        self._watching: list[Watching] = []
+        self._owned = owned
+        self._feeds: list[Feed] = []
 
-    def open(self, watching: Watching) -> None:
+    def watch(
+        self,
+        topic: Topic[M],
+        parts: tuple[str, ...],
+        seconds: float = 0.0,
+        robot: str | None = None,
+        then: Callable[..., None] | None = None,
+    ) -> Watch[M]:
+        """Subscribe, and read what is there already."""
+        watch = Watch(topic, seconds)
+        is_wish = topic.kind is Kind.STORED and topic in self._owned
+        self.open(Feed(watch, robot, parts, then, is_wish=is_wish))
+        return watch
+
+    def open(self, feed: Feed) -> None:
         """Subscribe, then read what is there already."""
-        context, topic = self._context, watching.watch.topic
-        newest_only = topic.qos is not Qos.STATE and not watching.watch.keeps_history
+        context, topic = self._context, feed.watch.topic
+        newest_only = topic.qos is not Qos.STATE and not feed.watch.keeps_history
 
         def receive(sample: Sample) -> None:
-            slot = (id(watching), sample.key) if newest_only else None
+            slot = (id(feed), sample.key) if newest_only else None
             size = len(sample.payload)
             if size > topic.max_bytes:  # only its size is worth keeping
                 sample = dataclasses.replace(sample, payload=b"")
             context.inbox.push(
-                lambda arrived_ns: self._receive(watching, sample, size, arrived_ns),
+                lambda arrived_ns: self._receive(feed, sample, size, arrived_ns),
                 slot,
                 size=len(sample.payload),
             )
 
-        key = topic.key(watching.robot or context.robot, *watching.parts)
-        watching.closer = context.bus.subscribe(key, receive)
-        self._watching.append(watching)
-        self._catch_up(watching)
+        key = topic.key(feed.robot or context.robot, *feed.parts)
+        feed.closer = context.bus.subscribe(key, receive)
+        self._feeds.append(feed)
+        self._catch_up(feed)
 
     def close(self, watch: Watch[Any] | None = None) -> None:
         """Stop one watch, or all."""
-        for watching in [one for one in self._watching if watch is None or one.watch is watch]:
-            self._watching.remove(watching)
-            if watching.closer is not None:
-                watching.closer.close()
+        for feed in [one for one in self._feeds if watch is None or one.watch is watch]:
+            self._feeds.remove(feed)
+            if feed.closer is not None:
+                feed.closer.close()
 
     def catch_up(self) -> None:
         """Read again what may have been missed while the bus was away."""
-        for watching in self._watching:
-            self._catch_up(watching)
+        for feed in self._feeds:
+            self._catch_up(feed)
 
     def forget_epoch(self, robot: str, epoch_ns: int) -> None:
         """Drop what was measured before the run of the robot's base that began at `epoch_ns`."""
-        for watching in self._watching:
-            if watching.robot != "*" and (watching.robot or self._context.robot) != robot:
+        for feed in self._feeds:
+            if feed.robot != "*" and (feed.robot or self._context.robot) != robot:
                 continue
-            topic, every_robot = watching.watch.topic, watching.robot == "*"
+            topic, every_robot = feed.watch.topic, feed.robot == "*"
 
             def is_gone(
                 where: tuple[str, ...],
@@ -107,9 +110,9 @@ class Receiver:
                 if every_robot and where[0] != robot:
                     return False
                 parts = where[1:] if every_robot else where
-                return _is_of_epoch(topic, parts) and message.stamp_ns < epoch_ns
+                return topic.is_of_epoch(parts) and message.stamp_ns < epoch_ns
 
-            watching.watch.forget(is_gone)
+            feed.watch.forget(is_gone)
 
     def get(
         self,
@@ -136,20 +139,12 @@ class Receiver:
         if "?" in key or "#" in key:  # such a name cannot exist, and in a selector it would cut
             self._context.inbox.push(lambda _: then({}), own=True)
             return
-        self._ask(key, finish)
+        self._context.ask(f"{key}?format=msgpack", GET_TIMEOUT_S, finish)
 
-    def _ask(self, key: str, finish: Callable[[list[Reply], bool], None]) -> None:
-        context = self._context
-        gathering = Gathering(context.inbox, finish)
-        context.after(GET_TIMEOUT_S, lambda: gathering.end(timed_out=True))
-        context.bus.get(
-            f"{key}?format=msgpack", b"", "", GET_TIMEOUT_S, gathering.add, gathering.done
-        )
-
-    def _catch_up(self, watching: Watching) -> None:
+    def _catch_up(self, feed: Feed) -> None:
         """A late joiner subscribes, then gets, and keeps the newer."""
-        topic = watching.watch.topic
-        if topic.qos is not Qos.STATE or watching.is_wish or watching.on_delete is not None:
+        topic = feed.watch.topic
+        if topic.qos is not Qos.STATE or feed.is_wish or feed.on_delete is not None:
             return
         asked_ns = self._context.inbox.now_ns()
 
@@ -157,23 +152,24 @@ class Receiver:
             for reply in replies:
                 if not reply.is_error:
                     sample = Sample(reply.key, reply.payload, reply.encoding)
-                    self._take(watching, sample, len(reply.payload), asked_ns, is_read=True)
+                    self._accept(feed, sample, len(reply.payload), asked_ns, is_read=True)
 
-        self._ask(topic.key(watching.robot or self._context.robot, *watching.parts), finish)
+        key = topic.key(feed.robot or self._context.robot, *feed.parts)
+        self._context.ask(f"{key}?format=msgpack", GET_TIMEOUT_S, finish)
 
-    def _receive(self, watching: Watching, sample: Sample, size: int, arrived_ns: int) -> None:
-        if watching not in self._watching:
+    def _receive(self, feed: Feed, sample: Sample, size: int, arrived_ns: int) -> None:
+        if feed not in self._feeds:
             return
         if sample.is_delete:
-            self._take_delete(watching, sample)
-        elif watching.on_delete is None:
-            self._take(watching, sample, size, arrived_ns)
+            self._accept_delete(feed, sample)
+        elif feed.on_delete is None:
+            self._accept(feed, sample, size, arrived_ns)
 
-    def _take(
-        self, watching: Watching, sample: Sample, size: int, time_ns: int, *, is_read: bool = False
+    def _accept(
+        self, feed: Feed, sample: Sample, size: int, time_ns: int, *, is_read: bool = False
     ) -> None:
         """Take a message that arrived at `time_ns`, or that was read (asked for at `time_ns`)."""
-        topic, watch = watching.watch.topic, watching.watch
+        topic, watch = feed.watch.topic, feed.watch
         matched = None if has_wildcard(sample.key) else topic.match(sample.key)
         if matched is None:
             self._drop(topic, "key", sample.key, "a key with a wildcard cannot be put")
@@ -181,36 +177,36 @@ class Receiver:
         message = self._decode(topic, sample, size)
         if message is None or self._is_of_earlier_run(topic, *matched, message):
             return
-        where = watching.where(*matched)
+        where = feed.where(*matched)
         if is_read and _is_newer(watch, where, message, time_ns):
             return
-        if not watching.is_wish and not watch.take(message, where, time_ns, size):
-            self._drop(topic, "too_many", sample.key, "too much is known already")
+        if not feed.is_wish and not watch.take(message, where, time_ns, size):
+            self._drop(topic, "too_many", sample.key, "too much is kept already")
             return
-        if watching.then is not None:
-            self._call(topic, watching.then, message, *where)
+        if feed.then is not None:
+            self._call(topic, feed.then, message, *where)
 
-    def _take_delete(self, watching: Watching, sample: Sample) -> None:
-        topic = watching.watch.topic
+    def _accept_delete(self, feed: Feed, sample: Sample) -> None:
+        topic = feed.watch.topic
         key = unicodedata.normalize("NFC", sample.key)
         if topic.kind is not Kind.STORED:  # what is measured or said once would be lost for good
             self._drop(topic, "key", sample.key, "only what is stored can be deleted")
             return
-        if has_wildcard(key) and topic not in (topics.MARKER, topics.OVERLAY):
-            if watching.on_delete is not None:  # else somebody else counts it
+        if has_wildcard(key) and not topic.is_drawing:
+            if feed.on_delete is not None:  # else somebody else counts it
                 why = "a wildcard delete is allowed for markers and overlays only"
                 self._drop(topic, "key", sample.key, why)
             return
-        if watching.on_delete is not None:
-            self._call(topic, watching.on_delete, *key.split("/")[3:])
+        if feed.on_delete is not None:
+            self._call(topic, feed.on_delete, *key.split("/")[3:])
             return
-        robot = watching.robot or self._context.robot
+        robot = feed.robot or self._context.robot
 
         def is_gone(where: tuple[str, ...], _message: Any) -> bool:
             of_robot, parts = (where[0], where[1:]) if robot == "*" else (robot, where)
             return matches(key, topic.key(of_robot, *parts))
 
-        watching.watch.forget(is_gone)
+        feed.watch.forget(is_gone)
 
     def _call(self, topic: Topic[Any], handler: Callable[..., None], *arguments: Any) -> None:
         try:
@@ -237,9 +233,9 @@ class Receiver:
     def _is_of_earlier_run(
         self, topic: Topic[Any], robot: str, parts: tuple[str, ...], message: Any
     ) -> bool:
-        if not _is_of_epoch(topic, parts):
+        if not topic.is_of_epoch(parts):
             return False
-        if message.stamp_ns >= self._context.time_of(robot).epoch:
+        if message.stamp_ns >= self._context.clocks.of(robot).epoch:
             return False
         self._context.count(f"{topic.chunks[0]}/earlier_run")
         return True
@@ -247,11 +243,6 @@ class Receiver:
     def _drop(self, topic: Topic[Any], reason: str, key: str, message: str) -> None:
         self._context.count(f"{topic.chunks[0]}/{reason}")
         self._context.log.limited(f"{topic.name}/{reason}", "Dropped", key=key, why=message)
-
-
-def _is_of_epoch(topic: Topic[Any], parts: tuple[str, ...]) -> bool:
-    """Whether a message of this key holds for one run of base only."""
-    return topic.of_epoch or (topic is topics.TF and parts == ("odom",))
 
 
 def _is_newer(watch: Watch[Any], where: tuple[str, ...], read: Any, asked_ns: int) -> bool:

@@ -1,7 +1,7 @@
-"""Collecting the replies to a get, whose callbacks come on any thread."""
+"""Collecting the replies to a get, whose callbacks come on any thread, and reading them."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from trolley import codes
 from trolley.codes import Refused
@@ -11,31 +11,33 @@ from trolley.runtime import codec
 from trolley.runtime.bus import Reply
 from trolley.runtime.inbox import Inbox
 
+R = TypeVar("R")
 
-class Gathering:
-    """Hands the replies to `finish` once, on the service's thread: all are in, or time is up."""
 
-    def __init__(self, inbox: Inbox, finish: Callable[[list[Reply], bool], None]) -> None:
+class Replies:
+    """Hands replies to `on_finished` once, on the service's thread: all are in, or time is up."""
+
+    def __init__(self, inbox: Inbox, on_finished: Callable[[list[Reply], bool], None]) -> None:
         self._inbox = inbox
-        self._finish: Callable[[list[Reply], bool], None] | None = finish
+        self._on_finished: Callable[[list[Reply], bool], None] | None = on_finished
         self._replies: list[Reply] = []
 
     def add(self, reply: Reply) -> None:
-        """Take a reply (any thread)."""
+        """Add a reply (any thread)."""
         self._replies.append(reply)
 
-    def done(self) -> None:
-        """The last reply is in (any thread)."""
-        self._inbox.push(lambda _: self.end(timed_out=False), own=True)
+    def complete(self) -> None:
+        """Note that the last reply is in (any thread)."""
+        self._inbox.push(lambda _: self.finish(timed_out=False), own=True)
 
-    def end(self, *, timed_out: bool) -> None:
+    def finish(self, *, timed_out: bool) -> None:
         """Hand over what is in (the service's thread); later calls do nothing."""
-        finish, self._finish = self._finish, None
-        if finish is not None:
-            finish(list(self._replies), timed_out)
+        on_finished, self._on_finished = self._on_finished, None
+        if on_finished is not None:
+            on_finished(list(self._replies), timed_out)
 
 
-def outcome(request: Request[Any, Any], replies: list[Reply], timed_out: bool) -> object:
+def outcome(request: Request[Any, R], replies: list[Reply], timed_out: bool) -> R | Refused:
     """What a request came to: the decoded reply, or a `Refused`."""
     if not replies:
         code = codes.TIMEOUT if timed_out else codes.NOT_READY

@@ -1,4 +1,4 @@
-"""Robot time: the one clock that every stamp counts, owned by `base`, followed by all others."""
+"""Robot time: the one clock that all stamps refer to, owned by `base`, followed by all others."""
 
 import dataclasses
 from collections import deque
@@ -7,7 +7,9 @@ from typing import Protocol
 from trolley.messages import Clock
 
 SILENCE_NS = 1_000_000_000
+"""After this long without a `clock` message there is no robot time."""
 WINDOW_NS = 10_000_000_000
+"""How far back the messages count that robot time is computed from."""
 
 
 class TimeSource(Protocol):
@@ -60,8 +62,8 @@ class FollowedTime:
         self._heard_ns: int | None = None
         self._last: int | None = None
 
-    def hear(self, clock: Clock, arrived_ns: int) -> bool:
-        """Take a clock message that arrived at local `arrived_ns`; True when a new epoch began."""
+    def update(self, clock: Clock, arrived_ns: int) -> bool:
+        """Take in a message that arrived at local `arrived_ns`; True when a new epoch began."""
         known = self._heard_ns is not None
         silent = self._heard_ns is None or arrived_ns - self._heard_ns > SILENCE_NS
         if known and clock.epoch < self.epoch and not silent:
@@ -89,3 +91,37 @@ class FollowedTime:
         now = self._heard[0].extended(self.rate, monotonic_ns)
         self._last = now if self._last is None else max(self._last, now)
         return self._last
+
+
+class RobotClocks:
+    """The clock of each robot as heard on the wire; the service that owns robot time has its own.
+
+    Args:
+        robot: The service's own robot.
+        own: The clock of that robot where the service owns it.
+    """
+
+    def __init__(self, robot: str, own: TimeSource | None = None) -> None:
+        self._robot = robot
+        self._own = own
+        self._followed: dict[str, FollowedTime] = {}
+
+    @property
+    def own(self) -> TimeSource:
+        """The clock of the service's own robot."""
+        return self.of(self._robot)
+
+    def of(self, robot: str) -> TimeSource:
+        """The clock of a robot."""
+        if robot == self._robot and self._own is not None:
+            return self._own
+        return self._follow(robot)
+
+    def update(self, robot: str, clock: Clock, arrived_ns: int) -> bool:
+        """Take in a `clock` message of a robot; True when a new epoch began."""
+        return self._follow(robot).update(clock, arrived_ns)
+
+    def _follow(self, robot: str) -> FollowedTime:
+        if robot not in self._followed:
+            self._followed[robot] = FollowedTime()
+        return self._followed[robot]

@@ -5,9 +5,9 @@ import threading
 from collections.abc import Mapping, Sequence
 
 from trolley.runtime.log import Log, set_up_logging
-from trolley.runtime.systemd import Supervision
+from trolley.runtime.supervision import Supervision
 from trolley.runtime.zenoh_bus import open_router
-from trolley.security.host_keys import Security
+from trolley.security.access import Security
 
 LONGEST_WAIT_S = 3600.0
 

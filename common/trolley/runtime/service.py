@@ -1,6 +1,6 @@
 """What a service is: a class whose methods are bound to topics, periods and requests.
 
-A service has no loop, thread or clock of its own. A runtime binds it to a node, calls `start`, and
+A service has no loop, thread or clock of its own. A runtime binds it to a bus, calls `start`, and
 then calls its methods one at a time: on a message (`@on`), at a period (`@every`), for a request
 (`@answers`), for a `get` of its topics (`@gets`). Methods never block; files and long work go
 through `work`. The same class runs as a process over Zenoh and in the lock-step runtime.
@@ -34,6 +34,7 @@ import msgspec
 
 from trolley.codes import Refused
 from trolley.requests import Request
+from trolley.runtime import codec
 from trolley.runtime.bindings import (
     Binding,
     TimerClock,
@@ -44,17 +45,19 @@ from trolley.runtime.bindings import (
     on,
     on_delete,
 )
+from trolley.runtime.bus import Reply
+from trolley.runtime.host import Host
 from trolley.runtime.log import Log
-from trolley.runtime.port import Port
+from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import TimeSource
 from trolley.runtime.state import StateFolder
 from trolley.runtime.watch import Later, Watch
+from trolley.runtime.wire import Wire
 from trolley.topics import Topic
 
 __all__ = [
     "Binding",
     "Later",
-    "Port",
     "Service",
     "TimerClock",
     "Watch",
@@ -79,28 +82,31 @@ class Service:
     """The service's name, as in `health/<name>`."""
     all_robots: ClassVar[bool] = False
     """Whether it listens to the clocks of all robots."""
+    one_per_host: ClassVar[bool] = False
+    """Whether each host may run one of its own, told apart by the host's name in `health`."""
     own_time: TimeSource | None = None
     """Set in `__init__` by the service that owns robot time (`base`); the others follow `clock`."""
     parts: tuple[object, ...] = ()
     """Set in `__init__`: the objects whose decorated methods are bound after the service's own."""
 
-    _port: Port
+    _wire: Wire
+    _host: Host
 
-    def bind(self, port: Port) -> None:
-        """Tie the service to its node (called by the runtime)."""
-        self._port = port
+    def bind(self, wire: Wire, host: Host) -> None:
+        """Connect the service to a bus and a host (called by the runtime)."""
+        self._wire, self._host = wire, host
 
     def prepare(self) -> None:
-        """Called once before anything is watched or served: what takes long, such as compiling.
+        """Called once before anything is watched or served: for what takes long, such as compiling.
 
-        Until it is done whoever asks hears at once that nobody answers.
+        Until it is done, requests fail at once with `not_ready`.
         """
 
     def start(self) -> None:
-        """Called once when the node is bound, before any other method: watch topics, read state."""
+        """Called once when all is bound, before any other method: watch topics, read state."""
 
     def stop(self) -> None:
-        """Called once at the end (SIGTERM too): say the last word, save what must be saved."""
+        """Called once at the end, also on SIGTERM: publish and save what must be."""
 
     def epoch_began(self) -> None:
         """Called when `base` began a new run: what was measured before it no longer counts."""
@@ -109,12 +115,12 @@ class Service:
     @property
     def robot(self) -> str:
         """The robot's name."""
-        return self._port.robot
+        return self._wire.context.robot
 
     @property
     def now_ns(self) -> int | None:
         """Robot time [ns], None while unknown."""
-        return self._port.time_of(self._port.robot).now(self._port.monotonic_ns)
+        return self._wire.context.clocks.own.now(self._host.monotonic_ns())
 
     @property
     def stamp_ns(self) -> int:
@@ -124,64 +130,64 @@ class Service:
     @property
     def epoch_ns(self) -> int:
         """Robot time [ns] at which the present run of `base` began."""
-        return self._port.time_of(self._port.robot).epoch
+        return self._wire.context.clocks.own.epoch
 
     @property
     def monotonic_ns(self) -> int:
         """The local monotonic clock [ns] (simulated in lock-step)."""
-        return self._port.monotonic_ns
+        return self._host.monotonic_ns()
 
     @property
     def arrived_ns(self) -> int:
         """Local monotonic time at which the message in hand arrived."""
-        return self._port.arrived_ns
+        return self._wire.context.inbox.arrived_ns
 
     def time_of(self, robot: str) -> TimeSource:
         """The clock of another robot (only where `all_robots` is set)."""
-        return self._port.time_of(robot)
+        return self._wire.context.clocks.of(robot)
 
     @property
     def unix_ns(self) -> int:
         """The host's clock [ns since 1970], synchronised or not (0 at the start of lock-step)."""
-        return self._port.unix_ns
+        return self._host.unix_ns()
 
     def utc_now(self) -> str | None:
         """UTC as ISO 8601, None until the host's clock is synchronised (and in lock-step)."""
-        return self._port.utc_now()
+        return self._host.utc_now()
 
     def new_id(self) -> str:
         """A fresh id of 12 characters [a-z0-9] (from the seed in lock-step)."""
-        return self._port.new_id()
+        return self._host.new_id()
 
     @property
     def state(self) -> StateFolder:
         """The folder of this robot's state."""
-        return self._port.state
+        return self._host.state
 
     @property
     def maps(self) -> StateFolder:
         """The folder of this host's maps."""
-        return self._port.maps
+        return self._host.maps
 
     @property
     def log(self) -> Log:
         """The structured log: `self.log.info("Map loaded", map=name)`."""
-        return self._port.log
+        return self._wire.context.log
 
     # What it does.
     def publish(self, topic: Topic[M], message: M, *parts: str, robot: str | None = None) -> None:
         """Publish a message and keep it for `get`; `parts` fill the topic's varying chunks."""
-        self._port.publish(topic, message, parts, robot)
+        self._wire.server.publish(topic, message, parts, robot)
 
     def withdraw(self, topic: Topic[Any], *parts: str) -> None:
-        """Answer `get` of a topic no more, until it is published again: another owns it now."""
-        self._port.withdraw(topic, parts)
+        """Stop answering `get` of a topic until it is published again: another owns it now."""
+        self._wire.server.withdraw(topic, parts)
 
     def put_wish(
         self, topic: Topic[M], message: M | None, *parts: str, robot: str | None = None
     ) -> None:
         """Ask the owner of a stored key to store `message`, or to delete it (None)."""
-        self._port.put_wish(topic, message, parts, robot)
+        self._wire.server.put_wish(topic, message, parts, robot)
 
     def watch(
         self,
@@ -191,12 +197,12 @@ class Service:
         robot: str | None = None,
         then: Callable[..., None] | None = None,
     ) -> Watch[M]:
-        """Keep what is known of a topic; `parts`, `robot` and what `then` gets are as for `on`."""
-        return self._port.watch(topic, parts, seconds, robot, then)
+        """Keep what is known of a topic; `parts`, `robot` and `then` are as for `on`."""
+        return self._wire.receiver.watch(topic, parts, seconds, robot, then)
 
     def close_watch(self, watch: Watch[Any]) -> None:
         """Stop watching."""
-        self._port.close_watch(watch)
+        self._wire.receiver.close(watch)
 
     def request(
         self,
@@ -207,7 +213,17 @@ class Service:
         robot: str | None = None,
     ) -> None:
         """Ask another service; `then` gets its reply or refusal (`not_ready` if nobody answers)."""
-        self._port.request(request, params, then, timeout_s, robot)
+
+        def finish(replies: list[Reply], timed_out: bool) -> None:
+            then(outcome(request, replies, timed_out))
+
+        self._wire.context.ask(
+            f"{request.key(robot or self.robot)}?format=msgpack",
+            timeout_s,
+            finish,
+            codec.encode(params, "msgpack"),
+            codec.MIME["msgpack"],
+        )
 
     def get(
         self,
@@ -217,19 +233,28 @@ class Service:
         robot: str | None = None,
     ) -> None:
         """Read the latest values of a topic from its owner; `then` gets them by varying chunks."""
-        self._port.get(topic, parts, then, robot)
+        self._wire.receiver.get(topic, robot or self.robot, parts, then)
 
     @overload
     def work(self, fn: Callable[[], object]) -> None: ...
     @overload
     def work(self, fn: Callable[[], T], then: Callable[[T], None]) -> None: ...
     def work(self, fn: Callable[[], Any], then: Callable[[Any], None] | None = None) -> None:
-        """Run `fn` aside (at once in lock-step), one after another, then `then` with its result.
+        """Run `fn` in the background (at once in lock-step), then `then` with its result.
 
-        `fn` may touch files, but nothing of the service. An exception of `fn` that `then` should
-        see is returned by `fn` as a value.
+        Jobs run one after another. `fn` may touch files, but nothing of the service. An exception
+        of `fn` that `then` should see is returned by `fn` as a value.
         """
-        self._port.work(fn, then)
+        inbox = self._wire.context.inbox
+
+        def hand_over(result: Any) -> None:
+            if then is not None:
+                then(result)
+
+        def done(result: Any) -> None:
+            inbox.push(lambda _: hand_over(result), own=True)
+
+        self._host.work(fn, done)
 
     def save(
         self,
@@ -239,7 +264,7 @@ class Service:
         *,
         is_secret: bool = False,
     ) -> None:
-        """Write a state file aside, whole or not at all; `then` hears None, or why it failed.
+        """Write a state file in the background, whole or not at all; `then` gets None or an error.
 
         Without `then` a failure is counted as `state/not_saved` and logged.
         """
@@ -265,7 +290,7 @@ class Service:
         Calls keep their order; an `urgent` one goes before everything that waits. Where thousands
         of arrivals wait already, one that is not urgent is dropped and counted as `inbox/dropped`.
         """
-        self._port.call_soon(fn, urgent=urgent)
+        self._wire.context.inbox.push(lambda _: fn(), urgent=urgent)
 
     def later(self) -> Later[Any]:
         """Return this from a request's method to answer it within 2 s."""
@@ -273,8 +298,8 @@ class Service:
 
     def count(self, name: str, number: int = 1) -> None:
         """Add to a counter of `health`."""
-        self._port.count(name, number)
+        self._wire.context.count(name, number)
 
     def set_health(self, state: Literal["ok", "degraded", "failed"], message: str = "") -> None:
-        """Set what `health` says from now on."""
-        self._port.set_health(state, message)
+        """Set state and message of `health`."""
+        self._wire.health.set(state, message)

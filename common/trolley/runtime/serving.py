@@ -1,4 +1,4 @@
-"""The answering half of a node: requests under `@do/`, and `get` of the topics it owns."""
+"""What a service publishes and answers: its topics, `get` of them, and requests under `@do/`."""
 
 import threading
 import unicodedata
@@ -11,14 +11,14 @@ from trolley.messages import ErrorReply
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Newest, Query, has_wildcard, matches
-from trolley.runtime.receiving import Context
-from trolley.runtime.service import Later
+from trolley.runtime.context import Context
+from trolley.runtime.watch import Later
 from trolley.topics import Topic
 
 MAX_REQUEST_BYTES = 1 << 20
 ANSWER_WITHIN_S = 1.9
 MAX_WAITING = 256
-"""Requests of one key; what comes on top is refused before anything of it is looked at."""
+"""How many requests of one key may wait; more are refused unread."""
 _TOO_MANY = codec.encode(
     ErrorReply(
         code=codes.NOT_READY, message="Too many such requests are waiting already; ask again later."
@@ -30,7 +30,7 @@ Hook = Callable[[dict[str, str]], dict[tuple[str, ...], Any]]
 
 
 class Server:
-    """Answers for a service."""
+    """Publishes and answers for a service."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -41,27 +41,53 @@ class Server:
         self._newest: dict[str, tuple[Topic[Any], Newest]] = {}
 
     def close(self) -> None:
-        """Take everything back."""
+        """Take everything off the bus."""
         for closer in self._closers:
             closer.close()
         for _, newest in self._newest.values():
             newest.close()
 
-    # Latest values.
-    def keep(self, topic: Topic[Any], key: str, message: Any) -> None:
-        """Keep a published message for `get`."""
+    # What it publishes.
+    def publish(
+        self, topic: Topic[Any], message: Any, parts: tuple[str, ...], robot: str | None = None
+    ) -> None:
+        """Publish a message and keep it for `get`."""
+        context = self._context
+        key = topic.key(robot or context.robot, *parts)
         self._latest[key] = message
-        if topic.has_one_voice and key not in self._newest:
-            self._newest[key] = topic, self._context.bus.newest(key)
+        if topic.is_exclusive and key not in self._newest:
+            self._newest[key] = topic, context.bus.newest(key)
         if key not in self._answering and topic.name not in self._hooked:
             self._answering[key] = self._serve(
-                key, lambda query: self._answer_get(query, topic, lambda _: self._known(key))
+                key, lambda query: self._answer_get(query, topic, lambda _: self._published(key))
             )
+        context.bus.put(key, codec.encode(message, "msgpack"), codec.MIME["msgpack"], topic.qos)
 
-    def say_again(self) -> None:
-        """Put anew what somebody else has overwritten, on keys that are this service's own.
+    def put_wish(
+        self, topic: Topic[Any], message: Any, parts: tuple[str, ...], robot: str | None
+    ) -> None:
+        """Put a key that another service owns, or delete it (None)."""
+        bus, key = self._context.bus, topic.key(robot or self._context.robot, *parts)
+        if message is None:
+            bus.delete(key)
+        else:
+            bus.put(key, codec.encode(message, "msgpack"), codec.MIME["msgpack"], topic.qos)
 
-        Else what a stranger said last, a map perhaps, would hold until the next change.
+    def withdraw(self, topic: Topic[Any], parts: tuple[str, ...]) -> None:
+        """Stop answering `get` of a key until something is published there again."""
+        key = topic.key(self._context.robot, *parts)
+        self._latest.pop(key, None)
+        if key in self._newest:
+            self._newest.pop(key)[1].close()
+        closer = self._answering.pop(key, None)
+        if closer is not None:
+            closer.close()
+            self._closers.remove(closer)
+
+    def restore_overwritten(self) -> None:
+        """Publish again what somebody else has overwritten on keys of this service alone.
+
+        Otherwise what a stranger published, a map perhaps, would hold until the next change.
         """
         for key, (topic, newest) in self._newest.items():
             heard = newest.take()
@@ -71,22 +97,12 @@ class Server:
             if heard != payload:
                 self._context.bus.put(key, payload, codec.MIME["msgpack"], topic.qos)
                 self._context.count(f"{topic.chunks[0]}/overwritten")
-                why = "somebody else published here"
+                why = "another program published on this key"
                 self._context.log.limited(
-                    f"{topic.name}/overwritten", "Said again", key=key, why=why
+                    f"{topic.name}/overwritten", "Published again", key=key, why=why
                 )
 
-    def withdraw(self, key: str) -> None:
-        """Answer `get` of a key no more, until something is published there again."""
-        self._latest.pop(key, None)
-        if key in self._newest:
-            self._newest.pop(key)[1].close()
-        closer = self._answering.pop(key, None)
-        if closer is not None:
-            closer.close()
-            self._closers.remove(closer)
-
-    def _known(self, key: str) -> dict[str, Any]:
+    def _published(self, key: str) -> dict[str, Any]:
         return {key: self._latest[key]} if key in self._latest else {}
 
     def open_gets(self, topic: Topic[Any], parts: tuple[str, ...], hook: Hook) -> None:
@@ -198,7 +214,7 @@ class Server:
 
 
 def _nothing_of(topic: Topic[Any], asked: str, parameters: dict[str, str]) -> Refused:
-    """Refuse a `get` of one thing that there is not: by its key, or by its id."""
+    """Refuse a `get` of something that does not exist: by its key, or by its id."""
     name = parameters.get("id", asked.rpartition("/")[2])
     return Refused(codes.UNKNOWN_NAME, f"There is no {name!r} under {topic.chunks[0]}.", name=name)
 

@@ -1,4 +1,4 @@
-"""State that outlives a process: readable TOML files, kept aside when broken."""
+"""State that outlives a process: readable TOML files, set aside when broken."""
 
 import os
 import tomllib

@@ -1,4 +1,4 @@
-"""What a service holds in hand: what is known of a topic, and an answer that is still to come."""
+"""What a service holds: what is known of a topic, and an answer that is still to come."""
 
 from collections import deque
 from collections.abc import Callable
@@ -49,7 +49,7 @@ class Watch(Generic[M]):
         return self._arrivals.get(parts)
 
     def take(self, message: M, parts: tuple[str, ...], arrived_ns: int, num_bytes: int) -> bool:
-        """Store a message (called by the runtime); False: too much is known already."""
+        """Store a message (called by the runtime); False: too much is kept already."""
         all_bytes = self._num_bytes - self._sizes.get(parts, 0) + num_bytes
         is_new = parts not in self.by_parts
         if (is_new and len(self.by_parts) >= self.topic.max_keys) or (

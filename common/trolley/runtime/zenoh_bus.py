@@ -15,7 +15,8 @@ import zenoh
 from trolley.runtime.bus import Query, Reply, Sample
 from trolley.runtime.uplink_sockets import given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
-from trolley.security.host_keys import HostKeys, Security
+from trolley.security.access import Security
+from trolley.security.host_keys import HostKeys
 from trolley.topics import Qos
 
 LARGEST = 33 << 20

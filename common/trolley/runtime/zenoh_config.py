@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 import zenoh
 
 from trolley import topics
-from trolley.security.host_keys import HostKeys, Security
+from trolley.security.access import Security
+from trolley.security.host_keys import HostKeys
 
 _RETRY = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 OPEN_TIMEOUT_MS = 4000

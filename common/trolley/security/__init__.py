@@ -1,1 +1,1 @@
-"""Who may talk: certificates of the family's hosts, and what each role may do on the wire."""
+"""Who may talk: certificates of the household's hosts, and what each role may do on the wire."""

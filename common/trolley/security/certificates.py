@@ -1,7 +1,7 @@
-"""Making and reading the certificates of a family's hosts.
+"""Making and reading the certificates of a household's hosts.
 
 A certificate's common name is `role:name:id`. Routers know a certificate by this name alone, and
-the id is another one each time, so one that was replaced or removed never opens the door again.
+the id is another one each time, so one that was replaced or removed is never accepted again.
 """
 
 import dataclasses
@@ -67,7 +67,9 @@ def check_name(name: str) -> str:
         KeysError: It cannot be one.
     """
     if not _NAME.fullmatch(name):
-        raise KeysError(f"{name!r} is no name: 1 to 32 characters of a-z, 0-9, _ and -")
+        raise KeysError(
+            f"{name!r} is not a valid name: use 1 to 32 characters of a-z, 0-9, _ and -"
+        )
     return name
 
 
@@ -155,7 +157,7 @@ def parse_certificates(content: bytes, path: Path) -> list[Certificate]:
     try:
         return [_read(one, path) for one in x509.load_pem_x509_certificates(content)]
     except ValueError as error:
-        raise KeysError(f"{path}: is no certificate: {error}") from error
+        raise KeysError(f"{path}: is not a certificate: {error}") from error
 
 
 def _read(certificate: x509.Certificate, path: Path) -> Certificate:
@@ -163,7 +165,7 @@ def _read(certificate: x509.Certificate, path: Path) -> Certificate:
     common_name = str(values[0].value) if len(values) == 1 else ""
     matched = _COMMON_NAME.fullmatch(common_name)
     if matched is None:
-        raise KeysError(f"{path}: {common_name!r} is no certificate made by `trolley keys`")
+        raise KeysError(f"{path}: {common_name!r} is not a certificate made by `trolley keys`")
     return Certificate(
         role=matched[1],
         name=matched[2],
@@ -182,7 +184,7 @@ def as_role(role: str) -> Role:
         KeysError: There is none.
     """
     if role not in ROLES:
-        raise KeysError(f"{role!r} is no role: {', '.join(ROLES)}")
+        raise KeysError(f"{role!r} is not a role: {', '.join(ROLES)}")
     return role
 
 
@@ -234,7 +236,7 @@ def _general_name(host: str) -> x509.GeneralName:
     except ValueError:
         pass
     if not re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?", host):
-        raise KeysError(f"{host!r} is no name or address of a host")
+        raise KeysError(f"{host!r} is not a host's name or address")
     return x509.DNSName(host.lower())
 
 

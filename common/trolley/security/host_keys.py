@@ -1,16 +1,15 @@
 """The folder with a host's certificate: where its files lie and what they mean."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 DEFAULT_FOLDER = Path("/etc/trolley/keys")
 AUTHORITY, CERTIFICATE, KEY, ALLOWED = "ca.pem", "cert.pem", "key.pem", "allowed.pem"
 
 
 class KeysError(Exception):
-    """Certificates are missing, unusable or there already; the text says what to do."""
+    """Certificates are missing, unusable or already there; the text says what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,31 +80,3 @@ def keys_for(endpoints: Iterable[str], folder: Path) -> HostKeys | None:
             f"a tls/ endpoint needs this host's keys in {folder}: `trolley keys` makes them"
         )
     return keys
-
-
-@dataclasses.dataclass(frozen=True)
-class Security:
-    """How a router shows who it is, and whom it lets do what."""
-
-    keys: HostKeys
-    access_control: Mapping[str, Any] | None
-    """In Zenoh's words; None: it lets nobody in but its own host's programs."""
-
-
-def security_of(keys: HostKeys) -> Security:
-    """What the router with these keys goes by, read anew at each of its starts.
-
-    Raises:
-        KeysError: The list of those who are let in cannot be read.
-    """
-    if not keys.is_router:
-        return Security(keys, None)
-    # Not at the top: a robot's router lets nobody in, and need not read certificates.
-    from trolley.security.certificates import parse_certificates
-    from trolley.security.roles import access_control
-
-    try:
-        content = keys.allowed.read_bytes()
-    except OSError as error:
-        raise KeysError(f"{keys.allowed}: {error.strerror}") from error
-    return Security(keys, access_control(parse_certificates(content, keys.allowed)))

@@ -44,8 +44,8 @@ class Keyring:
         """
         if (self.folder / AUTHORITY).exists() or (self.folder / AUTHORITY_KEY).exists():
             raise KeysError(
-                f"{self.folder} holds an authority already and stays as it is; a new one would "
-                "lock out every host"
+                f"{self.folder} already holds an authority; not overwritten: a new one would lock "
+                "out every host"
             )
         pair = make_authority(now)
         with _reported(self.folder):
@@ -56,7 +56,7 @@ class Keyring:
     def issue(
         self, role: Role, name: str, until: datetime, hosts: Sequence[str] = (), *, replace: bool
     ) -> HostKeys:
-        """Make a host's keys, and let every router of this folder let them in.
+        """Make a host's keys, and have every router of this folder accept them.
 
         Raises:
             KeysError: They are there and are not to be replaced, or something cannot be done.
@@ -64,8 +64,8 @@ class Keyring:
         keys = self.host(role, name)
         if keys.folder.exists() and not replace:
             raise KeysError(
-                f"{keys.folder} is there already; --replace makes new keys, and the old ones are "
-                "let in no more"
+                f"{keys.folder} already exists; --replace makes new keys, and the old ones stop "
+                "working"
             )
         authority = self._authority()
         pair = make_certificate(authority, role, name, hosts, until)
@@ -88,7 +88,7 @@ class Keyring:
         return keys
 
     def remove(self, role: Role, name: str) -> None:
-        """Let a host in no more.
+        """Revoke a host's certificate.
 
         Raises:
             KeysError: There is none of that name, or its folder cannot be removed.
@@ -131,13 +131,13 @@ class Keyring:
             )
         except FileNotFoundError as error:
             raise KeysError(
-                f"there is no authority in {self.folder}: begin with `trolley keys init`"
+                f"there is no authority in {self.folder}: start with `trolley keys init`"
             ) from error
         except OSError as error:
             raise KeysError(f"{error.filename}: {error.strerror}") from error
 
     def _tell_routers(self) -> None:
-        """Write the certificates that are let in into every router's folder."""
+        """Write the accepted certificates into every router's folder."""
         certificates = self.certificates()
         content = b"".join(one.path.read_bytes() for one in certificates)
         for one in certificates:

@@ -22,9 +22,6 @@ WRITING = ("put", "delete")
 OWNING = (*WRITING, "declare_queryable", "reply", "liveliness_token")
 EVERYTHING = (*READING, *OWNING)
 VIEWER_SERVICE = "viz-$*"
-OWNED_FRAMES = ("odom", "laser", "base_link")
-"""Children in `tf/<child>` that base and localizer publish and nobody else."""
-_CLEARED = (topics.MARKER, topics.OVERLAY)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,9 +96,9 @@ def _viewer() -> list[Grant]:
 def _operator() -> list[Grant]:
     # The stream `poses` itself is not among them, as it were in `poses/**`.
     stored = [topic.key("*") for topic in topics.TOPICS if topic.kind is Kind.STORED]
-    cleared = [f"{ROOT}/*/{topic.chunks[0]}/**" for topic in _CLEARED]
+    cleared = [f"{ROOT}/*/{topic.chunks[0]}/**" for topic in topics.TOPICS if topic.is_drawing]
     driven = [topics.COMMAND.key("*", "teleop"), topics.TF.key("*", "*")]
-    owned = tuple(topics.TF.key("*", child) for child in OWNED_FRAMES)
+    owned = tuple(topics.TF.key("*", *parts) for parts in topics.TF.owned_parts)
     return [
         *_viewer(),
         Grant(("query",), (REQUESTS,)),

@@ -89,7 +89,7 @@ def order_of(
             raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}.")
         return Order(f"Tour {name}", "on its way", requests.TOUR_START, StartTour(name=name))
     goal, trip = known
-    title = {PAUSE: "Pause", RESUME: "Go on", CANCEL: "Cancel"}[verb]
+    title = {PAUSE: "Pause", RESUME: "Continue", CANCEL: "Cancel"}[verb]
     if _is_trip_meant(goal, trip):
         return Order(title, "done", TRIP_REQUESTS[verb], Nothing())
     if goal is not None and goal.state in (*GOING, "paused"):

@@ -65,7 +65,7 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
         (button, "stop"): _button("Stop", commands.STOP, "mdi:hand-back-right")
         | {"availability": [{"topic": "~/bridge"}]},
         (button, "pause"): _button("Pause", commands.PAUSE, "mdi:pause"),
-        (button, "resume"): _button("Go on", commands.RESUME, "mdi:play"),
+        (button, "resume"): _button("Continue", commands.RESUME, "mdi:play"),
         (button, "cancel"): _button("Cancel", commands.CANCEL, "mdi:cancel"),
     }
     if has_battery:

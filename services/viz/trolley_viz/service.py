@@ -51,6 +51,7 @@ class VizService(Service):
 
     name = "viz"
     all_robots = True
+    one_per_host = True
 
     hub: Hub | None = None
     """What all browsers share; there is none before `start`."""

@@ -113,7 +113,7 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
     before = path.read_bytes()
     again = runner.invoke(cli, arguments)
     assert again.exit_code == 2
-    assert "there already" in again.output
+    assert "already exists" in again.output
     assert path.read_bytes() == before
 
 

@@ -123,13 +123,13 @@ def test_a_map_with_an_evil_name_stays_in_the_folder(tmp_path: Path) -> None:
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
     file = record(tmp_path / "drive.mcap", grid=None, estimate=False)
-    with pytest.raises(ConfigError, match=r"holds no map.*--map"):
+    with pytest.raises(ConfigError, match=r"contains no map.*--map"):
         with_recorded(Choices(recording=file), tmp_path)
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"nothing")
-    with pytest.raises(ConfigError, match="no MCAP file"):
+    with pytest.raises(ConfigError, match="not an MCAP file"):
         with_recorded(Choices(recording=broken), tmp_path)
-    with pytest.raises(ConfigError, match="no MCAP file"):
+    with pytest.raises(ConfigError, match="not an MCAP file"):
         duration_s(broken)
 
 

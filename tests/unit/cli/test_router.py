@@ -8,7 +8,7 @@ import pytest
 from trolley.cli.running import FOR_OTHERS, listening, security_for
 from trolley.config import ConfigError
 from trolley.runtime.zenoh_config import client_config, router_config
-from trolley.security.host_keys import Security
+from trolley.security.access import Security
 from trolley.security.keyring import Keyring
 
 LOCAL = "tcp/127.0.0.1:7447"

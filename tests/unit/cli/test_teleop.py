@@ -2,9 +2,17 @@
 
 import pytest
 
-from trolley.cli.teleop_base import base_line
-from trolley.cli.teleop_keys import FIRST_S, REPEAT_S, SILENCE_S, HeldKeys, Key, KeyDecoder, Told
-from trolley.cli.teleop_pace import Pace
+from trolley.cli.teleop import base_line
+from trolley.cli.teleop_keys import (
+    FIRST_S,
+    REPEAT_S,
+    SILENCE_S,
+    HeldKeys,
+    Key,
+    KeyDecoder,
+    Pace,
+    TerminalReport,
+)
 from trolley.geometry import Twist2D
 from trolley.messages import BaseState, Robot
 from trolley.messages.motion import Battery, Drive
@@ -32,14 +40,16 @@ SQUARE = [(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1)]
         # A Cyrillic keyboard: the letter where W is on others.
         (b"\x1b[1094::119;1:1;1094u", [Key("w", "press")]),
         (b"\x1b[57419;1:3u", [Key("up", "release")]),
-        (b"\x1b[?31u\x1b[?1u", [Told("has_releases")]),
-        (b"\x1b[0n\x1b[O", [Told("alive"), Told("focus_lost")]),
+        (b"\x1b[?31u\x1b[?1u", [TerminalReport("has_releases")]),
+        (b"\x1b[0n\x1b[O", [TerminalReport("alive"), TerminalReport("focus_lost")]),
         ("é".encode(), [Key("é")]),
         (b"\x1b\x1b[A", [Key("escape"), Key("up", "press")]),
         (b"\x1b[I\x1b[?62;4c\x1b[200~", []),
     ],
 )
-def test_keys_are_known_by_what_terminals_send(sent: bytes, keys: list[Key | Told | str]) -> None:
+def test_keys_are_known_by_what_terminals_send(
+    sent: bytes, keys: list[Key | TerminalReport | str]
+) -> None:
     events = KeyDecoder().feed(sent)
     if isinstance(keys[0] if keys else None, str):
         assert [(event.name, event.kind) for event in events] == [("w", kind) for kind in keys]  # type: ignore[union-attr]
@@ -75,10 +85,10 @@ def test_typed_keys_are_held_from_repeat_to_repeat() -> None:
 def test_told_keys_are_held_until_their_release() -> None:
     keys = HeldKeys()
     keys.has_releases = True
-    keys.hear(0.0)
+    keys.note_alive(0.0)
     keys.take(Key("w", "press"), 0.0)
     keys.take(Key("a", "press"), 0.1)
-    keys.hear(60.0)
+    keys.note_alive(60.0)
     assert keys.held(60.0) == {"w", "a"}
     keys.take(Key("w", "release"), 60.0)
     assert keys.held(60.1) == {"a"}
@@ -87,11 +97,11 @@ def test_told_keys_are_held_until_their_release() -> None:
 def test_a_silent_terminal_holds_nothing_until_a_new_press() -> None:
     keys = HeldKeys()
     keys.has_releases = True
-    keys.hear(0.0)
+    keys.note_alive(0.0)
     keys.take(Key("w", "press"), 0.0)
     assert keys.held(SILENCE_S - 0.01) == {"w"}
     assert keys.held(SILENCE_S + 0.01) == frozenset()
-    keys.hear(1.0)
+    keys.note_alive(1.0)
     keys.take(Key("w", "repeat"), 1.0)
     assert keys.held(1.0) == frozenset()
     keys.take(Key("w", "press"), 1.1)

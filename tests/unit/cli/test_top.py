@@ -162,23 +162,23 @@ def goal(state: GoalState, **fields: Any) -> GoalStatus:
 @pytest.mark.parametrize(
     ("said", "sentence"),
     [
-        ((None, HERE, None, None), "Nothing is heard of its base."),
-        ((BASE, HERE, None, None), "It stands and is ready."),
-        ((BASE, None, None, None), "It stands and is ready."),
-        ((BASE, pose("lost"), None, None), "It does not know where it is."),
+        ((None, HERE, None, None), "No contact with the robot."),
+        ((BASE, HERE, None, None), "Ready."),
+        ((BASE, None, None, None), "Ready."),
+        ((BASE, pose("lost"), None, None), "The robot does not know where it is."),
         (
             (BaseState(stamp_ns=1, mode="stopped", reason="button"), HERE, None, None),
-            "It is stopped: The stop button was pressed.",
+            "Stopped. `trolley resume` lets it drive.",
         ),
         (
             (BaseState(stamp_ns=1, mode="ok", source="teleop"), HERE, goal("paused"), None),
-            "It is driven by teleop.",
+            "Driven by teleop.",
         ),
-        ((BASE, HERE, goal("driving", eta=12.0), None), "It drives to its goal, 12 s left."),
-        ((BASE, HERE, goal("arrived"), None), "It stands where it was sent."),
+        ((BASE, HERE, goal("driving", eta=12.0), None), "Driving to its goal, 12 s left."),
+        ((BASE, HERE, goal("arrived"), None), "It has arrived."),
         (
             (BASE, HERE, goal("failed", message="There is no way."), None),
-            "It stands; its last goal failed: There is no way.",
+            "The last goal failed: There is no way.",
         ),
         (
             (
@@ -187,7 +187,7 @@ def goal(state: GoalState, **fields: Any) -> GoalStatus:
                 goal("driving", eta=70.0),
                 TourStatus(stamp_ns=1, name="home", trip="a", state="driving", stop=1),
             ),
-            "On tour home, stop 2 it drives, 1 min 10 s left.",
+            "On tour home, stop 2, driving, 1 min 10 s left.",
         ),
     ],
 )
@@ -198,9 +198,9 @@ def test_a_robot_is_told_in_one_sentence(said: tuple, sentence: str) -> None:
 def test_what_a_silent_base_said_last_is_not_believed() -> None:
     message = codec.encode(BASE, "msgpack"), codec.MIME["msgpack"]
     tallies = {topics.BASE.key("one"): Tally(1, 9, 100.0, message)}
-    assert sentence_of(tallies, "one", 101.0) == "It stands and is ready."
-    assert sentence_of(tallies, "one", 104.0) == "Nothing is heard of its base."
+    assert sentence_of(tallies, "one", 101.0) == "Ready."
+    assert sentence_of(tallies, "one", 104.0) == "No contact with the robot."
 
 
 def test_an_old_pose_is_no_pose() -> None:
-    assert robot_sentence(BASE, HERE, None, None, is_stale=True) == "Its pose is out of date."
+    assert robot_sentence(BASE, HERE, None, None, is_stale=True) == "The pose is out of date."

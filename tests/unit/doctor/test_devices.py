@@ -62,12 +62,12 @@ def test_good_ports_are_fine() -> None:
     [
         (replace(LIDAR, path="", device=""), Level.PROBLEM, "[base.lidar.port] is not set"),
         (replace(LIDAR, device=""), Level.PROBLEM, "is not there"),
-        (replace(LIDAR, is_serial=False), Level.PROBLEM, "no serial port"),
+        (replace(LIDAR, is_serial=False), Level.PROBLEM, "not a serial port"),
         (replace(LIDAR, forbidden="x may not", remedy="usermod"), Level.PROBLEM, "x may not"),
         (replace(LIDAR, held_by=(Holder(812, "screen"),)), Level.PROBLEM, "screen (pid 812)"),
         (replace(LIDAR, modem_manager="it runs"), Level.WARNING, "ModemManager"),
         (replace(LIDAR, is_seen_whole=False), Level.NOTE, "who has it open"),
-        (replace(LIDAR, path="/dev/ttyUSB1"), Level.WARNING, "another device"),
+        (replace(LIDAR, path="/dev/ttyUSB1"), Level.WARNING, "a different device"),
     ],
 )
 def test_a_bad_port_is_named_with_what_to_do(port: Port, level: Level, words: str) -> None:
@@ -248,7 +248,7 @@ def test_systemd_is_asked_only_where_it_runs(tmp_path: Path) -> None:
         (
             Unit("trolley-base.service", "activating", sub="auto-restart"),
             Level.PROBLEM,
-            "ends each time",
+            "stops every time",
         ),
         (Unit("trolley-base.service", "inactive", "enabled"), Level.PROBLEM, "should run"),
         (Unit("trolley-base.service", "failed", result="watchdog"), Level.PROBLEM, "watchdog"),

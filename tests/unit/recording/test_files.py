@@ -228,7 +228,7 @@ def test_files_of_others_are_refused_in_words(tmp_path: Path) -> None:
     with pytest.raises(BadRecording, match=r"another program.*/camera.*Trolley"):
         RecordingFile(path)
     path.write_bytes(b"PK\x03\x04 something else")
-    with pytest.raises(BadRecording, match="no MCAP file"):
+    with pytest.raises(BadRecording, match="not an MCAP file"):
         RecordingFile(path)
     path.write_bytes(b"")
     with pytest.raises(BadRecording, match="ends before its first message"):

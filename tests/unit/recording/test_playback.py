@@ -112,7 +112,7 @@ def test_receivers_accept_every_turn_and_all_that_is_stamped_in_it() -> None:
             clock = replica.clock(START_NS + step * SECOND_NS // 10, 1.0)
             assert clock is not None
             arrived_ns = (10 * turn + step) * SECOND_NS // 10 + SECOND_NS
-            began = time.hear(clock, arrived_ns)
+            began = time.update(clock, arrived_ns)
             assert began == (step == 0)
             assert time.now(arrived_ns) == START_NS + step * SECOND_NS // 10
             assert START_NS - TURN_NS <= time.epoch < START_NS

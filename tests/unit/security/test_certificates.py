@@ -75,13 +75,13 @@ def test_a_router_has_names_and_addresses(authority: Pair) -> None:
 
 @pytest.mark.parametrize("name", ["", "Kiwi", "a b", "x" * 33, "a:b", "../x", "kiwi\n"])
 def test_refuses_what_is_no_name(authority: Pair, name: str) -> None:
-    with pytest.raises(KeysError, match="no name"):
+    with pytest.raises(KeysError, match="not a valid name"):
         make_certificate(authority, "robot", name, [], UNTIL)
 
 
 @pytest.mark.parametrize("host", ["", "a b", "tls/home:7448", "-x", "é.local"])
 def test_refuses_what_is_no_host(authority: Pair, host: str) -> None:
-    with pytest.raises(KeysError, match="no name or address"):
+    with pytest.raises(KeysError, match="not a host's name or address"):
         make_certificate(authority, "router", "home", [host], UNTIL)
 
 

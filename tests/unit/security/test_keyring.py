@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from trolley.security.access import security_of
 from trolley.security.certificates import Certificate, parse_certificates, read_certificates
 from trolley.security.host_keys import (
     HostKeys,
     KeysError,
     find_keys,
     keys_for,
-    security_of,
 )
 from trolley.security.keyring import Keyring
 

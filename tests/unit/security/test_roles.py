@@ -146,5 +146,5 @@ def test_what_is_outside_of_trolley_is_nobodys() -> None:
 
 
 def test_no_other_role_is_known() -> None:
-    with pytest.raises(KeysError, match="no role"):
+    with pytest.raises(KeysError, match="not a role"):
         grants("ca", "trolley")

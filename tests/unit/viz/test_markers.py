@@ -117,7 +117,7 @@ def test_an_equal_marker_that_is_put_again_is_not_drawn_again(stage: "Stage") ->
 def test_its_time_ends(stage: "Stage") -> None:
     stage.browse()
     put(stage, Marker(kind="sphere", lifetime=1.0))
-    put(stage, Marker(kind="sphere"), "for ever")
+    put(stage, Marker(kind="sphere"), "forever")
     stage.runtime.run(0.8)
     assert number_drawn(stage) == 2
     stage.runtime.run(0.5)

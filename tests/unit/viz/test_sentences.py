@@ -91,7 +91,7 @@ def test_a_goal_is_called_by_its_place() -> None:
 def test_a_failed_goal_says_why() -> None:
     goal = GoalStatus(stamp_ns=1, id="a", state="failed", reason="blocked", pose=KITCHEN.pose)
     assert goal_line(goal, [KITCHEN]) == StatusLine(
-        "Did not reach kitchen", "bad", "Something stands in the way and does not go."
+        "Did not reach kitchen", "bad", "Something is in the way and does not move."
     )
 
 

@@ -1,0 +1,48 @@
+"""What a service says about itself: state, message, counters and load, at 1 Hz and on change."""
+
+from collections.abc import Callable
+from typing import Literal
+
+import msgspec
+
+from trolley import topics
+from trolley.messages import Health
+from trolley.runtime.context import Context
+from trolley.runtime.serving import Server
+
+State = Literal["starting", "ok", "degraded", "failed"]
+
+
+class HealthReporter:
+    """Publishes `health/<label>`; `usage` gives the share of a core and the resident bytes."""
+
+    def __init__(
+        self, context: Context, server: Server, label: str, usage: Callable[[], tuple[float, int]]
+    ) -> None:
+        self.latest = Health(stamp_ns=0, state="starting")
+        """What was published last, or is to be published first."""
+        self._context = context
+        self._server = server
+        self._label = label
+        self._usage = usage
+
+    def set(self, state: State, message: str = "") -> None:
+        """Set state and message; a change is published at once."""
+        if (self.latest.state, self.latest.message) != (state, message):
+            self.latest = msgspec.structs.replace(self.latest, state=state, message=message)
+            self._publish()
+
+    def measure(self) -> None:
+        """Measure the load and publish."""
+        cpu, rss = self._usage()
+        self.latest = msgspec.structs.replace(self.latest, cpu=cpu, rss=rss)
+        self._publish()
+
+    def _publish(self) -> None:
+        context = self._context
+        counters = dict(context.counters)
+        if context.inbox.dropped:
+            counters["inbox/dropped"] = context.inbox.dropped
+        stamp_ns = context.clocks.own.now(context.inbox.now_ns()) or 0
+        self.latest = msgspec.structs.replace(self.latest, stamp_ns=stamp_ns, counters=counters)
+        self._server.publish(topics.HEALTH, self.latest, (self._label,))
