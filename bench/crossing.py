@@ -21,8 +21,8 @@ from trolley.gridmap import GridMap, save_map
 from trolley.messages import Truth
 from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
+from trolley_base.safety.stop_field import StopField
 from trolley_base.service import BaseService
-from trolley_base.stop_field import StopField
 from trolley_planner.mppi import Mppi
 from trolley_planner.pursuit import Pursuit
 from trolley_planner.service import PlannerService

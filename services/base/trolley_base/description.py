@@ -7,7 +7,7 @@ from trolley.config import ConfigError, RobotConfig
 from trolley.geometry import footprint_from_box, footprint_from_polygon, footprint_from_radius
 from trolley.messages import Robot
 from trolley.messages.motion import MAX_MESH_BYTES
-from trolley_base.limits import MotionLimits
+from trolley_base.safety.motion_limits import MotionLimits
 
 # A board that goes on for longer than this when base is gone...
 LONGEST_WATCHDOG_S = 0.5

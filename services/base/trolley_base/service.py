@@ -22,17 +22,13 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Later, Service, answers, every, gets, on
-from trolley_base.dead_reckoning import DeadReckoning
 from trolley_base.description import footprint_of, limits_of, mesh_of, robot_message
-from trolley_base.device_notes import DeviceNotes
+from trolley_base.device_factory import choose_device
+from trolley_base.device_log import DeviceNotes
 from trolley_base.drivers import ChassisReading, LidarScan
-from trolley_base.echoes import NearEchoes
-from trolley_base.governor import Decision, Governor
-from trolley_base.hindrances import SCAN_SILENCE_NS, Condition, find_hindrance
-from trolley_base.latch import Latch
-from trolley_base.opening import choose_device
-from trolley_base.robot_clock import Beat, RobotClock
-from trolley_base.saved import (
+from trolley_base.odometry.dead_reckoning import DeadReckoning
+from trolley_base.odometry.wheel_scales import scales_of
+from trolley_base.persistence import (
     LATCH_FILE,
     TIME_FILE,
     WORLD_FILE,
@@ -41,11 +37,15 @@ from trolley_base.saved import (
     SavedWorld,
     first_stamp_ns,
 )
-from trolley_base.stop_field import StopField
-from trolley_base.wheel_scales import scales_of
+from trolley_base.robot_clock import Beat, RobotClock
+from trolley_base.safety.estop_latch import Latch
+from trolley_base.safety.near_echoes import NearEchoes
+from trolley_base.safety.safety_state import SCAN_SILENCE_NS, Condition, find_hindrance
+from trolley_base.safety.stop_field import StopField
+from trolley_base.safety.velocity_limiter import Decision, Governor
 
 if TYPE_CHECKING:
-    from trolley_base.shared_world import SharedWorld
+    from trolley_base.simulation.shared_world import SharedWorld
 
 # One period: read, decide, drive. It is two steps of a simulated world.
 CONTROL_S = 0.02
@@ -121,7 +121,7 @@ class BaseService(Service):
                 f"after {self._device.watchdog_s:g} s; see [base.chassis] watchdog_s"
             )
         if self._simulated is not None and self._device.world is not None:
-            from trolley_base.shared_world import SharedWorld
+            from trolley_base.simulation.shared_world import SharedWorld
 
             self._world = SharedWorld(self, self._simulated, self._device.world, self._save)
 

@@ -28,8 +28,8 @@ from trolley_base.calibration import (
     square,
     squares_both_ways,
 )
+from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 from trolley_base.service import BaseService
-from trolley_base.wheel_scales import WheelScales, scales_of
 from trolley_localizer.service import LocalizerService
 
 WORLDS = Path(__file__).resolve().parents[3] / "worlds"

@@ -12,11 +12,11 @@ from trolley.cli.options import given, json_option, where_options
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, print_json, print_table
 from trolley.config import ConfigError, find_config
-from trolley_base import robot_toml
+from trolley_base.commands import robot_toml
 from trolley_base.detection import settings, udev_rules
-from trolley_base.detection.found import Seen
-from trolley_base.detection.looking import look
+from trolley_base.detection.detector import look
 from trolley_base.detection.ports import find_ports
+from trolley_base.detection.results import Seen
 from trolley_base.detection.settings import Proposal
 
 # An option that may stand without a value: for "the usual file", and for "the screen".

@@ -18,7 +18,6 @@ from trolley.config import RobotConfig, load_config
 from trolley.connection import Target, find_target
 from trolley.geometry import Pose2D
 from trolley_base.description import footprint_of
-from trolley_base.drivers.world_file import load_world
 from trolley_base.emulators import (
     DeviceError,
     EmulatedRobot,
@@ -33,6 +32,7 @@ from trolley_base.emulators.faults import KINDS
 from trolley_base.emulators.pseudo_terminal import PortError
 from trolley_base.emulators.truth import TruthPublisher
 from trolley_base.world import WorldError
+from trolley_base.world.world_file import load_world
 
 POLL_S = 0.2
 

@@ -9,9 +9,9 @@ import re
 import struct
 from typing import NamedTuple
 
-from trolley_base.detection.found import Found
+from trolley_base.detection.results import Found
 from trolley_base.drivers.boards import BOARDS
-from trolley_base.drivers.lidars.asked import HEALTH, HEALTH_BYTES, INFO, INFO_BYTES
+from trolley_base.drivers.lidars.handshake import HEALTH, HEALTH_BYTES, INFO, INFO_BYTES
 from trolley_base.drivers.lidars.models import MODELS
 
 RPLIDAR_BAUD, YDLIDAR_BAUD = MODELS["rplidar_a1"].baud, MODELS["ydlidar_x4"].baud

@@ -26,7 +26,7 @@ from typing import TypeVar
 import serial
 
 from trolley_base.detection import answers, rosserial_answer, streams
-from trolley_base.detection.found import Found
+from trolley_base.detection.results import Found
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.serial_port import SerialPort

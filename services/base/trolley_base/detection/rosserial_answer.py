@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from trolley_base.detection.found import Found
+from trolley_base.detection.results import Found
 from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import (

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from trolley.config.describe import to_toml
-from trolley_base.detection.found import Found, Seen
-from trolley_base.detection.looking import found_of
+from trolley_base.detection.detector import found_of
 from trolley_base.detection.ports import Port
+from trolley_base.detection.results import Found, Seen
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
 

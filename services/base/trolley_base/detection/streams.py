@@ -3,7 +3,7 @@
 from collections import Counter
 
 from trolley.config.hardware import LidarModel
-from trolley_base.detection.found import Found
+from trolley_base.detection.results import Found
 from trolley_base.drivers.lidars import ld19, lds01, xv11
 from trolley_base.drivers.lidars.frames import FrameFinder, FrameFormat
 from trolley_base.drivers.lidars.models import MODELS

@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from trolley_base.detection.found import Seen
-from trolley_base.detection.looking import found_of
+from trolley_base.detection.detector import found_of
 from trolley_base.detection.ports import Port, has_own_serial
+from trolley_base.detection.results import Seen
 
 FILE = Path("/etc/udev/rules.d/99-trolley.rules")
 NAMES = {"board": "trolley-chassis", "lidar": "trolley-lidar"}

@@ -8,10 +8,10 @@ import pytest
 
 from trolley.cli.init import render
 from trolley.config import ConfigError, load_config
-from trolley_base import robot_toml
+from trolley_base.commands import robot_toml
 from trolley_base.detection import settings
-from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.ports import Port
+from trolley_base.detection.results import Found, Seen
 
 LINOROBOT = Seen(
     Port("/dev/ttyACM0", "/dev/serial/by-id/teensy"),

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from trolley_base.detection import udev_rules
-from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.ports import Port
+from trolley_base.detection.results import Found, Seen
 
 EXAMPLE = Path(__file__).parents[4] / "deploy" / "udev" / "99-trolley.rules"
 # udev(7): key, perhaps with an attribute, operator, value in quotes.

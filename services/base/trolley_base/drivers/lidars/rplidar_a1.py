@@ -10,7 +10,7 @@ Source:
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.asked import (
+from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
     HEALTH,
     HEALTH_BYTES,

@@ -19,7 +19,9 @@ import numpy as np
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.asked import (
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
+from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
+from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
     HEALTH,
     HEALTH_BYTES,
@@ -29,8 +31,6 @@ from trolley_base.drivers.lidars.asked import (
     Greeting,
     Step,
 )
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
-from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import MODELS
 from trolley_base.drivers.lidars.revolutions import Samples
 from trolley_base.drivers.lidars.scan_grid import Floats
