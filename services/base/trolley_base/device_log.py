@@ -26,7 +26,7 @@ class _Said:
     pause_ns: int
 
 
-class DeviceNotes:
+class DeviceLog:
     """Logs links when they change, notes now and then, and counts.
 
     Args:
@@ -42,17 +42,17 @@ class DeviceNotes:
         self._told: dict[str, str] = {}
         self._said: dict[str, _Said] = {}
 
-    def hear(
+    def add(
         self, now_ns: int, link: Link, notes: tuple[Note, ...], counts: Mapping[str, int]
     ) -> None:
         """Take what one device said since the last time."""
-        self._hear_link(now_ns, link)
+        self._add_link(now_ns, link)
         for note in notes:
-            self._hear_note(now_ns, link.name, note)
+            self._add_note(now_ns, link.name, note)
         for name, number in counts.items():
             self._count(name, number)
 
-    def _hear_link(self, now_ns: int, link: Link) -> None:
+    def _add_link(self, now_ns: int, link: Link) -> None:
         name, was_up = link.name, self._is_up.get(link.name, True)
         self._is_up[name] = link.state == "up"
         if link.state == "up":
@@ -70,9 +70,9 @@ class DeviceNotes:
             self._told[name] = link.message
             # A device that is tried again and again fails for the same reason each time.
             kind = f"link/{NUMBER.sub('#', link.message)}"
-            self._hear_note(now_ns, name, Note("warning", kind, link.message))
+            self._add_note(now_ns, name, Note("warning", kind, link.message))
 
-    def _hear_note(self, now_ns: int, device: str, note: Note) -> None:
+    def _add_note(self, now_ns: int, device: str, note: Note) -> None:
         kind = f"{device}/{note.kind}"
         if kind not in self._said and len(self._said) >= MOST_KINDS:
             kind = "other"

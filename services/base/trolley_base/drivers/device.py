@@ -1,29 +1,44 @@
-"""What was chosen in the configuration to drive with: found usable, and then opened for a run."""
+"""What `[base] driver` names: checked when base starts, and opened for a run."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.messages import Truth
 from trolley_base.drivers import CallSoon, Hardware
 from trolley_base.persistence import SavedWorld
 
-if TYPE_CHECKING:
-    from trolley_base.recording.recorded_hardware import RecordedHardware
-    from trolley_base.simulation.simulated_device import SimulatedRun
+
+class SimulatedWorld(Protocol):
+    """What more can be asked of a simulation."""
+
+    def truth(self) -> Truth:
+        """Return where the robot truly is."""
+        ...
+
+    def to_save(self) -> SavedWorld:
+        """Return what lets a later run continue where this one stands."""
+        ...
+
+    def set_others(self, outlines: Mapping[str, NDArray[np.float64]]) -> None:
+        """Put other robots into the world: their names and outlines (n, 2) [m] in `map`."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """The devices of a run; if simulated or recorded, what more can be asked of them."""
+    """The devices of a run, and the world they are simulated in, if they are."""
 
     hardware: Hardware
-    simulated: "SimulatedRun | None" = None
-    recorded: "RecordedHardware | None" = None
+    world: SimulatedWorld | None = None
 
 
 class Device(Protocol):
-    """What was chosen in the configuration and found usable; nothing runs yet."""
+    """What the configuration names, and can be used; nothing runs yet."""
 
     @property
     def base_T_laser(self) -> Pose2D:
@@ -37,7 +52,12 @@ class Device(Protocol):
 
     @property
     def world(self) -> str | None:
-        """The simulated world's name."""
+        """The simulated world's name, None for other devices."""
+        ...
+
+    @property
+    def is_stepped(self) -> bool:
+        """Whether robot time must wait for the devices: for a simulation or a recording."""
         ...
 
     @property
@@ -52,7 +72,7 @@ class Device(Protocol):
 
     @property
     def watchdog_s(self) -> float:
-        """After what silence the wheels stop by themselves [s]."""
+        """The wheels stop by themselves after this much silence [s]."""
         ...
 
     def open(
@@ -66,7 +86,7 @@ class Device(Protocol):
 
         Args:
             start_ns: robot time now.
-            saved: where a simulated robot stood last, if that is known.
+            saved: where a simulated robot stood last, if known.
             robot_ns: turns local monotonic time into robot time [ns]; asked after this returned.
             call_soon: calls a function on the service's thread; any thread may ask for it.
         """

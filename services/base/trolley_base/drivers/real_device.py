@@ -23,6 +23,7 @@ class RealDevice:
 
     world: str | None = None
     rate = 1.0
+    is_stepped = False
     reaction_s = REACTION_S
 
     def __init__(self, config: RobotConfig) -> None:

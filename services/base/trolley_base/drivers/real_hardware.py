@@ -18,7 +18,7 @@ from trolley_base.drivers.interface import (
     MotionSample,
 )
 from trolley_base.drivers.serial_device import SerialDevice
-from trolley_base.drivers.serial_link import Conversation
+from trolley_base.drivers.serial_link import SerialLink
 
 STANDING_PERIOD_NS = 50_000_000
 
@@ -28,7 +28,7 @@ Explain = Callable[[str, OSError], str]
 class SerialChassis:
     """A motor board; made by `RealHardware`."""
 
-    def __init__(self, conversation: Conversation[BoardDialogue], start_ns: int) -> None:
+    def __init__(self, conversation: SerialLink[BoardDialogue], start_ns: int) -> None:
         self._conversation = conversation
         self._now_ns = start_ns
 
@@ -81,7 +81,7 @@ class NoChassis:
 class SerialLidar:
     """A scanner; made by `RealHardware`."""
 
-    def __init__(self, conversation: Conversation[LidarDialogue], start_ns: int) -> None:
+    def __init__(self, conversation: SerialLink[LidarDialogue], start_ns: int) -> None:
         self._conversation = conversation
         self._now_ns = start_ns
 
@@ -119,7 +119,7 @@ class RealHardware:
         call_soon: CallSoon,
         explain: Explain,
     ) -> None:
-        self._conversations: list[Conversation[BoardDialogue] | Conversation[LidarDialogue]] = []
+        self._conversations: list[SerialLink[BoardDialogue] | SerialLink[LidarDialogue]] = []
 
         def open_port(dialogue: Dialogue, path: str) -> SerialDevice:
             device = SerialDevice(path, dialogue.line, explain, lambda: call_soon(self._respond))
@@ -128,13 +128,15 @@ class RealHardware:
 
         self._chassis: SerialChassis | NoChassis = NoChassis(start_ns)
         if board is not None:
-            talk = Conversation("chassis", board[0], open_port(*board), robot_ns)
+            talk = SerialLink("chassis", board[0], open_port(*board), robot_ns)
             self._conversations.append(talk)
             self._chassis = SerialChassis(talk, start_ns)
         self._robot_ns = robot_ns
-        seeing = Conversation("lidar", lidar[0], open_port(*lidar), robot_ns)
+        seeing = SerialLink("lidar", lidar[0], open_port(*lidar), robot_ns)
         self._conversations.append(seeing)
         self._lidar = SerialLidar(seeing, start_ns)
+
+    has_ended = False
 
     @property
     def chassis(self) -> Chassis:

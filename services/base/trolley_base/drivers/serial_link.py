@@ -13,7 +13,7 @@ D = TypeVar("D", bound=Dialogue)
 REOPEN_EVERY_NS = 5_000_000_000
 
 
-class Conversation(Generic[D]):
+class SerialLink(Generic[D]):
     """Ties a dialogue to its device; used by the service's thread only.
 
     Args:

@@ -44,7 +44,7 @@ class DeadReckoning:
         self._fusion = YawFusion(SLIP[config.robot.drive])
         self._uses_imu = config.base.chassis.use_imu
 
-    def take(self, reading: ChassisReading) -> ChassisReading:
+    def add_reading(self, reading: ChassisReading) -> ChassisReading:
         """Join what was measured; return the reading with what there is to say of it added."""
         if self._uses_imu:
             for imu in reading.imu:

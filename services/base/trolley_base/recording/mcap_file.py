@@ -7,7 +7,7 @@ import numpy as np
 from trolley.geometry import Pose2D
 from trolley.messages import Scan, floats_from_bytes
 from trolley_base.drivers.interface import DriverError, LidarScan
-from trolley_base.recording.recording_file import Recording
+from trolley_base.recording.recording import Recording
 
 
 def load_mcap(path: Path) -> Recording:

@@ -11,7 +11,7 @@ import numpy as np
 from trolley.geometry import Pose2D, Twist2D, interpolate, log_pose
 from trolley.messages import Link
 from trolley_base.drivers.interface import ChassisReading, LidarReading, LidarScan, MotionSample
-from trolley_base.recording.recording_file import Recording
+from trolley_base.recording.recording import Recording
 
 ODOMETRY_PERIOD_NS = 50_000_000
 

@@ -33,7 +33,7 @@ class NearEchoes:
         self._reach = reach
         self._points_odom: Floats = np.empty((0, 2))
 
-    def see(self, scan: LidarScan, track: OdometryTrack) -> None:
+    def update(self, scan: LidarScan, track: OdometryTrack) -> None:
         """Take a new scan, of at least one beam, in place of the last."""
         beams = np.arange(len(scan.ranges))
         lags_ns = np.rint(beams * (scan.time_increment * 1e9)).astype(np.int64)

@@ -5,22 +5,22 @@ from dataclasses import dataclass
 from trolley import codes
 from trolley.messages import Link
 from trolley_base.drivers import ChassisReading
-from trolley_base.safety.velocity_limiter import Block, Hindrance
+from trolley_base.safety.velocity_limiter import Block, Restriction
 
-# Without a scan for this long the robot stands [ns].
 SCAN_SILENCE_NS = 500_000_000
+"""Without a scan for this long the robot stands [ns]."""
 
-STOPPED_MESSAGE = "The robot was stopped and stays so until it is resumed."
-FIRST_SCAN_MESSAGE = "The robot waits for the lidar's first scan."
+STOPPED_MESSAGE = "Stopped. `trolley resume` lets it drive."
+FIRST_SCAN_MESSAGE = "The robot is waiting for the lidar's first scan."
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class SafetyState:
     """What base knows about itself.
 
     Attributes:
         cannot_drive: why commands go nowhere at all, "" where they drive.
-        is_stopped: the stop latch.
+        is_stopped: the emergency-stop latch.
         chassis: the newest reading.
         lidar: the connection to the lidar.
         scan_age_ns: since the newest scan arrived, None before the first.
@@ -33,17 +33,17 @@ class Condition:
     scan_age_ns: int | None
 
 
-def find_hindrance(now: Condition) -> Hindrance | None:
-    """Return what matters most of all that forbids to drive, None if nothing does."""
+def find_restriction(now: SafetyState) -> Restriction | None:
+    """Return the gravest reason not to drive, None if there is none."""
     if now.cannot_drive:
-        return Hindrance(Block.ALL, "ok", "", now.cannot_drive)
+        return Restriction(Block.ALL, "ok", "", now.cannot_drive)
     if now.is_stopped:
-        return Hindrance(Block.ALL, "stopped", codes.BUTTON, STOPPED_MESSAGE)
+        return Restriction(Block.ALL, "stopped", codes.BUTTON, STOPPED_MESSAGE)
     if now.chassis.link.state != "up":
         return _held(Block.ALL, codes.LINK_LOST, now.chassis.link.message)
     if now.lidar.state == "down":
         return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
-    # What a lidar saw before it was lost says nothing any more, though it is looked for again.
+    # While a lost lidar is searched for, what it saw before says nothing any more.
     if now.lidar.state != "up" or now.scan_age_ns is None:
         return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message or FIRST_SCAN_MESSAGE)
     if now.scan_age_ns > SCAN_SILENCE_NS:
@@ -51,11 +51,11 @@ def find_hindrance(now: Condition) -> Hindrance | None:
     return _alarm(now.chassis.alarms)
 
 
-def _alarm(alarms: tuple[str, ...]) -> Hindrance | None:
+def _alarm(alarms: tuple[str, ...]) -> Restriction | None:
     unknown = sorted(set(alarms) - {codes.BUTTON, codes.BATTERY, codes.BUMPER, codes.CLIFF})
     if unknown:
         message = codes.SENTENCES.get(unknown[0], f"The motor board reports {unknown[0]}.")
-        return Hindrance(Block.ALL, "fault", unknown[0], message)
+        return Restriction(Block.ALL, "fault", unknown[0], message)
     if codes.BATTERY in alarms:
         return _held(Block.ALL, codes.BATTERY)
     for code in (codes.CLIFF, codes.BUMPER):
@@ -64,5 +64,5 @@ def _alarm(alarms: tuple[str, ...]) -> Hindrance | None:
     return None
 
 
-def _held(block: Block, code: str, message: str = "") -> Hindrance:
-    return Hindrance(block, "held", code, message or codes.SENTENCES[code])
+def _held(block: Block, code: str, message: str = "") -> Restriction:
+    return Restriction(block, "held", code, message or codes.SENTENCES[code])

@@ -36,7 +36,7 @@ class Block(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Hindrance:
+class Restriction:
     """Why the robot may not drive, or not freely."""
 
     block: Block
@@ -57,7 +57,7 @@ class Decision:
     message: str = ""
 
 
-class Governor:
+class VelocityLimiter:
     """Turns wishes into a velocity, one decision at each control period.
 
     All times are robot time by base's own clock.
@@ -93,24 +93,24 @@ class Governor:
         self._lost_ns = None
 
     def decide(
-        self, now_ns: int, echoes: NDArray[np.float64], hindrance: Hindrance | None = None
+        self, now_ns: int, echoes: NDArray[np.float64], restriction: Restriction | None = None
     ) -> Decision:
         """Decide what is driven until the next call.
 
         Args:
             now_ns: now.
             echoes: (n, 2) what the lidar saw [m] in `base_link`.
-            hindrance: what else forbids to drive.
+            restriction: what else forbids to drive.
         """
         since_ns = 0 if self._decided_ns is None else now_ns - self._decided_ns
         self._decided_ns = now_ns
         choice = self._arbiter.choose(now_ns)
         self._note_loss(choice, now_ns)
-        block = Block.NOTHING if hindrance is None else hindrance.block
+        block = Block.NOTHING if restriction is None else restriction.block
         if choice.source is None or block is Block.ALL:
             # At once and not along a ramp: the motors brake as hard as they can.
             self._twist = Twist2D.zero()
-            return self._report(choice, hindrance, now_ns, is_blocked=False)
+            return self._report(choice, restriction, now_ns, is_blocked=False)
         wanted = within(choice.twist, self._limits)
         if block is Block.ALL_BUT_BACK:
             wanted = Twist2D(min(0.0, wanted.vx), 0.0, 0.0)
@@ -121,7 +121,7 @@ class Governor:
         is_blocked = (
             not _stands(wanted) and _stands(self._twist) and self._field.scale(wanted, echoes) < 1.0
         )
-        return self._report(choice, hindrance, now_ns, is_blocked=is_blocked)
+        return self._report(choice, restriction, now_ns, is_blocked=is_blocked)
 
     def _past_echoes(self, wanted: Twist2D, dt: float, echoes: NDArray[np.float64]) -> Twist2D:
         """Return the next velocity towards `wanted` that the echoes allow."""
@@ -144,16 +144,16 @@ class Governor:
             self._lost_ns = now_ns
 
     def _report(
-        self, choice: Choice, hindrance: Hindrance | None, now_ns: int, *, is_blocked: bool
+        self, choice: Choice, restriction: Restriction | None, now_ns: int, *, is_blocked: bool
     ) -> Decision:
         if not is_blocked:
             self._blocked_since_ns = None
         elif self._blocked_since_ns is None:
             self._blocked_since_ns = now_ns
         source = choice.source
-        if hindrance is not None:
-            source = None if hindrance.block is Block.ALL else source
-            mode, reason, message = hindrance.mode, hindrance.reason, hindrance.message
+        if restriction is not None:
+            source = None if restriction.block is Block.ALL else source
+            mode, reason, message = restriction.mode, restriction.reason, restriction.message
         elif self._blocked_since_ns is not None and now_ns - self._blocked_since_ns >= BLOCKED_NS:
             mode, reason = "held", codes.STOP_FIELD
             message = codes.SENTENCES[reason]

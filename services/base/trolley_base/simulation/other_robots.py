@@ -1,16 +1,16 @@
-"""Other simulated robots of the same world, which are obstacles to this one."""
+"""The other robots of the same simulated world, which are obstacles to this one."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.messages import Robot, Truth
 
-# A robot that has not been heard of for this long has been taken away [ns, local].
 GONE_NS = 2_000_000_000
+"""A robot that has been silent for this long is no longer in the world [ns, local clock]."""
 
 
-class Neighbours:
-    """Where the others are, from what they publish.
+class OtherRobots:
+    """The other robots' outlines, from what they publish.
 
     Args:
         name: this robot.
@@ -24,12 +24,12 @@ class Neighbours:
         self._truths: dict[str, tuple[Truth, int]] = {}
         self._changed = False
 
-    def hear_robot(self, name: str, robot: Robot) -> None:
-        """Take a robot's description."""
+    def update_robot(self, name: str, robot: Robot) -> None:
+        """Keep a robot's footprint."""
         self._footprints[name] = np.array(robot.footprint, dtype=np.float64)
 
-    def hear_truth(self, name: str, truth: Truth, arrived_ns: int) -> None:
-        """Take where a robot really is."""
+    def update_truth(self, name: str, truth: Truth, arrived_ns: int) -> None:
+        """Keep where a robot truly is."""
         if name == self._name or truth.world != self._world:
             return
         known = self._truths.get(name)

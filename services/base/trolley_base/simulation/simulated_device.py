@@ -23,6 +23,7 @@ class SimulatedDevice:
     """The world of the configuration, with a robot that fits into it."""
 
     cannot_drive = ""
+    is_stepped = True
     reaction_s = REACTION_S
     watchdog_s = 0.5
 
@@ -63,7 +64,7 @@ class SimulatedDevice:
             simulation = self._simulate(self._start)
         battery = None if self._battery is None else SimulatedBattery(self._battery)
         hardware = SimulatedHardware(simulation, start_ns, battery=battery)
-        return Opened(hardware, simulated=SimulatedRun(hardware, self._world.name, self._start))
+        return Opened(hardware, SimulatedRun(hardware, self._world.name, self._start))
 
     def _refuse_outside(self, start: Pose2D) -> None:
         if not self._world.grid.contains(start.as_array()[None, :2])[0]:
@@ -102,12 +103,12 @@ class SimulatedRun:
             clearance=state.clearance,
         )
 
-    def saved(self) -> SavedWorld:
-        """Return what lets a later run go on where this one stands."""
+    def to_save(self) -> SavedWorld:
+        """Return what lets a later run continue where this one stands."""
         pose = self._hardware.truth().pose
         return SavedWorld(world=self._world, pose=pose, start=self._start)
 
     def set_others(self, outlines: Mapping[str, NDArray[np.float64]]) -> None:
-        """Say where other robots are: their names and outlines (n, 2) [m] in `map`."""
+        """Put other robots into the world: their names and outlines (n, 2) [m] in `map`."""
         others = [OtherRobot(name, outline) for name, outline in sorted(outlines.items())]
         self._hardware.set_others(others)

@@ -112,6 +112,8 @@ class SimulatedHardware:
         self._chassis = SimulatedChassis(battery)
         self._lidar = SimulatedLidar()
 
+    has_ended = False
+
     @property
     def chassis(self) -> SimulatedChassis:
         """The wheels."""

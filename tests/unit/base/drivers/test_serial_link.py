@@ -13,7 +13,7 @@ from trolley.serial_diagnosis import explain
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.serial_device import SerialDevice
-from trolley_base.drivers.serial_link import Conversation
+from trolley_base.drivers.serial_link import SerialLink
 
 SECOND_NS = 1_000_000_000
 
@@ -32,7 +32,7 @@ def port() -> Iterator[str]:
 def test_a_silent_device_is_named_by_its_port_before_and_after_it_is_given_up(port: str) -> None:
     dialogue: LidarDialogue = make_lidar(LidarConfig(model="ld19"))
     device = SerialDevice(port, dialogue.line, explain)
-    talk = Conversation("lidar", dialogue, device, lambda monotonic_ns: monotonic_ns)
+    talk = SerialLink("lidar", dialogue, device, lambda monotonic_ns: monotonic_ns)
     device.start()
 
     def is_open() -> Link | None:

@@ -30,7 +30,7 @@ def config_of(drive: str = "skid_steer", use_imu: bool = True, **base: object) -
 def test_scales_correct_the_way_and_the_twist() -> None:
     reckoning = DeadReckoning(config_of(), WheelScales(linear=1.1), START_NS)
     motion = MotionSample(START_NS + STEP_NS, Pose2D(0.02, 0.0, 0.0), Twist2D(0.4, 0.0, 0.0))
-    assert reckoning.take(ChassisReading((motion,), UP)).notes == ()
+    assert reckoning.add_reading(ChassisReading((motion,), UP)).notes == ()
     assert reckoning.track.odom_T_base.x == pytest.approx(0.022)
     assert reckoning.track.twist.vx == pytest.approx(0.44)
 
@@ -39,7 +39,7 @@ def test_a_jump_is_counted_and_left_out() -> None:
     reckoning = DeadReckoning(config_of(), WheelScales(), START_NS)
     jump = MotionSample(START_NS + STEP_NS, Pose2D(300.0, 0.0, 0.0), Twist2D.zero())
     after = MotionSample(START_NS + 2 * STEP_NS, Pose2D(0.01, 0.0, 0.0), Twist2D.zero())
-    reading = reckoning.take(ChassisReading((jump, after), UP, counts={"crc": 2}))
+    reading = reckoning.add_reading(ChassisReading((jump, after), UP, counts={"crc": 2}))
     assert reading.counts == {"crc": 2, "odometry/jump": 1}
     assert [note.kind for note in reading.notes] == ["odometry/jump"]
     assert reckoning.track.odom_T_base == Pose2D(0.01, 0.0, 0.0)
@@ -64,7 +64,7 @@ def test_the_position_follows_the_fused_heading(use_imu: bool) -> None:
             angular_velocity=(0.0, 0.0, rate + 0.05 + 0.002 * float(rng.normal())),
             linear_acceleration=(0.0, 0.0, 9.8),
         )
-        assert reckoning.take(ChassisReading((motion,), UP, imu=(imu,))).counts == {}
+        assert reckoning.add_reading(ChassisReading((motion,), UP, imu=(imu,))).counts == {}
     track = reckoning.track
     is_near = track.odom_T_base.distance_to(true) < 0.2
     assert is_near == use_imu

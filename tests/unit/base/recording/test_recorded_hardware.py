@@ -11,8 +11,8 @@ import pytest
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley_base.drivers import DriverError, Hardware
+from trolley_base.recording.recorded_device import load_recording
 from trolley_base.recording.recorded_hardware import RecordedHardware
-from trolley_base.recording.recording_file import load_recording
 
 MS = 1_000_000
 START_NS = 7_000_000_000

@@ -6,7 +6,7 @@ from trolley.geometry import Twist2D, footprint_from_box
 from trolley.messages import VelocityCommand
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.stop_field import StopField
-from trolley_base.safety.velocity_limiter import Block, Decision, Governor, Hindrance
+from trolley_base.safety.velocity_limiter import Block, Decision, Restriction, VelocityLimiter
 
 MS = 1_000_000
 STEP = 20 * MS
@@ -19,30 +19,30 @@ WALL = np.stack([np.full(201, 0.25), np.linspace(-1.0, 1.0, 201)], axis=1)
 
 
 class Drive:
-    """A governor whose source sends a command at each step."""
+    """A limiter whose source sends a command at each step."""
 
     def __init__(self) -> None:
         field = StopField(footprint_from_box(0.4, 0.2), LIMITS, 0.05)
-        self.governor = Governor({"teleop": 20, "planner": 10}, LIMITS, field)
+        self.limiter = VelocityLimiter({"teleop": 20, "planner": 10}, LIMITS, field)
         self.now_ns = 0
 
     def send(self, twist: Twist2D, source: str = "teleop", valid_for: float = 0.2) -> None:
         command = VelocityCommand(stamp_ns=self.now_ns, twist=twist, valid_for=valid_for)
-        assert self.governor.offer(source, command, self.now_ns, self.now_ns) is None
+        assert self.limiter.offer(source, command, self.now_ns, self.now_ns) is None
 
     def step(
         self,
         twist: Twist2D | None = None,
         steps: int = 1,
         echoes: np.ndarray = FREE,
-        hindrance: Hindrance | None = None,
+        restriction: Restriction | None = None,
     ) -> Decision:
         decision = Decision(Twist2D.zero(), None, 0, "ok")
         for _ in range(steps):
             self.now_ns += STEP
             if twist is not None:
                 self.send(twist)
-            decision = self.governor.decide(self.now_ns, echoes, hindrance)
+            decision = self.limiter.decide(self.now_ns, echoes, restriction)
         return decision
 
 
@@ -105,33 +105,33 @@ def test_while_setting_off_nobody_speaks_of_the_stop_field(drive: Drive) -> None
 
 def test_what_forbids_to_drive_wins_over_any_command(drive: Drive) -> None:
     drive.step(Twist2D(0.5, 0.0, 0.0), steps=50)
-    stopped = Hindrance(Block.ALL, "stopped", codes.BUTTON, "Stopped.")
-    decision = drive.step(Twist2D(0.5, 0.0, 0.0), hindrance=stopped)
+    stopped = Restriction(Block.ALL, "stopped", codes.BUTTON, "Stopped.")
+    decision = drive.step(Twist2D(0.5, 0.0, 0.0), restriction=stopped)
     assert decision == Decision(Twist2D.zero(), None, 0, "stopped", codes.BUTTON, "Stopped.")
     after = drive.step(Twist2D(0.5, 0.0, 0.0))
     assert after.twist.vx <= 0.8 * 0.02 + 1e-9, "it sets off anew"
 
 
 def test_from_a_bumper_only_straight_back(drive: Drive) -> None:
-    bumper = Hindrance(Block.ALL_BUT_BACK, "held", codes.BUMPER, "Touched.")
-    assert drive.step(Twist2D(0.3, 0.0, 0.5), steps=50, hindrance=bumper).twist.is_zero
-    back = drive.step(Twist2D(-0.3, 0.0, 0.5), steps=50, hindrance=bumper)
+    bumper = Restriction(Block.ALL_BUT_BACK, "held", codes.BUMPER, "Touched.")
+    assert drive.step(Twist2D(0.3, 0.0, 0.5), steps=50, restriction=bumper).twist.is_zero
+    back = drive.step(Twist2D(-0.3, 0.0, 0.5), steps=50, restriction=bumper)
     assert back.twist == Twist2D(-0.3, 0.0, 0.0)
     assert (back.mode, back.source) == ("held", "teleop")
 
 
 def test_what_is_touched_is_not_driven_into_along_a_ramp(drive: Drive) -> None:
-    bumper = Hindrance(Block.ALL_BUT_BACK, "held", codes.BUMPER, "Touched.")
+    bumper = Restriction(Block.ALL_BUT_BACK, "held", codes.BUMPER, "Touched.")
     ahead = Twist2D(0.5, 0.0, 0.5)
     assert drive.step(ahead, steps=50).twist == ahead
-    assert drive.step(ahead, hindrance=bumper).twist.is_zero
-    back = drive.step(Twist2D(-0.3, 0.0, 0.0), hindrance=bumper).twist
+    assert drive.step(ahead, restriction=bumper).twist.is_zero
+    back = drive.step(Twist2D(-0.3, 0.0, 0.0), restriction=bumper).twist
     assert back.vx == pytest.approx(-0.8 * 0.02)
 
 
 def test_after_forgetting_it_stands_until_a_new_command(drive: Drive) -> None:
     drive.step(Twist2D(0.5, 0.0, 0.0), steps=50)
-    drive.governor.forget()
+    drive.limiter.forget()
     decision = drive.step()
     assert decision.twist.is_zero
     assert decision.mode == "ok"

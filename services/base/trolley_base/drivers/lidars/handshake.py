@@ -46,7 +46,7 @@ class Step:
 Greeting = Generator[Step, bytes | None, None]
 
 
-class AskedLidar(StreamingLidar):
+class HandshakeLidar(StreamingLidar):
     """A lidar that is greeted before it streams; subclasses write the script.
 
     Args:

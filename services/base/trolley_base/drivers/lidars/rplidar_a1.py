@@ -16,8 +16,8 @@ from trolley_base.drivers.lidars.handshake import (
     HEALTH_BYTES,
     INFO,
     INFO_BYTES,
-    AskedLidar,
     Greeting,
+    HandshakeLidar,
     Step,
 )
 from trolley_base.drivers.lidars.rplidar_capsules import SAMPLE_S as EXPRESS_S
@@ -39,7 +39,7 @@ DRAIN_S, REBOOT_S, START_S, FAULT_PAUSE_S = 0.1, 2.0, 2.0, 5.0
 BELIEVED_S = (100e-6, 1000e-6)
 
 
-class RplidarA1(AskedLidar):
+class RplidarA1(HandshakeLidar):
     """The sensor; see the module.
 
     Raises:

@@ -27,8 +27,8 @@ from trolley_base.drivers.lidars.handshake import (
     HEALTH_BYTES,
     INFO,
     INFO_BYTES,
-    AskedLidar,
     Greeting,
+    HandshakeLidar,
     Step,
 )
 from trolley_base.drivers.lidars.models import MODELS
@@ -110,7 +110,7 @@ class X4Decoder(FrameDecoder):
         return rates
 
 
-class YdlidarX4(AskedLidar):
+class YdlidarX4(HandshakeLidar):
     """The sensor; see the module. DTR runs its motor.
 
     Raises:

@@ -1,6 +1,6 @@
-"""Reads a recorded drive: what `trolley record` wrote, or an npz file with odometry and scans.
+"""Reads a recorded drive from an npz file with odometry and scans.
 
-Fields of an npz file: `stamps` (n,) [s]; `odom` (n, 3) x, y [m], yaw [rad] as the wheels reported
+Fields: `stamps` (n,) [s]; `odom` (n, 3) x, y [m], yaw [rad] as the wheels reported
 them, or `odom_signed`, which is preferred; `ranges_mm` (n, beams) unsigned, 65535 = no echo,
 0 = invalid;
 `angle_min`, `angle_increment` [rad], counter-clockwise; `range_max` [m]. If there: `reference`
@@ -9,8 +9,7 @@ them, or `odom_signed`, which is preferred; `ranges_mm` (n, beams) unsigned, 655
 
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley_base.drivers.interface import DriverError, LidarScan
+from trolley_base.recording.recording import Recording
 
 NO_ECHO_MM = 65535
 MIN_BEAMS = 2
@@ -26,37 +26,12 @@ MIN_BEAMS = 2
 LONGEST_S = 1e7
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Recording:
-    """A recorded drive; all times are since the first scan.
-
-    Attributes:
-        stamps_ns: (n,) int64, time of each scan; strictly increasing.
-        scans: (n,) what was seen.
-        odom_stamps_ns: (m,) int64, strictly increasing, the first at most 0.
-        odom: (m, 3) x, y [m], yaw [rad], not wrapped to anything.
-        base_T_laser: where the sensor sits.
-        map_T_start: where the robot stood at the first scan, None if the file does not say.
-    """
-
-    stamps_ns: NDArray[np.int64]
-    scans: Sequence[LidarScan]
-    odom_stamps_ns: NDArray[np.int64]
-    odom: NDArray[np.float64]
-    base_T_laser: Pose2D
-    map_T_start: Pose2D | None
-
-
-def load_recording(path: Path) -> Recording:
-    """Read a recorded drive: what `trolley record` wrote, or an npz file.
+def load_npz(path: Path) -> Recording:
+    """Read an npz file.
 
     Raises:
         DriverError: naming the file, the field, and what is expected there.
     """
-    if path.suffix == ".mcap":
-        from trolley_base.recording.mcap_file import load_mcap
-
-        return load_mcap(path)
     return _recording(_Fields(path, _arrays(path)))
 
 
