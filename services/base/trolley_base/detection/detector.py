@@ -1,4 +1,4 @@
-"""Looks at all ports at the same time, and says what is wrong where nothing is found."""
+"""Probes all ports at the same time, and says what is wrong where nothing is found."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -8,17 +8,20 @@ from dataclasses import replace
 from trolley.serial_diagnosis import explain, holders, modem_manager_warning
 from trolley_base.detection.ports import Port
 from trolley_base.detection.probe import Interrupted, Probe, ProbePort
-from trolley_base.detection.results import Found, Seen
+from trolley_base.detection.results import FoundDevice, PortResult
 
 MOST_AT_ONCE = 16
+"""Ports that are probed at the same time."""
 
 
-def look(ports: Sequence[Port], tell: Callable[[Seen, int], None]) -> list[Seen]:
+def detect_devices(
+    ports: Sequence[Port], report: Callable[[PortResult, int], None]
+) -> list[PortResult]:
     """Find out what is plugged in where.
 
     Args:
         ports: where to look.
-        tell: is given what was seen at a port, and how many ports are still being looked at.
+        report: is given what was found at a port, and how many ports are still being probed.
 
     Returns:
         What was seen, in the order of the ports.
@@ -29,26 +32,28 @@ def look(ports: Sequence[Port], tell: Callable[[Seen, int], None]) -> list[Seen]
     if not ports:
         return []
     interrupt = threading.Event()
-    seen: dict[str, Seen] = {}
+    seen: dict[str, PortResult] = {}
     with ThreadPoolExecutor(min(len(ports), MOST_AT_ONCE)) as pool:
-        looks: list[Future[Seen]] = [pool.submit(look_at, port, interrupt) for port in ports]
+        probes: list[Future[PortResult]] = [
+            pool.submit(detect_device, port, interrupt) for port in ports
+        ]
         try:
-            for done in as_completed(looks):
+            for done in as_completed(probes):
                 result = done.result()
                 seen[result.port.device] = result
-                tell(result, len(ports) - len(seen))
+                report(result, len(ports) - len(seen))
         except KeyboardInterrupt:
             interrupt.set()
             raise
     return [seen[port.device] for port in ports]
 
 
-def look_at(port: Port, interrupt: threading.Event) -> Seen:
+def detect_device(port: Port, interrupt: threading.Event) -> PortResult:
     """Find out what is plugged in at one port; takes up to about 8 s.
 
     Args:
         port: where to look.
-        interrupt: set when the look is to end early.
+        interrupt: set when the probe is to end early.
     """
     warning = modem_manager_warning(port.name)
     problems = () if warning is None else (warning,)
@@ -61,41 +66,41 @@ def look_at(port: Port, interrupt: threading.Event) -> Seen:
     taken = holders(port.device)
     if taken.seen:
         busy = f"It is in use {taken.in_words(port.name)}; end that program first."
-        return Seen(port, None, (*problems, busy))
+        return PortResult(port, None, (*problems, busy))
     try:
         opened = ProbePort(port.device, Probe.OPENING)
     except OSError as error:
-        return Seen(port, None, (*problems, explain(port.name, error)))
+        return PortResult(port, None, (*problems, explain(port.name, error)))
     probe = Probe(opened, interrupt)
     try:
         found = probe.identify()
     except OSError as error:
-        return Seen(port, None, (*problems, explain(port.name, error)))
+        return PortResult(port, None, (*problems, explain(port.name, error)))
     except Interrupted:
-        return Seen(port, None, problems)
+        return PortResult(port, None, problems)
     finally:
         opened.close()
     if found is None:
-        return Seen(port, None, (*problems, _why_nothing(probe.heard)))
-    return Seen(port, replace(found, problems=()), (*problems, *found.problems))
+        return PortResult(port, None, (*problems, _why_nothing(probe.received)))
+    return PortResult(port, replace(found, problems=()), (*problems, *found.problems))
 
 
-def _why_nothing(heard: dict[int, int]) -> str:
+def _why_nothing(received: dict[int, int]) -> str:
     """Say what may be wrong where no known device answered."""
-    most = max(heard.values(), default=0)
+    most = max(received.values(), default=0)
     if most == 0:
         return (
             "Nothing answers: has the device power, is the cable a data cable (not charge-only), "
             "and is it a board or lidar that Trolley knows?"
         )
-    amounts = " and ".join(f"{count} at {baud} baud" for baud, count in heard.items())
+    amounts = " and ".join(f"{count} at {baud} baud" for baud, count in received.items())
     return (
         f"Bytes arrive ({amounts}), but not those of a device that Trolley knows: another model, "
         f"or another baud rate?"
     )
 
 
-def found_of(seen: Sequence[Seen], kind: str) -> list[tuple[Port, Found]]:
+def devices_of(seen: Sequence[PortResult], kind: str) -> list[tuple[Port, FoundDevice]]:
     """Return the devices of a kind that Trolley can use, with their ports."""
     return [
         (one.port, one.found)

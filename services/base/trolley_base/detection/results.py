@@ -8,7 +8,7 @@ from trolley_base.detection.ports import Port
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundDevice:
     """A device that answered as it should.
 
     Attributes:
@@ -29,7 +29,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class PortResult:
     """A port that was looked at.
 
     Attributes:
@@ -39,5 +39,5 @@ class Seen:
     """
 
     port: Port
-    found: Found | None = None
+    found: FoundDevice | None = None
     problems: tuple[str, ...] = field(default=())

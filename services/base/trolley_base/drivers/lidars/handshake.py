@@ -1,8 +1,8 @@
 """Lidars of the Slamtec kind: A5 and a command; the answer begins with A5 5A and what it is.
 
-A greeting is a script: a generator that yields what to send and what to wait for, and is handed the
-answer, or None when none came in time. When it returns, the lidar streams; when a stream falls
-silent, the lidar is greeted again.
+A handshake is a script: a generator that yields what to send and what to wait for, and is handed
+the answer, or None when none came in time. When it returns, the lidar streams; when a stream falls
+silent, the handshake begins again.
 
 Sources:
     SLAMTEC rplidar_sdk (`sl_lidar_protocol.h`); YDLIDAR X4 development manual.
@@ -12,16 +12,17 @@ from collections import Counter
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.lidars.decoding import Decoder
-from trolley_base.drivers.lidars.sample_clock import NS
+from trolley_base.drivers.lidars.models import LidarFacts
 from trolley_base.drivers.lidars.streaming import StreamingLidar
+from trolley_base.units import NS_PER_S
 
 INFO = bytes.fromhex("A55A 1400 0000 04")
 HEALTH = bytes.fromhex("A55A 0300 0000 06")
 INFO_BYTES, HEALTH_BYTES = 20, 3
 ANSWER_S = 0.5
-SILENT_NS = 2 * NS
+SILENT_NS = 2 * NS_PER_S
 # What may come before an answer: the rest of a stream that has just been stopped.
 MOST_HELD = 8192
 
@@ -43,14 +44,14 @@ class Step:
     body_bytes: int = 0
 
 
-Greeting = Generator[Step, bytes | None, None]
+Handshake = Generator[Step, bytes | None, None]
 
 
 class HandshakeLidar(StreamingLidar):
-    """A lidar that is greeted before it streams; subclasses write the script.
+    """A lidar that streams after a handshake; subclasses write the script.
 
     Args:
-        model: its name.
+        facts: of the model.
         config: how it is mounted and what of it counts.
         decoder: makes what decodes its stream.
 
@@ -59,21 +60,21 @@ class HandshakeLidar(StreamingLidar):
     """
 
     def __init__(
-        self, model: LidarModel, config: LidarConfig, decoder: Callable[[Counter[str]], Decoder]
+        self, facts: LidarFacts, config: LidarConfig, decoder: Callable[[Counter[str]], Decoder]
     ) -> None:
-        super().__init__(model, config, decoder)
+        super().__init__(facts, config, decoder)
         self._fault = ""
         """What the lidar says is wrong with it."""
         self._has_answered = False
-        self._script = self._greeting()
+        self._script = self._handshake()
         self._step: Step | None = next(self._script)
         self._deadline_ns: int | None = None
         self._held = bytearray()
 
     def begin(self, now_ns: int) -> None:
-        """The port has been opened: greet the lidar."""
+        """The port has been opened: begin the handshake."""
         super().begin(now_ns)
-        self._greet()
+        self._start_handshake()
 
     def receive(self, data: bytes, arrived_ns: int) -> None:
         """Take bytes, the last of which arrived at `arrived_ns`."""
@@ -98,23 +99,23 @@ class HandshakeLidar(StreamingLidar):
     def outgoing(self, now_ns: int) -> bytes:
         """Return what the script says next."""
         if self._step is None and self.is_silent(now_ns, SILENT_NS):
-            self._greet()
+            self._start_handshake()
         if self._deadline_ns is not None and now_ns >= self._deadline_ns:
             self._advance(None)
         if self._step is None or self._deadline_ns is not None:
             return b""
-        self._deadline_ns = now_ns + round(self._step.wait_s * NS)
+        self._deadline_ns = now_ns + round(self._step.wait_s * NS_PER_S)
         self._held.clear()
         return self._step.send
 
-    def _greeting(self) -> Greeting:
+    def _handshake(self) -> Handshake:
         """Return the script."""
         raise NotImplementedError
 
-    def _greet(self) -> None:
+    def _start_handshake(self) -> None:
         self._script.close()
         self._has_answered = False
-        self._script = self._greeting()
+        self._script = self._handshake()
         self._step, self._deadline_ns = next(self._script), None
 
     def _advance(self, answer: bytes | None) -> bool:

@@ -16,23 +16,13 @@ from trolley_base.importers.linorobot.mounting import find_mount
 DRIVES = {"2wd": "differential", "4wd": "skid_steer", "mecanum": "mecanum"}
 """What `LINOBASE` may be; it knows Ackermann steering too, which Trolley does not."""
 LIDARS: dict[str, LidarModel] = {
-    "rplidar": "rplidar_a1",
-    "ydlidar": "ydlidar_x4",
-    "xv11": "xv11",
-    "ld06": "ld19",
-    "ld19": "ld19",
-    "lds01": "lds01",
+    name: model for model, driver in MODELS.items() for name in driver.linorobot_names
 }
 """What `LINOLIDAR` may be, and what it is to Trolley."""
 PACKAGES: dict[str, LidarModel] = {
-    "rplidar_ros": "rplidar_a1",
-    "ydlidar": "ydlidar_x4",
-    "ydlidar_ros": "ydlidar_x4",
-    "ydlidar_ros_driver": "ydlidar_x4",
-    "xv_11_laser_driver": "xv11",
-    "hls_lfcd_lds_driver": "lds01",
-    "ldlidar_stl_ros": "ld19",
+    package: model for model, driver in MODELS.items() for package in driver.ros_packages
 }
+"""The ROS packages that drive a lidar, and which one."""
 ROSSERIAL = ("rosserial_python", "rosserial_server")
 MOST_HEIGHT_M = 3.0
 
@@ -91,7 +81,7 @@ def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
         )
         return None
     baud = _baud(first(nodes, ("serial_baudrate", "baudrate", "baud_rate", "serial_baud")))
-    if baud is not None and baud.value != MODELS[model].baud:
+    if baud is not None and baud.value != MODELS[model].facts.baud:
         place = findings.place(baud)
         if model == "rplidar_a1":
             findings.note(
@@ -102,7 +92,7 @@ def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
         if model == "ydlidar_x4":
             findings.note(
                 f"{place}: linorobot opens the YDLIDAR at {baud.value} baud, but an X4 talks at "
-                f"{MODELS[model].baud}; Trolley uses that."
+                f"{MODELS[model].facts.baud}; Trolley uses that."
             )
         else:
             findings.take("base.lidar.baud", baud.value, f"its line at {baud.value} baud", baud)
