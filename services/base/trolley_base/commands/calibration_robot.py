@@ -101,9 +101,9 @@ def listen(robot: Robot, comparison: Comparison, seconds: float) -> None:
         try:
             while (left_s := end_s - time.monotonic()) > 0.0:
                 while (pose := poses.next(0.0)) is not None:
-                    comparison.hear_pose(pose.message)
+                    comparison.update_pose(pose.message)
                 while (motion := odometry.next(0.0)) is not None:
-                    comparison.hear_odometry(motion.message)
+                    comparison.update_odometry(motion.message)
                 progress.show(f"{left_s:.0f} s left, {len(comparison.legs)} pieces compared")
                 time.sleep(CONTROL_PERIOD_S)
         except KeyboardInterrupt:
@@ -140,11 +140,11 @@ class _Live:
     def tell(self, drive: CalibrationDrive) -> None:
         """Hand over what has arrived."""
         while (motion := self._odometry.next(0.0)) is not None:
-            drive.hear_odometry(motion.message)
+            drive.update_odometry(motion.message)
         while (pose := self._pose.next(0.0)) is not None:
-            drive.hear_pose(pose.message)
+            drive.update_pose(pose.message)
         while (state := self._base.next(0.0)) is not None:
-            drive.hear_base(state.message)
+            drive.update_base(state.message)
 
     def send(self, twist: Twist2D, now_ns: int) -> None:
         """Command a velocity."""

@@ -11,21 +11,24 @@ from trolley_base.odometry.track import OdometryTrack
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.odometry.yaw_fusion import GyroState, YawFusion
 
-# The part of a turn that wheels slip, as a standard deviation: four that are dragged round most.
 SLIP: dict[Drive, float] = {"differential": 0.03, "mecanum": 0.06, "skid_steer": 0.12}
+"""Standard deviation of the wheels' turn, as a share of it: four that are dragged round slip most.
+
+By hand.
+"""
 JUMP = Note(
     "warning",
     "odometry/jump",
-    "The wheels reported a motion that no robot can do; it is left out.",
+    "The wheels reported a motion that no robot can do; it was ignored.",
 )
-# Worth a line in the log; the others come and go with the link.
 SENTENCES = {
-    GyroState.STUCK: "The gyro repeats one value; its turn rate is not used.",
+    GyroState.STUCK: "The gyro keeps repeating one value; its turn rate is not used.",
     GyroState.DISAGREES: (
         "The gyro does not turn as the wheels do: see [base.chassis] imu_axes, or the wheels "
         "slip, or the robot is carried. Its turn rate is not used."
     ),
 }
+"""Worth a line in the log; the others come and go with the link."""
 QUIET_STATES = (GyroState.USED, GyroState.LEARNING)
 
 
@@ -76,7 +79,7 @@ class DeadReckoning:
         return self._fuse(motion) if self._uses_imu else motion
 
     def _fuse(self, motion: MotionSample) -> MotionSample:
-        """Keep the way of the wheels, and turn as wheels and gyro together say."""
+        """Keep the distance of the wheels, and turn as wheels and gyro together say."""
         start_ns = self.track.stamp_ns
         step = log_pose(motion.previous_T_base)
         turn = self._fusion.fuse(start_ns, motion.stamp_ns, step.vx, step.wz)

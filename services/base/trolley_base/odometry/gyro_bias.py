@@ -6,20 +6,32 @@ was known throws that away, so a robot that is turned by hand leaves no wrong bi
 """
 
 import math
+from dataclasses import dataclass
 
-# After the wheels stop the body still rocks [ns].
-SETTLE_NS = 500_000_000
-BLOCK_NS = 1_000_000_000
-MIN_READINGS = 8
-# A gyro at rest is noisier than this only while somebody moves the robot [rad/s].
-QUIET_RADPS = 0.03
-# Cheap chips are off by up to 20 degrees per second.
-LARGEST_RADPS = 0.4
-# Two seconds at rest agree within this and five standard deviations [rad/s].
-ALIKE_RADPS = 0.01
-# What a second's mean cannot do better than, and the drift: 0.01 rad/s in ten minutes.
-MEAN_FLOOR_RADPS = 5e-4
-DRIFT_VAR_PER_S = 1.7e-7
+
+@dataclass(frozen=True, slots=True)
+class GyroBiasParams:
+    """When a gyro counts as resting, and how its bias drifts; by hand, for cheap MEMS chips."""
+
+    settle_ns: int = 500_000_000
+    """The body still rocks for this long after the wheels stop [ns]."""
+    block_ns: int = 1_000_000_000
+    """Readings are judged in blocks of this length [ns]."""
+    min_readings: int = 8
+    """A block of fewer readings is not judged."""
+    quiet_std: float = 0.03
+    """A gyro at rest is noisier than this only while somebody moves the robot [rad/s]."""
+    max_bias: float = 0.4
+    """A larger mean is no bias: cheap chips are off by up to 20 degrees per second [rad/s]."""
+    agreement: float = 0.01
+    """Two blocks agree within this and five standard deviations [rad/s]."""
+    mean_std_floor: float = 5e-4
+    """The mean of a block is never known better than this [rad/s]."""
+    drift_variance_per_s: float = 1.7e-7
+    """Random walk of the bias: 0.01 rad/s in ten minutes [rad^2/s^3]."""
+
+
+PARAMS = GyroBiasParams()
 
 
 class GyroBias:
@@ -47,7 +59,7 @@ class GyroBias:
 
     def disturb(self, now_ns: int) -> None:
         """The wheels turned up to `now_ns`: nothing up to then, and a little after, is rest."""
-        self._still_from_ns = now_ns + SETTLE_NS
+        self._still_from_ns = now_ns + PARAMS.settle_ns
         self._last_ns = max(self._last_ns, now_ns)
         self._block = []
 
@@ -57,30 +69,36 @@ class GyroBias:
             return
         self._last_ns = stamp_ns
         if self._still_from_ns is None:
-            self._still_from_ns = stamp_ns + SETTLE_NS
+            self._still_from_ns = stamp_ns + PARAMS.settle_ns
         if stamp_ns < self._still_from_ns:
             return
         if not self._block:
             self._block_ns = stamp_ns
         self._block.append(wz)
-        if stamp_ns - self._block_ns >= BLOCK_NS:
+        if stamp_ns - self._block_ns >= PARAMS.block_ns:
             block, self._block = self._block, []
-            self._take(block, stamp_ns)
+            self._update(block, stamp_ns)
 
-    def _take(self, block: list[float], now_ns: int) -> None:
-        """Learn of a second in which the wheels stood."""
-        if len(block) < MIN_READINGS:
+    def _update(self, block: list[float], now_ns: int) -> None:
+        """Correct the bias by a second in which the wheels stood."""
+        if len(block) < PARAMS.min_readings:
             return
         mean = math.fsum(block) / len(block)
         noise_var = math.fsum((wz - mean) ** 2 for wz in block) / (len(block) - 1)
         drift = abs(math.fsum(block[: len(block) // 2]) / (len(block) // 2) - mean)
-        if noise_var > QUIET_RADPS**2 or drift > QUIET_RADPS / 3.0 or abs(mean) > LARGEST_RADPS:
+        if (
+            noise_var > PARAMS.quiet_std**2
+            or drift > PARAMS.quiet_std / 3.0
+            or abs(mean) > PARAMS.max_bias
+        ):
             self._candidate = None
             return
-        mean_var = noise_var / len(block) + MEAN_FLOOR_RADPS**2
+        mean_var = noise_var / len(block) + PARAMS.mean_std_floor**2
         known = self._candidate if self._value is None else self._value
         variance = mean_var if self._value is None else self._variance_at(now_ns)
-        if known is None or abs(mean - known) > ALIKE_RADPS + 5.0 * math.sqrt(variance + mean_var):
+        if known is None or abs(mean - known) > PARAMS.agreement + 5.0 * math.sqrt(
+            variance + mean_var
+        ):
             self._value, self._candidate = None, mean
             return
         gain = variance / (variance + mean_var)
@@ -91,4 +109,4 @@ class GyroBias:
         self._known_ns = now_ns
 
     def _variance_at(self, now_ns: int) -> float:
-        return self._variance + DRIFT_VAR_PER_S * max(0, now_ns - self._known_ns) * 1e-9
+        return self._variance + PARAMS.drift_variance_per_s * max(0, now_ns - self._known_ns) * 1e-9

@@ -1,6 +1,7 @@
 """Odometry: the wheels' motions joined from zero, and where the robot was a moment ago."""
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +9,25 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, Twist2D
 from trolley_base.drivers import MotionSample
 
-# Poses that are kept: 1.3 s at 50 Hz, several revolutions of any lidar.
-KEPT = 64
-# No robot that can be configured is faster; a motion beyond it is a counter that wrapped or a
-# board that began anew. The rest is for two readings that lie close together in time.
-FASTEST_MPS, FASTEST_RADPS = 6.0, 12.0
-SLACK_M, SLACK_RAD = 0.05, 0.3
+
+@dataclass(frozen=True, slots=True)
+class TrackParams:
+    """What is kept, and which motions are believed; set by hand."""
+
+    max_poses: int = 64
+    """Poses that are kept: 1.3 s at 50 Hz, several revolutions of any lidar."""
+    max_speed: float = 6.0
+    """No robot that can be configured is faster; a motion beyond it is a counter that wrapped or a
+    board that restarted [m/s]."""
+    max_wz: float = 12.0
+    """The same for turning [rad/s]."""
+    slack_m: float = 0.05
+    """Allowed on top, for two readings that lie close together in time [m]."""
+    slack_rad: float = 0.3
+    """The same for turning [rad]."""
+
+
+PARAMS = TrackParams()
 
 
 class OdometryTrack:
@@ -24,7 +38,7 @@ class OdometryTrack:
         self.stamp_ns = stamp_ns
         self.odom_T_base = Pose2D.identity()
         self.twist = Twist2D.zero()
-        self._track: deque[tuple[int, float, float, float]] = deque(maxlen=KEPT)
+        self._track: deque[tuple[int, float, float, float]] = deque(maxlen=PARAMS.max_poses)
         self._yaw = 0.0
         self._keep()
 
@@ -33,8 +47,8 @@ class OdometryTrack:
         pose, seconds = motion.previous_T_base, (motion.stamp_ns - self.stamp_ns) * 1e-9
         if seconds < 0.0 or not (pose.is_finite() and motion.twist.is_finite()):
             return False
-        is_far = pose.distance_to(Pose2D.identity()) > FASTEST_MPS * seconds + SLACK_M
-        return not is_far and abs(pose.yaw) <= FASTEST_RADPS * seconds + SLACK_RAD
+        is_far = pose.distance_to(Pose2D.identity()) > PARAMS.max_speed * seconds + PARAMS.slack_m
+        return not is_far and abs(pose.yaw) <= PARAMS.max_wz * seconds + PARAMS.slack_rad
 
     def add(self, motion: MotionSample) -> None:
         """Join a motion to those before."""

@@ -1,5 +1,7 @@
 """What the lidar saw near the robot, as points that stay in place while the robot moves on."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,15 +9,27 @@ from trolley.geometry import Pose2D
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
 
-# Echoes this much beyond the nearest distance that the sensor can measure are remembered when the
-# robot comes nearer and the sensor goes blind for them [m].
-BLIND_MARGIN_M = 0.03
-MAX_REMEMBERED = 512
-# What is that near covers many beams; this many are judged together [rad].
-BLIND_WIDTH_RAD = 0.15
-# Beams this far to both sides, and at most so many, are one surface if their ranges are this near.
-SMOOTH_RAD, MAX_SMOOTHED = 0.02, 3
-SAME_SURFACE_M = 0.04
+
+@dataclass(frozen=True, slots=True)
+class NearEchoesParams:
+    """What is remembered and smoothed of the echoes near the robot; set by hand."""
+
+    blind_margin_m: float = 0.03
+    """Echoes this much beyond the shortest measurable distance are remembered when the robot comes
+    nearer and the sensor goes blind for them [m]."""
+    max_remembered: int = 512
+    """At most this many points are remembered."""
+    blind_width: float = 0.15
+    """Something that near covers many beams; this many are judged together [rad]."""
+    smoothing_width: float = 0.02
+    """Beams this far to both sides are smoothed together [rad] ..."""
+    max_smoothed: int = 3
+    """... but at most so many to each side ..."""
+    same_surface_m: float = 0.04
+    """... where their ranges differ by less than this, as on one surface [m]."""
+
+
+PARAMS = NearEchoesParams()
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +82,7 @@ class NearEchoes:
         """Return known points that are now too near to be measured and that no beam sees past."""
         points_laser = odom_T_laser.inverse().transform_points(self._points_odom)
         distances = np.hypot(points_laser[:, 0], points_laser[:, 1])
-        near = distances < scan.range_min + BLIND_MARGIN_M
+        near = distances < scan.range_min + PARAMS.blind_margin_m
         if not near.any():
             return self._points_odom[:0]
         angles = np.arctan2(points_laser[near, 1], points_laser[near, 0])
@@ -77,7 +91,7 @@ class NearEchoes:
         blind = np.zeros(len(beams), dtype=np.bool_)
         inside = beams < len(scan.ranges)
         blind[inside] = _blind_beams(scan)[beams[inside]]
-        return self._points_odom[near][blind][-MAX_REMEMBERED:]
+        return self._points_odom[near][blind][-PARAMS.max_remembered :]
 
 
 def _smoothed(scan: LidarScan) -> Floats:
@@ -87,12 +101,12 @@ def _smoothed(scan: LidarScan) -> Floats:
     drive closer along it.
     """
     ranges = scan.ranges.astype(np.float64)
-    width = min(MAX_SMOOTHED, max(1, round(SMOOTH_RAD / scan.angle_increment)))
+    width = min(PARAMS.max_smoothed, max(1, round(PARAMS.smoothing_width / scan.angle_increment)))
     total, count = ranges.copy(), np.ones(len(ranges))
     for shift in range(1, width + 1):
         for moved in (np.roll(ranges, shift), np.roll(ranges, -shift)):
             with np.errstate(invalid="ignore"):
-                same = np.abs(moved - ranges) < SAME_SURFACE_M
+                same = np.abs(moved - ranges) < PARAMS.same_surface_m
             total[same] += moved[same]
             count += same
     return total / count
@@ -104,6 +118,6 @@ def _blind_beams(scan: LidarScan) -> NDArray[np.bool_]:
     An invalid beam is 0: it measured neither the thing nor anything behind it. One that fails by
     itself among many must not make a wall forgotten.
     """
-    width = max(1, round(BLIND_WIDTH_RAD / scan.angle_increment))
+    width = max(1, round(PARAMS.blind_width / scan.angle_increment))
     invalid = (scan.ranges == 0.0).astype(np.float64)
     return np.convolve(invalid, np.ones(width) / width, mode="same") > 0.5

@@ -5,6 +5,7 @@ would meet. What leads away from an echo, or past it, is left as it is.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +14,30 @@ from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.sweep import closest_on_outline, contact_times, point_velocities, widened
 
-# The footprint is taken wider by this to all sides, for what lidar and wheels measure wrongly [m].
-SIDE_MARGIN_M = 0.015
-# The same where it turns in place, which wheels do exactly: a robot that was stopped before a wall
-# must be able to turn away from it.
-TURNING_MARGIN_M = 0.003
-# An echo farther inside of the outline than this is the robot's own body, a mast or a cable [m].
-BODY_DEPTH_M = 0.02
-# Time until a command acts: a period of base, the board's own, and the link to it [s].
 REACTION_S = 0.06
-# A motion along an echo that touches is let pass at so flat an angle (sine) that the speed towards
-# it stays under what counts as driving into something.
-GRAZING = 0.03
-# Where something is nearer than the side margin, the outline is taken this part of the gap wider.
-BESIDE = 0.9
+"""Time until a command acts: a period of base, the board's own, and the link to it [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopFieldParams:
+    """What the stop field allows for; set by hand."""
+
+    side_margin_m: float = 0.015
+    """The footprint is widened by this to all sides, for errors of lidar and wheels [m]."""
+    turning_margin_m: float = 0.003
+    """The same where the robot turns in place, which wheels do exactly: one that was stopped
+    before a wall must be able to turn away from it [m]."""
+    body_depth_m: float = 0.02
+    """An echo farther inside the outline is the robot's own body, a mast or a cable [m]."""
+    grazing: float = 0.03
+    """Motion along an echo that touches is allowed at so flat an angle (its sine) that the speed
+    towards the echo stays below what counts as driving into something."""
+    beside: float = 0.9
+    """Where something is nearer than the side margin, the outline is widened by this share of the
+    gap."""
+
+
+PARAMS = StopFieldParams()
 
 Floats = NDArray[np.float64]
 
@@ -52,8 +63,8 @@ class StopField:
         self._limits = limits
         self._margin = margin
         self._reaction_s = reaction_s
-        self._driving = _outline(footprint, min(SIDE_MARGIN_M, margin))
-        self._turning = _outline(footprint, min(TURNING_MARGIN_M, margin))
+        self._driving = _outline(footprint, min(PARAMS.side_margin_m, margin))
+        self._turning = _outline(footprint, min(PARAMS.turning_margin_m, margin))
         self._radius = circumscribed_radius(self._driving[0])
 
     @property
@@ -103,7 +114,9 @@ class StopField:
         if len(beside) == 0:
             return wide, side
         gaps = beside - closest_on_outline(beside, self._footprint)
-        return _outline(self._footprint, BESIDE * float(np.min(np.hypot(gaps[:, 0], gaps[:, 1]))))
+        return _outline(
+            self._footprint, PARAMS.beside * float(np.min(np.hypot(gaps[:, 0], gaps[:, 1])))
+        )
 
     def _leads_on(self, points: Floats, twist: Twist2D) -> bool:
         """Say whether a motion presses on against echoes (n, 2) just inside of the outline."""
@@ -111,8 +124,8 @@ class StopField:
         depths = np.hypot(gaps[:, 0], gaps[:, 1])
         velocities = point_velocities(points, twist)
         speeds = np.hypot(velocities[:, 0], velocities[:, 1])
-        deeper = -np.sum(gaps * velocities, axis=1) > GRAZING * speeds * depths
-        return bool(np.any(deeper & (depths <= BODY_DEPTH_M)))
+        deeper = -np.sum(gaps * velocities, axis=1) > PARAMS.grazing * speeds * depths
+        return bool(np.any(deeper & (depths <= PARAMS.body_depth_m)))
 
     def _braking_scale(self, twist: Twist2D, seconds: float) -> float:
         """Return the part of a velocity that comes to a stand within what it covers in a time.

@@ -17,14 +17,24 @@ from trolley_base.safety.stop_field import StopField
 
 Mode = Literal["ok", "stopped", "held", "fault"]
 
-# Longer between two decisions is taken as this: no leap in speed after a pause [s].
-MAX_DT = 0.1
-# Slower than this is standing, as far as the stop field's word goes [m/s, rad/s].
-STANDING_SPEED, STANDING_WZ = 0.02, 0.05
-# The stop field is named as the reason once it has held the robot for this long [ns].
-BLOCKED_NS = 200_000_000
-# How long base says that commands stopped coming, if none comes [ns].
-LOST_SHOWN_NS = 5_000_000_000
+
+@dataclass(frozen=True, slots=True)
+class VelocityLimiterParams:
+    """How the velocity limiter judges what it does; set by hand."""
+
+    max_dt: float = 0.1
+    """A longer time between two decisions counts as this: no leap in speed after a pause [s]."""
+    standing_speed: float = 0.02
+    """Slower than this is standing, for the stop field as a reason [m/s]."""
+    standing_wz: float = 0.05
+    """The same for turning [rad/s]."""
+    blocked_ns: int = 200_000_000
+    """The stop field is named as the reason once it has held the robot for this long [ns]."""
+    lost_shown_ns: int = 5_000_000_000
+    """How long a loss of commands is shown if none comes [ns]."""
+
+
+PARAMS = VelocityLimiterParams()
 
 
 class Block(enum.Enum):
@@ -116,7 +126,7 @@ class VelocityLimiter:
             wanted = Twist2D(min(0.0, wanted.vx), 0.0, 0.0)
             # Not along a ramp either: that were half a second more into what was touched.
             self._twist = Twist2D(min(0.0, self._twist.vx), 0.0, 0.0)
-        self._twist = self._past_echoes(wanted, min(since_ns * 1e-9, MAX_DT), echoes)
+        self._twist = self._past_echoes(wanted, min(since_ns * 1e-9, PARAMS.max_dt), echoes)
         # Scaled down by the echoes, and not on the ramp from standing.
         is_blocked = (
             not _stands(wanted) and _stands(self._twist) and self._field.scale(wanted, echoes) < 1.0
@@ -131,7 +141,7 @@ class VelocityLimiter:
             return following
         # Where the wanted arc is blocked, its turn may still lead clear of what blocks it.
         possible_speed = wanted.speed * self._field.scale(wanted, echoes)
-        self._turns_clear = wanted.wz != 0.0 and possible_speed <= STANDING_SPEED
+        self._turns_clear = wanted.wz != 0.0 and possible_speed <= PARAMS.standing_speed
         if self._turns_clear:
             following = ramp(self._twist, Twist2D(0.0, 0.0, wanted.wz), self._limits, dt)
             scale = self._field.scale(following, echoes)
@@ -150,14 +160,14 @@ class VelocityLimiter:
             self._blocked_since_ns = None
         elif self._blocked_since_ns is None:
             self._blocked_since_ns = now_ns
-        source = choice.source
+        source, since_ns = choice.source, self._blocked_since_ns
         if restriction is not None:
             source = None if restriction.block is Block.ALL else source
             mode, reason, message = restriction.mode, restriction.reason, restriction.message
-        elif self._blocked_since_ns is not None and now_ns - self._blocked_since_ns >= BLOCKED_NS:
+        elif since_ns is not None and now_ns - since_ns >= PARAMS.blocked_ns:
             mode, reason = "held", codes.STOP_FIELD
             message = codes.SENTENCES[reason]
-        elif self._lost_ns is not None and now_ns - self._lost_ns < LOST_SHOWN_NS:
+        elif self._lost_ns is not None and now_ns - self._lost_ns < PARAMS.lost_shown_ns:
             mode, reason = "held", codes.COMMAND_LOST
             message = codes.SENTENCES[reason]
         else:
@@ -166,4 +176,4 @@ class VelocityLimiter:
 
 
 def _stands(twist: Twist2D) -> bool:
-    return twist.speed < STANDING_SPEED and abs(twist.wz) < STANDING_WZ
+    return twist.speed < PARAMS.standing_speed and abs(twist.wz) < PARAMS.standing_wz

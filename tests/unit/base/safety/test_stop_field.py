@@ -13,7 +13,7 @@ from trolley.geometry import (
     polygon_contains,
 )
 from trolley_base.safety.motion_limits import MotionLimits
-from trolley_base.safety.stop_field import BODY_DEPTH_M, REACTION_S, SIDE_MARGIN_M, StopField
+from trolley_base.safety.stop_field import PARAMS, REACTION_S, StopField
 from trolley_base.safety.sweep import closest_on_outline
 
 LIMITS = MotionLimits(
@@ -89,8 +89,8 @@ def test_a_round_robot_turns_anywhere() -> None:
 
 
 def test_the_own_body_is_not_an_obstacle_but_what_touches_is(field: StopField) -> None:
-    mast = np.array([[0.2 - BODY_DEPTH_M - 0.01, 0.0]])
-    touching = np.array([[0.2 - 0.5 * BODY_DEPTH_M, 0.0]])
+    mast = np.array([[0.2 - PARAMS.body_depth_m - 0.01, 0.0]])
+    touching = np.array([[0.2 - 0.5 * PARAMS.body_depth_m, 0.0]])
     assert field.scale(AHEAD, mast) == 1.0
     assert field.scale(AHEAD, touching) == 0.0
     assert field.scale(BACK, touching) == 1.0
@@ -119,7 +119,7 @@ def test_the_scale_is_a_share_and_more_echoes_never_raise_it(
     # What stands beside the robot already makes its outline narrower for all echoes.
     outside = cloud[~polygon_contains(footprint, cloud)]
     gaps = np.linalg.norm(outside - closest_on_outline(outside, footprint), axis=1)
-    assume(bool(np.all(gaps > 1.5 * SIDE_MARGIN_M)))
+    assume(bool(np.all(gaps > 1.5 * PARAMS.side_margin_m)))
     assert scale <= field.scale(twist, cloud[: len(cloud) // 2]) + 1e-12
 
 
