@@ -8,7 +8,7 @@ from typing import Any
 from trolley.gridmap import MapError, load_map
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
-from trolley_base import saved
+from trolley_base import persistence
 from trolley_localizer.map_owner import CHOSEN_MAP_FILE
 from trolley_localizer.map_store import ChosenMap
 from trolley_localizer.service import LAST_POSE_FILE
@@ -22,9 +22,9 @@ from trolley_viz import settings
 ROBOT, MAP, NEW_MAP = "trolley", "apartment", "room"
 HISTORY = f"{ROBOT}/{history_file.FILE}"
 TYPES: dict[str, type[Any]] = {
-    saved.TIME_FILE: saved.SavedTime,
-    saved.LATCH_FILE: saved.SavedLatch,
-    saved.WORLD_FILE: saved.SavedWorld,
+    persistence.TIME_FILE: persistence.SavedTime,
+    persistence.LATCH_FILE: persistence.SavedLatch,
+    persistence.WORLD_FILE: persistence.SavedWorld,
     LAST_POSE_FILE: LastPose,
     CHOSEN_MAP_FILE: ChosenMap,
     state_file(MAP): ZoneFile,

@@ -19,8 +19,8 @@ from trolley.gridmap import GridMap, distance_transform, load_map, save_map
 from trolley.messages import PoseEstimate
 from trolley.messages.request_params import SendGoal, SetPose
 from trolley.runtime.lockstep import Lockstep
-from trolley_base.drivers.world_file import load_world
 from trolley_base.service import BaseService
+from trolley_base.world.world_file import load_world
 from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
 

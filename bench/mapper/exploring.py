@@ -35,8 +35,8 @@ from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, Truth
 from trolley.messages.request_params import MapNamed
 from trolley.runtime.lockstep import Lockstep
-from trolley_base.drivers.world_file import load_world
 from trolley_base.service import BaseService
+from trolley_base.world.world_file import load_world
 from trolley_mapper.exploring import Explorer
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED
 from trolley_mapper.service import MapperService

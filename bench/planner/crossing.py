@@ -21,8 +21,9 @@ from trolley.gridmap import GridMap, save_map
 from trolley.messages import Truth
 from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
+from trolley_base.description import footprint_of, limits_of
+from trolley_base.safety.stop_field import StopField
 from trolley_base.service import BaseService
-from trolley_base.stop_field import StopField
 from trolley_planner.mppi import Mppi
 from trolley_planner.pursuit import Pursuit
 from trolley_planner.service import PlannerService
@@ -145,7 +146,7 @@ def cross(world: World, setup: Setup, seed: int) -> Crossing:
         config = _config(world, setup, seed, Path(folder))
         base = lockstep.add(BaseService(config))
         if not setup.has_stop_field:
-            base._governor._field = _NoStopField(base._footprint, base._limits, 0.0)
+            base._drive._limiter._field = _NoStopField(footprint_of(config), limits_of(config), 0.0)
         goal = Pose2D(GOAL_M, 0.0, 0.0)
         is_reference = setup.planner is None
         lockstep.add(

@@ -17,8 +17,8 @@ from trolley.connection import Connection
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
 from trolley.gridmap import FREE, OCCUPIED, GridMap, save_map
 from trolley.messages import BaseState
-from trolley_base.drivers.world_file import load_world
 from trolley_base.emulators import EmulatedRobot, Mount, RobotInWorld
+from trolley_base.world.world_file import load_world
 
 NAME = "tester"
 WHEELS = """

@@ -13,8 +13,8 @@ import serial
 from support.processes import write_config
 
 from trolley.config import load_config
-from trolley_base.drivers.world_file import load_world
 from trolley_base.emulators import EmulatedRobot, RobotInWorld
+from trolley_base.world.world_file import load_world
 
 from .metal import make_hall
 

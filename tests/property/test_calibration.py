@@ -18,7 +18,7 @@ from trolley_base.calibration import (
     estimate,
     square,
 )
-from trolley_base.wheel_scales import WheelScales
+from trolley_base.odometry.wheel_scales import WheelScales
 
 TRACK_M = 0.2
 planted = st.builds(Correction, st.floats(0.9, 1.1), st.floats(0.9, 1.1), st.floats(-0.4, 0.4))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.interface import LidarScan
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars import MODELS
 from trolley_base.drivers.lidars.revolutions import Revolutions, Rotation, Samples
 from trolley_base.drivers.lidars.sample_clock import SampleClock
 
@@ -23,7 +23,7 @@ def scans_of(
 ) -> tuple[list[LidarScan], Counter[str]]:
     """Feed samples in pieces, without any lateness; the first is measured at `START_NS`."""
     counts: Counter[str] = Counter()
-    revolutions = Revolutions(MODELS["ld19"], LidarConfig(model="ld19"), counts)
+    revolutions = Revolutions(MODELS["ld19"].facts, LidarConfig(model="ld19"), counts)
     rotation, clock = Rotation(turns_hz), SampleClock()
     clock.hear(0.0, START_NS)
     sensor_s = 0.0

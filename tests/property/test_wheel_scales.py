@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D, Twist2D, exp_twist
-from trolley_base.wheel_scales import WheelScales
+from trolley_base.odometry.wheel_scales import WheelScales
 
 scale = st.floats(0.5, 2.0)
 scales = st.builds(

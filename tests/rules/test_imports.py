@@ -76,7 +76,7 @@ def test_what_needs_no_kernels_does_not_load_the_compiler(module: str) -> None:
     ("module", "libraries"),
     [
         ("trolley.cli.record, trolley.cli.replay", {"foxglove", "mcap"}),
-        ("trolley_base.service, trolley_base.recorded_run", {"foxglove", "mcap"}),
+        ("trolley_base.service, trolley_base.recording.recorded_device", {"foxglove", "mcap"}),
         ("trolley_viz.service", {"foxglove", "mcap"}),
         ("trolley.recording.drive", {"foxglove"}),
     ],

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 SERVICES = tuple(sorted(path.parent.name for path in ROOT.glob("services/*/pyproject.toml")))
 PACKAGES = ("trolley", *(f"trolley_{name}" for name in SERVICES))
+APART_IN_BASE = tuple(
+    f"trolley_base.{room}"
+    for room in ("calibration", "commands", "detection", "emulators", "importers")
+)
+"""What prepares a robot or takes its place, and does not run on one that drives."""
 FEW = (-1.0, 0.0, 0.5, 1.0, 2.0)
 """Numbers that mean something else each time they are written."""
 
@@ -108,6 +113,21 @@ def test_arrows_between_folders_point_one_way(sources: list["Source"], package: 
         circles({room: others - {package} for room, others in rooms.items() if room != package})
         == []
     )
+
+
+def test_what_drives_a_robot_imports_no_emulator_detection_calibration_or_import(
+    sources: list["Source"],
+) -> None:
+    graph = graph_of(sources, "trolley_base")
+    assert set(APART_IN_BASE) <= {room_of(module) for module in graph}
+    arrows = [
+        f"{module} -> {other}"
+        for module, others in graph.items()
+        if room_of(module) not in APART_IN_BASE
+        for other in sorted(others)
+        if room_of(other) in APART_IN_BASE
+    ]
+    assert arrows == []
 
 
 @pytest.mark.parametrize("package", PACKAGES)

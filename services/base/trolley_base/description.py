@@ -7,7 +7,7 @@ from trolley.config import ConfigError, RobotConfig
 from trolley.geometry import footprint_from_box, footprint_from_polygon, footprint_from_radius
 from trolley.messages import Robot
 from trolley.messages.motion import MAX_MESH_BYTES
-from trolley_base.limits import MotionLimits
+from trolley_base.safety.motion_limits import MotionLimits
 
 # A board that goes on for longer than this when base is gone...
 LONGEST_WATCHDOG_S = 0.5
@@ -51,12 +51,8 @@ def limits_of(config: RobotConfig, watchdog_s: float = 0.0) -> MotionLimits:
     )
 
 
-def mesh_of(config: RobotConfig) -> bytes | None:
-    """Read the robot's body, None if there is no file of one.
-
-    Raises:
-        ConfigError: the file cannot be read or is too large for the wire.
-    """
+def _mesh_of(config: RobotConfig) -> bytes | None:
+    """Read the robot's body, None if there is no file of one."""
     if config.robot.mesh is None:
         return None
     path = config.path(config.robot.mesh)
@@ -71,18 +67,16 @@ def mesh_of(config: RobotConfig) -> bytes | None:
     return mesh
 
 
-def robot_message(
-    config: RobotConfig,
-    footprint: NDArray[np.float64],
-    limits: MotionLimits,
-    mesh: bytes | None,
-    stamp_ns: int,
-    *,
-    simulated: bool,
+def describe_robot(
+    config: RobotConfig, footprint: NDArray[np.float64], limits: MotionLimits, *, is_simulated: bool
 ) -> Robot:
-    """Return the message that makes the robot known."""
+    """Return the message that makes the robot known, not stamped yet.
+
+    Raises:
+        ConfigError: its mesh cannot be read or is too large for the wire.
+    """
     return Robot(
-        stamp_ns=stamp_ns,
+        stamp_ns=0,
         name=config.robot.name,
         title=config.robot.title or config.robot.name,
         footprint=[(float(x), float(y)) for x, y in footprint],
@@ -90,6 +84,6 @@ def robot_message(
         max_speed=limits.speed,
         max_wz=limits.wz,
         deceleration=limits.deceleration,
-        mesh=mesh,
-        simulated=simulated,
+        mesh=_mesh_of(config),
+        simulated=is_simulated,
     )

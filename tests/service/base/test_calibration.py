@@ -28,8 +28,8 @@ from trolley_base.calibration import (
     square,
     squares_both_ways,
 )
+from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 from trolley_base.service import BaseService
-from trolley_base.wheel_scales import WheelScales, scales_of
 from trolley_localizer.service import LocalizerService
 
 WORLDS = Path(__file__).resolve().parents[3] / "worlds"
@@ -49,20 +49,20 @@ class Calibrating(Service):
         self.is_on = False
 
     @on(topics.ODOM)
-    def hear_odometry(self, odometry: Odometry) -> None:
-        self.drive.hear_odometry(odometry)
+    def update_odometry(self, odometry: Odometry) -> None:
+        self.drive.update_odometry(odometry)
         if self.comparison is not None:
-            self.comparison.hear_odometry(odometry)
+            self.comparison.update_odometry(odometry)
 
     @on(topics.POSE)
-    def hear_pose(self, pose: PoseEstimate) -> None:
-        self.drive.hear_pose(pose)
+    def update_pose(self, pose: PoseEstimate) -> None:
+        self.drive.update_pose(pose)
         if self.comparison is not None:
-            self.comparison.hear_pose(pose)
+            self.comparison.update_pose(pose)
 
     @on(topics.BASE)
-    def hear_base(self, state: BaseState) -> None:
-        self.drive.hear_base(state)
+    def update_base(self, state: BaseState) -> None:
+        self.drive.update_base(state)
 
     @every(0.05)
     def step(self) -> None:

@@ -233,7 +233,7 @@ def test_a_lidar_that_falls_silent_stops_the_robot(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig.drive(1.0, 0.2)
-    lidar = rig.base._hardware.lidar
+    lidar = rig.base.hardware.lidar
     silent = type(lidar.read())((), lidar.read().link)
     monkeypatch.setattr(lidar, "read", lambda: silent)
     rig.drive(0.4, 0.2)
@@ -265,7 +265,7 @@ def test_at_the_end_the_robot_stands_and_says_so(rig: Rig) -> None:
 
 def test_health_tells_of_a_lost_lidar(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     healths = rig.lockstep.record(topics.HEALTH, "base")
-    lidar = rig.base._hardware.lidar
+    lidar = rig.base.hardware.lidar
     silent = type(lidar.read())((), lidar.read().link)
     rig.run(1.0)
     assert {health.state for health in healths} == {"ok"}

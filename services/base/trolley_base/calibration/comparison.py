@@ -1,19 +1,34 @@
 """Compares odometry with the localizer while somebody else drives."""
 
 import math
+from dataclasses import dataclass
 
 from trolley.geometry import Pose2D, angle_difference
 from trolley.messages import Odometry, PoseEstimate
 from trolley_base.calibration.legs import Leg, OdometryLog
 
-# A window is as long as one of these, so that the pose's own error counts for little.
-WINDOW_M, WINDOW_RAD = 1.0, 2.0
-# A pause in being sure may hide a leap of the pose [ns].
-GAP_NS = 1_000_000_000
-# A pose that is less sure than this is not compared [m, rad].
-SURE_M, SURE_RAD = 0.10, 0.10
-# What a pose of a moving robot is wrong by.
-ERROR_M, ERROR_RAD = 0.025, 0.015
+
+@dataclass(frozen=True, slots=True)
+class ComparisonParams:
+    """How a drive by somebody else is cut into windows; set by hand."""
+
+    window_m: float = 1.0
+    """A window is this long [m], or ..."""
+    window_rad: float = 2.0
+    """... turns this much [rad], so that the pose's own error counts for little."""
+    gap_ns: int = 1_000_000_000
+    """A longer pause between sure poses may hide a leap of the pose [ns]."""
+    max_std_m: float = 0.10
+    """A pose that is less sure is not compared [m]."""
+    max_std_rad: float = 0.10
+    """The same for its heading [rad]."""
+    error_m: float = 0.025
+    """Standard deviation of the pose of a moving robot [m]."""
+    error_rad: float = 0.015
+    """The same of its heading [rad]."""
+
+
+PARAMS = ComparisonParams()
 
 
 class Comparison:
@@ -26,48 +41,51 @@ class Comparison:
         self._waiting: list[PoseEstimate] = []
         self._begin: tuple[int, Pose2D] | None = None
         self._last_ns = 0
-        self._way_m = self._turned_rad = 0.0
+        self._distance_m = self._turned_rad = 0.0
         self._at: Pose2D | None = None
 
-    def hear_odometry(self, odometry: Odometry) -> None:
+    def update_odometry(self, odometry: Odometry) -> None:
         """Take a message of `odom`."""
         self._log.add(odometry)
         if self._at is not None:
-            self._way_m += self._at.distance_to(odometry.pose)
+            self._distance_m += self._at.distance_to(odometry.pose)
             self._turned_rad += abs(angle_difference(odometry.pose.yaw, self._at.yaw))
         self._at = odometry.pose
         ready = [one for one in self._waiting if self._log.covers(one.stamp_ns)]
         self._waiting = [one for one in self._waiting if one.stamp_ns > odometry.stamp_ns]
         for estimate in ready:
-            self._take(estimate)
+            self._compare(estimate)
 
-    def hear_pose(self, estimate: PoseEstimate) -> None:
+    def update_pose(self, estimate: PoseEstimate) -> None:
         """Take a message of `pose`; it waits for the odometry of its moment."""
         self._waiting.append(estimate)
         del self._waiting[:-50]
 
-    def _take(self, estimate: PoseEstimate) -> None:
+    def _compare(self, estimate: PoseEstimate) -> None:
         pose = estimate.pose
         if pose is None or not _is_sure(estimate):
             return
-        stamp_ns, is_gap = estimate.stamp_ns, estimate.stamp_ns - self._last_ns > GAP_NS
+        stamp_ns, is_gap = estimate.stamp_ns, estimate.stamp_ns - self._last_ns > PARAMS.gap_ns
         self._last_ns = stamp_ns
         if self._begin is None or is_gap:
             self._begin_at(stamp_ns, pose)
             return
-        if self._way_m < WINDOW_M and self._turned_rad < WINDOW_RAD:
+        if self._distance_m < PARAMS.window_m and self._turned_rad < PARAMS.window_rad:
             return
         begin_ns, begin = self._begin
         steps = self._log.steps(begin_ns, stamp_ns)
-        self.legs.append(Leg(steps, begin.inverse() @ pose, ERROR_M, ERROR_RAD))
+        self.legs.append(Leg(steps, begin.inverse() @ pose, PARAMS.error_m, PARAMS.error_rad))
         self._begin_at(stamp_ns, pose)
 
     def _begin_at(self, stamp_ns: int, pose: Pose2D) -> None:
-        self._begin, self._way_m, self._turned_rad = (stamp_ns, pose), 0.0, 0.0
+        self._begin, self._distance_m, self._turned_rad = (stamp_ns, pose), 0.0, 0.0
 
 
 def _is_sure(estimate: PoseEstimate) -> bool:
     if estimate.state != "localized" or estimate.covariance is None:
         return False
     x_var, y_var, yaw_var = estimate.covariance[0], estimate.covariance[4], estimate.covariance[8]
-    return math.sqrt(max(x_var, y_var, 0.0)) < SURE_M and math.sqrt(max(yaw_var, 0.0)) < SURE_RAD
+    return (
+        math.sqrt(max(x_var, y_var, 0.0)) < PARAMS.max_std_m
+        and math.sqrt(max(yaw_var, 0.0)) < PARAMS.max_std_rad
+    )

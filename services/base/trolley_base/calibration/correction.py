@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_base.wheel_scales import WheelScales
+from trolley_base.odometry.wheel_scales import WheelScales
 
 
 @dataclass(frozen=True, slots=True)

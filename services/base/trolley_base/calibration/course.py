@@ -10,15 +10,35 @@ from trolley.geometry import Pose2D, Twist2D, distance_to_segments, wrap_angle
 from trolley_base.calibration.umbmark import Direction
 
 QUARTER = 0.5 * math.pi
-# Room beside the robot on its way, for a heading that is corrected late [m].
-CLEARANCE_M = 0.10
-# Slow enough for base and a scan's delay; what it comes to rest with [m/s^2, rad/s^2].
-BRAKE_MPS2, BRAKE_RADPS2 = 0.15, 0.6
-SLOWEST_MPS, SLOWEST_RADPS = 0.03, 0.08
-FASTEST_RADPS = 0.7
-NEAR_M, NEAR_RAD = 0.008, 0.012
-# Back to the line: turn rate per metre and per m/s aside, and per radian off its direction.
-ASIDE_GAIN, HEADING_GAIN = 6.0, 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class CourseParams:
+    """How the course is steered; set by hand."""
+
+    clearance_m: float = 0.10
+    """Room beside the robot, for a heading that is corrected late [m]."""
+    deceleration: float = 0.15
+    """Slow enough for base and a scan's delay [m/s^2]."""
+    angular_deceleration: float = 0.6
+    """The same for turning [rad/s^2]."""
+    min_speed: float = 0.03
+    """Speed at the end of a straight [m/s]."""
+    min_wz: float = 0.08
+    """Turn rate at the end of a turn [rad/s]."""
+    max_wz: float = 0.7
+    """Fastest turn [rad/s]."""
+    xy_tolerance: float = 0.008
+    """A place is reached within this [m]."""
+    yaw_tolerance: float = 0.012
+    """A heading is reached within this [rad]."""
+    cross_track_gain: float = 6.0
+    """Turn rate per metre aside and per m/s [rad/m^2]."""
+    heading_gain: float = 1.5
+    """Turn rate per radian off the line's direction [1/s]."""
+
+
+PARAMS = CourseParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +62,19 @@ class Place:
         """
         if not self.drives:
             left = -place_T_base.yaw
-            if abs(left) < NEAR_RAD:
+            if abs(left) < PARAMS.yaw_tolerance:
                 return None
-            rate = min(FASTEST_RADPS, math.sqrt(2.0 * BRAKE_RADPS2 * abs(left)))
-            return Twist2D(0.0, 0.0, math.copysign(max(SLOWEST_RADPS, rate), left))
+            rate = min(PARAMS.max_wz, math.sqrt(2.0 * PARAMS.angular_deceleration * abs(left)))
+            return Twist2D(0.0, 0.0, math.copysign(max(PARAMS.min_wz, rate), left))
         ahead = -place_T_base.x
-        if ahead < NEAR_M:
+        if ahead < PARAMS.xy_tolerance:
             return None
-        speed = max(SLOWEST_MPS, min(speed_mps, math.sqrt(2.0 * BRAKE_MPS2 * ahead)))
-        turn = -ASIDE_GAIN * speed * place_T_base.y - HEADING_GAIN * place_T_base.yaw
-        return Twist2D(speed, 0.0, max(-FASTEST_RADPS, min(FASTEST_RADPS, turn)))
+        speed = max(PARAMS.min_speed, min(speed_mps, math.sqrt(2.0 * PARAMS.deceleration * ahead)))
+        turn = (
+            -PARAMS.cross_track_gain * speed * place_T_base.y
+            - PARAMS.heading_gain * place_T_base.yaw
+        )
+        return Twist2D(speed, 0.0, max(-PARAMS.max_wz, min(PARAMS.max_wz, turn)))
 
 
 def square(side_m: float, direction: Direction, begin: Pose2D | None = None) -> list[Place]:
@@ -119,6 +142,6 @@ def find_obstacle(
     corners = np.array([(0.0, 0.0), *((place.pose.x, place.pose.y) for place in places)])
     gaps = distance_to_segments(points, corners[:-1], corners[1:])
     nearest = int(np.argmin(gaps))
-    if gaps[nearest] > radius_m + CLEARANCE_M:
+    if gaps[nearest] > radius_m + PARAMS.clearance_m:
         return None
     return float(points[nearest, 0]), float(points[nearest, 1])

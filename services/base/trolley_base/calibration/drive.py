@@ -20,16 +20,37 @@ from trolley_base.calibration.course import Place
 from trolley_base.calibration.legs import Leg, OdometryLog
 
 SOURCE = "calibrate"
-# At each place: until the robot and the localizer have settled, and then the mean of so long [ns].
-SETTLE_NS, MEASURE_NS = 1_000_000_000, 1_000_000_000
-MIN_ESTIMATES = 5
-STILL_MPS, STILL_RADPS = 0.005, 0.01
-# What a mean of the localizer's poses at rest is wrong by.
-MAP_ERROR_M, MAP_ERROR_RAD = 0.012, 0.010
-# Silence of odometry or base, a pose that is not sure, and base not following [ns].
-SILENCE_NS, UNSURE_NS, FOLLOW_NS = 1_000_000_000, 2_000_000_000, 1_500_000_000
-# Longer than this a place takes only when something holds the robot [ns].
-LONGEST_NS = 60_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationDriveParams:
+    """How long the drive rests, and when it gives up; set by hand."""
+
+    settle_ns: int = 1_000_000_000
+    """At each place: until robot and localizer have settled [ns]."""
+    measure_ns: int = 1_000_000_000
+    """The mean of the poses is then taken over this long [ns]."""
+    min_estimates: int = 5
+    """A mean rests on at least this many poses."""
+    still_speed: float = 0.005
+    """Slower is standing [m/s]."""
+    still_wz: float = 0.01
+    """The same for turning [rad/s]."""
+    map_error_m: float = 0.012
+    """Standard deviation of a mean of the localizer's positions at rest [m]."""
+    map_error_rad: float = 0.010
+    """The same of its headings [rad]."""
+    silence_ns: int = 1_000_000_000
+    """Longest silence of the odometry [ns]."""
+    unsure_ns: int = 2_000_000_000
+    """Longest time without a pose that is `localized` [ns]."""
+    follow_ns: int = 1_500_000_000
+    """Longest time in which base does not take the commands [ns]."""
+    max_place_ns: int = 60_000_000_000
+    """A place takes longer only when something holds the robot [ns]."""
+
+
+PARAMS = CalibrationDriveParams()
 SURE = ("localized", "unsure")
 
 
@@ -82,16 +103,16 @@ class CalibrationDrive:
         place = max(1, min(len(self.stops), len(self._places)))
         return f"place {place} of {len(self._places)}"
 
-    def hear_odometry(self, odometry: Odometry) -> None:
+    def update_odometry(self, odometry: Odometry) -> None:
         """Take a message of `odom`."""
         self._odometry = odometry
         self.log.add(odometry)
 
-    def hear_base(self, state: BaseState) -> None:
+    def update_base(self, state: BaseState) -> None:
         """Take a message of `base`."""
         self._base = state
 
-    def hear_pose(self, estimate: PoseEstimate) -> None:
+    def update_pose(self, estimate: PoseEstimate) -> None:
         """Take a message of `pose`."""
         if not self._uses_map or estimate.pose is None or estimate.state not in SURE:
             return
@@ -134,7 +155,7 @@ class CalibrationDrive:
         for index in range(len(self.stops) - 1):
             steps, moved = self.between(index, index + 1)
             if moved is not None:
-                found.append(Leg(steps, moved, MAP_ERROR_M, MAP_ERROR_RAD))
+                found.append(Leg(steps, moved, PARAMS.map_error_m, PARAMS.map_error_rad))
         return found
 
     def between(self, first: int, last: int) -> tuple[NDArray[np.float64], Pose2D | None]:
@@ -159,16 +180,16 @@ class CalibrationDrive:
     def _rest(self, now_ns: int, odometry: Odometry) -> None:
         """Wait until the robot stands, measure, and go on to the next place."""
         twist = odometry.twist
-        if twist.speed > STILL_MPS or abs(twist.wz) > STILL_RADPS:
+        if twist.speed > PARAMS.still_speed or abs(twist.wz) > PARAMS.still_wz:
             self._still_ns = None
             return
         if self._still_ns is None:
             self._still_ns = odometry.stamp_ns
-        from_ns = self._still_ns + SETTLE_NS
-        if odometry.stamp_ns < from_ns + MEASURE_NS:
+        from_ns = self._still_ns + PARAMS.settle_ns
+        if odometry.stamp_ns < from_ns + PARAMS.measure_ns:
             return
         poses = [pose for stamp_ns, pose in self._estimates if stamp_ns >= from_ns]
-        if self._uses_map and len(poses) < MIN_ESTIMATES:
+        if self._uses_map and len(poses) < PARAMS.min_estimates:
             return
         mean = _mean(poses) if self._uses_map else None
         self.stops.append(Stop((from_ns + odometry.stamp_ns) // 2, mean))
@@ -180,15 +201,15 @@ class CalibrationDrive:
         """Say why the drive cannot go on, None if it can."""
         assert self._begun_ns is not None
         heard_ns = max(self._begun_ns, self.log.latest_ns or 0)
-        if now_ns - heard_ns > SILENCE_NS:
+        if now_ns - heard_ns > PARAMS.silence_ns:
             return "the odometry fell silent"
-        if self._uses_map and now_ns - max(self._begun_ns, self._sure_ns or 0) > UNSURE_NS:
+        if self._uses_map and now_ns - max(self._begun_ns, self._sure_ns or 0) > PARAMS.unsure_ns:
             return "the robot does not know surely where it is"
-        if now_ns - self._leg_ns > LONGEST_NS:
+        if now_ns - self._leg_ns > PARAMS.max_place_ns:
             return "the robot does not get on: something holds it, or it never comes to rest"
-        return self._find_hindrance(now_ns)
+        return self._find_base_problem(now_ns)
 
-    def _find_hindrance(self, now_ns: int) -> str | None:
+    def _find_base_problem(self, now_ns: int) -> str | None:
         base = self._base
         if base is None:
             return None
@@ -202,7 +223,7 @@ class CalibrationDrive:
             return None
         if base.source == SOURCE or self._followed_ns is None:
             self._followed_ns = now_ns
-        if now_ns - self._followed_ns > FOLLOW_NS:
+        if now_ns - self._followed_ns > PARAMS.follow_ns:
             return 'base does not take the commands: is "calibrate" in [base.sources]?'
         return None
 

@@ -19,14 +19,26 @@ from numpy.typing import NDArray
 from trolley_base.calibration.correction import Correction
 from trolley_base.calibration.legs import Leg
 
-# Beyond so many deviations a leg counts less (95 % of what is clean counts fully).
-HUBER = 1.345
-ROUNDS = 30
-STEP = 1e-6
-CONVERGED = 1e-9
-# Without enough turning or straight parts the estimate hardly leaves where it began: deviations
-# of what a robot's errors may be.
 PRIOR_STD = np.array([0.3, 0.3, 0.5])
+"""What a robot's errors may be: without enough turning or straight parts the estimate hardly leaves
+where it began. Linear, angular, bend [rad/m]; by hand."""
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateParams:
+    """Of the Gauss-Newton fit."""
+
+    huber: float = 1.345
+    """Huber's k: beyond so many deviations a leg counts less (Huber 1981, 95 % efficiency)."""
+    max_iterations: int = 30
+    """At most this many steps."""
+    difference: float = 1e-6
+    """Step of the numeric derivatives."""
+    convergence: float = 1e-9
+    """The fit ends when no parameter changes by more."""
+
+
+PARAMS = EstimateParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +76,7 @@ def estimate(legs: Sequence[Leg], *, knows_length: bool = True) -> Estimate:
     free = np.array([knows_length, True, True])
     parameters = np.array([1.0, 1.0, 0.0])
     start = parameters.copy()
-    for _ in range(ROUNDS):
+    for _ in range(PARAMS.max_iterations):
         residuals, jacobian = _linearize(legs, parameters)
         weights = _huber(residuals)
         normal = jacobian.T @ (weights[:, None] * jacobian) + np.diag(PRIOR_STD**-2)
@@ -73,7 +85,7 @@ def estimate(legs: Sequence[Leg], *, knows_length: bool = True) -> Estimate:
         change[free] = np.linalg.solve(normal[np.ix_(free, free)], -gradient[free])
         # A scale beyond these is no robot's; the step towards it is cut short.
         parameters = np.clip(parameters + change, [0.5, 0.5, -3.0], [2.0, 2.0, 3.0])
-        if float(np.max(np.abs(change))) < CONVERGED:
+        if float(np.max(np.abs(change))) < PARAMS.convergence:
             break
     residuals, jacobian = _linearize(legs, parameters)
     deviations = _standard_errors(residuals, jacobian, free)
@@ -88,8 +100,8 @@ def _linearize(
     columns: list[NDArray[np.float64]] = []
     for index in range(3):
         moved = parameters.copy()
-        moved[index] += STEP
-        columns.append((_residuals(legs, moved) - residuals) / STEP)
+        moved[index] += PARAMS.difference
+        columns.append((_residuals(legs, moved) - residuals) / PARAMS.difference)
     return residuals, np.stack(columns, axis=1)
 
 
@@ -109,7 +121,7 @@ def _residuals(legs: Sequence[Leg], parameters: NDArray[np.float64]) -> NDArray[
 def _huber(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     # A leg whose position is off says little by its heading, too: one weight for its three rows.
     sizes = np.sqrt(np.mean(residuals.reshape(-1, 3) ** 2, axis=1))
-    return np.repeat(HUBER / np.maximum(sizes, HUBER), 3)
+    return np.repeat(PARAMS.huber / np.maximum(sizes, PARAMS.huber), 3)
 
 
 def _standard_errors(

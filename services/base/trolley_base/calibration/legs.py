@@ -12,8 +12,10 @@ from trolley.geometry import Pose2D, angle_difference, interpolate, log_pose
 from trolley.messages import Odometry
 from trolley_base.calibration.correction import Correction
 
-# What slip adds to the noise, as standard deviations after a metre or a radian.
-SLIP_M, SLIP_RAD = 0.01, 0.015
+SLIP_M = 0.01
+"""Standard deviation that slip adds to a position after a metre, a random walk [m]; by hand."""
+SLIP_RAD = 0.015
+"""The same to a heading, after a metre or a radian [rad]; by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,13 +35,13 @@ class Leg:
     error_rad: float
 
     @property
-    def way_m(self) -> float:
-        """What was driven, both ways [m]."""
+    def distance_m(self) -> float:
+        """Distance driven, forwards or backwards [m]."""
         return float(np.sum(np.hypot(self.steps[:, 0], self.steps[:, 1])))
 
     @property
     def turned_rad(self) -> float:
-        """What was turned, both ways [rad]."""
+        """Angle turned, either way [rad]."""
         return float(np.sum(np.abs(self.steps[:, 2])))
 
     @property
@@ -48,13 +50,13 @@ class Leg:
 
         Along the line from start to end and across it [m], and in the heading [rad].
         """
-        slip_rad = SLIP_RAD * math.sqrt(self.way_m + self.turned_rad)
+        slip_rad = SLIP_RAD * math.sqrt(self.distance_m + self.turned_rad)
         start_rad = self.error_rad if math.isfinite(self.error_rad) else 0.0
         # The heading at the start and slip on the way bring the end aside.
         aside_rad = math.hypot(start_rad, slip_rad / math.sqrt(3.0))
         reach_m = math.hypot(self.start_T_end.x, self.start_T_end.y)
-        detour_m = 0.25 * max(0.0, self.way_m - reach_m)
-        noise_m = math.hypot(math.sqrt(2.0) * self.error_m, SLIP_M * math.sqrt(self.way_m))
+        detour_m = 0.25 * max(0.0, self.distance_m - reach_m)
+        noise_m = math.hypot(math.sqrt(2.0) * self.error_m, SLIP_M * math.sqrt(self.distance_m))
         return (
             math.hypot(noise_m, aside_rad * detour_m),
             math.hypot(noise_m, aside_rad * max(reach_m, detour_m)),

@@ -9,7 +9,7 @@ from trolley_base.calibration.correction import Correction
 from trolley_base.calibration.estimate import Estimate
 from trolley_base.calibration.legs import Leg
 from trolley_base.calibration.umbmark import Benchmark
-from trolley_base.wheel_scales import WheelScales
+from trolley_base.odometry.wheel_scales import WheelScales
 
 # An estimate that is less sure than this is not proposed: better drive once more.
 UNSURE_SCALE = 0.01

@@ -41,7 +41,7 @@ from trolley_base.commands.calibration_robot import (
     refuse_unready,
 )
 from trolley_base.commands.odometry_file import as_toml, settings_of, write_settings
-from trolley_base.wheel_scales import WheelScales, scales_of
+from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 # Of a person with a tape measure, from where the robot was put down to where it stands.

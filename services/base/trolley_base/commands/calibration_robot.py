@@ -14,7 +14,7 @@ from trolley.messages import VelocityCommand, floats_from_bytes
 from trolley_base.calibration import CalibrationDrive, Comparison, Place, find_obstacle
 from trolley_base.calibration.drive import SOURCE
 
-PERIOD_S = 0.05
+CONTROL_PERIOD_S = 0.05
 VALID_S = 0.3
 # After the end zero is commanded for so long, and then nothing.
 STANDING_S = 0.3
@@ -88,7 +88,7 @@ def drive_course(robot: Robot, drive: CalibrationDrive, title: str) -> None:
                 break
             live.send(drive.step(now_ns), now_ns)
             progress.show(f"{title}: {drive.progress}", "driving")
-            time.sleep(PERIOD_S)
+            time.sleep(CONTROL_PERIOD_S)
     if drive.problem is not None:
         raise Refused(codes.ABORTED, f"The calibration was given up: {drive.problem}.")
 
@@ -101,11 +101,11 @@ def listen(robot: Robot, comparison: Comparison, seconds: float) -> None:
         try:
             while (left_s := end_s - time.monotonic()) > 0.0:
                 while (pose := poses.next(0.0)) is not None:
-                    comparison.hear_pose(pose.message)
+                    comparison.update_pose(pose.message)
                 while (motion := odometry.next(0.0)) is not None:
-                    comparison.hear_odometry(motion.message)
+                    comparison.update_odometry(motion.message)
                 progress.show(f"{left_s:.0f} s left, {len(comparison.legs)} pieces compared")
-                time.sleep(PERIOD_S)
+                time.sleep(CONTROL_PERIOD_S)
         except KeyboardInterrupt:
             pass  # what was heard so far is evaluated
         finally:
@@ -126,7 +126,7 @@ class _Live:
         self._base = enter(robot.subscribe(topics.BASE))
         end_s = time.monotonic() + WAIT_S
         while self.now_ns is None and time.monotonic() < end_s:
-            time.sleep(PERIOD_S)
+            time.sleep(CONTROL_PERIOD_S)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -140,11 +140,11 @@ class _Live:
     def tell(self, drive: CalibrationDrive) -> None:
         """Hand over what has arrived."""
         while (motion := self._odometry.next(0.0)) is not None:
-            drive.hear_odometry(motion.message)
+            drive.update_odometry(motion.message)
         while (pose := self._pose.next(0.0)) is not None:
-            drive.hear_pose(pose.message)
+            drive.update_pose(pose.message)
         while (state := self._base.next(0.0)) is not None:
-            drive.hear_base(state.message)
+            drive.update_base(state.message)
 
     def send(self, twist: Twist2D, now_ns: int) -> None:
         """Command a velocity."""
@@ -154,9 +154,9 @@ class _Live:
 
     def stand(self) -> None:
         """Command zero for a moment, and then fall silent."""
-        for _ in range(round(STANDING_S / PERIOD_S)):
+        for _ in range(round(STANDING_S / CONTROL_PERIOD_S)):
             now_ns = self.now_ns
             if now_ns is None:
                 return
             self.send(Twist2D.zero(), now_ns)
-            time.sleep(PERIOD_S)
+            time.sleep(CONTROL_PERIOD_S)

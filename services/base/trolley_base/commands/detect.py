@@ -12,11 +12,11 @@ from trolley.cli.options import given, json_option, where_options
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, print_json, print_table
 from trolley.config import ConfigError, find_config
-from trolley_base import robot_toml
+from trolley_base.commands import robot_toml
 from trolley_base.detection import settings, udev_rules
-from trolley_base.detection.found import Seen
-from trolley_base.detection.looking import look
+from trolley_base.detection.detector import detect_devices
 from trolley_base.detection.ports import find_ports
+from trolley_base.detection.results import PortResult
 from trolley_base.detection.settings import Proposal
 
 # An option that may stand without a value: for "the usual file", and for "the screen".
@@ -63,7 +63,7 @@ def detect_command(
     progress = Progress()
     progress.show(f"Looking at {len(candidates)} serial ports ...")
     try:
-        seen = look(
+        seen = detect_devices(
             candidates, lambda one, left: progress.show(_progress(one, left), one.port.name)
         )
     finally:
@@ -94,13 +94,13 @@ def _file_to_write(write: str) -> Path:
     return path
 
 
-def _progress(one: Seen, left: int) -> str:
+def _progress(one: PortResult, left: int) -> str:
     what = one.found.title if one.found is not None else "nothing known"
     rest = f", {left} more to look at" if left else ""
     return f"{one.port.name}: {what}{rest}"
 
 
-def _show(seen: Sequence[Seen]) -> None:
+def _show(seen: Sequence[PortResult]) -> None:
     """Print a table, and below it what is to be said of each port."""
     if not seen:
         click.echo(
@@ -151,7 +151,7 @@ def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
     click.echo(robot_toml.difference(path, old, new), nl=False)
 
 
-def _give_rule(udev: str, seen: Sequence[Seen], *, quiet: bool) -> None:
+def _give_rule(udev: str, seen: Sequence[PortResult], *, quiet: bool) -> None:
     if udev == SCREEN:
         if not quiet:
             click.echo("\n" + udev_rules.render(seen), nl=False)
@@ -165,7 +165,7 @@ def _give_rule(udev: str, seen: Sequence[Seen], *, quiet: bool) -> None:
         click.echo(f"\nWrote {path}; its first lines say how to install it.")
 
 
-def _plain(seen: Sequence[Seen], proposal: Proposal) -> dict[str, Any]:
+def _plain(seen: Sequence[PortResult], proposal: Proposal) -> dict[str, Any]:
     """What was seen, for a program."""
     return {
         "ports": [

@@ -18,7 +18,6 @@ from trolley.config import RobotConfig, load_config
 from trolley.connection import Target, find_target
 from trolley.geometry import Pose2D
 from trolley_base.description import footprint_of
-from trolley_base.drivers.world_file import load_world
 from trolley_base.emulators import (
     DeviceError,
     EmulatedRobot,
@@ -28,11 +27,12 @@ from trolley_base.emulators import (
     WheelFacts,
 )
 from trolley_base.emulators.advice import base_settings, describe_ports
-from trolley_base.emulators.catalogue import BOARDS
+from trolley_base.emulators.catalogue import BOARDS, LIDARS
 from trolley_base.emulators.faults import KINDS
 from trolley_base.emulators.pseudo_terminal import PortError
 from trolley_base.emulators.truth import TruthPublisher
 from trolley_base.world import WorldError
+from trolley_base.world.world_file import load_world
 
 POLL_S = 0.2
 
@@ -48,7 +48,16 @@ def _epilog() -> str:
     return "\n\n".join(blocks)
 
 
-@click.command(name="emulate", epilog=_epilog())
+HELP = f"""Play motor boards and lidars at pseudo terminals, from a simulated world, until Ctrl-C.
+
+Devices: {", ".join(BOARDS)}; {", ".join(LIDARS)}. They share one robot: the board moves it, the
+lidars see from where it is. With --config the robot is as that file says (outline, lidar's pose,
+wheels). With --robot or --config it publishes sim/truth. What --fault takes can be typed while it
+runs, too.
+"""
+
+
+@click.command(name="emulate", help=HELP, epilog=_epilog())
 @click.argument("devices", nargs=-1, required=True, metavar="DEVICE[:OPTION,...]...")
 @click.option(
     "--world",
@@ -89,13 +98,7 @@ def emulate_command(
     ports: Path | None,
     faults: tuple[str, ...],
 ) -> None:
-    """Play motor boards and lidars at pseudo terminals, from a simulated world, until Ctrl-C.
-
-    Devices: linorobot, arduino_bridge; rplidar_a1, ydlidar_x4, ld19, xv11, lds01. They share one
-    robot: the board moves it, the lidars see from where it is. With --config the robot is as that
-    file says (outline, lidar's pose, wheels). With --robot or --config it publishes sim/truth. What
-    --fault takes can be typed while it runs, too.
-    """
+    """Run the emulator; the help text stands above, with the devices of the catalogue."""
     path: Path | None = given("config")
     config = None if path is None else load_config(path)
     try:

@@ -13,10 +13,10 @@ from trolley.config import ConfigError
 from trolley.config.describe import to_toml
 from trolley.files import write_atomically
 from trolley.gridmap.description import read_description, render_description
-from trolley_base.linorobot.findings import Findings
-from trolley_base.linorobot.hardware import DRIVES, LIDARS
-from trolley_base.linorobot.reading import read_linorobot
-from trolley_base.robot_toml import check_text, replace_text
+from trolley_base.commands.robot_toml import check_text, replace_text
+from trolley_base.importers.linorobot.findings import Findings
+from trolley_base.importers.linorobot.hardware import DRIVES, LIDARS
+from trolley_base.importers.linorobot.reading import read_linorobot
 
 DEFAULT_FOOTPRINT = {"length_m": 0.30, "width_m": 0.24}
 MAPS = "maps"

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from trolley_base.robot_toml import read_text, replace_text, with_values
-from trolley_base.wheel_scales import WheelScales
+from trolley_base.commands.robot_toml import read_text, replace_text, with_values
+from trolley_base.odometry.wheel_scales import WheelScales
 
 TABLE = ("base", "odometry")
 DIGITS = 4

@@ -9,16 +9,17 @@ import re
 import struct
 from typing import NamedTuple
 
-from trolley_base.detection.found import Found
+from trolley.config.hardware import LidarModel
+from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards import BOARDS
-from trolley_base.drivers.lidars.asked import HEALTH, HEALTH_BYTES, INFO, INFO_BYTES
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars import MODELS
+from trolley_base.drivers.lidars.handshake import HEALTH, HEALTH_BYTES, INFO, INFO_BYTES
+from trolley_base.drivers.lidars.models import Identity
 
-RPLIDAR_BAUD, YDLIDAR_BAUD = MODELS["rplidar_a1"].baud, MODELS["ydlidar_x4"].baud
 BRIDGE = BOARDS["arduino_bridge"]
 
-_X4 = 6
 _FAULTY = 2
+"""The health status of a lidar that does not measure."""
 
 _REFUSAL = "Invalid Command"
 _BAUD_LINE = re.compile(rb"(?:^|[\r\n])%d\r\n" % BRIDGE.baud)
@@ -52,27 +53,23 @@ def read_health(data: bytes) -> tuple[int, int] | None:
     return status, code
 
 
-def rplidar(info: Info, health: tuple[int, int] | None) -> Found:
-    """Say which RPLIDAR it is."""
-    series = info.model >> 4
-    details, problems = _details(info, info.serial.hex().upper(), health)
-    if series == 1:
-        return Found("lidar", "rplidar_a1", "RPLIDAR A1", RPLIDAR_BAUD, details, problems)
-    title = f"RPLIDAR A{series}" if series in (2, 3) else f"RPLIDAR (model 0x{info.model:02X})"
-    missing = f"Trolley has no driver for the {title}; `rplidar_a1` with mode standard may do."
-    return Found("lidar", None, title, RPLIDAR_BAUD, details, (*problems, missing))
+def describe_lidar(
+    model: LidarModel, identity: Identity, info: Info, health: tuple[int, int] | None
+) -> FoundDevice:
+    """Say which lidar it is.
 
-
-def ydlidar(info: Info, health: tuple[int, int] | None) -> Found:
-    """Say which YDLIDAR it is."""
-    # 16 numbers from 0 to 9, as the vendor's SDK prints them.
-    serial = "".join(f"{digit:X}" for digit in info.serial)
-    details, problems = _details(info, serial, health)
-    if info.model == _X4:
-        return Found("lidar", "ydlidar_x4", "YDLIDAR X4", YDLIDAR_BAUD, details, problems)
-    title = f"YDLIDAR (model {info.model})"
-    missing = f"Trolley has no driver for the {title}."
-    return Found("lidar", None, title, YDLIDAR_BAUD, details, (*problems, missing))
+    Args:
+        model: whose questions it answered.
+        identity: of that model.
+        info: who it says it is.
+        health: how it says it is, None where it did not answer.
+    """
+    facts = MODELS[model].facts
+    details, problems = _describe_health(info, identity.serial(info.serial), health)
+    if identity.is_model(info.model):
+        return FoundDevice("lidar", model, facts.title, facts.baud, details, problems)
+    title, advice = identity.other_model(info.model)
+    return FoundDevice("lidar", None, title, facts.baud, details, (*problems, advice))
 
 
 def is_bridge(data: bytes) -> bool:
@@ -86,7 +83,7 @@ def read_counts(data: bytes) -> str | None:
     return None if answer is None else answer[1].decode("ascii")
 
 
-def bridge(counts: str | None) -> Found:
+def describe_bridge(counts: str | None) -> FoundDevice:
     """Say what a ROSArduinoBridge's answer to `e` tells.
 
     Args:
@@ -103,7 +100,7 @@ def bridge(counts: str | None) -> Found:
         )
     else:
         details = (f"encoders at {counts}",)
-    return Found("board", "arduino_bridge", BRIDGE.title, BRIDGE.baud, details, problems)
+    return FoundDevice("board", "arduino_bridge", BRIDGE.title, BRIDGE.baud, details, problems)
 
 
 def _body(data: bytes, descriptor: bytes, length: int) -> bytes | None:
@@ -112,7 +109,7 @@ def _body(data: bytes, descriptor: bytes, length: int) -> bytes | None:
     return body if len(body) == length else None
 
 
-def _details(
+def _describe_health(
     info: Info, serial: str, health: tuple[int, int] | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What a lidar says of itself in words, and what is wrong with it."""

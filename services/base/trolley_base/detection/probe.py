@@ -21,19 +21,20 @@ import termios
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 import serial
 
 from trolley_base.detection import answers, rosserial_answer, streams
-from trolley_base.detection.found import Found
+from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
+from trolley_base.drivers.lidars import MODELS
 from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
 
-FAST_BAUD, XV11_BAUD = 230400, 115200
 LISTEN_S = 0.6
 # The slowest boards talk about 2 s after their port was opened.
 BOARDS_UNTIL_S = 3.2
@@ -47,7 +48,7 @@ SPIN_UP_S = 1.5
 STOPPING_S = 0.1
 POLL_S = 0.05
 # Of what was heard in one step, no more than this is looked at.
-MOST_HEARD = 65536
+MOST_HELD = 65536
 
 
 class Interrupted(Exception):
@@ -78,16 +79,16 @@ class Probe:
         interrupt: set when the look is to end early.
     """
 
-    OPENING = Line(baud=FAST_BAUD)
+    OPENING = Line(baud=streams.STREAM_BAUDS[0])
 
     def __init__(self, port: ProbePort, interrupt: threading.Event) -> None:
         self._port = port
         self._interrupt = interrupt
         self._opened_s = time.monotonic()
-        self.heard: dict[int, int] = {}
+        self.received: dict[int, int] = {}
         """How many bytes came at each speed before the first question."""
 
-    def identify(self) -> Found | None:
+    def identify(self) -> FoundDevice | None:
         """Find out what is there; None if nothing answered as a known device does.
 
         Raises:
@@ -95,68 +96,67 @@ class Probe:
             Interrupted: the look was to end.
         """
         return (
-            self._listen(FAST_BAUD, streams.hear_fast)
-            or self._listen(XV11_BAUD, streams.hear_xv11)
+            self._listen_to_streams()
             or self._ask_boards()
-            or self._ask_rplidar()
-            or self._ask_ydlidar()
-            or self._wake_lds01()
+            or self._ask_lidars()
+            or self._start_lidars()
         )
 
-    def _listen(self, baud: int, recognise: Callable[[bytes], Found | None]) -> Found | None:
-        self._port.set_baud(baud)
-        data = bytearray()
-        found = self._hear(LISTEN_S, recognise, data)
-        self.heard[baud] = len(data)
-        return found
+    def _listen_to_streams(self) -> FoundDevice | None:
+        for baud in streams.STREAM_BAUDS:
+            self._port.set_baud(baud)
+            data = bytearray()
+            found = self._read(LISTEN_S, partial(streams.recognise_stream, baud=baud), data)
+            self.received[baud] = len(data)
+            if found is not None:
+                return found
+        return None
 
-    def _ask_boards(self) -> Found | None:
+    def _ask_boards(self) -> FoundDevice | None:
         self._port.set_baud(answers.BRIDGE.baud)
         data = bytearray()
         while time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
             self._port.write(TOPIC_REQUEST)
-            if self._hear(ROSSERIAL_S, rosserial_answer.read_topics, data):
+            if self._read(ROSSERIAL_S, rosserial_answer.read_topics, data):
                 return self._describe_linorobot(data)
             # The CR ends what the questions before have left in an Arduino's line.
             self._port.write(b"\r")
             self._pause(LINE_S)
             self._port.write(b"b\r")
-            if self._hear(LINE_S, answers.is_bridge, data):
+            if self._read(LINE_S, answers.is_bridge, data):
                 return self._describe_bridge()
         return None
 
-    def _describe_linorobot(self, data: bytearray) -> Found:
+    def _describe_linorobot(self, data: bytearray) -> FoundDevice:
         """Wait for the rest of the topics, and let the board fall silent again."""
 
-        def all_topics(heard: bytes) -> bool:
-            return rosserial_answer.is_complete(rosserial_answer.read_topics(heard))
+        def all_topics(received: bytes) -> bool:
+            return rosserial_answer.is_complete(rosserial_answer.read_topics(received))
 
         try:
-            self._hear(TOPICS_S, all_topics, data)
+            self._read(TOPICS_S, all_topics, data)
         finally:
             self._port.write(STOP_REQUEST)
             time.sleep(POLL_S)  # closing drops what has not left
         return rosserial_answer.describe(rosserial_answer.read_topics(bytes(data)))
 
-    def _describe_bridge(self) -> Found:
+    def _describe_bridge(self) -> FoundDevice:
         self._pause(LINE_S)  # answers that are still on their way belong to earlier questions
         self._port.discard_input()
         self._port.write(b"e\r")
-        return answers.bridge(self._hear(LINE_S, answers.read_counts))
+        return answers.describe_bridge(self._read(LINE_S, answers.read_counts))
 
-    def _ask_rplidar(self) -> Found | None:
-        self._port.set_baud(answers.RPLIDAR_BAUD)
-        info = self._ask_lidar((b"\xa5\x25",), b"\xa5\x50", answers.read_info)
-        if info is None:
-            return None
-        return answers.rplidar(info, self._ask_lidar((), b"\xa5\x52", answers.read_health))
-
-    def _ask_ydlidar(self) -> Found | None:
-        self._port.set_baud(answers.YDLIDAR_BAUD)
-        info = self._ask_lidar((b"\xa5\x00", b"\xa5\x65"), b"\xa5\x90", answers.read_info)
-        if info is None:
-            return None
-        return answers.ydlidar(info, self._ask_lidar((), b"\xa5\x92", answers.read_health))
+    def _ask_lidars(self) -> FoundDevice | None:
+        for model, driver in MODELS.items():
+            identity = driver.identity
+            if identity is None:
+                continue
+            self._port.set_baud(driver.facts.baud)
+            info = self._ask_lidar(identity.stop, identity.get_info, answers.read_info)
+            if info is not None:
+                health = self._ask_lidar((), identity.get_health, answers.read_health)
+                return answers.describe_lidar(model, identity, info, health)
+        return None
 
     def _ask_lidar(
         self, stop: tuple[bytes, ...], question: bytes, read: Callable[[bytes], T | None]
@@ -167,37 +167,44 @@ class Probe:
                 self._pause(STOPPING_S)
             self._port.discard_input()
             self._port.write(question)
-            answer = self._hear(LIDAR_S, read)
+            answer = self._read(LIDAR_S, read)
             if answer is not None:
                 return answer
         return None
 
-    def _wake_lds01(self) -> Found | None:
-        self._port.set_baud(FAST_BAUD)
-        self._port.write(b"b")
-        try:
-            return self._hear(SPIN_UP_S, streams.hear_fast)
-        finally:
-            self._port.write(b"e")
-            time.sleep(POLL_S)  # closing drops what has not left
+    def _start_lidars(self) -> FoundDevice | None:
+        for driver in MODELS.values():
+            if not driver.start:
+                continue
+            baud = driver.facts.baud
+            self._port.set_baud(baud)
+            self._port.write(driver.start)
+            try:
+                found = self._read(SPIN_UP_S, partial(streams.recognise_stream, baud=baud))
+            finally:
+                self._port.write(driver.stop)
+                time.sleep(POLL_S)  # closing drops what has not left
+            if found is not None:
+                return found
+        return None
 
-    def _hear(
+    def _read(
         self,
         seconds: float,
         recognise: Callable[[bytes], T | None],
         data: bytearray | None = None,
     ) -> T | None:
         """Gather what comes until it is recognised or the time is over."""
-        heard = bytearray() if data is None else data
+        received = bytearray() if data is None else data
         deadline_s = time.monotonic() + seconds
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             if self._interrupt.is_set():
                 raise Interrupted
             if not self._port.wait(min(left_s, POLL_S)):
                 continue
-            heard += self._port.read()
-            del heard[:-MOST_HEARD]
-            result = recognise(bytes(heard))
+            received += self._port.read()
+            del received[:-MOST_HELD]
+            result = recognise(bytes(received))
             if result:
                 return result
         return None

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from trolley_base.detection.found import Found
+from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import (
@@ -32,7 +32,7 @@ def is_complete(topics: Mapping[str, TopicInfo]) -> bool:
     return all(topic.name in topics for topic in TOPICS)
 
 
-def describe(topics: Mapping[str, TopicInfo]) -> Found:
+def describe(topics: Mapping[str, TopicInfo]) -> FoundDevice:
     """Say what board announces these topics."""
     names = f"topics {', '.join(sorted(topics))}"
     missing = [topic.name for topic in TOPICS if topic.is_needed and topic.name not in topics]
@@ -41,7 +41,7 @@ def describe(topics: Mapping[str, TopicInfo]) -> Found:
             f"It speaks rosserial but does not announce {' and '.join(missing)}, so this is no "
             f"linorobot firmware that Trolley can drive."
         )
-        return Found("board", None, "a rosserial board", LINOROBOT.baud, (names,), (problem,))
+        return FoundDevice("board", None, "a rosserial board", LINOROBOT.baud, (names,), (problem,))
     problems = tuple(
         f"Its firmware has {topic.name} as {other.type_name} with md5 {other.md5} instead of "
         f"{topic.type_name} with {topic.md5}: upload the firmware of linorobot (ROS 1) unchanged."
@@ -50,7 +50,7 @@ def describe(topics: Mapping[str, TopicInfo]) -> Found:
         and (other.type_name, other.md5) != (topic.type_name, topic.md5)
     )
     model = None if problems else "linorobot"
-    return Found("board", model, LINOROBOT.title, LINOROBOT.baud, (names,), problems)
+    return FoundDevice("board", model, LINOROBOT.title, LINOROBOT.baud, (names,), problems)
 
 
 def _ignore(_name: str, _number: int) -> None:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from trolley.config.describe import to_toml
-from trolley_base.detection.found import Found, Seen
-from trolley_base.detection.looking import found_of
+from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
+from trolley_base.detection.results import FoundDevice, PortResult
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
 
@@ -40,7 +40,7 @@ class Proposal:
     notes: list[str] = field(default_factory=list[str])
 
 
-def propose(seen: Sequence[Seen], settings: dict[str, Any]) -> Proposal:
+def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
     """Choose settings for what was found.
 
     Args:
@@ -48,7 +48,7 @@ def propose(seen: Sequence[Seen], settings: dict[str, Any]) -> Proposal:
         settings: what the `robot.toml` says already, {} without one.
     """
     proposal = Proposal()
-    boards, lidars = found_of(seen, "board"), found_of(seen, "lidar")
+    boards, lidars = devices_of(seen, "board"), devices_of(seen, "lidar")
     base: dict[str, Any] = settings.get("base", {})
     if board := _the_only(boards, "motor board", proposal):
         _propose_board(proposal, *board, base.get("chassis", {}))
@@ -83,8 +83,8 @@ def render(proposal: Proposal) -> str:
 
 
 def _the_only(
-    found: list[tuple[Port, Found]], what: str, proposal: Proposal
-) -> tuple[Port, Found] | None:
+    found: list[tuple[Port, FoundDevice]], what: str, proposal: Proposal
+) -> tuple[Port, FoundDevice] | None:
     """Return the one device of a kind; several are left to the person."""
     if len(found) > 1:
         names = ", ".join(f"{one.title} at {port.name}" for port, one in found)
@@ -96,7 +96,9 @@ def _the_only(
     return found[0] if found else None
 
 
-def _propose_board(proposal: Proposal, port: Port, found: Found, chassis: dict[str, Any]) -> None:
+def _propose_board(
+    proposal: Proposal, port: Port, found: FoundDevice, chassis: dict[str, Any]
+) -> None:
     if found.model == "arduino_bridge" and "wheels" not in chassis:
         proposal.waiting[*CHASSIS, "board"] = found.model
         proposal.appendix = WHEELS
@@ -111,7 +113,7 @@ def _propose_board(proposal: Proposal, port: Port, found: Found, chassis: dict[s
 
 
 def _propose_baud(
-    proposal: Proposal, table: tuple[str, ...], found: Found, present: dict[str, Any]
+    proposal: Proposal, table: tuple[str, ...], found: FoundDevice, present: dict[str, Any]
 ) -> None:
     """Correct a speed in the file that is not the one at which the device answered."""
     if present.get("baud", found.baud) != found.baud:

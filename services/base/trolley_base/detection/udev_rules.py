@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from trolley_base.detection.found import Seen
-from trolley_base.detection.looking import found_of
+from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port, has_own_serial
+from trolley_base.detection.results import PortResult
 
 FILE = Path("/etc/udev/rules.d/99-trolley.rules")
 NAMES = {"board": "trolley-chassis", "lidar": "trolley-lidar"}
@@ -29,7 +29,7 @@ RULE = (
 )
 
 
-def render(seen: Sequence[Seen], source: str = "99-trolley.rules") -> str:
+def render(seen: Sequence[PortResult], source: str = "99-trolley.rules") -> str:
     """Return the rule's text.
 
     Args:
@@ -38,7 +38,7 @@ def render(seen: Sequence[Seen], source: str = "99-trolley.rules") -> str:
     """
     lines: list[str] = []
     for kind, name in NAMES.items():
-        found = found_of(seen, kind)
+        found = devices_of(seen, kind)
         for port, device in found:
             # Two devices of a kind cannot both have its name.
             own_name = name if len(found) == 1 else f"{name}-{found.index((port, device)) + 1}"

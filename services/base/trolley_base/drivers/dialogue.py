@@ -15,6 +15,9 @@ from typing import Literal, Protocol
 from trolley.geometry import Twist2D
 from trolley_base.drivers.interface import ChassisReading, LidarReading
 
+BITS_PER_BYTE = 10
+"""On the line, 8N1: start bit, eight data bits, stop bit."""
+
 
 @dataclass(frozen=True, slots=True)
 class Line:

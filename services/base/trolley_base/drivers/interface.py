@@ -41,10 +41,6 @@ class MotionSample:
     twist: Twist2D
 
 
-def _no_counts() -> Mapping[str, int]:
-    return {}
-
-
 @dataclass(frozen=True, slots=True)
 class Note:
     """What a device says for a person to read; base logs it, at most one of a kind in 5 s."""
@@ -74,7 +70,7 @@ class ChassisReading:
     battery: Battery | None = None
     alarms: tuple[str, ...] = ()
     notes: tuple[Note, ...] = ()
-    counts: Mapping[str, int] = field(default_factory=_no_counts)
+    counts: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
 class Chassis(Protocol):
@@ -131,7 +127,7 @@ class LidarReading:
     scans: tuple[LidarScan, ...]
     link: Link
     notes: tuple[Note, ...] = ()
-    counts: Mapping[str, int] = field(default_factory=_no_counts)
+    counts: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
 class Lidar(Protocol):
@@ -161,6 +157,11 @@ class Hardware(Protocol):
         A simulation steps its world so far, a recording plays so far; real devices, which need
         nobody to move their time, do nothing.
         """
+        ...
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether a recording has been played to its end; always False for other devices."""
         ...
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from trolley_base.drivers.dialogue import Line
+from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line
 from trolley_base.drivers.serial_port import SerialPort
 
 # Pauses before the port is opened again [s].
@@ -116,7 +116,7 @@ class SerialDevice:
         for last in goodbye:
             self.write(last)
             # On the line before the port is closed: closing drops what has not left.
-            time.sleep(len(last) * 10 / self._line.baud + BETWEEN_GOODBYES_S)
+            time.sleep(len(last) * BITS_PER_BYTE / self._line.baud + BETWEEN_GOODBYES_S)
         self._is_closing.set()
         if self._thread.is_alive():
             self._thread.join(2.0)

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 from trolley.geometry import Twist2D
 from trolley_base.emulators.device import Board
+from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
-MS = 1_000_000
-BAUD = 57600
-BOOT_NS = 1_000 * MS
-AUTO_STOP_NS = 2_000 * MS
-FRAME_S = 0.033
-"""PID_INTERVAL: 1000 / 30 as a whole number of ms."""
+ARDUINO_BAUD = 57600
+BOOT_NS = 1_000 * NS_PER_MS
+AUTO_STOP_NS = 2_000 * NS_PER_MS
+PID_INTERVAL_S = 0.033
+"""The firmware's PID_INTERVAL: 1000 / 30 as a whole number of ms."""
 ARGUMENT_CHARS = 15
 BUMPER_PIN, CLIFF_PIN, BATTERY_PIN = 4, 7, 0
 BATTERY_COUNTS, BATTERY_VOLTS_PER_COUNT = 816, 0.0147
@@ -52,7 +52,7 @@ class ArduinoBridge(Board):
     """
 
     def __init__(self, facts: WheelFacts, *, use_base: bool = True) -> None:
-        super().__init__(BAUD)
+        super().__init__(ARDUINO_BAUD)
         self._facts = facts
         self._use_base = use_base
         self._booted_ns = 0
@@ -84,7 +84,7 @@ class ArduinoBridge(Board):
         return self._as_twist(*self._target)
 
     def _as_twist(self, left: int, right: int) -> Twist2D:
-        per_tick = 1.0 / (self._facts.ticks_per_m * FRAME_S)
+        per_tick = 1.0 / (self._facts.ticks_per_m * PID_INTERVAL_S)
         vx = 0.5 * (left + right) * per_tick
         return Twist2D(vx, 0.0, (right - left) * per_tick / self._facts.track_m)
 
@@ -125,7 +125,7 @@ class ArduinoBridge(Board):
         pin = _atoi(one)
         match command:
             case "b":
-                return str(BAUD)
+                return str(ARDUINO_BAUD)
             case "a":
                 return str(self._read(f"a{pin}", BATTERY_COUNTS if pin == BATTERY_PIN else 0))
             case "d":

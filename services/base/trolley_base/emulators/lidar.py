@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley_base.emulators.device import Device
+from trolley_base.units import NS_PER_S
 from trolley_base.world import LidarSpec, Shots, Simulation
 
-NS = 1_000_000_000
 SPEED_STD = 0.003
 """Spread of the motor's speed from turn to turn, as a share."""
 BASELINE_MM, FOCUS_MM = 21.8, 155.3
@@ -100,9 +100,12 @@ class Head:
     def turn(self, until_ns: int, *, is_stuck: bool = False) -> tuple[NDArray[np.int64], Floats]:
         """Return times (n,) [ns] and angles (n,) [deg] of the samples before `until_ns`."""
         if self._facts.sample_s is None:
-            by_deg, period_ns = 1.0, NS / (360.0 * self.hz)
+            by_deg, period_ns = 1.0, NS_PER_S / (360.0 * self.hz)
         else:
-            by_deg, period_ns = 360.0 * self.hz * self._facts.sample_s, self._facts.sample_s * NS
+            by_deg, period_ns = (
+                360.0 * self.hz * self._facts.sample_s,
+                self._facts.sample_s * NS_PER_S,
+            )
         if is_stuck:
             by_deg = 0.0
         index = np.arange(max(0, math.ceil((until_ns - self._next_ns) / period_ns)))

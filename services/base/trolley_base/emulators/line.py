@@ -2,9 +2,9 @@
 
 from collections import deque
 
-NS = 1_000_000_000
-BITS_PER_BYTE = 10
-"""8N1: start bit, eight data bits, stop bit."""
+from trolley_base.drivers.dialogue import BITS_PER_BYTE
+from trolley_base.units import NS_PER_S
+
 BUFFER_BYTES = 1024
 """What a device's own transmit buffer holds; what does not fit is lost."""
 
@@ -18,7 +18,7 @@ class Line:
     """
 
     def __init__(self, baud: int, buffer_bytes: int = BUFFER_BYTES) -> None:
-        self._byte_ns = BITS_PER_BYTE * NS / baud
+        self._byte_ns = BITS_PER_BYTE * NS_PER_S / baud
         self._buffer_bytes = buffer_bytes
         self._queue: deque[tuple[float, bytes]] = deque()
         self._free_ns = 0.0

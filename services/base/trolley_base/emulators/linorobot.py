@@ -18,10 +18,10 @@ from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_base.emulators import rosserial
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.rosserial import Message, Receiver, encode, encode_string
+from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
-MS = 1_000_000
-BAUD = 57600
+TEENSY_BAUD = 57600
 PID, CMD_VEL, RAW_VEL, RAW_IMU = 100, 101, 125, 126
 TYPES = {
     RAW_VEL: ("raw_vel", "lino_msgs/Velocities", "0ee8ad4cb7809be2d5a0a76352fea86a"),
@@ -31,9 +31,9 @@ TYPES = {
 }
 """Topics in the order in which they are announced: name, type, md5."""
 WRONG_MD5 = "0" * 32
-CONTROL_NS, DEBUG_NS = 50 * MS, 200 * MS
-WATCHDOG_NS = 400 * MS
-SYNC_NS, SYNC_LOST_NS = 2_500 * MS, 11_000 * MS
+CONTROL_NS, DEBUG_NS = 50 * NS_PER_MS, 200 * NS_PER_MS
+WATCHDOG_NS = 400 * NS_PER_MS
+SYNC_NS, SYNC_LOST_NS = 2_500 * NS_PER_MS, 11_000 * NS_PER_MS
 INFO, FATAL = 1, 4
 WHEEL_M, TRACK_M, TICKS = 0.10, 0.235, 1550
 """lino_base_config.h: wheel diameter, distance between the wheels, ticks per revolution."""
@@ -69,7 +69,7 @@ class Linorobot(Board):
     """
 
     def __init__(self, options: LinorobotOptions, rng: np.random.Generator) -> None:
-        super().__init__(BAUD)
+        super().__init__(TEENSY_BAUD)
         self.has_wrong_md5 = False
         """Fault: another firmware, whose `raw_vel` has another layout."""
         self._options = options

@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
-from trolley_base.drivers.world_file import World
 from trolley_base.emulators.arduino_bridge import WheelFacts
 from trolley_base.emulators.catalogue import Surroundings, make_devices
 from trolley_base.emulators.device import Board, ReceivedCommand
@@ -40,6 +39,7 @@ from trolley_base.world import (
     TrueState,
     WorldError,
 )
+from trolley_base.world.world_file import World
 
 TICK_MS = 2
 """The longest wait: bytes leave in portions of so many ms."""

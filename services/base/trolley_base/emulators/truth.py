@@ -12,9 +12,9 @@ from trolley.messages import Clock, Truth
 from trolley.runtime import codec
 from trolley.runtime.bus import Query, Sample
 from trolley.runtime.robot_time import FollowedTime
+from trolley_base.simulation.shared_world import TRUTH_S
 from trolley_base.world import TrueState
 
-PERIOD_S = 0.05
 CONNECT_S, RETRY_S = 1.0, 1.0
 
 
@@ -82,7 +82,7 @@ class TruthPublisher:
             connection.bus.serve(key, lambda query: self._answer(query, key)),
         )
         try:
-            while not self._end.wait(PERIOD_S):
+            while not self._end.wait(TRUTH_S):
                 message = self._message()
                 if message is not None:
                     connection.publish(self._robot, topics.SIM_TRUTH, message)

@@ -1,6 +1,7 @@
 """People who walk along their paths, pause, wait for the robot, and turn round."""
 
 import math
+from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import pairwise
 
@@ -10,15 +11,24 @@ from numpy.typing import NDArray
 from trolley_base.world.gaps import outline_to_point
 from trolley_base.world.spec import Person, Point
 
-# Two legs of a grown-up at the height of a low lidar, relative to the body's radius: half their
-# distance sideways, how far they swing ahead and back, and their own radius [m].
-LEG_SIDE = 0.5
-LEG_SWING = 0.75
-LEG_RADIUS_M = 0.06
-# Both legs have swung once after this way [m].
-STRIDE_M = 1.2
-# Nobody walks nearer to the robot than this, which is touching it [m].
-TOUCH_M = 0.001
+
+@dataclass(frozen=True, slots=True)
+class GaitParams:
+    """How people walk; by hand, of a grown-up at the height of a low lidar."""
+
+    leg_side: float = 0.5
+    """Half the distance of the legs sideways, as a share of the body's radius."""
+    leg_swing: float = 0.75
+    """How far they swing ahead and back, as a share of the body's radius."""
+    leg_radius_m: float = 0.06
+    """Radius of a leg [m]."""
+    stride_m: float = 1.2
+    """Both legs have swung once after this distance [m]."""
+    touch_m: float = 0.001
+    """Nobody walks nearer to the robot than this, which is touching it [m]."""
+
+
+PARAMS = GaitParams()
 
 
 class Walk(Enum):
@@ -72,12 +82,12 @@ class Walker:
             return Walk.FREE
         wanted = self._ahead(self._person.speed_mps * dt)
         gap = _gap(self._circles_at(*wanted[:2]), outline)
-        keep = max(self._person.stops_for_robot_m, TOUCH_M)
+        keep = max(self._person.stops_for_robot_m, PARAMS.touch_m)
         if gap < keep and gap < _gap(self.circles(), outline):
             self._held_s += dt
             if self._held_s > self._person.patience_s:
                 self._direction, self._held_s = -self._direction, 0.0
-            return Walk.TOUCHED if gap < TOUCH_M else Walk.WAITED
+            return Walk.TOUCHED if gap < PARAMS.touch_m else Walk.WAITED
         self._leg, self._along, self._direction, arrived = wanted
         if arrived:
             self._pause_s = self._person.dwell_s
@@ -98,9 +108,9 @@ class Walker:
             where -= length
         self._direction = -1 if backwards else 1
 
-    def _ahead(self, way: float) -> tuple[int, float, int, bool]:
-        """Return leg, place on it and direction after a way, and whether a path point was met."""
-        leg, along, direction = self._leg, self._along + self._direction * way, self._direction
+    def _ahead(self, distance: float) -> tuple[int, float, int, bool]:
+        """Return leg, place on it and direction after a distance; and whether a point was met."""
+        leg, along, direction = self._leg, self._along + self._direction * distance, self._direction
         if 0.0 <= along <= self._lengths[leg]:
             return leg, along, direction, False
         following = leg + direction
@@ -121,12 +131,12 @@ class Walker:
         if not self._person.legs:
             return np.array([[x, y, radius]])
         # By the place alone: legs that changed over when somebody turns could land in the robot.
-        swing = LEG_SWING * radius * math.sin(2.0 * math.pi * along / STRIDE_M)
-        side = LEG_SIDE * radius
+        swing = PARAMS.leg_swing * radius * math.sin(2.0 * math.pi * along / PARAMS.stride_m)
+        side = PARAMS.leg_side * radius
         return np.array(
             [
-                [x + swing * ux - side * uy, y + swing * uy + side * ux, LEG_RADIUS_M],
-                [x - swing * ux + side * uy, y - swing * uy - side * ux, LEG_RADIUS_M],
+                [x + swing * ux - side * uy, y + swing * uy + side * ux, PARAMS.leg_radius_m],
+                [x - swing * ux + side * uy, y - swing * uy - side * ux, PARAMS.leg_radius_m],
             ]
         )
 

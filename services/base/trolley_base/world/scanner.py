@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.jit import kernel
 from trolley_base.drivers.interface import LidarScan
+from trolley_base.units import NS_PER_S
 from trolley_base.world.rays import Scene, beam_range
 from trolley_base.world.spec import LidarSpec
-
-NS = 1_000_000_000
 
 
 class Sweep(NamedTuple):
@@ -155,14 +154,14 @@ class Scanner:
         """
         for row, pose in enumerate(laser):
             self._poses[row] = pose.x, pose.y, pose.yaw
-        until = math.ceil(to_ns * self._beams_per_s / NS)
-        seconds = (to_ns - from_ns) / NS
+        until = math.ceil(to_ns * self._beams_per_s / NS_PER_S)
+        seconds = (to_ns - from_ns) / NS_PER_S
         between = 1.0 / (self._beams_per_s * seconds)
         scans: list[LidarScan] = []
         while self._fired < until:
             turn, first = divmod(self._fired, self._turn_beams)
             count = min(until - self._fired, self._turn_beams - first)
-            begin = (self._fired / self._beams_per_s - from_ns / NS) / seconds
+            begin = (self._fired / self._beams_per_s - from_ns / NS_PER_S) / seconds
             sweep = Sweep(
                 (first, first + count), self._spec.clockwise, (begin, between),
                 self._poses, self._limits, self._noise,
@@ -179,7 +178,7 @@ class Scanner:
         between, increment = 1.0 / self._beams_per_s, 2.0 * math.pi / count
         before = count - 1 - first if spec.clockwise else first
         scan = LidarScan(
-            stamp_ns=round(turn / spec.rate_hz * NS) + round(before * between * NS),
+            stamp_ns=round(turn / spec.rate_hz * NS_PER_S) + round(before * between * NS_PER_S),
             angle_min=-math.pi + first * increment,
             angle_increment=increment,
             time_increment=-between if spec.clockwise else between,

@@ -1,14 +1,18 @@
 """What devices say of themselves; the bytes are those of the vendors' documents."""
 
 import struct
+from functools import partial
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trolley.config.hardware import LidarModel
 from trolley_base.detection import answers, rosserial_answer, streams
+from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
+from trolley_base.drivers.lidars import MODELS
 
 LD19 = bytes.fromhex(
     "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2"
@@ -28,7 +32,7 @@ HEALTH = bytes.fromhex("A55A 0300 0000 06")
 def test_a_lidar_is_known_by_sound_frames_only(
     frame: bytes, model: str, before: bytes, flipped: int
 ) -> None:
-    hear = streams.hear_xv11 if model == "xv11" else streams.hear_fast
+    hear = partial(streams.recognise_stream, baud=115200 if model == "xv11" else 230400)
     spoilt = bytearray(frame)
     spoilt[flipped] ^= 0x10
     found = hear(before + frame[7:] + (bytes(spoilt) + frame) * 6)
@@ -40,8 +44,7 @@ def test_a_lidar_is_known_by_sound_frames_only(
 
 @given(st.binary(max_size=4000))
 def test_rubbish_is_no_device(data: bytes) -> None:
-    assert streams.hear_fast(data) is None
-    assert streams.hear_xv11(data) is None
+    assert all(streams.recognise_stream(data, baud) is None for baud in streams.STREAM_BAUDS)
     assert rosserial_answer.read_topics(data) == {}
 
 
@@ -49,10 +52,16 @@ def info(model: int) -> bytes:
     return INFO + struct.pack("<4B", model, 29, 1, 7) + bytes(range(16))
 
 
+def describe(model: LidarModel, told: answers.Info, health: tuple[int, int] | None) -> FoundDevice:
+    identity = MODELS[model].identity
+    assert identity is not None
+    return answers.describe_lidar(model, identity, told, health)
+
+
 def test_an_rplidar_says_who_it_is() -> None:
     told = answers.read_info(b"\x00\xa5" + info(0x18))
     assert told is not None
-    found = answers.rplidar(told, answers.read_health(HEALTH + b"\x00\x00\x00"))
+    found = describe("rplidar_a1", told, answers.read_health(HEALTH + b"\x00\x00\x00"))
     assert (found.model, found.title) == ("rplidar_a1", "RPLIDAR A1")
     serial = "000102030405060708090A0B0C0D0E0F"
     assert found.details == ("firmware 1.29", f"serial {serial}", "health good")
@@ -67,18 +76,18 @@ def test_an_answer_that_is_not_all_there_is_none() -> None:
 def test_another_rplidar_is_named_but_not_taken_for_an_a1() -> None:
     told = answers.read_info(info(0x28))
     assert told is not None
-    found = answers.rplidar(told, (0, 0))
+    found = describe("rplidar_a1", told, (0, 0))
     assert (found.model, found.title) == (None, "RPLIDAR A2")
 
 
 def test_a_faulty_lidar_is_said() -> None:
     told = answers.read_info(info(6))
     assert told is not None
-    found = answers.ydlidar(told, (2, 0x8002))
+    found = describe("ydlidar_x4", told, (2, 0x8002))
     assert found.model == "ydlidar_x4"
     assert f"serial {'0123456789ABCDEF'}" in found.details
     assert "reports a fault (code 32770)" in found.problems[0]
-    assert answers.ydlidar(told._replace(model=4), (0, 0)).model is None
+    assert describe("ydlidar_x4", told._replace(model=4), (0, 0)).model is None
 
 
 def test_an_arduino_is_known_by_its_baud_rate_on_a_line() -> None:
@@ -86,14 +95,14 @@ def test_an_arduino_is_known_by_its_baud_rate_on_a_line() -> None:
     assert not answers.is_bridge(b"157600\r\n")
     assert not answers.is_bridge(b"57600")
     counts = answers.read_counts(b"57600\r\n-12 3456\r\n")
-    assert answers.bridge(counts).details == ("encoders at -12 3456",)
+    assert answers.describe_bridge(counts).details == ("encoders at -12 3456",)
 
 
 def test_an_arduino_without_motors_is_told_what_to_do() -> None:
-    found = answers.bridge(answers.read_counts(b"Invalid Command\r\n"))
+    found = answers.describe_bridge(answers.read_counts(b"Invalid Command\r\n"))
     assert found.model == "arduino_bridge"
     assert "USE_BASE" in found.problems[0]
-    assert "does not answer" in answers.bridge(None).problems[0]
+    assert "does not answer" in answers.describe_bridge(None).problems[0]
 
 
 def announce(name: str, kind: int, type_name: str, md5: str) -> bytes:

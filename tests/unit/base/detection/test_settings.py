@@ -8,23 +8,23 @@ import pytest
 
 from trolley.cli.init import render
 from trolley.config import ConfigError, load_config
-from trolley_base import robot_toml
+from trolley_base.commands import robot_toml
 from trolley_base.detection import settings
-from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.ports import Port
+from trolley_base.detection.results import FoundDevice, PortResult
 
-LINOROBOT = Seen(
+LINOROBOT = PortResult(
     Port("/dev/ttyACM0", "/dev/serial/by-id/teensy"),
-    Found("board", "linorobot", "linorobot", 57600),
+    FoundDevice("board", "linorobot", "linorobot", 57600),
 )
-BRIDGE = Seen(
+BRIDGE = PortResult(
     Port("/dev/ttyACM0", "/dev/serial/by-id/arduino"),
-    Found("board", "arduino_bridge", "ROSArduinoBridge", 57600),
+    FoundDevice("board", "arduino_bridge", "ROSArduinoBridge", 57600),
 )
-LD19 = Seen(
-    Port("/dev/ttyUSB0", "/dev/serial/by-path/pci-1"), Found("lidar", "ld19", "LD19", 230400)
+LD19 = PortResult(
+    Port("/dev/ttyUSB0", "/dev/serial/by-path/pci-1"), FoundDevice("lidar", "ld19", "LD19", 230400)
 )
-NOTHING = Seen(Port("/dev/ttyUSB1", "/dev/ttyUSB1"))
+NOTHING = PortResult(Port("/dev/ttyUSB1", "/dev/ttyUSB1"))
 
 ROBOT = """\
 # My robot.
@@ -36,7 +36,7 @@ footprint = { length_m = 0.3, width_m = 0.2 }
 EXPLAINED = render({"robot.name": '"haro"', "robot.footprint": "{ radius_m = 0.2 }"})
 
 
-def changed(text: str, *seen: Seen) -> str:
+def changed(text: str, *seen: PortResult) -> str:
     proposal = settings.propose(seen, tomllib.loads(text))
     return robot_toml.with_values(text, proposal.values, proposal.waiting, proposal.appendix)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from trolley_base.detection import udev_rules
-from trolley_base.detection.found import Found, Seen
 from trolley_base.detection.ports import Port
+from trolley_base.detection.results import FoundDevice, PortResult
 
 EXAMPLE = Path(__file__).parents[4] / "deploy" / "udev" / "99-trolley.rules"
 # udev(7): key, perhaps with an attribute, operator, value in quotes.
@@ -22,13 +22,13 @@ TEENSY = {
     "ID_PATH": "pci-0000:00:14.0-usb-0:1:1.0",
 }
 CP2102 = {"ID_SERIAL_SHORT": "0001", "ID_PATH": "pci-0000:00:14.0-usb-0:2:1.0"}
-BOARD = Found("board", "linorobot", "linorobot", 57600)
-LIDAR = Found("lidar", "ld19", "LD19", 230400)
+BOARD = FoundDevice("board", "linorobot", "linorobot", 57600)
+LIDAR = FoundDevice("lidar", "ld19", "LD19", 230400)
 
 
-def seen(found: Found, device: str, twin: str = "", **properties: str) -> Seen:
+def seen(found: FoundDevice, device: str, twin: str = "", **properties: str) -> PortResult:
     port = Port(device, device, twin_serial=twin, properties=tuple(properties.items()))
-    return Seen(port, found)
+    return PortResult(port, found)
 
 
 def rules(text: str) -> list[str]:

@@ -13,8 +13,8 @@ import serial
 from support.waiting import wait_until
 
 from trolley.geometry import Twist2D
-from trolley_base.drivers.world_file import load_world
 from trolley_base.emulators import DeviceError, EmulatedRobot, FaultError, RobotInWorld
+from trolley_base.world.world_file import load_world
 
 from .test_linorobot import TOPICS_PLEASE, twist
 

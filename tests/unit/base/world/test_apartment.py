@@ -12,8 +12,8 @@ import pytest
 
 from trolley.geometry import Pose2D, Twist2D, pose_from_quaternion
 from trolley.messages import Zone, name_problem
-from trolley_base.drivers.world_file import World, load_world
 from trolley_base.world import RobotBody, Simulation
+from trolley_base.world.world_file import World, load_world
 
 FOOTPRINT = np.array([[0.15, -0.12], [0.15, 0.12], [-0.15, 0.12], [-0.15, -0.12]])
 CORRIDOR = pose_from_quaternion(5.315, 1.366, [0, 0, -0.49845, 0.86692])

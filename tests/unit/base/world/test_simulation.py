@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from trolley.geometry import Pose2D, Twist2D
-from trolley_base.drivers.world_file import load_world
 from trolley_base.world import OtherRobot, RobotBody, Simulation, WorldError
 from trolley_base.world.body import move_into
 from trolley_base.world.gaps import outline_to_point, place_outline_into
 from trolley_base.world.scanner import cast_beams_into
 from trolley_base.world.warmup import warm_up
+from trolley_base.world.world_file import load_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from trolley.config.hardware import ChassisConfig, PidConfig, WheelsConfig
 from trolley.geometry import Twist2D
 from trolley_base.drivers.boards.inputs import Inputs
-from trolley_base.drivers.boards.report import Report
+from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.wheel_ticks import Counts, TickTargets, WheelOdometry
 from trolley_base.drivers.dialogue import Line, Status
 from trolley_base.drivers.interface import ChassisReading, DriverError
@@ -32,8 +32,6 @@ ENCODERS_EVERY_NS = 50_000_000
 MOTORS_EVERY_NS = 100_000_000
 # A new velocity waits no longer than this, so that a robot can be steered.
 NEW_MOTORS_EVERY_NS = 50_000_000
-SILENCE_NS = 500_000_000
-REOPEN_AFTER_NS = 5_000_000_000
 # The firmware copies an argument into 16 letters without looking.
 MOST_ARGUMENT = 15
 MOST_LINE = 64

@@ -26,7 +26,7 @@ from trolley_base.drivers.boards.lino_messages import (
     parse_velocities,
 )
 from trolley_base.drivers.boards.negotiation import Negotiation
-from trolley_base.drivers.boards.report import Report
+from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.rosserial import (
     LOG,
     PUBLISHER,
@@ -45,14 +45,12 @@ from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.dialogue import Line, Status
 from trolley_base.drivers.interface import ChassisReading
 
-# The pace of `raw_vel`, and how long a silence of it is no lateness any more.
+# The pace of `raw_vel`.
 PERIOD_NS = 50_000_000
-SILENCE_NS = 500_000_000
 # rosserial's own rule: a board asks for the time every 2.5 s, or it has forgotten its host.
 NO_TIME_REQUEST_NS = 15_000_000_000
 # Every other call of `outgoing` at 50 Hz, with room for its unevenness: 25 commands a second.
 COMMAND_EVERY_NS = 35_000_000
-REOPEN_AFTER_NS = 5_000_000_000
 # Each answer waits for one call of `outgoing`; a board that asks this often is broken.
 MOST_TIME_REQUESTS = 8
 WARNING, ERROR = 2, 3

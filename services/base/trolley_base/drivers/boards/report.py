@@ -8,12 +8,18 @@ from trolley.messages import Battery, Imu, Link
 from trolley_base.drivers.dialogue import Status
 from trolley_base.drivers.interface import ChassisReading, MotionSample, Note
 
-# 5 s of a board that reports 50 times a second.
+SILENCE_NS = 500_000_000
+"""A board that has been silent for this long is not merely late."""
+REOPEN_AFTER_NS = 5_000_000_000
+"""After this much silence the port is closed and opened again."""
 MOST_MOTIONS = 256
+"""Motions that are kept: 5 s of a board that reports 50 times a second."""
 MOST_IMU = 64
-# Lines that differ in more than their numbers; a board that says more than this only fills logs.
-MOST_KINDS = 32
+"""Inertial readings that are kept."""
+MOST_KINDS_OF_LINES = 32
+"""Lines that differ in more than their numbers; a board that says more only fills logs."""
 MOST_LETTERS = 200
+"""Of such a line."""
 NUMBER = re.compile(r"[+-]?\d[\d.]*")
 
 
@@ -43,7 +49,7 @@ class Report:
         """Keep a line for people; lines that differ in their numbers alone are one kind."""
         text = text.strip()[:MOST_LETTERS]
         kind = f"chassis/{NUMBER.sub('#', text)}"
-        if kind not in self._kinds and len(self._kinds) >= MOST_KINDS:
+        if kind not in self._kinds and len(self._kinds) >= MOST_KINDS_OF_LINES:
             kind = "chassis/other"
         self._kinds.add(kind)
         self._notes[kind] = Note(level, kind, text)

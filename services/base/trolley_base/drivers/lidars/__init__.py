@@ -1,24 +1,26 @@
-"""Lidars by their model."""
+"""Lidars by their model.
 
-from collections.abc import Callable, Mapping
+A new model is a module here with its `DRIVER`, a line in `MODELS` below, its name in
+`trolley.config.hardware.LidarModel`, and a page in docs/hardware. `trolley detect` and the
+importers read the table.
+"""
+
+from collections.abc import Mapping
 
 from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.interface import DriverError
-from trolley_base.drivers.lidars.ld19 import Ld19
-from trolley_base.drivers.lidars.lds01 import Lds01
-from trolley_base.drivers.lidars.models import MODELS, LidarFacts
-from trolley_base.drivers.lidars.rplidar_a1 import RplidarA1
-from trolley_base.drivers.lidars.xv11 import Xv11
-from trolley_base.drivers.lidars.ydlidar_x4 import YdlidarX4
+from trolley_base.drivers.lidars import ld19, lds01, rplidar_a1, xv11, ydlidar_x4
+from trolley_base.drivers.lidars.models import LidarDriver
 
-_MAKERS: Mapping[LidarModel, Callable[[LidarConfig], LidarDialogue]] = {
-    "rplidar_a1": RplidarA1,
-    "ydlidar_x4": YdlidarX4,
-    "ld19": Ld19,
-    "xv11": Xv11,
-    "lds01": Lds01,
+MODELS: Mapping[LidarModel, LidarDriver] = {
+    "rplidar_a1": rplidar_a1.DRIVER,
+    "ydlidar_x4": ydlidar_x4.DRIVER,
+    "ld19": ld19.DRIVER,
+    "xv11": xv11.DRIVER,
+    "lds01": lds01.DRIVER,
 }
+"""By the name in `[base.lidar] model`; `trolley detect` tries them in this order."""
 
 
 def make_lidar(config: LidarConfig) -> LidarDialogue:
@@ -29,7 +31,7 @@ def make_lidar(config: LidarConfig) -> LidarDialogue:
     """
     if config.model is None:
         raise DriverError(f"[base.lidar] needs model, one of {', '.join(MODELS)}")
-    return _MAKERS[config.model](config)
+    return MODELS[config.model].make(config)
 
 
-__all__ = ["MODELS", "LidarFacts", "make_lidar"]
+__all__ = ["MODELS", "LidarDriver", "make_lidar"]

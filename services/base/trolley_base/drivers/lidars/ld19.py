@@ -14,11 +14,21 @@ import numpy as np
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.streaming import StreamingLidar
 
 FRAME_BYTES, SAMPLES = 47, 12
 POLYNOMIAL = 0x4D
+
+FACTS = LidarFacts(
+    title="LD19",
+    baud=230400,
+    range_min_m=0.02,
+    range_max_m=12.0,
+    turns_hz=(5.0, 13.0),
+    usual_hz=10.0,
+    speed_hint="Its PWM wire must be tied to ground for it to keep its speed by itself.",
+)
 
 
 def _crc_tables() -> Bytes:
@@ -51,7 +61,7 @@ class Ld19Decoder(FrameDecoder):
     """Reads its frames."""
 
     def __init__(self, counts: Counter[str]) -> None:
-        super().__init__(FORMAT, MODELS["ld19"].usual_hz, counts)
+        super().__init__(FORMAT, FACTS.usual_hz, counts)
 
     def _samples(self, frames: Frames) -> Decoded:
         head = words(frames.data[:, 2:6]).astype(np.float64)
@@ -72,4 +82,13 @@ class Ld19(StreamingLidar):
     """
 
     def __init__(self, config: LidarConfig) -> None:
-        super().__init__("ld19", config, Ld19Decoder)
+        super().__init__(FACTS, config, Ld19Decoder)
+
+
+DRIVER = LidarDriver(
+    FACTS,
+    Ld19,
+    frames=FORMAT,
+    linorobot_names=("ld06", "ld19"),
+    ros_packages=("ldlidar_stl_ros",),
+)

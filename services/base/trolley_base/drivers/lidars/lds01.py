@@ -14,13 +14,23 @@ import numpy as np
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.streaming import StreamingLidar
 
 FRAME_BYTES, SAMPLES = 42, 6
 DPS_PER_COUNT = 360.0 / 60.0 / 10.0
 START, STOP = b"b", b"e"
 ASK_AGAIN_NS = 1_000_000_000
+"""A silent sensor is asked to start at most this often [ns]."""
+
+FACTS = LidarFacts(
+    title="LDS-01",
+    baud=230400,
+    range_min_m=0.12,
+    range_max_m=3.5,
+    turns_hz=(4.5, 5.5),
+    usual_hz=5.0,
+)
 
 
 def _lengths(heads: Bytes) -> Indices:
@@ -40,7 +50,7 @@ class Lds01Decoder(FrameDecoder):
     """Reads its frames."""
 
     def __init__(self, counts: Counter[str]) -> None:
-        super().__init__(FORMAT, MODELS["lds01"].usual_hz, counts)
+        super().__init__(FORMAT, FACTS.usual_hz, counts)
 
     def _samples(self, frames: Frames) -> Decoded:
         first = SAMPLES * (frames.data[:, 1].astype(np.float64) - 0xA0)
@@ -58,7 +68,7 @@ class Lds01(StreamingLidar):
     """
 
     def __init__(self, config: LidarConfig) -> None:
-        super().__init__("lds01", config, Lds01Decoder)
+        super().__init__(FACTS, config, Lds01Decoder)
         self._asked_ns: int | None = None
 
     def begin(self, now_ns: int) -> None:
@@ -77,3 +87,14 @@ class Lds01(StreamingLidar):
     def goodbye(self) -> tuple[bytes, ...]:
         """Stop the sensor."""
         return (STOP,)
+
+
+DRIVER = LidarDriver(
+    FACTS,
+    Lds01,
+    frames=FORMAT,
+    start=START,
+    stop=STOP,
+    linorobot_names=("lds01",),
+    ros_packages=("hls_lfcd_lds_driver",),
+)

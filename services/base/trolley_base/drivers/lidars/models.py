@@ -1,14 +1,11 @@
-"""What there is to know of each lidar model, for drivers, `trolley detect` and people.
+"""What a lidar's driver module says of its model, for base, `trolley detect` and the importers."""
 
-Sources:
-    SLAMTEC RPLIDAR A1 datasheet; YDLIDAR X4 data sheet; LDROBOT LD19 development manual;
-    xv_11_laser_driver and the getSurreal XV Lidar Controller; ROBOTIS LDS-01 manual.
-"""
-
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from trolley.config.hardware import LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley_base.drivers.dialogue import LidarDialogue
+from trolley_base.drivers.lidars.frames import FrameFormat
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +21,7 @@ class LidarFacts:
         usual_hz: how fast it usually turns.
         clockwise: its head turns clockwise as seen from above.
         speed_hint: what to do about a wrong speed.
+        modes: what `[base.lidar] mode` may be.
     """
 
     title: str
@@ -34,30 +32,50 @@ class LidarFacts:
     usual_hz: float
     clockwise: bool = True
     speed_hint: str = "Is its head free to turn, and its 5 V supply strong enough?"
+    modes: tuple[str, ...] = ("auto",)
 
 
-MODELS: Mapping[LidarModel, LidarFacts] = {
-    "rplidar_a1": LidarFacts("RPLIDAR A1", 115200, 0.15, 12.0, (2.0, 10.0), 5.5),
-    "ydlidar_x4": LidarFacts("YDLIDAR X4", 128000, 0.12, 10.0, (6.0, 12.0), 7.0),
-    "ld19": LidarFacts(
-        "LD19",
-        230400,
-        0.02,
-        12.0,
-        (5.0, 13.0),
-        10.0,
-        speed_hint="Its PWM wire must be tied to ground for it to keep its speed by itself.",
-    ),
-    "xv11": LidarFacts(
-        "XV11",
-        115200,
-        0.06,
-        5.0,
-        (180.0 / 60.0, 349.0 / 60.0),
-        5.0,
-        clockwise=False,
-        speed_hint="Its motor needs a controller outside of the sensor: is that set to 300 rpm?",
-    ),
-    "lds01": LidarFacts("LDS-01", 230400, 0.12, 3.5, (4.5, 5.5), 5.0),
-}
-"""By the name in `[base.lidar] model`."""
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """How `trolley detect` asks a lidar of the Slamtec kind who it is.
+
+    Attributes:
+        stop: commands that end a stream which a dead program has left on.
+        get_info: asks for model, firmware and serial number.
+        get_health: asks how it is.
+        is_model: whether a model number is that of this driver.
+        other_model: for any other number, what people call it, and a sentence of advice.
+        serial: the serial number as the vendor prints it, of its bytes.
+    """
+
+    stop: tuple[bytes, ...]
+    get_info: bytes
+    get_health: bytes
+    is_model: Callable[[int], bool]
+    other_model: Callable[[int], tuple[str, str]]
+    serial: Callable[[bytes], str]
+
+
+@dataclass(frozen=True, slots=True)
+class LidarDriver:
+    """A lidar model's entry in the table `MODELS`.
+
+    Attributes:
+        facts: of the model.
+        make: makes the dialogue; raises DriverError where the settings do not fit the model.
+        frames: of its stream, where `trolley detect` can tell it by them.
+        start: makes it stream, for one that is silent until then and is not asked who it is.
+        stop: ends that stream again.
+        identity: how it is asked who it is.
+        linorobot_names: what linorobot calls it in `LINOLIDAR`.
+        ros_packages: the ROS packages that drive it.
+    """
+
+    facts: LidarFacts
+    make: Callable[[LidarConfig], LidarDialogue]
+    frames: FrameFormat | None = None
+    start: bytes = b""
+    stop: bytes = b""
+    identity: Identity | None = None
+    linorobot_names: tuple[str, ...] = ()
+    ros_packages: tuple[str, ...] = ()

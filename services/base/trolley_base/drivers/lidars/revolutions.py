@@ -19,8 +19,9 @@ from trolley.config.hardware import LidarConfig
 from trolley.geometry import wrap_angle
 from trolley_base.drivers.interface import LidarScan
 from trolley_base.drivers.lidars.models import LidarFacts
-from trolley_base.drivers.lidars.sample_clock import NS, SampleClock
+from trolley_base.drivers.lidars.sample_clock import SampleClock
 from trolley_base.drivers.lidars.scan_grid import Floats, Grid, fit_grid, place
+from trolley_base.units import NS_PER_S
 
 SHORT_REVOLUTIONS = "lidar/short_revolutions"
 ENOUGH, TOO_MUCH = 0.8, 1.2
@@ -197,11 +198,11 @@ class Revolutions:
         step_s = float(moment_s[-1] - moment_s[0]) / int(count[-1])
         self.turns_hz = grid.step_deg / (360.0 * step_s)
         # Robot time over the sensor's own.
-        pace = (end.robot_ns - start.robot_ns) / NS / turn_s
+        pace = (end.robot_ns - start.robot_ns) / NS_PER_S / turn_s
         pace = pace if abs(pace - 1.0) < BELIEVED else 1.0
         mean_beam = float(((angle_deg - grid.first_deg) / grid.step_deg).mean())
         first_s = float(moment_s.mean()) - step_s * mean_beam
-        first_ns = end.robot_ns - round((end.sensor_s - first_s) * pace * NS)
+        first_ns = end.robot_ns - round((end.sensor_s - first_s) * pace * NS_PER_S)
         return self._laid_out(grid, angle_deg, rows, (first_ns, step_s * pace))
 
     def _laid_out(
@@ -223,7 +224,7 @@ class Revolutions:
         first_ns, time_increment = timing
         first_deg = grid.first_deg
         if self._sense < 0.0:
-            first_ns += round((grid.beams - 1) * time_increment * NS)
+            first_ns += round((grid.beams - 1) * time_increment * NS_PER_S)
             first_deg = -(grid.first_deg + (grid.beams - 1) * grid.step_deg)
             ranges, intensities = ranges[::-1].copy(), intensities[::-1].copy()
         return LidarScan(

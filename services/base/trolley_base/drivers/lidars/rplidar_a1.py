@@ -10,20 +10,21 @@ Source:
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.asked import (
+from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
     HEALTH,
     HEALTH_BYTES,
     INFO,
     INFO_BYTES,
-    AskedLidar,
-    Greeting,
+    Handshake,
+    HandshakeLidar,
     Step,
 )
+from trolley_base.drivers.lidars.models import Identity, LidarDriver
 from trolley_base.drivers.lidars.rplidar_capsules import SAMPLE_S as EXPRESS_S
 from trolley_base.drivers.lidars.rplidar_capsules import CapsuleDecoder
+from trolley_base.drivers.lidars.rplidar_samples import FACTS, StandardDecoder
 from trolley_base.drivers.lidars.rplidar_samples import SAMPLE_S as STANDARD_S
-from trolley_base.drivers.lidars.rplidar_samples import StandardDecoder
 
 STOP, RESET = b"\xa5\x25", b"\xa5\x40"
 GET_INFO, GET_HEALTH, GET_SAMPLERATE = b"\xa5\x50", b"\xa5\x52", b"\xa5\x59"
@@ -39,7 +40,7 @@ DRAIN_S, REBOOT_S, START_S, FAULT_PAUSE_S = 0.1, 2.0, 2.0, 5.0
 BELIEVED_S = (100e-6, 1000e-6)
 
 
-class RplidarA1(AskedLidar):
+class RplidarA1(HandshakeLidar):
     """The sensor; see the module.
 
     Raises:
@@ -47,7 +48,7 @@ class RplidarA1(AskedLidar):
     """
 
     def __init__(self, config: LidarConfig) -> None:
-        super().__init__("rplidar_a1", config, StandardDecoder)
+        super().__init__(FACTS, config, StandardDecoder)
 
     @property
     def line(self) -> Line:
@@ -58,14 +59,14 @@ class RplidarA1(AskedLidar):
         """Stop the scan."""
         return (STOP,)
 
-    def _greeting(self) -> Greeting:
+    def _handshake(self) -> Handshake:
         while True:
             # Whoever used it before may have left it streaming.
             yield Step(STOP, DRAIN_S)
             info = yield Step(GET_INFO, ANSWER_S, INFO, INFO_BYTES)
             if info is None:
                 continue
-            self._hear_model(info[0] >> 4 == A1_SERIES, info[0])
+            self._hear_model(_is_a1(info[0]), info[0])
             health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
             if health is None:
                 continue
@@ -98,3 +99,32 @@ def _period_s(periods: bytes | None, at: int, usual_s: float) -> float:
         return usual_s
     said_s = int.from_bytes(periods[at : at + 2], "little") * 1e-6
     return said_s if BELIEVED_S[0] <= said_s <= BELIEVED_S[1] else usual_s
+
+
+def _is_a1(number: int) -> bool:
+    return number >> 4 == A1_SERIES
+
+
+def _other_model(number: int) -> tuple[str, str]:
+    series = number >> 4
+    title = f"RPLIDAR A{series}" if series in (2, 3) else f"RPLIDAR (model 0x{number:02X})"
+    return (
+        title,
+        f"Trolley has no driver for the {title}; `rplidar_a1` with mode standard may work.",
+    )
+
+
+DRIVER = LidarDriver(
+    FACTS,
+    RplidarA1,
+    identity=Identity(
+        stop=(STOP,),
+        get_info=GET_INFO,
+        get_health=GET_HEALTH,
+        is_model=_is_a1,
+        other_model=_other_model,
+        serial=lambda numbers: numbers.hex().upper(),
+    ),
+    linorobot_names=("rplidar",),
+    ros_packages=("rplidar_ros",),
+)

@@ -26,8 +26,8 @@ from trolley_base.drivers.lidars.frames import (
     Frames,
     Indices,
 )
-from trolley_base.drivers.lidars.models import MODELS
 from trolley_base.drivers.lidars.revolutions import Rotation, Samples
+from trolley_base.drivers.lidars.rplidar_samples import FACTS
 from trolley_base.drivers.lidars.scan_grid import Floats
 
 CAPSULE_BYTES, SAMPLES = 84, 32
@@ -70,7 +70,7 @@ class CapsuleDecoder:
 
     def __init__(self, counts: Counter[str], sample_s: float = SAMPLE_S) -> None:
         self._finder = FrameFinder(FORMAT, counts)
-        self._rotation = Rotation(MODELS["rplidar_a1"].usual_hz)
+        self._rotation = Rotation(FACTS.usual_hz)
         self._sample_s = sample_s
         self._last: Bytes = np.empty((0, CAPSULE_BYTES), np.uint8)
 

@@ -33,11 +33,21 @@ from numpy.typing import NDArray
 
 from trolley_base.drivers.lidars.decoding import Decoded, words
 from trolley_base.drivers.lidars.frames import BAD_CHECKSUM, SKIPPED_BYTES, Bytes, Flags
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.models import LidarFacts
 from trolley_base.drivers.lidars.revolutions import Rotation, Samples
 from trolley_base.drivers.lidars.scan_grid import Floats
 
 SAMPLE_BYTES = 5
+FACTS = LidarFacts(
+    title="RPLIDAR A1",
+    baud=115200,
+    range_min_m=0.15,
+    range_max_m=12.0,
+    turns_hz=(2.0, 10.0),
+    usual_hz=5.5,
+    modes=("auto", "standard", "express"),
+)
+"""Of the A1, for both of its scans."""
 SAMPLE_S = 508e-6
 IN_STEP = 8
 FEWEST_A_TURN, MOST_A_TURN = 50, 4000
@@ -187,7 +197,7 @@ class StandardDecoder:
         self, counts: Counter[str], sample_s: float = SAMPLE_S, *, in_step: bool = True
     ) -> None:
         self._finder = SampleFinder(counts, in_step=in_step)
-        self._rotation = Rotation(MODELS["rplidar_a1"].usual_hz)
+        self._rotation = Rotation(FACTS.usual_hz)
         self._sample_s = sample_s
         self._last_deg: float | None = None
         self._step_deg = 1.0

@@ -7,7 +7,8 @@ so that it follows a sensor whose clock is slow.
 
 import math
 
-NS = 1_000_000_000
+from trolley_base.units import NS_PER_S
+
 # By how much a sensor's time may be wrong, as a share; crystals and motors keep within this.
 DRIFT = 0.003
 # All that came in this time [s] was later than thought: then it is so.
@@ -40,7 +41,7 @@ class SampleClock:
             self._offset_ns = lead_ns
             self._look(sensor_s)
             return is_first
-        crept = self._offset_ns + round(DRIFT * max(elapsed_s, 0.0) * NS)
+        crept = self._offset_ns + round(DRIFT * max(elapsed_s, 0.0) * NS_PER_S)
         self._offset_ns = min(crept, lead_ns)
         self._least_late_ns = min(self._least_late_ns, lead_ns - self._offset_ns)
         if sensor_s - self._look_s >= LOOK_S:
@@ -50,7 +51,7 @@ class SampleClock:
 
     def at(self, sensor_s: float) -> int:
         """Return robot time [ns] at a sensor's time [s], once something was heard."""
-        return (self._offset_ns or 0) + round(sensor_s * NS)
+        return (self._offset_ns or 0) + round(sensor_s * NS_PER_S)
 
     def _look(self, sensor_s: float) -> None:
         self._least_late_ns, self._look_s = math.inf, sensor_s

@@ -10,33 +10,33 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
 from trolley.messages import Link
-from trolley_base.drivers.dialogue import Line, Status
+from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
 from trolley_base.drivers.interface import DriverError, LidarReading, Note
 from trolley_base.drivers.lidars.decoding import Decoded, Decoder
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.models import LidarFacts
 from trolley_base.drivers.lidars.revolutions import Revolutions
-from trolley_base.drivers.lidars.sample_clock import NS, SampleClock
+from trolley_base.drivers.lidars.sample_clock import SampleClock
+from trolley_base.units import NS_PER_S
 
 GAPS = "lidar/gaps"
 # More bytes are decoded piece by piece, so that what a moment takes is bounded.
 PIECE_BYTES = 4096
-BITS_PER_BYTE = 10
 SILENT_NS = 500_000_000
 # Frames without a whole revolution for this long are no scan.
-NO_TURN_NS = 2 * NS
+NO_TURN_NS = 2 * NS_PER_S
 # So long after opening nobody complains.
-PATIENCE_NS = NS
-REOPEN_NS = 5 * NS
+PATIENCE_NS = NS_PER_S
+REOPEN_NS = 5 * NS_PER_S
 SPEED_TOLERANCE = 0.02
 
 
 class StreamingLidar:
-    """A lidar that only speaks; those that are asked build upon it.
+    """A lidar that streams by itself; `HandshakeLidar` builds upon it.
 
     Args:
-        model: its name.
+        facts: of the model.
         config: how it is mounted and what of it counts.
         decoder: makes what decodes it, anew at each opening; it counts what goes wrong.
 
@@ -46,12 +46,12 @@ class StreamingLidar:
 
     def __init__(
         self,
-        model: LidarModel,
+        facts: LidarFacts,
         config: LidarConfig,
         decoder: Callable[[Counter[str]], Decoder],
     ) -> None:
-        self.facts = MODELS[model]
-        _check(model, config)
+        self.facts = facts
+        _check(facts, config)
         self._config = config
         self._make_decoder = decoder
         self._counts: Counter[str] = Counter()
@@ -138,9 +138,9 @@ class StreamingLidar:
     def _take_in(self, decoded: Decoded, behind: int, arrived_ns: int) -> None:
         sensor_s = self._sensor_s + np.cumsum(decoded.samples.elapsed_s)
         self._sensor_s = float(sensor_s[-1])
-        byte_ns = BITS_PER_BYTE * NS / self.baud
+        byte_ns = BITS_PER_BYTE * NS_PER_S / self.baud
         measured_s = sensor_s[decoded.closing] + decoded.ahead_s
-        leads_ns = -(decoded.behind + behind) * byte_ns - measured_s * NS
+        leads_ns = -(decoded.behind + behind) * byte_ns - measured_s * NS_PER_S
         if not self._clock.hear(self._sensor_s, arrived_ns + round(float(leads_ns.min()))):
             self._counts[GAPS] += 1
             self._revolutions.abandon()
@@ -193,9 +193,8 @@ class StreamingLidar:
         )
 
 
-def _check(model: LidarModel, config: LidarConfig) -> None:
+def _check(facts: LidarFacts, config: LidarConfig) -> None:
     """Refuse what this model cannot do."""
-    facts = MODELS[model]
     near = config.range_min_m or facts.range_min_m
     far = config.range_max_m or facts.range_max_m
     if near >= far:
@@ -203,8 +202,7 @@ def _check(model: LidarModel, config: LidarConfig) -> None:
             f"[base.lidar] leaves nothing to see: the {facts.title} would count from "
             f"{near:g} m to {far:g} m; change range_min_m or range_max_m"
         )
-    if config.mode != "auto" and model != "rplidar_a1":
+    if config.mode not in facts.modes:
         raise DriverError(
-            f'[base.lidar] mode = "{config.mode}" is for rplidar_a1 only; take it out for the '
-            f"{facts.title}"
+            f'[base.lidar] the {facts.title} has no mode "{config.mode}"; remove the line'
         )

@@ -15,12 +15,23 @@ import numpy as np
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.streaming import StreamingLidar
 
 FRAME_BYTES, SAMPLES = 22, 4
 INVALID, DISTANCE = 0x8000, 0x3FFF
 DPS_PER_COUNT = 360.0 / 60.0 / 64.0
+
+FACTS = LidarFacts(
+    title="XV11",
+    baud=115200,
+    range_min_m=0.06,
+    range_max_m=5.0,
+    turns_hz=(180.0 / 60.0, 349.0 / 60.0),
+    usual_hz=5.0,
+    clockwise=False,
+    speed_hint="Its motor needs a controller outside of the sensor: is that set to 300 rpm?",
+)
 _WEIGHTS = 2 ** np.arange(9, -1, -1)
 
 
@@ -42,7 +53,7 @@ class Xv11Decoder(FrameDecoder):
     """Reads its frames."""
 
     def __init__(self, counts: Counter[str]) -> None:
-        super().__init__(FORMAT, MODELS["xv11"].usual_hz, counts)
+        super().__init__(FORMAT, FACTS.usual_hz, counts)
 
     def _samples(self, frames: Frames) -> Decoded:
         first = SAMPLES * (frames.data[:, 1].astype(np.float64) - 0xA0)
@@ -63,4 +74,13 @@ class Xv11(StreamingLidar):
     """
 
     def __init__(self, config: LidarConfig) -> None:
-        super().__init__("xv11", config, Xv11Decoder)
+        super().__init__(FACTS, config, Xv11Decoder)
+
+
+DRIVER = LidarDriver(
+    FACTS,
+    Xv11,
+    frames=FORMAT,
+    linorobot_names=("xv11",),
+    ros_packages=("xv_11_laser_driver",),
+)

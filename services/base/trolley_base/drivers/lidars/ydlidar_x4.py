@@ -19,19 +19,19 @@ import numpy as np
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.asked import (
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
+from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
+from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
     HEALTH,
     HEALTH_BYTES,
     INFO,
     INFO_BYTES,
-    AskedLidar,
-    Greeting,
+    Handshake,
+    HandshakeLidar,
     Step,
 )
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
-from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
-from trolley_base.drivers.lidars.models import MODELS
+from trolley_base.drivers.lidars.models import Identity, LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.revolutions import Samples
 from trolley_base.drivers.lidars.scan_grid import Floats
 
@@ -40,9 +40,19 @@ SAMPLE_S = 1.0 / 5000.0
 START, STOP, FORCE_STOP = b"\xa5\x60", b"\xa5\x65", b"\xa5\x00"
 GET_INFO, GET_HEALTH = b"\xa5\x90", b"\xa5\x92"
 STREAM = bytes.fromhex("A55A 0500 0040 81")
-X4 = 6
+MODEL_NUMBER = 6
 SPIN_UP_S, DRAIN_S, START_S, FAULT_PAUSE_S = 0.5, 0.1, 2.0, 5.0
 BASELINE_MM, FOCUS_MM = 21.8, 155.3
+"""Constants of the triangulation [mm], from the development manual."""
+
+FACTS = LidarFacts(
+    title="YDLIDAR X4",
+    baud=128000,
+    range_min_m=0.12,
+    range_max_m=10.0,
+    turns_hz=(6.0, 12.0),
+    usual_hz=7.0,
+)
 
 
 def _lengths(heads: Bytes) -> Indices:
@@ -80,9 +90,8 @@ class X4Decoder(FrameDecoder):
     """Reads its frames."""
 
     def __init__(self, counts: Counter[str]) -> None:
-        usual_hz = MODELS["ydlidar_x4"].usual_hz
-        super().__init__(FORMAT, usual_hz, counts)
-        self._rate_dps = 360.0 * usual_hz
+        super().__init__(FORMAT, FACTS.usual_hz, counts)
+        self._rate_dps = 360.0 * FACTS.usual_hz
 
     def _samples(self, frames: Frames) -> Decoded:
         numbers = words(frames.data)
@@ -110,7 +119,7 @@ class X4Decoder(FrameDecoder):
         return rates
 
 
-class YdlidarX4(AskedLidar):
+class YdlidarX4(HandshakeLidar):
     """The sensor; see the module. DTR runs its motor.
 
     Raises:
@@ -118,7 +127,7 @@ class YdlidarX4(AskedLidar):
     """
 
     def __init__(self, config: LidarConfig) -> None:
-        super().__init__("ydlidar_x4", config, X4Decoder)
+        super().__init__(FACTS, config, X4Decoder)
 
     @property
     def line(self) -> Line:
@@ -129,7 +138,7 @@ class YdlidarX4(AskedLidar):
         """Stop the scan."""
         return FORCE_STOP, STOP
 
-    def _greeting(self) -> Greeting:
+    def _handshake(self) -> Handshake:
         yield Step(b"", SPIN_UP_S)
         while True:
             yield Step(FORCE_STOP, 0.005)
@@ -137,7 +146,7 @@ class YdlidarX4(AskedLidar):
             info = yield Step(GET_INFO, ANSWER_S, INFO, INFO_BYTES)
             if info is None:
                 continue
-            self._hear_model(info[0] == X4, info[0])
+            self._hear_model(info[0] == MODEL_NUMBER, info[0])
             health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
             if health is None:
                 continue
@@ -147,3 +156,29 @@ class YdlidarX4(AskedLidar):
             if (yield Step(START, START_S, STREAM)) is not None:
                 self._restart(X4Decoder(self._counts))
                 return
+
+
+def _other_model(number: int) -> tuple[str, str]:
+    title = f"YDLIDAR (model {number})"
+    return title, f"Trolley has no driver for the {title}."
+
+
+def _serial(numbers: bytes) -> str:
+    """Return 16 numbers from 0 to 9 as the vendor's SDK prints them."""
+    return "".join(f"{digit:X}" for digit in numbers)
+
+
+DRIVER = LidarDriver(
+    FACTS,
+    YdlidarX4,
+    identity=Identity(
+        stop=(FORCE_STOP, STOP),
+        get_info=GET_INFO,
+        get_health=GET_HEALTH,
+        is_model=lambda number: number == MODEL_NUMBER,
+        other_model=_other_model,
+        serial=_serial,
+    ),
+    linorobot_names=("ydlidar",),
+    ros_packages=("ydlidar", "ydlidar_ros", "ydlidar_ros_driver"),
+)

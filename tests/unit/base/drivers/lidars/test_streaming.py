@@ -227,7 +227,7 @@ def test_what_is_not_taken_is_bounded() -> None:
     [
         ({}, "needs model, one of rplidar_a1"),
         ({"model": "lds01", "range_min_m": 4.0}, "range_min_m"),
-        ({"model": "ld19", "mode": "express"}, "rplidar_a1 only"),
+        ({"model": "ld19", "mode": "express"}, 'no mode "express"'),
     ],
 )
 def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], words: str) -> None:
@@ -237,5 +237,5 @@ def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], words: s
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_baud_rate_can_be_set(model: Any) -> None:
-    assert make_lidar(LidarConfig(model=model)).line.baud == MODELS[model].baud
+    assert make_lidar(LidarConfig(model=model)).line.baud == MODELS[model].facts.baud
     assert make_lidar(LidarConfig(model=model, baud=256000)).line.baud == 256000

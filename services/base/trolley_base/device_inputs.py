@@ -1,0 +1,130 @@
+"""What the devices report: read, joined to the odometry, logged and published."""
+
+import numpy as np
+
+from trolley import codes, topics
+from trolley.config import RobotConfig
+from trolley.geometry import Pose2D
+from trolley.messages import Battery, Link, Odometry, Scan, Transform, floats_to_bytes
+from trolley.runtime.service import Service, gets
+from trolley_base.device_log import DeviceLog
+from trolley_base.drivers import ChassisReading, Hardware, LidarScan
+from trolley_base.odometry.dead_reckoning import DeadReckoning
+from trolley_base.odometry.wheel_scales import WheelScales
+from trolley_base.robot_clock import Beat
+from trolley_base.safety.near_echoes import NearEchoes
+from trolley_base.safety.safety_state import SafetyState
+
+ODOMETRY_S = 0.04
+"""Every other reading is published, and one with each scan: 25 to 35 Hz."""
+
+
+class DeviceInputs:
+    """The newest readings of chassis and lidar, and the track that they make up.
+
+    Args:
+        service: base.
+        echoes: what the lidar saw near the robot.
+    """
+
+    def __init__(self, service: Service, echoes: NearEchoes) -> None:
+        self._service = service
+        self._near_echoes = echoes
+        self._chassis = ChassisReading((), Link(name="chassis", state="searching"))
+        self._lidar = Link(name="lidar", state="searching")
+        self._scan_arrived_ns: int | None = None
+        self._has_moved = True
+        self._odometry_beat = Beat(ODOMETRY_S)
+        self.battery: Battery | None = None
+        """The newest charge, None while the board has not measured it."""
+        self.echoes = echoes.points(Pose2D.identity())
+        """(n, 2) what the lidar saw near the robot [m] in `base_link`."""
+
+    def begin(
+        self, hardware: Hardware, config: RobotConfig, scales: WheelScales, epoch_ns: int
+    ) -> None:
+        """Begin a run with devices that have been opened."""
+        self._hardware = hardware
+        self._reckoning = DeadReckoning(config, scales, epoch_ns)
+        self._device_log = DeviceLog(self._service.log, self._service.count)
+
+    @property
+    def links(self) -> list[Link]:
+        """The connections to the chassis and the lidar."""
+        return [self._chassis.link, self._lidar]
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether a recording has been played to its end."""
+        return self._hardware.has_ended
+
+    @property
+    def is_button_pressed(self) -> bool:
+        """Whether the board reports its stop button."""
+        return codes.BUTTON in self._chassis.alarms
+
+    def safety_state(self, now_ns: int, cannot_drive: str, *, is_stopped: bool) -> SafetyState:
+        """Return what the devices say about whether the robot may drive."""
+        arrived_ns = self._scan_arrived_ns
+        scan_age_ns = None if arrived_ns is None else now_ns - arrived_ns
+        return SafetyState(cannot_drive, is_stopped, self._chassis, self._lidar, scan_age_ns)
+
+    def update(self, now_ns: int) -> None:
+        """Bring the devices to now, and read them."""
+        self._hardware.advance(now_ns)
+        self._read_chassis(now_ns)
+        self._read_lidar(now_ns)
+        self.echoes = self._near_echoes.points(self._reckoning.track.odom_T_base)
+
+    def _read_chassis(self, now_ns: int) -> None:
+        reading = self._chassis = self._reckoning.add_reading(self._hardware.chassis.read())
+        self._has_moved = self._has_moved or bool(reading.motions)
+        for imu in reading.imu:
+            self._service.publish(topics.IMU, imu)
+        self.battery = reading.battery or self.battery
+        self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
+
+    def _read_lidar(self, now_ns: int) -> None:
+        reading = self._hardware.lidar.read()
+        self._lidar = reading.link
+        self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
+        # With each scan the odometry up to its last beam, so that nobody has to wait for it.
+        if self._has_moved and (self._odometry_beat.is_due(now_ns) or reading.scans):
+            self._has_moved = False
+            self._publish_odometry()
+        for scan in reading.scans:
+            self._publish_scan(scan)
+            # A covered lidar measures nothing valid, which is as good as silence.
+            if np.any(scan.ranges > 0.0):
+                self._near_echoes.update(scan, self._reckoning.track)
+                self._scan_arrived_ns = now_ns
+
+    def _publish_odometry(self) -> None:
+        track = self._reckoning.track
+        self._service.publish(
+            topics.ODOM,
+            Odometry(stamp_ns=track.stamp_ns, pose=track.odom_T_base, twist=track.twist),
+        )
+
+    def _publish_scan(self, scan: LidarScan) -> None:
+        message = Scan(
+            stamp_ns=scan.stamp_ns,
+            frame="laser",
+            angle_min=scan.angle_min,
+            angle_increment=scan.angle_increment,
+            time_increment=scan.time_increment,
+            range_min=scan.range_min,
+            range_max=scan.range_max,
+            ranges=floats_to_bytes(scan.ranges),
+            intensities=floats_to_bytes(scan.intensities),
+        )
+        self._service.publish(topics.SCAN, message)
+
+    @gets(topics.TF, "base_link")
+    def odometry_frame(self, _: dict[str, str]) -> dict[tuple[str, ...], Transform]:
+        """Answer `get tf/base_link` from the odometry."""
+        track = self._reckoning.track
+        frame = Transform(
+            stamp_ns=track.stamp_ns, parent="odom", child="base_link", pose=track.odom_T_base
+        )
+        return {("base_link",): frame}

@@ -1,0 +1,112 @@
+"""What is driven: commands and stops come in, one velocity goes out to the motors."""
+
+from trolley import codes, requests, topics
+from trolley.geometry import Twist2D
+from trolley.messages import BaseState, VelocityCommand
+from trolley.messages.request_params import Nothing
+from trolley.runtime.robot_time import TimeSource
+from trolley.runtime.service import Later, Service, answers, on
+from trolley_base.device_inputs import DeviceInputs
+from trolley_base.drivers import Hardware
+from trolley_base.odometry.wheel_scales import WheelScales
+from trolley_base.safety.estop_latch import EstopLatch
+from trolley_base.safety.safety_state import find_restriction
+from trolley_base.safety.velocity_limiter import Decision, VelocityLimiter
+from trolley_base.state_reporter import StateReporter
+
+
+class DriveControl:
+    """Decides which velocity the motors are given, in each control period and at each stop.
+
+    Args:
+        service: base.
+        clock: robot time.
+        cannot_drive: why commands go nowhere, "" where they drive.
+        limiter: chooses the command, and limits it.
+        scales: between true and reported motion.
+        inputs: what the devices report.
+        reporter: publishes what was decided.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        clock: TimeSource,
+        cannot_drive: str,
+        limiter: VelocityLimiter,
+        scales: WheelScales,
+        inputs: DeviceInputs,
+        reporter: StateReporter,
+    ) -> None:
+        self._service = service
+        self._clock = clock
+        self._cannot_drive = cannot_drive
+        self._limiter = limiter
+        self._scales = scales
+        self._inputs = inputs
+        self._reporter = reporter
+        self._estop = EstopLatch(service)
+        self.parts = (self, self._estop)
+        self.decision = Decision(Twist2D.zero(), None, 0, "ok")
+        """What is driven now, and why."""
+
+    def begin(self, hardware: Hardware) -> None:
+        """Begin a run with devices that have been opened; a stop of before still holds."""
+        self._chassis = hardware.chassis
+        self._estop.load()
+
+    def update(self, now_ns: int) -> None:
+        """Decide what is driven until the next period."""
+        if self._inputs.is_button_pressed and not self._estop.is_set:
+            self._switch(is_stopped=True)
+            self._estop.save()
+        self._decide(now_ns)
+
+    def _decide(self, now_ns: int) -> None:
+        state = self._inputs.safety_state(now_ns, self._cannot_drive, is_stopped=self._estop.is_set)
+        restriction = find_restriction(state)
+        self.decision = self._limiter.decide(now_ns, self._inputs.echoes, restriction)
+        self._chassis.drive(self._scales.reported_twist(self.decision.twist))
+
+    @on(topics.COMMAND)
+    def take_command(self, command: VelocityCommand, source: str) -> None:
+        """Keep a source's command until the next decision, or drop it and count why."""
+        arrived_ns = self._clock.now(self._service.arrived_ns) or 0
+        rejected = self._limiter.offer(source, command, arrived_ns, self._service.stamp_ns)
+        if rejected is not None:
+            name = f"cmd_vel/{rejected.value}"
+            self._service.count(name)
+            self._service.log.limited(name, "Command dropped", source=source, why=rejected.value)
+
+    @answers(requests.BASE_STOP)
+    def stop(self, _: Nothing) -> Later[BaseState]:
+        """Stop until resumed; answer when no crash can undo it any more."""
+        later: Later[BaseState] = self._service.later()
+        state = self._switch(is_stopped=True)
+        self._estop.save(then=lambda: later.reply(state))
+        return later
+
+    @answers(requests.BASE_RESUME)
+    def resume(self, _: Nothing) -> BaseState:
+        """Let commands that arrive from now on drive again."""
+        state = self._switch(is_stopped=False)
+        self._estop.save()
+        return state
+
+    def _switch(self, *, is_stopped: bool) -> BaseState:
+        """Stop, or let drive again, at once; what changes nothing is not published."""
+        now_ns = self._service.stamp_ns
+        if is_stopped == self._estop.is_set:
+            self._decide(now_ns)
+            return self._reporter.state_of(self.decision, now_ns)
+        self._service.log.info("Stopped" if is_stopped else "Resumed")
+        self._estop.is_set = is_stopped
+        self._limiter.forget()
+        self._decide(now_ns)
+        return self._reporter.publish_state(self.decision, now_ns)
+
+    def end(self) -> None:
+        """Stop the motors, and say that base ends."""
+        self._chassis.drive(Twist2D.zero())
+        sentence = codes.SENTENCES[codes.SHUTDOWN]
+        self.decision = Decision(Twist2D.zero(), None, 0, "held", codes.SHUTDOWN, sentence)

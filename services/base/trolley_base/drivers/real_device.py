@@ -1,0 +1,80 @@
+"""`[base] driver = "hardware"`: the motor board and the lidar that are plugged in."""
+
+from collections.abc import Callable
+
+from trolley.config import ConfigError, RobotConfig
+from trolley.config.hardware import ChassisConfig
+from trolley.serial_diagnosis import explain
+from trolley_base.drivers import CallSoon, DriverError
+from trolley_base.drivers.boards import BOARDS, make_board
+from trolley_base.drivers.device import Opened
+from trolley_base.drivers.lidars import make_lidar
+from trolley_base.drivers.real_hardware import RealHardware
+from trolley_base.persistence import SavedWorld
+
+NO_BOARD = "No motor board is set ([base.chassis] board), so commands go nowhere."
+# The same as for a simulation, and what a board adds that looks at its commands 20 times a second
+# and has motors that follow a control loop.
+REACTION_S = 0.15
+
+
+class RealDevice:
+    """The devices of the configuration; whether they are there shows when they are opened."""
+
+    world: str | None = None
+    rate = 1.0
+    is_stepped = False
+    reaction_s = REACTION_S
+
+    def __init__(self, config: RobotConfig) -> None:
+        chassis, lidar = config.base.chassis, config.base.lidar
+        if lidar.model is None or not lidar.port:
+            raise ConfigError(
+                '[base] driver = "hardware" needs [base.lidar] model and port; '
+                "`trolley detect` finds them"
+            )
+        if chassis.board is not None and not chassis.port:
+            raise ConfigError("[base.chassis] needs port; `trolley detect` finds it")
+        if chassis.board is not None and _same_port(config, chassis.port, lidar.port):
+            raise ConfigError(
+                f"[base.chassis] and [base.lidar] both name the port {lidar.port}; "
+                "`trolley detect` tells which is which"
+            )
+        self._config = config
+        self.base_T_laser = lidar.pose.as_pose()
+        self.cannot_drive = NO_BOARD if chassis.board is None else ""
+        self.watchdog_s = _watchdog_s(chassis)
+        try:
+            make_lidar(lidar)
+            if chassis.board is not None:
+                make_board(chassis, config.robot.drive)
+        except DriverError as error:
+            raise ConfigError(str(error)) from error
+
+    def open(
+        self,
+        start_ns: int,
+        saved: SavedWorld | None,
+        robot_ns: Callable[[int], int],
+        call_soon: CallSoon,
+    ) -> Opened:
+        """Begin to open the ports; what is not there yet is tried again and again."""
+        del saved
+        chassis, lidar = self._config.base.chassis, self._config.base.lidar
+        board = None
+        if chassis.board is not None:
+            dialogue = make_board(chassis, self._config.robot.drive)
+            board = dialogue, str(self._config.path(chassis.port))
+        seeing = make_lidar(lidar), str(self._config.path(lidar.port))
+        return Opened(RealHardware(board, seeing, start_ns, robot_ns, call_soon, explain))
+
+
+def _watchdog_s(chassis: ChassisConfig) -> float:
+    """Return after what silence the board stops [s]: as its owner says, else as it is delivered."""
+    if chassis.board is None:
+        return 0.0
+    return chassis.watchdog_s or BOARDS[chassis.board].watchdog_s
+
+
+def _same_port(config: RobotConfig, one: str, other: str) -> bool:
+    return config.path(one).resolve() == config.path(other).resolve()

@@ -1,0 +1,166 @@
+"""A real robot: a motor board and a lidar on serial ports, behind the interfaces of the hardware.
+
+Everything here runs on the service's thread; the ports' own threads only store.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import Link
+from trolley_base.drivers.dialogue import BoardDialogue, Dialogue, LidarDialogue
+from trolley_base.drivers.interface import (
+    CallSoon,
+    Chassis,
+    ChassisReading,
+    LidarReading,
+    MotionSample,
+)
+from trolley_base.drivers.serial_device import SerialDevice
+from trolley_base.drivers.serial_link import SerialLink
+
+STANDING_PERIOD_NS = 50_000_000
+
+Explain = Callable[[str, OSError], str]
+
+
+class SerialChassis:
+    """A motor board; made by `RealHardware`."""
+
+    def __init__(self, conversation: SerialLink[BoardDialogue], start_ns: int) -> None:
+        self._conversation = conversation
+        self._now_ns = start_ns
+
+    def drive(self, twist: Twist2D) -> None:
+        """Send a velocity; a zero leaves at once, others as fast as the board can take them."""
+        self._conversation.dialogue.drive(twist)
+        self._conversation.speak(self._now_ns)
+
+    def read(self) -> ChassisReading:
+        """Hand over what the board reported since the last call."""
+        reading = self._conversation.dialogue.take(self._now_ns)
+        counts = self._conversation.counts(reading.counts)
+        return replace(reading, link=self._conversation.link(self._now_ns), counts=counts)
+
+    def advance(self, now_ns: int) -> None:
+        """Hear what has arrived up to now."""
+        self._now_ns = now_ns
+        self._conversation.listen(now_ns)
+
+    def respond(self, now_ns: int) -> None:
+        """Hear what has arrived up to now, and go on with the dialogue."""
+        self.advance(now_ns)
+        self._conversation.speak(now_ns)
+
+
+class NoChassis:
+    """A lidar without wheels, on a table: it stands, and says so 20 times a second."""
+
+    def __init__(self, start_ns: int) -> None:
+        self._now_ns = self._read_ns = start_ns
+
+    def drive(self, twist: Twist2D) -> None:
+        """Do nothing: there are no wheels."""
+
+    def read(self) -> ChassisReading:
+        """Report that it stands."""
+        link = Link(name="chassis", state="up", message="No motor board is set.")
+        if self._now_ns - self._read_ns < STANDING_PERIOD_NS:
+            return ChassisReading((), link)
+        self._read_ns = self._now_ns
+        return ChassisReading(
+            (MotionSample(self._now_ns, Pose2D.identity(), Twist2D.zero()),), link
+        )
+
+    def advance(self, now_ns: int) -> None:
+        """Let time pass."""
+        self._now_ns = now_ns
+
+
+class SerialLidar:
+    """A scanner; made by `RealHardware`."""
+
+    def __init__(self, conversation: SerialLink[LidarDialogue], start_ns: int) -> None:
+        self._conversation = conversation
+        self._now_ns = start_ns
+
+    def read(self) -> LidarReading:
+        """Hand over the revolutions completed since the last call."""
+        reading = self._conversation.dialogue.take(self._now_ns)
+        counts = self._conversation.counts(reading.counts)
+        return replace(reading, link=self._conversation.link(self._now_ns), counts=counts)
+
+    def advance(self, now_ns: int) -> None:
+        """Hear what has arrived up to now, and answer."""
+        self._now_ns = now_ns
+        self._conversation.listen(now_ns)
+        self._conversation.speak(now_ns)
+
+
+class RealHardware:
+    """A robot of metal.
+
+    Args:
+        board: the motor board's dialogue and port, None for a lidar alone.
+        lidar: the lidar's.
+        start_ns: robot time now.
+        robot_ns: turns local monotonic time into robot time [ns].
+        call_soon: calls a function on the service's thread.
+        explain: turns an error of a port into a sentence.
+    """
+
+    def __init__(
+        self,
+        board: tuple[BoardDialogue, str] | None,
+        lidar: tuple[LidarDialogue, str],
+        start_ns: int,
+        robot_ns: Callable[[int], int],
+        call_soon: CallSoon,
+        explain: Explain,
+    ) -> None:
+        self._conversations: list[SerialLink[BoardDialogue] | SerialLink[LidarDialogue]] = []
+
+        def open_port(dialogue: Dialogue, path: str) -> SerialDevice:
+            device = SerialDevice(path, dialogue.line, explain, lambda: call_soon(self._respond))
+            device.start()
+            return device
+
+        self._chassis: SerialChassis | NoChassis = NoChassis(start_ns)
+        if board is not None:
+            talk = SerialLink("chassis", board[0], open_port(*board), robot_ns)
+            self._conversations.append(talk)
+            self._chassis = SerialChassis(talk, start_ns)
+        self._robot_ns = robot_ns
+        seeing = SerialLink("lidar", lidar[0], open_port(*lidar), robot_ns)
+        self._conversations.append(seeing)
+        self._lidar = SerialLidar(seeing, start_ns)
+
+    has_ended = False
+
+    @property
+    def chassis(self) -> Chassis:
+        """The wheels."""
+        return self._chassis
+
+    @property
+    def lidar(self) -> SerialLidar:
+        """The scanner."""
+        return self._lidar
+
+    def advance(self, now_ns: int) -> None:
+        """Hear what the devices said up to now."""
+        self._chassis.advance(now_ns)
+        self._lidar.advance(now_ns)
+
+    def _respond(self) -> None:
+        """Go on with a board that has answered; the lidars need no such haste."""
+        if isinstance(self._chassis, SerialChassis) and self._conversations:
+            self._chassis.respond(self._robot_ns(time.monotonic_ns()))
+
+    def close(self) -> None:
+        """Stop the wheels and the lidar, and let go of the ports; may be called more than once."""
+        self._chassis.drive(Twist2D.zero())
+        for conversation in self._conversations:
+            conversation.close()
+        self._conversations.clear()

@@ -1,0 +1,88 @@
+"""A dialogue held over a port: what arrives goes in, what it wants to say goes out."""
+
+from collections.abc import Callable, Mapping
+from typing import Generic, TypeVar
+
+from trolley.messages import Link
+from trolley_base.drivers.dialogue import Dialogue
+from trolley_base.drivers.serial_device import Arrived, Lost, Opened, SerialDevice
+
+D = TypeVar("D", bound=Dialogue)
+
+# A dialogue that asks for the port to be opened again is heard at most this often [ns].
+REOPEN_EVERY_NS = 5_000_000_000
+
+
+class SerialLink(Generic[D]):
+    """Ties a dialogue to its device; used by the service's thread only.
+
+    Args:
+        name: of the link: `chassis` or `lidar`.
+        dialogue: the state machine.
+        device: the port; started by the caller.
+        robot_ns: turns local monotonic time into robot time [ns].
+    """
+
+    def __init__(
+        self,
+        name: str,
+        dialogue: D,
+        device: SerialDevice,
+        robot_ns: Callable[[int], int],
+    ) -> None:
+        self.dialogue = dialogue
+        self._name = name
+        self._device = device
+        self._robot_ns = robot_ns
+        self._is_open = False
+        self._trouble = ""
+        self._reopen_after_ns = 0
+        self._refused_writes = 0
+
+    def listen(self, now_ns: int) -> None:
+        """Hand over what has arrived."""
+        for event in self._device.take():
+            match event:
+                case Arrived(data, monotonic_ns):
+                    self.dialogue.receive(data, min(now_ns, self._robot_ns(monotonic_ns)))
+                case Opened():
+                    self._is_open, self._trouble = True, ""
+                    self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
+                    self.dialogue.begin(now_ns)
+                case Lost(why):
+                    self._is_open, self._trouble = False, why
+
+    def speak(self, now_ns: int) -> None:
+        """Send what the dialogue has to say."""
+        if not self._is_open:
+            return
+        data = self.dialogue.outgoing(now_ns)
+        if data and not self._device.write(data):
+            self._refused_writes += 1
+        if now_ns >= self._reopen_after_ns and self.dialogue.status(now_ns).reopen:
+            self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
+            self._trouble = self.link(now_ns).message
+            self._is_open = False
+            self._device.reopen()
+
+    def link(self, now_ns: int) -> Link:
+        """Say how the connection is, naming the port."""
+        if not self._is_open:
+            state = "down" if self._trouble else "searching"
+            message = self._trouble or f"{self._device.path} is being opened."
+            return Link(name=self._name, state=state, message=message)
+        status = self.dialogue.status(now_ns)
+        message = f"{self._device.path}: {status.message}" if status.message else ""
+        return Link(name=self._name, state=status.state, message=message)
+
+    def counts(self, known: Mapping[str, int]) -> dict[str, int]:
+        """Return a dialogue's counts with those of the line."""
+        dropped = self._device.take_dropped()
+        refused, self._refused_writes = self._refused_writes, 0
+        lines = {f"{self._name}/dropped_bytes": dropped, f"{self._name}/not_sent": refused}
+        return dict(known) | {name: count for name, count in lines.items() if count}
+
+    def close(self) -> None:
+        """Say goodbye and let go of the port."""
+        self._device.close(self.dialogue.goodbye() if self._is_open else ())
+        self._is_open = False

@@ -1,0 +1,1 @@
+"""Reads what other systems know of a robot into `robot.toml`."""

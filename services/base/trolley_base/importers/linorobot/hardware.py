@@ -1,0 +1,145 @@
+"""Motor board, lidar and where it sits, of a linorobot's launch files.
+
+Source:
+    linorobot, launch/bringup.launch and launch/include/lidar/; rplidar_ros, src/node.cpp.
+"""
+
+import math
+
+from trolley.config.hardware import LidarModel
+from trolley_base.drivers.boards import BOARDS
+from trolley_base.drivers.lidars import MODELS
+from trolley_base.importers.linorobot.findings import Findings, first
+from trolley_base.importers.linorobot.launch_files import Value
+from trolley_base.importers.linorobot.mounting import find_mount
+
+DRIVES = {"2wd": "differential", "4wd": "skid_steer", "mecanum": "mecanum"}
+"""What `LINOBASE` may be; it knows Ackermann steering too, which Trolley does not."""
+LIDARS: dict[str, LidarModel] = {
+    name: model for model, driver in MODELS.items() for name in driver.linorobot_names
+}
+"""What `LINOLIDAR` may be, and what it is to Trolley."""
+PACKAGES: dict[str, LidarModel] = {
+    package: model for model, driver in MODELS.items() for package in driver.ros_packages
+}
+"""The ROS packages that drive a lidar, and which one."""
+ROSSERIAL = ("rosserial_python", "rosserial_server")
+MOST_HEIGHT_M = 3.0
+
+
+def take_hardware(findings: Findings, base: str, lidar: str) -> None:
+    """Take everything.
+
+    Args:
+        findings: is added to.
+        base: `LINOBASE`; "" if unknown.
+        lidar: `LINOLIDAR`; "" if unknown.
+    """
+    findings.set("base.driver", "hardware")
+    _take_drive(findings, base)
+    if not base or base in DRIVES:
+        _take_board(findings)
+    model = _take_lidar(findings, lidar)
+    _take_mount(findings, model)
+
+
+def _take_drive(findings: Findings, base: str) -> None:
+    if base in DRIVES:
+        findings.set("robot.drive", DRIVES[base])
+        findings.taken.append((f"drive {DRIVES[base]}", f"LINOBASE={base}"))
+    elif base:
+        findings.note(f"Trolley cannot drive a base of the kind {base}: no motor board is set.")
+    else:
+        findings.note(
+            "LINOBASE is not set, so the drive is taken for differential (2wd); for another one "
+            "give --base 4wd or --base mecanum."
+        )
+
+
+def _take_board(findings: Findings) -> None:
+    nodes = findings.launch.of_package(ROSSERIAL)
+    port = first(nodes, ("port", "_port"))
+    findings.set("base.chassis.board", "linorobot")
+    if port is None:
+        findings.note("No port of the motor board was found: `trolley detect --write` finds it.")
+        return
+    findings.take("base.chassis.port", port.value, f"motor board at {port.value}", port)
+    baud = _baud(first(nodes, ("baud", "_baud")))
+    if baud is not None and baud.value != BOARDS["linorobot"].baud:
+        findings.take("base.chassis.baud", baud.value, f"its line at {baud.value} baud", baud)
+
+
+def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
+    """Take the lidar; return its model."""
+    nodes = findings.launch.of_package(tuple(PACKAGES))
+    model = PACKAGES[nodes[0].package] if nodes else LIDARS.get(lidar)
+    if model is None:
+        what = f"the lidar {lidar}" if lidar else "which lidar it is (LINOLIDAR is not set)"
+        findings.note(
+            f"Trolley does not know {what}: `trolley detect --write` finds it, or give --lidar "
+            f"with one of {', '.join(LIDARS)}."
+        )
+        return None
+    baud = _baud(first(nodes, ("serial_baudrate", "baudrate", "baud_rate", "serial_baud")))
+    if baud is not None and baud.value != MODELS[model].facts.baud:
+        place = findings.place(baud)
+        if model == "rplidar_a1":
+            findings.note(
+                f"{place}: an RPLIDAR that talks at {baud.value} baud is no A1, and Trolley has no "
+                f"driver for it."
+            )
+            return None
+        if model == "ydlidar_x4":
+            findings.note(
+                f"{place}: linorobot opens the YDLIDAR at {baud.value} baud, but an X4 talks at "
+                f"{MODELS[model].facts.baud}; Trolley uses that."
+            )
+        else:
+            findings.take("base.lidar.baud", baud.value, f"its line at {baud.value} baud", baud)
+    findings.set("base.lidar.model", model)
+    where = findings.place(nodes[0].arguments) if nodes else f"LINOLIDAR={lidar}"
+    findings.taken.append((f"lidar {model}", where))
+    port = first(nodes, ("serial_port", "port"))
+    if port is not None:
+        findings.take("base.lidar.port", port.value, f"lidar at {port.value}", port)
+    else:
+        findings.note("No port of the lidar was found: `trolley detect --write` finds it.")
+    return model
+
+
+def _take_mount(findings: Findings, model: str | None) -> None:
+    mount = find_mount(findings.launch, findings.notes)
+    if mount is None:
+        findings.note(
+            "Where the lidar sits was not found: it is taken for the middle between the wheels, "
+            "0.2 m high, looking forward. Measure it and correct [base.lidar] pose and z_m."
+        )
+        return
+    yaw = mount.yaw
+    if model == "rplidar_a1":
+        # rplidar_ros publishes the angle pi - the sensor's own.
+        yaw = math.remainder(yaw + math.pi, math.tau)
+        findings.note(
+            "ROS's driver of the RPLIDAR counts angles from the side opposite to the sensor's "
+            "zero, so the lidar's yaw is turned by 180°."
+        )
+    pose = {"x": round(mount.x_m, 6), "y": round(mount.y_m, 6), "yaw": round(yaw, 6)}
+    words = (
+        f"lidar mounted at x {mount.x_m:.3f} m, y {mount.y_m:.3f} m, z {mount.z_m:.3f} m, "
+        f"{math.degrees(yaw):.1f}°"
+    )
+    findings.take("base.lidar.pose", pose, words, *mount.sources)
+    findings.set("base.lidar.z_m", round(min(max(mount.z_m, 0.0), MOST_HEIGHT_M), 6))
+    if mount.is_upside_down:
+        findings.set("base.lidar.upside_down", True)
+        findings.note("The lidar is mounted head down.")
+    findings.note(
+        "Drivers count a lidar's angles differently: look in the viewer whether the scan lies on "
+        "the walls, else correct [base.lidar] pose."
+    )
+
+
+def _baud(given: Value | None) -> Value | None:
+    """Return a baud rate as a whole number, None where it is none."""
+    text = "" if given is None else str(given.value).strip()
+    return given._replace(value=int(text)) if given is not None and text.isdecimal() else None

@@ -1,0 +1,1 @@
+"""From what the wheels and the gyro report to where the robot is."""

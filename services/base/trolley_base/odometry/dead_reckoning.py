@@ -1,0 +1,93 @@
+"""From what the chassis reports to where the robot is: guard, scales, gyro, track."""
+
+from collections import Counter
+from dataclasses import replace
+
+from trolley.config import RobotConfig
+from trolley.geometry import Twist2D, exp_twist, log_pose
+from trolley.messages.motion import Drive
+from trolley_base.drivers import ChassisReading, MotionSample, Note
+from trolley_base.odometry.track import OdometryTrack
+from trolley_base.odometry.wheel_scales import WheelScales
+from trolley_base.odometry.yaw_fusion import GyroState, YawFusion
+
+SLIP: dict[Drive, float] = {"differential": 0.03, "mecanum": 0.06, "skid_steer": 0.12}
+"""Standard deviation of the wheels' turn, as a share of it: four that are dragged round slip most.
+
+By hand.
+"""
+JUMP = Note(
+    "warning",
+    "odometry/jump",
+    "The wheels reported a motion that no robot can do; it was ignored.",
+)
+SENTENCES = {
+    GyroState.STUCK: "The gyro keeps repeating one value; its turn rate is not used.",
+    GyroState.DISAGREES: (
+        "The gyro does not turn as the wheels do: see [base.chassis] imu_axes, or the wheels "
+        "slip, or the robot is carried. Its turn rate is not used."
+    ),
+}
+"""Worth a line in the log; the others come and go with the link."""
+QUIET_STATES = (GyroState.USED, GyroState.LEARNING)
+
+
+class DeadReckoning:
+    """Joins the motions of a run to the robot's track in `odom`.
+
+    Args:
+        config: of the robot.
+        scales: between reported and true motion.
+        stamp_ns: robot time at which the run begins.
+    """
+
+    def __init__(self, config: RobotConfig, scales: WheelScales, stamp_ns: int) -> None:
+        self.track = OdometryTrack(stamp_ns)
+        self._scales = scales
+        self._fusion = YawFusion(SLIP[config.robot.drive])
+        self._uses_imu = config.base.chassis.use_imu
+
+    def add_reading(self, reading: ChassisReading) -> ChassisReading:
+        """Join what was measured; return the reading with what there is to say of it added."""
+        if self._uses_imu:
+            for imu in reading.imu:
+                self._fusion.add_gyro(imu.stamp_ns, imu.angular_velocity[2])
+        notes: list[Note] = []
+        counts = Counter(reading.counts)
+        for motion in reading.motions:
+            if not self.track.accepts(motion):
+                counts[JUMP.kind] += 1
+                notes.append(JUMP)
+                continue
+            before = self._fusion.state
+            self.track.add(self._correct(motion))
+            now = self._fusion.state
+            if now is not before and now not in QUIET_STATES:
+                kind = f"odometry/{now.value}"
+                counts[kind] += 1
+                if now in SENTENCES:
+                    notes.append(Note("warning", kind, SENTENCES[now]))
+        return replace(reading, notes=(*reading.notes, *notes), counts=counts)
+
+    def _correct(self, motion: MotionSample) -> MotionSample:
+        if not self._scales.is_identity:
+            motion = replace(
+                motion,
+                previous_T_base=self._scales.true_motion(motion.previous_T_base),
+                twist=self._scales.true_twist(motion.twist),
+            )
+        return self._fuse(motion) if self._uses_imu else motion
+
+    def _fuse(self, motion: MotionSample) -> MotionSample:
+        """Keep the distance of the wheels, and turn as wheels and gyro together say."""
+        start_ns = self.track.stamp_ns
+        step = log_pose(motion.previous_T_base)
+        turn = self._fusion.fuse(start_ns, motion.stamp_ns, step.vx, step.wz)
+        if turn == step.wz:
+            return motion
+        rate = turn / ((motion.stamp_ns - start_ns) * 1e-9)
+        return replace(
+            motion,
+            previous_T_base=exp_twist(Twist2D(step.vx, step.vy, turn)),
+            twist=Twist2D(motion.twist.vx, motion.twist.vy, rate),
+        )

@@ -1,0 +1,75 @@
+"""Odometry: the wheels' motions joined from zero, and where the robot was a moment ago."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, Twist2D
+from trolley_base.drivers import MotionSample
+
+
+@dataclass(frozen=True, slots=True)
+class TrackParams:
+    """What is kept, and which motions are believed; set by hand."""
+
+    max_poses: int = 64
+    """Poses that are kept: 1.3 s at 50 Hz, several revolutions of any lidar."""
+    max_speed: float = 6.0
+    """No robot that can be configured is faster; a motion beyond it is a counter that wrapped or a
+    board that restarted [m/s]."""
+    max_wz: float = 12.0
+    """The same for turning [rad/s]."""
+    slack_m: float = 0.05
+    """Allowed on top, for two readings that lie close together in time [m]."""
+    slack_rad: float = 0.3
+    """The same for turning [rad]."""
+
+
+PARAMS = TrackParams()
+
+
+class OdometryTrack:
+    """Integrates measured motions; frame `odom` is where `base_link` lay at the beginning."""
+
+    def __init__(self, stamp_ns: int) -> None:
+        """Begin at zero, standing, at a robot time."""
+        self.stamp_ns = stamp_ns
+        self.odom_T_base = Pose2D.identity()
+        self.twist = Twist2D.zero()
+        self._track: deque[tuple[int, float, float, float]] = deque(maxlen=PARAMS.max_poses)
+        self._yaw = 0.0
+        self._keep()
+
+    def accepts(self, motion: MotionSample) -> bool:
+        """Say whether a motion is newer than all before and one that a robot can do."""
+        pose, seconds = motion.previous_T_base, (motion.stamp_ns - self.stamp_ns) * 1e-9
+        if seconds < 0.0 or not (pose.is_finite() and motion.twist.is_finite()):
+            return False
+        is_far = pose.distance_to(Pose2D.identity()) > PARAMS.max_speed * seconds + PARAMS.slack_m
+        return not is_far and abs(pose.yaw) <= PARAMS.max_wz * seconds + PARAMS.slack_rad
+
+    def add(self, motion: MotionSample) -> None:
+        """Join a motion to those before."""
+        self.odom_T_base = self.odom_T_base @ motion.previous_T_base
+        # Beside the wrapped heading: between two poses it must not jump by a turn.
+        self._yaw += motion.previous_T_base.yaw
+        self.twist = motion.twist
+        self.stamp_ns = motion.stamp_ns
+        self._keep()
+
+    def poses_at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return odom_T_base (n, 3) x, y [m], yaw [rad, not wrapped] at robot times (n,).
+
+        Interpolated; outside of what is kept the nearest pose that is.
+        """
+        track = np.array(self._track)
+        # Relative to now: nanoseconds since 1970 do not fit a float.
+        times = np.array([entry[0] - self.stamp_ns for entry in self._track], dtype=np.float64)
+        wanted = (stamps_ns - self.stamp_ns).astype(np.float64)
+        return np.stack([np.interp(wanted, times, track[:, i]) for i in (1, 2, 3)], axis=1)
+
+    def _keep(self) -> None:
+        pose = self.odom_T_base
+        self._track.append((self.stamp_ns, pose.x, pose.y, self._yaw))

@@ -1,0 +1,1 @@
+"""What may be driven: the arbiter, the limits, the stop field, the emergency stop."""

@@ -1,0 +1,68 @@
+"""Why the robot may not drive, whatever the commands and the echoes say."""
+
+from dataclasses import dataclass
+
+from trolley import codes
+from trolley.messages import Link
+from trolley_base.drivers import ChassisReading
+from trolley_base.safety.velocity_limiter import Block, Restriction
+
+SCAN_SILENCE_NS = 500_000_000
+"""Without a scan for this long the robot stands [ns]."""
+
+STOPPED_MESSAGE = "Stopped. `trolley resume` lets it drive."
+FIRST_SCAN_MESSAGE = "The robot is waiting for the lidar's first scan."
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyState:
+    """What base knows about itself.
+
+    Attributes:
+        cannot_drive: why commands go nowhere at all, "" where they drive.
+        is_stopped: the emergency-stop latch.
+        chassis: the newest reading.
+        lidar: the connection to the lidar.
+        scan_age_ns: since the newest scan arrived, None before the first.
+    """
+
+    cannot_drive: str
+    is_stopped: bool
+    chassis: ChassisReading
+    lidar: Link
+    scan_age_ns: int | None
+
+
+def find_restriction(now: SafetyState) -> Restriction | None:
+    """Return the gravest reason not to drive, None if there is none."""
+    if now.cannot_drive:
+        return Restriction(Block.ALL, "ok", "", now.cannot_drive)
+    if now.is_stopped:
+        return Restriction(Block.ALL, "stopped", codes.BUTTON, STOPPED_MESSAGE)
+    if now.chassis.link.state != "up":
+        return _held(Block.ALL, codes.LINK_LOST, now.chassis.link.message)
+    if now.lidar.state == "down":
+        return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
+    # While a lost lidar is searched for, what it saw before says nothing any more.
+    if now.lidar.state != "up" or now.scan_age_ns is None:
+        return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message or FIRST_SCAN_MESSAGE)
+    if now.scan_age_ns > SCAN_SILENCE_NS:
+        return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
+    return _alarm(now.chassis.alarms)
+
+
+def _alarm(alarms: tuple[str, ...]) -> Restriction | None:
+    unknown = sorted(set(alarms) - {codes.BUTTON, codes.BATTERY, codes.BUMPER, codes.CLIFF})
+    if unknown:
+        message = codes.SENTENCES.get(unknown[0], f"The motor board reports {unknown[0]}.")
+        return Restriction(Block.ALL, "fault", unknown[0], message)
+    if codes.BATTERY in alarms:
+        return _held(Block.ALL, codes.BATTERY)
+    for code in (codes.CLIFF, codes.BUMPER):
+        if code in alarms:
+            return _held(Block.ALL_BUT_BACK, code)
+    return None
+
+
+def _held(block: Block, code: str, message: str = "") -> Restriction:
+    return Restriction(block, "held", code, message or codes.SENTENCES[code])

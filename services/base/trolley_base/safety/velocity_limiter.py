@@ -1,0 +1,179 @@
+"""Decides what is driven: the arbiter's choice, within the limits, past the stop field."""
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley import codes
+from trolley.geometry import Twist2D
+from trolley.messages import VelocityCommand
+from trolley_base.safety.arbiter import Arbiter, Choice, Reject
+from trolley_base.safety.motion_limits import MotionLimits, ramp, within
+from trolley_base.safety.stop_field import StopField
+
+Mode = Literal["ok", "stopped", "held", "fault"]
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityLimiterParams:
+    """How the velocity limiter judges what it does; set by hand."""
+
+    max_dt: float = 0.1
+    """A longer time between two decisions counts as this: no leap in speed after a pause [s]."""
+    standing_speed: float = 0.02
+    """Slower than this is standing, for the stop field as a reason [m/s]."""
+    standing_wz: float = 0.05
+    """The same for turning [rad/s]."""
+    blocked_ns: int = 200_000_000
+    """The stop field is named as the reason once it has held the robot for this long [ns]."""
+    lost_shown_ns: int = 5_000_000_000
+    """How long a loss of commands is shown if none comes [ns]."""
+
+
+PARAMS = VelocityLimiterParams()
+
+
+class Block(enum.Enum):
+    """How much is forbidden for a reason other than echoes."""
+
+    NOTHING = enum.auto()
+    ALL = enum.auto()
+    ALL_BUT_BACK = enum.auto()  # something was touched, or there is no floor ahead
+
+
+@dataclass(frozen=True, slots=True)
+class Restriction:
+    """Why the robot may not drive, or not freely."""
+
+    block: Block
+    mode: Mode
+    reason: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What is driven now, and what `base` says about it."""
+
+    twist: Twist2D
+    source: str | None
+    scan_ns: int
+    mode: Mode
+    reason: str = ""
+    message: str = ""
+
+
+class VelocityLimiter:
+    """Turns wishes into a velocity, one decision at each control period.
+
+    All times are robot time by base's own clock.
+
+    Args:
+        priorities: of each source.
+        limits: of the motion.
+        field: the stop field.
+    """
+
+    def __init__(
+        self, priorities: Mapping[str, int], limits: MotionLimits, field: StopField
+    ) -> None:
+        self._arbiter = Arbiter(priorities)
+        self._limits = limits
+        self._field = field
+        self._twist = Twist2D.zero()
+        self._turns_clear = False
+        self._decided_ns: int | None = None
+        self._blocked_since_ns: int | None = None
+        self._lost_ns: int | None = None
+
+    def offer(
+        self, source: str, command: VelocityCommand, arrived_ns: int, now_ns: int
+    ) -> Reject | None:
+        """Take a command of a source, or say why not."""
+        return self._arbiter.offer(source, command, arrived_ns, now_ns)
+
+    def forget(self) -> None:
+        """Stand, and let only what arrives from now on move the robot."""
+        self._arbiter.forget()
+        self._twist = Twist2D.zero()
+        self._lost_ns = None
+
+    def decide(
+        self, now_ns: int, echoes: NDArray[np.float64], restriction: Restriction | None = None
+    ) -> Decision:
+        """Decide what is driven until the next call.
+
+        Args:
+            now_ns: now.
+            echoes: (n, 2) what the lidar saw [m] in `base_link`.
+            restriction: what else forbids to drive.
+        """
+        since_ns = 0 if self._decided_ns is None else now_ns - self._decided_ns
+        self._decided_ns = now_ns
+        choice = self._arbiter.choose(now_ns)
+        self._note_loss(choice, now_ns)
+        block = Block.NOTHING if restriction is None else restriction.block
+        if choice.source is None or block is Block.ALL:
+            # At once and not along a ramp: the motors brake as hard as they can.
+            self._twist = Twist2D.zero()
+            return self._report(choice, restriction, now_ns, is_blocked=False)
+        wanted = within(choice.twist, self._limits)
+        if block is Block.ALL_BUT_BACK:
+            wanted = Twist2D(min(0.0, wanted.vx), 0.0, 0.0)
+            # Not along a ramp either: that were half a second more into what was touched.
+            self._twist = Twist2D(min(0.0, self._twist.vx), 0.0, 0.0)
+        self._twist = self._past_echoes(wanted, min(since_ns * 1e-9, PARAMS.max_dt), echoes)
+        # Scaled down by the echoes, and not on the ramp from standing.
+        is_blocked = (
+            not _stands(wanted) and _stands(self._twist) and self._field.scale(wanted, echoes) < 1.0
+        )
+        return self._report(choice, restriction, now_ns, is_blocked=is_blocked)
+
+    def _past_echoes(self, wanted: Twist2D, dt: float, echoes: NDArray[np.float64]) -> Twist2D:
+        """Return the next velocity towards `wanted` that the echoes allow."""
+        following = ramp(self._twist, wanted, self._limits, dt)
+        scale = self._field.scale(following, echoes)
+        if scale == 1.0 and not self._turns_clear:
+            return following
+        # Where the wanted arc is blocked, its turn may still lead clear of what blocks it.
+        possible_speed = wanted.speed * self._field.scale(wanted, echoes)
+        self._turns_clear = wanted.wz != 0.0 and possible_speed <= PARAMS.standing_speed
+        if self._turns_clear:
+            following = ramp(self._twist, Twist2D(0.0, 0.0, wanted.wz), self._limits, dt)
+            scale = self._field.scale(following, echoes)
+        return following.scaled(scale)
+
+    def _note_loss(self, choice: Choice, now_ns: int) -> None:
+        if choice.source is not None:
+            self._lost_ns = None
+        elif choice.lost and self._lost_ns is None:
+            self._lost_ns = now_ns
+
+    def _report(
+        self, choice: Choice, restriction: Restriction | None, now_ns: int, *, is_blocked: bool
+    ) -> Decision:
+        if not is_blocked:
+            self._blocked_since_ns = None
+        elif self._blocked_since_ns is None:
+            self._blocked_since_ns = now_ns
+        source, since_ns = choice.source, self._blocked_since_ns
+        if restriction is not None:
+            source = None if restriction.block is Block.ALL else source
+            mode, reason, message = restriction.mode, restriction.reason, restriction.message
+        elif since_ns is not None and now_ns - since_ns >= PARAMS.blocked_ns:
+            mode, reason = "held", codes.STOP_FIELD
+            message = codes.SENTENCES[reason]
+        elif self._lost_ns is not None and now_ns - self._lost_ns < PARAMS.lost_shown_ns:
+            mode, reason = "held", codes.COMMAND_LOST
+            message = codes.SENTENCES[reason]
+        else:
+            mode, reason, message = "ok", "", ""
+        return Decision(self._twist, source, choice.scan_ns, mode, reason, message)
+
+
+def _stands(twist: Twist2D) -> bool:
+    return twist.speed < PARAMS.standing_speed and abs(twist.wz) < PARAMS.standing_wz

@@ -1,0 +1,1 @@
+"""A robot in a simulated world in place of the hardware."""

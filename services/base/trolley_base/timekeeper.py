@@ -1,0 +1,55 @@
+"""Robot time for everybody: published, and saved so that it never goes back."""
+
+from trolley import topics
+from trolley.messages import Clock
+from trolley.runtime.service import Service, every
+from trolley_base.persistence import TIME_FILE, SavedTime, first_stamp_ns
+from trolley_base.robot_clock import Beat, RobotClock
+
+CLOCK_S = 0.1
+"""Period of `clock`."""
+SAVE_TIME_S = 60.0
+"""Period at which robot time is saved; half of what a run begins later than the saved value."""
+
+
+class Timekeeper:
+    """Owns robot time on behalf of base.
+
+    Args:
+        service: base.
+    """
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self.clock = RobotClock()
+        self._save_beat = Beat(SAVE_TIME_S)
+
+    def next_epoch_ns(self) -> int:
+        """Return the robot time at which this run begins."""
+        service = self._service
+        return first_stamp_ns(service.unix_ns, service.state.read(TIME_FILE, SavedTime))
+
+    def begin(self, epoch_ns: int, rate: float, step_ns: int | None) -> None:
+        """Start the clock; the arguments are those of `RobotClock.begin`."""
+        self.clock.begin(epoch_ns, self._service.monotonic_ns, rate, step_ns)
+
+    def robot_ns(self, monotonic_ns: int) -> int:
+        """Return robot time at a local monotonic time; 0 before the run has begun."""
+        return self.clock.now(monotonic_ns) or 0
+
+    def finish_period(self, now_ns: int) -> None:
+        """Note that everything has been brought to `now_ns`."""
+        if self._save_beat.is_due(now_ns):
+            self.save(now_ns)
+        if self.clock.reached(now_ns, self._service.monotonic_ns):
+            self.publish_clock()
+
+    def save(self, now_ns: int) -> None:
+        """Save robot time."""
+        self._service.save(TIME_FILE, SavedTime(stamp_ns=now_ns))
+
+    @every(CLOCK_S, clock="local")
+    def publish_clock(self) -> None:
+        """Publish robot time, for everybody to follow."""
+        clock = Clock(stamp_ns=self._service.stamp_ns, rate=self.clock.rate, epoch=self.clock.epoch)
+        self._service.publish(topics.CLOCK, clock)

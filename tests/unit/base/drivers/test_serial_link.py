@@ -1,0 +1,49 @@
+"""A dialogue over a real pseudo-terminal, with a clock of the test's own."""
+
+import os
+import tty
+from collections.abc import Iterator
+
+import pytest
+from support.waiting import wait_until
+
+from trolley.config.hardware import LidarConfig
+from trolley.messages import Link
+from trolley.serial_diagnosis import explain
+from trolley_base.drivers.dialogue import LidarDialogue
+from trolley_base.drivers.lidars import make_lidar
+from trolley_base.drivers.serial_device import SerialDevice
+from trolley_base.drivers.serial_link import SerialLink
+
+SECOND_NS = 1_000_000_000
+
+
+@pytest.fixture
+def port() -> Iterator[str]:
+    """A port behind which nobody says anything."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    name = os.ttyname(slave)
+    os.close(slave)
+    yield name
+    os.close(master)
+
+
+def test_a_silent_device_is_named_by_its_port_before_and_after_it_is_given_up(port: str) -> None:
+    dialogue: LidarDialogue = make_lidar(LidarConfig(model="ld19"))
+    device = SerialDevice(port, dialogue.line, explain)
+    talk = SerialLink("lidar", dialogue, device, lambda monotonic_ns: monotonic_ns)
+    device.start()
+
+    def is_open() -> Link | None:
+        talk.listen(0)
+        link = talk.link(0)
+        return link if "Waiting" in link.message else None
+
+    wait_until(is_open, 5.0, "the port is open")
+    silent = talk.link(20 * SECOND_NS)
+    talk.speak(20 * SECOND_NS)  # which gives it up
+    given_up = talk.link(20 * SECOND_NS)
+    talk.close()
+    assert silent.message.startswith(f"{port}: No answer")
+    assert (given_up.state, given_up.message) == ("down", silent.message)

@@ -1,0 +1,134 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from trolley.geometry import (
+    Twist2D,
+    footprint_from_box,
+    footprint_from_radius,
+    polygon_contains,
+)
+from trolley_base.safety.motion_limits import MotionLimits
+from trolley_base.safety.stop_field import PARAMS, REACTION_S, StopField
+from trolley_base.safety.sweep import closest_on_outline
+
+LIMITS = MotionLimits(
+    speed=0.5, wz=1.5, acceleration=0.8, deceleration=1.0, angular_acceleration=4.0
+)
+AHEAD, BACK = Twist2D(0.4, 0.0, 0.0), Twist2D(-0.4, 0.0, 0.0)
+LEFT, RIGHT = Twist2D(0.0, 0.0, 1.0), Twist2D(0.0, 0.0, -1.0)
+
+
+@pytest.fixture
+def field() -> StopField:
+    """Of a robot of 0.4 x 0.2 m that stops 0.05 m short."""
+    return StopField(footprint_from_box(0.4, 0.2), LIMITS, 0.05)
+
+
+def wall_ahead(gap: float) -> NDArray[np.float64]:
+    """A wall across, `gap` before the front."""
+    y = np.linspace(-1.0, 1.0, 201)
+    return np.stack([np.full(201, 0.2 + gap), y], axis=1)
+
+
+def wall_left(gap: float) -> NDArray[np.float64]:
+    x = np.linspace(-1.0, 1.0, 201)
+    return np.stack([x, np.full(201, 0.1 + gap)], axis=1)
+
+
+def test_nothing_near_leaves_everything_as_it_is(field: StopField) -> None:
+    assert field.scale(AHEAD, np.empty((0, 2))) == 1.0
+    assert field.scale(AHEAD, wall_ahead(3.0)) == 1.0
+
+
+def test_the_scaled_speed_brakes_exactly_to_the_margin(field: StopField) -> None:
+    for gap in (0.06, 0.08, 0.1, 0.13):
+        speed = 0.4 * field.scale(AHEAD, wall_ahead(gap))
+        way = speed * REACTION_S + speed * speed / 2.0
+        assert way == pytest.approx(gap - 0.05, abs=1e-6)
+
+
+def test_at_the_margin_only_what_does_not_lead_on_is_allowed(field: StopField) -> None:
+    wall = wall_ahead(0.05)
+    assert field.scale(AHEAD, wall) == 0.0
+    assert field.scale(Twist2D(0.3, 0.0, 0.2), wall) < 0.05
+    assert field.scale(BACK, wall) == 1.0
+    assert field.scale(Twist2D(-0.3, 0.0, 0.5), wall) == 1.0
+
+
+def test_a_drive_along_a_wall_is_allowed_at_any_distance(field: StopField) -> None:
+    for gap in (0.001, 0.003, 0.02, 0.1):
+        assert field.scale(AHEAD, wall_left(gap)) == 1.0
+        assert field.scale(BACK, wall_left(gap)) == 1.0
+
+
+def test_a_turn_in_place_must_not_sweep_a_corner_into_an_echo(field: StopField) -> None:
+    post = np.array([[0.205, -0.06]])  # before the front, within the corners' circle of 0.224
+    assert field.scale(LEFT, post) == 0.0
+    assert field.scale(RIGHT, post) == 1.0, "the far corner is a long way off"
+    assert field.scale(LEFT, np.array([[0.25, -0.06]])) == 1.0
+    assert field.scale(RIGHT, wall_left(0.02)) == 0.0
+
+
+def test_after_a_stop_before_a_wall_it_may_turn_clear(field: StopField) -> None:
+    # Its corners stick out 0.024 beyond its front, less than where it stopped.
+    assert field.scale(LEFT, wall_ahead(0.05)) == 1.0
+    assert field.scale(RIGHT, wall_ahead(0.05)) == 1.0
+
+
+def test_a_round_robot_turns_anywhere() -> None:
+    field = StopField(footprint_from_radius(0.2), LIMITS, 0.05)
+    for gap in (0.02, 0.05):
+        angles = np.linspace(-math.pi, math.pi, 90)
+        ring = (0.204 + gap) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        assert field.scale(LEFT, ring) == 1.0
+
+
+def test_the_own_body_is_not_an_obstacle_but_what_touches_is(field: StopField) -> None:
+    mast = np.array([[0.2 - PARAMS.body_depth_m - 0.01, 0.0]])
+    touching = np.array([[0.2 - 0.5 * PARAMS.body_depth_m, 0.0]])
+    assert field.scale(AHEAD, mast) == 1.0
+    assert field.scale(AHEAD, touching) == 0.0
+    assert field.scale(BACK, touching) == 1.0
+
+
+def test_without_a_margin_it_still_stops_before_the_echo() -> None:
+    field = StopField(footprint_from_box(0.4, 0.2), LIMITS, 0.0)
+    assert field.scale(AHEAD, wall_ahead(0.0)) == 0.0
+    assert 0.0 < field.scale(AHEAD, wall_ahead(0.01)) < 0.5
+
+
+clouds = st.lists(
+    st.tuples(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8)), min_size=1, max_size=30
+).map(lambda rows: np.array(rows))
+twists = st.builds(Twist2D, st.floats(-0.5, 0.5), st.just(0.0), st.floats(-1.5, 1.5))
+
+
+@given(cloud=clouds, twist=twists)
+def test_the_scale_is_a_share_and_more_echoes_never_raise_it(
+    cloud: NDArray[np.float64], twist: Twist2D
+) -> None:
+    footprint = footprint_from_box(0.4, 0.2)
+    field = StopField(footprint, LIMITS, 0.05)
+    scale = field.scale(twist, cloud)
+    assert 0.0 <= scale <= 1.0
+    # What stands beside the robot already makes its outline narrower for all echoes.
+    outside = cloud[~polygon_contains(footprint, cloud)]
+    gaps = np.linalg.norm(outside - closest_on_outline(outside, footprint), axis=1)
+    assume(bool(np.all(gaps > 1.5 * PARAMS.side_margin_m)))
+    assert scale <= field.scale(twist, cloud[: len(cloud) // 2]) + 1e-12
+
+
+@given(cloud=clouds, twist=twists)
+@example(cloud=np.array([[0.0, 0.125]]), twist=Twist2D(0.0, 0.0, 2.2e-311))
+def test_a_slower_drive_of_the_same_arc_is_never_slowed_below_the_faster(
+    cloud: NDArray[np.float64], twist: Twist2D
+) -> None:
+    field = StopField(footprint_from_box(0.4, 0.2), LIMITS, 0.05)
+    fast = field.scale(twist, cloud)
+    slow = 0.5 * field.scale(twist.scaled(0.5), cloud)
+    assert min(0.5, fast) == pytest.approx(min(0.5, slow), abs=1e-6)
