@@ -23,10 +23,10 @@ from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_base.stop_field import StopField
-from trolley_planner.mppi import Mppi
-from trolley_planner.pursuit import Pursuit
+from trolley_planner.control.local_costmap import Window
+from trolley_planner.control.mppi import Mppi
+from trolley_planner.control.pure_pursuit import Pursuit
 from trolley_planner.service import PlannerService
-from trolley_planner.window import Window
 
 LENGTH_M, WIDTH_M = 0.46, 0.42
 NEAR_M, MOVED_M, LIMIT_S = 1.0, 0.1, 100.0

@@ -12,9 +12,8 @@ from support.flatland import empty_room
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_planner.costmap import Costmap
-from trolley_planner.footprint import Footprint
-from trolley_planner.global_planner import GlobalPlanner
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.kernels.layers import LETHAL
 from trolley_planner.kernels.search import (
     DIAGONAL,
@@ -26,6 +25,7 @@ from trolley_planner.kernels.search import (
     make_queue,
     price_of_step,
 )
+from trolley_planner.paths.global_planner import GlobalPlanner
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.geometry.polygon import distance_to_outline, polygon_contains
-from trolley_planner.controller import limits_of
-from trolley_planner.footprint import Footprint
+from trolley_planner.control.controller import limits_of
+from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.kernels.clearance import NOBODY
 from trolley_planner.kernels.walkers import (
     FARTHEST,

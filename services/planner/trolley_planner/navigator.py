@@ -11,17 +11,22 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, GoalStatus, Odometry, Path, Scan
 from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley_planner import wire
-from trolley_planner.admission import Admitted, admit, check_ready, check_state, goal_pose
-from trolley_planner.approach import Tolerances
-from trolley_planner.arrival import Situation
-from trolley_planner.drive import Drive
-from trolley_planner.giving_way import GivingWay
-from trolley_planner.goal import Goal
-from trolley_planner.looking import LookRound
-from trolley_planner.others import Others
+from trolley_planner.context.motion_state import Situation
+from trolley_planner.context.planning_context import Rig
+from trolley_planner.control.path_timing import seconds_along, timed_poses
+from trolley_planner.driving.goal_execution import Drive
+from trolley_planner.driving.spin_to_localize import LookRound
+from trolley_planner.fleet.giving_way import GivingWay
+from trolley_planner.fleet.neighbours import Others
+from trolley_planner.goals.goal import Goal, Tolerances
+from trolley_planner.goals.goal_validation import (
+    Admitted,
+    admit,
+    check_ready,
+    check_state,
+    goal_pose,
+)
 from trolley_planner.report import Report
-from trolley_planner.rig import Rig
-from trolley_planner.timing import seconds_along, timed_poses
 
 SETTLED_S = 1.5
 """A source that drove already when the goal came may fall silent within this time."""

@@ -3,11 +3,11 @@
 from trolley.config import PlannerConfig
 from trolley.messages import GoalStatus, OccupancyGrid, Path
 from trolley_planner import wire
-from trolley_planner.drive import Drive
-from trolley_planner.helm import Helm
-from trolley_planner.senses import Senses
-from trolley_planner.status import StatusBoard
-from trolley_planner.surroundings import Surroundings
+from trolley_planner.context.costmap_manager import Surroundings
+from trolley_planner.context.motion_state import Helm
+from trolley_planner.driving.goal_execution import Drive
+from trolley_planner.goals.goal_status import StatusBoard
+from trolley_planner.sensing.inputs import Senses
 
 
 class Report:

@@ -20,17 +20,17 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
-from trolley_planner.controller import Motion, limits_of
-from trolley_planner.costmap import Costmap
-from trolley_planner.footprint import Footprint
-from trolley_planner.global_planner import GlobalPlanner
+from trolley_planner.context.planning_context import Rig
+from trolley_planner.control.controller import Motion, limits_of
+from trolley_planner.control.pure_pursuit import Pursuit
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.social_layer import People
+from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.kernels.rollout import Target
-from trolley_planner.movers import Mover, discs_of
 from trolley_planner.navigator import Navigator
-from trolley_planner.people import People
-from trolley_planner.pursuit import Pursuit
-from trolley_planner.rig import Rig
-from trolley_planner.right_of_way import Passages
+from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.people.people_tracker import Mover, discs_of
 
 CELLS = 60
 EDGE_M = 0.05

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, OccupancyGrid, Path
 from trolley.messages.types import floats_to_bytes
-from trolley_planner.controller import DT_S, Motion
-from trolley_planner.drive import Drive
+from trolley_planner.context.planning_context import Rig
+from trolley_planner.control.controller import DT_S, Motion
+from trolley_planner.driving.goal_execution import Drive
+from trolley_planner.driving.recovery import Try
 from trolley_planner.kernels.rollout import Limits
-from trolley_planner.recovery import Try
-from trolley_planner.rig import Rig
 
 Ending = Literal["arrived", "failed", "canceled"]
 

@@ -19,7 +19,7 @@ from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
 from trolley_planner import kernels
-from trolley_planner.costmap import Costmap
+from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.service import PlannerService
 
 WALKS = [

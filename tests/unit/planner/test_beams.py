@@ -10,9 +10,9 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages import Zone
-from trolley_planner.costmap import Costmap
-from trolley_planner.echoes import Sweep
-from trolley_planner.footprint import Footprint
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.obstacle_layer import Sweep
 from trolley_planner.kernels.beams import ScanShape
 
 BEAMS = 360

@@ -8,8 +8,8 @@ from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
-from trolley_planner.progress import ProgressChecker
-from trolley_planner.recovery import LADDER, Recovery, Try
+from trolley_planner.driving.progress_checker import ProgressChecker
+from trolley_planner.driving.recovery import LADDER, Recovery, Try
 
 START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000

@@ -8,12 +8,13 @@ from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
-from trolley_planner.approach import Approach, Tolerances, limited_change
-from trolley_planner.controller import Motion, limits_of, safe_command
-from trolley_planner.footprint import Footprint
+from trolley_planner.context.planning_context import Rig, empty_grid
+from trolley_planner.control.controller import Motion, limits_of, safe_command
+from trolley_planner.control.mppi import Mppi
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.driving.final_alignment import Approach, limited_change
+from trolley_planner.goals.goal import Tolerances
 from trolley_planner.kernels.rollout import Target
-from trolley_planner.mppi import Mppi
-from trolley_planner.rig import Rig, empty_grid
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
 FOOTPRINT = Footprint.from_polygon(CORNERS)

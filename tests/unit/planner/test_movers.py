@@ -10,10 +10,10 @@ from support.flatland import BEAMS, Flatland, empty_room, with_block
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
-from trolley_planner.drive import Drive
-from trolley_planner.footprint import Footprint
-from trolley_planner.movers import HIDDEN_S, Mover, MoverWatch, discs_of
-from trolley_planner.touching import TouchWatch
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.driving.contact_hold import TouchWatch
+from trolley_planner.driving.goal_execution import Drive
+from trolley_planner.people.people_tracker import HIDDEN_S, Mover, MoverWatch, discs_of
 
 STEP_S = 0.05
 HERE = Pose2D(0.0, 0.0, 0.0)

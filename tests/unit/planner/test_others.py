@@ -11,7 +11,7 @@ from trolley import codes
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Path, PoseEstimate
 from trolley.messages.types import floats_to_bytes
-from trolley_planner.others import MOST_ROBOTS, Others, discs_of
+from trolley_planner.fleet.neighbours import MOST_ROBOTS, Others, discs_of
 
 SECOND_NS = 1_000_000_000
 

@@ -7,12 +7,12 @@ from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
-from trolley_planner.controller import Motion, limits_of, safe_command
-from trolley_planner.footprint import Footprint
+from trolley_planner.context.planning_context import Rig
+from trolley_planner.control.controller import Motion, limits_of, safe_command
+from trolley_planner.control.mppi import Mppi
+from trolley_planner.control.pure_pursuit import Pursuit
+from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.kernels.rollout import Target
-from trolley_planner.mppi import Mppi
-from trolley_planner.pursuit import Pursuit
-from trolley_planner.rig import Rig
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 CONFIG = PlannerConfig(controller="pursuit")

@@ -7,8 +7,8 @@ from support.flatland import empty_room, two_rooms, with_block
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
-from trolley_planner.others import NO_TRACK, Neighbour
-from trolley_planner.right_of_way import Claim, Own, Passages, must_step_aside, must_wait
+from trolley_planner.fleet.neighbours import NO_TRACK, Neighbour
+from trolley_planner.fleet.right_of_way import Claim, Own, Passages, must_step_aside, must_wait
 
 RADIUS_M = 0.2
 claims = st.builds(

@@ -23,7 +23,7 @@ SAME_M = 0.04
 
 
 class EchoLayer(NamedTuple):
-    """What the lidar has seen, per cell: the arrays of `trolley_planner.echoes.Echoes`."""
+    """What the lidar has seen, per cell: the arrays of `Echoes`."""
 
     evidence: NDArray[np.uint8]
     """(rows, cols) 0 = no obstacle seen."""

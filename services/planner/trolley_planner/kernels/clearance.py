@@ -15,6 +15,8 @@ NOBODY = np.empty((0, 5))
 """Nobody walks."""
 NO_ROBOTS = np.empty((0, 1, 3))
 """No other robot drives."""
+NO_LIMITS = np.full((1, 1), np.inf, dtype=np.float32)
+"""Stands for a costmap without speed zones."""
 
 
 class Field(NamedTuple):

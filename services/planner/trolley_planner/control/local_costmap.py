@@ -1,0 +1,239 @@
+"""The window around the robot: exact distances, and the cost-to-go along the path."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import polygon_contains
+from trolley.gridmap.kernels import column_distances_into, distance_transform_into
+from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.static_layer import inflation_table
+from trolley_planner.kernels.clearance import NO_LIMITS, NO_ROBOTS, NOBODY, Field
+from trolley_planner.kernels.layers import LETHAL, UNKNOWN, WEIGHT_UNIT, soften_disc, weigh_into
+from trolley_planner.kernels.search import STEP, UNREACHED, cost_to_go_into, make_queue
+from trolley_planner.kernels.window import (
+    coarsen_into,
+    costs_to_metres,
+    draw_echoes,
+    fill_window,
+    slope_edges,
+)
+
+FINE_M, FINEST_M, MAX_FINE_CELLS = 0.03, 0.015, 350
+"""Cells of the window are at most as large as the first: the footprint is checked to a centimetre;
+where there are not too many of them, as large as the second."""
+TIGHT_M = 0.005
+"""Clearance in places that are passed only because there is no other way."""
+UNREACHED_M = 100.0
+"""Cost-to-go of places from which no way leads to the path."""
+EDGE_RISE_M, EDGE_CELLS = 0.5, 3
+"""Beside the places that a way leads from, the cost-to-go rises by so much from cell to cell."""
+BORDER_CELLS = 0.02
+"""Points of the path this near to the border of two cells belong to both."""
+BACK_M = (0.05, 0.1, 0.15)
+"""So far behind the robot must know what there is, to back up."""
+ESCAPE_M = 0.3
+ESCAPE_WEIGHT = 240
+TIGHT_WEIGHT = 80
+"""Price of places with less than the usual clearance, where they may be passed at all."""
+
+NARROW_M, NARROW_PRICE = 0.08, 3.0
+"""Where the robot has less room than this beside it a metre of the path counts so much: getting on
+must be worth driving beside walls, and backwards too."""
+
+
+class Window:
+    """A square of fine cells that moves with the robot; its arrays are made once.
+
+    Args:
+        costmap: what stands where.
+        footprint: of the robot.
+        config: prices.
+        half_m: from the robot to the window's edge [m].
+    """
+
+    def __init__(
+        self, costmap: Costmap, footprint: Footprint, config: PlannerConfig, half_m: float
+    ) -> None:
+        self._costmap = costmap
+        edge_m = FINEST_M if 2.0 * half_m / FINEST_M < MAX_FINE_CELLS else FINE_M
+        self._parts = max(1, math.ceil(costmap.resolution_m / edge_m))
+        self.fine_m = costmap.resolution_m / self._parts
+        self._group = max(1, round(0.05 / self.fine_m))
+        self.coarse_m = self._group * self.fine_m
+        # A multiple of both kinds of cells.
+        unit = math.lcm(self._parts, self._group)
+        self._cells = unit * math.ceil(2.0 * half_m / self.fine_m / unit)
+        self._coarse_cells = self._cells // self._group
+        fine, coarse = (self._cells,) * 2, (self._coarse_cells,) * 2
+        self._mask = np.zeros(fine, dtype=np.uint8)
+        self._columns = np.zeros(fine, dtype=np.int32)
+        self._distance_m = np.zeros(fine, dtype=np.float32)
+        self._coarse_m = np.zeros(coarse, dtype=np.float32)
+        self._weights = np.zeros(coarse, dtype=np.uint8)
+        self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
+        self._cost_m = np.zeros(coarse, dtype=np.float32)
+        self._queue = make_queue(self._coarse_cells**2)
+        self._table = inflation_table(
+            footprint.inscribed_m + config.clearance_m,
+            config.inflation_falloff_m,
+            config.inflation_height,
+            TABLE_STEP_M,
+            WEIGHT_UNIT,
+        )
+        near = footprint.inscribed_m + np.array([TIGHT_M, config.clearance_m])
+        self._tight_table = self._table.copy()
+        first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
+        self._tight_table[first:last] = TIGHT_WEIGHT
+        needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
+        self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
+        self._behind = _points_behind(footprint)
+        self._x = self._y = 0.0
+        self._robot_cell = 0
+        self._narrow_m = footprint.inscribed_m + NARROW_M
+        self._price_of_path = 1.0
+        self._walkers, self._robots = NOBODY, NO_ROBOTS
+        self.body = footprint.body
+
+    def watch(self, now_ns: int) -> None:
+        """Move those who walk, and other robots, on to where they are now."""
+        self._walkers = self._costmap.walkers_at(now_ns)
+        self._robots = self._costmap.robots_at(now_ns)
+
+    def sees_somebody(self, pose: Pose2D, within_m: float) -> bool:
+        """Say whether somebody walks, or another robot drives, this near to a place [m]."""
+        now = self._robots[:, 0]
+        moving = np.concatenate([self._walkers[:, [0, 1, 4]], now]) if len(now) else self._walkers
+        away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, -1]
+        return bool((away < within_m).any())
+
+    def look(self, x: float, y: float, is_tight: bool = False) -> None:
+        """Centre on a point of `grid` [m] and compute the distances there anew.
+
+        Args:
+            x: of the robot.
+            y: of the robot.
+            is_tight: whether the way may lead where there is less than the usual clearance.
+        """
+        resolution = self._costmap.resolution_m
+        half = self._cells // self._parts // 2
+        first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
+        self._x, self._y = first[1] * resolution, first[0] * resolution
+        echoes = self._costmap.echoes
+        fill_window(
+            self._mask,
+            self._costmap.kinds,
+            self._costmap.keepout,
+            echoes.layer,
+            first,
+            self._parts,
+            not self._costmap.unknown_is_free,
+            resolution,
+        )
+        fine_first = first[0] * self._parts, first[1] * self._parts
+        draw_echoes(self._mask, echoes.standing, fine_first, self.fine_m)
+        column_distances_into(self._columns, self._mask)
+        distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
+        coarsen_into(self._coarse_m, self._distance_m, self._group)
+        table = self._tight_table if is_tight else self._table
+        weigh_into(self._weights, self._coarse_m, table, TABLE_STEP_M)
+        self._weights[0] = self._weights[-1] = LETHAL
+        self._weights[:, 0] = self._weights[:, -1] = LETHAL
+        centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
+        self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
+        room_m = self._coarse_m.reshape(-1)[self._robot_cell]
+        is_narrow = is_tight or room_m < self._narrow_m
+        self._price_of_path = NARROW_PRICE if is_narrow else 1.0
+        soften_disc(
+            self._weights,
+            self._coarse_m,
+            centre,
+            ESCAPE_M / self.coarse_m,
+            ESCAPE_WEIGHT,
+        )
+
+    def lead(self, points: NDArray[np.float64], remaining_m: NDArray[np.float64]) -> bool:
+        """Compute the cost-to-go towards these points of the path.
+
+        Where something stands on the path only the points behind it count, so that the way leads
+        round it; where there is no way round, those before it, and the answer is False.
+
+        Args:
+            points: (n, 2) in `grid` [m], in the order of the path, the first near the robot;
+                those outside the window are left out.
+            remaining_m: (n,) price of the way from each point on [m of free floor].
+        """
+        # A path along the border of two rows of cells leads along both, and not beside it.
+        points, remaining_m = np.repeat(points, 2, axis=0), np.repeat(remaining_m, 2)
+        beside = np.resize((-BORDER_CELLS, BORDER_CELLS), len(points))[:, None]
+        on_window = (points - (self._x, self._y)) / self.coarse_m + beside
+        cells = np.floor(on_window).astype(np.int32)
+        inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
+        cells = cells[inside]
+        price = self._price_of_path * self.cost_of_metre
+        prices = np.rint(remaining_m[inside] * price).astype(np.int32)
+        blocked = np.flatnonzero(self._weights[cells[:, 1], cells[:, 0]] == LETHAL)
+        flat = np.stack([cells[:, 1] * self._coarse_cells + cells[:, 0], prices], axis=1)
+        if blocked.size == 0:
+            return self._spread(flat)
+        if self._spread(flat[blocked[-1] + 1 :]):
+            return True
+        self._spread(flat[: blocked[0]])
+        return False
+
+    def _spread(self, seeds: NDArray[np.int32]) -> bool:
+        """Compute the cost-to-go to seeds (cell, price); say whether the robot can reach one."""
+        ordered = np.ascontiguousarray(seeds[np.argsort(seeds[:, 1], kind="stable")])
+        size = self._coarse_cells
+        flat = self._weights.reshape(-1)
+        cost_to_go_into(self._costs, flat, self._queue, ordered, size, (-1, 0), 8)
+        costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, UNREACHED_M)
+        slope_edges(self._cost_m, UNREACHED_M, EDGE_RISE_M, EDGE_CELLS)
+        return bool(self._costs[self._robot_cell] != UNREACHED)
+
+    def sees_behind(self, pose: Pose2D) -> bool:
+        """Say whether what the robot would back into is known, by the map or by the lidar.
+
+        Args:
+            pose: of the robot in `grid`.
+        """
+        costmap = self._costmap
+        cells = np.floor(pose.transform_points(self._behind) / costmap.resolution_m)
+        limit = np.array(costmap.shape)[::-1] - 1
+        cols, rows = np.clip(cells, 0, limit).astype(np.int64).T
+        known = costmap.kinds[rows, cols] != UNKNOWN
+        return bool((known | (costmap.echoes.layer.observed[rows, cols] != 0)).all())
+
+    @property
+    def cost_of_metre(self) -> float:
+        """Units of cost in one metre of free floor."""
+        return 2 * STEP * WEIGHT_UNIT / self.coarse_m
+
+    @property
+    def field(self) -> Field:
+        """What the kernels look up."""
+        costmap = self._costmap
+        limits = costmap.speed_limits if costmap.has_speed_limits else NO_LIMITS
+        return Field(
+            self._distance_m,
+            self._cost_m,
+            limits,
+            self._x,
+            self._y,
+            self.fine_m,
+            self.coarse_m,
+            costmap.resolution_m,
+            self._walkers,
+            self._robots,
+        )
+
+
+def _points_behind(footprint: Footprint) -> NDArray[np.float64]:
+    """Return points (n, 2) in `base_link` that the outline sweeps next when it backs up."""
+    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_M]
+    points = np.concatenate(shifts)
+    return points[~polygon_contains(footprint.polygon, points)]

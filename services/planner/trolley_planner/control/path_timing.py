@@ -1,0 +1,75 @@
+"""How long a path takes: speeds along it, turns in between."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import wrap_angle, wrap_angles
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.kernels.rollout import Limits, caution_speed
+
+CORNER_RAD = 0.6
+"""Sharper corners are turned on the spot."""
+MAX_POSES = 2000
+STEP_S = 0.25
+
+
+def seconds_along(
+    points: NDArray[np.float64], start_yaw: float, costmap: Costmap, limits: Limits
+) -> NDArray[np.float64]:
+    """Return when the robot is at each point of a path.
+
+    Args:
+        points: (n, 2) in `grid` [m].
+        start_yaw: heading at the beginning, in `grid` [rad].
+        costmap: tells what is near, and the speed zones.
+        limits: of the robot.
+
+    Returns:
+        (n,) seconds since the start; the first turn is over at index 0.
+    """
+    if len(points) < 2:
+        return np.zeros(len(points))
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    cells = np.floor(points[1:] / costmap.resolution_m).astype(np.int64)
+    near = costmap.distance_m[cells[:, 1], cells[:, 0]] - costmap.footprint.inscribed_m
+    speeds = np.array([caution_speed(limits, clearance) for clearance in near.tolist()])
+    speeds = np.minimum(speeds, costmap.speed_limits[cells[:, 1], cells[:, 0]])
+    bearings = np.arctan2(steps[:, 1], steps[:, 0])
+    corners = np.abs(wrap_angles(np.diff(bearings)))
+    turns = np.where(corners > CORNER_RAD, corners / limits.max_turn, 0.0)
+    seconds = lengths / np.maximum(speeds, 0.01)
+    seconds[1:] += turns
+    first = abs(wrap_angle(float(bearings[0]) - start_yaw))
+    begin = (first / limits.max_turn if first > CORNER_RAD else 0.0) + 0.5 * (
+        limits.max_speed / limits.acceleration
+    )
+    return begin + np.insert(np.cumsum(seconds), 0, 0.0)
+
+
+def timed_poses(
+    points: NDArray[np.float64], seconds: NDArray[np.float64], goal_yaw: float | None
+) -> tuple[NDArray[np.float64], float]:
+    """Return poses (m, 3) at even times, and the time between two of them [s].
+
+    Args:
+        points: (n, 2) [m].
+        seconds: (n,) when the robot is there.
+        goal_yaw: heading at the end; None: as it arrives.
+    """
+    steps = np.diff(points, axis=0)
+    last = float(np.arctan2(steps[-1, 1], steps[-1, 0])) if len(steps) else 0.0
+    end_yaw = last if goal_yaw is None else goal_yaw
+    total = max(float(seconds[-1]), STEP_S)
+    count = min(math.ceil(total / STEP_S) + 1, MAX_POSES)
+    wanted = np.linspace(0.0, total, count)
+    at = np.concatenate([[0.0], seconds]) if seconds[0] > 0.0 else seconds
+    places = np.concatenate([points[:1], points]) if seconds[0] > 0.0 else points
+    xs = np.interp(wanted, at, places[:, 0])
+    ys = np.interp(wanted, at, places[:, 1])
+    bearings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])) if len(steps) else np.zeros(1)
+    yaws = np.interp(wanted, seconds[1:], bearings) if len(steps) else np.full(count, end_yaw)
+    yaws[-1] = end_yaw
+    return np.stack([xs, ys, wrap_angles(yaws)], axis=1), total / (count - 1)

@@ -1,0 +1,359 @@
+"""The costmap: map, zones and what the lidar sees, and what it costs to pass near all that."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import distance_to_outline, polygon_contains
+from trolley.gridmap import GridMap
+from trolley.gridmap.distance import distance_transform
+from trolley.messages import Zone
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.obstacle_layer import Echoes, Sweep
+from trolley_planner.costmap.social_layer import People
+from trolley_planner.costmap.static_layer import (
+    disc_mask,
+    draw_segments,
+    inflation_table,
+    line_segments,
+    map_kinds,
+    mirror_lines,
+    polygon_mask,
+    speed_limits,
+    zone_points,
+)
+from trolley_planner.kernels.clearance import NO_ROBOTS, NOBODY
+from trolley_planner.kernels.layers import (
+    LETHAL,
+    UNKNOWN,
+    WALL,
+    WEIGHT_UNIT,
+    Layers,
+    compose_into,
+    weigh_into,
+)
+from trolley_planner.kernels.walkers import ROBOT_DT_S
+from trolley_planner.people.people_tracker import Mover, MoverWatch, discs_of
+
+PADDING_M = 0.02
+"""Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
+TABLE_STEP_M = 0.005
+TIGHT_CELLS = 0.3
+"""What is seen lies in its cell up to so much farther than the cell's centre."""
+SQUEEZE_WEIGHT = 60 * WEIGHT_UNIT
+"""Price of cells where the robot fits only if all lies well in its cells."""
+BESIDE_M = 0.15
+"""Who walks nearer to the robot's outline than this is an obstacle as well."""
+SAME_M = 0.15
+"""Who walks this near to where a robot says it is, is that robot."""
+MOST_AGE_S = 0.5
+"""Nobody is known to walk on for longer than this after the last scan."""
+CLOSED_S = 60.0
+"""A place where the robot did not get through is tried again after this time."""
+
+
+class Costmap:
+    """One grid of everything that is in the way.
+
+    All arrays have the shape (rows, cols) and lie in frame `grid`; `frame_T_grid` places them in
+    the frame of the goals. Two sets of weights are kept: of the map and its zones alone, and
+    with what the lidar has seen, the latter brought up to date by `refresh` only where
+    something changed.
+
+    Args:
+        grid: the map; its origin is `frame_T_grid`.
+        footprint: of the robot.
+        config: ranges, tolerances and prices.
+        unknown_is_free: whether cells that nobody has seen may be passed.
+    """
+
+    def __init__(
+        self, grid: GridMap, footprint: Footprint, config: PlannerConfig, unknown_is_free: bool
+    ) -> None:
+        self.resolution_m = grid.resolution
+        self.frame_T_grid = grid.origin
+        self.footprint = footprint
+        self.unknown_is_free = unknown_is_free
+        self._map_kinds = map_kinds(grid.cells)
+        self._zones: list[Zone] = []
+        self._leaving: tuple[str, ...] = ()
+        self.shape = grid.rows, grid.cols
+        self.echoes = Echoes(self.shape, grid.resolution, config)
+        self._people = People(self.shape, grid.resolution, footprint.inscribed_m)
+        self._watch = MoverWatch()
+        self.movers: list[Mover] = []
+        """Who moves by the newest scan, in `grid`."""
+        self._walkers, self._robots = NOBODY, NO_ROBOTS
+        self._scanned_ns = self._robots_ns = 0
+        self._closed = np.zeros(self.shape, dtype=np.uint8)
+        self._closed_until_ns: int | None = None
+        self._suspects = np.empty((0, 4))
+        self._table = inflation_table(
+            footprint.inscribed_m + PADDING_M + 0.5 * grid.resolution,
+            config.inflation_falloff_m,
+            config.inflation_height,
+            TABLE_STEP_M,
+            WEIGHT_UNIT,
+        )
+        self._reach_m = self._table.shape[0] * TABLE_STEP_M
+        self.tight_m = footprint.inscribed_m - TIGHT_CELLS * grid.resolution
+        """Cells nearer than this to an obstacle cannot hold the footprint's centre."""
+        self.set_zones([])
+
+    def set_zones(self, zones: Sequence[Zone]) -> None:
+        """Take these zones (points in the frame of the goals) instead of those before."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        self._zones = list(zones)
+        self._mirrors = line_segments(mirror_lines(zones), grid_T_frame)
+        self.kinds = self._map_kinds.copy()
+        draw_segments(self.kinds, self._mirrors, self.resolution_m, WALL)
+        self.walls = (self.kinds == WALL).astype(np.uint8)
+        """Set where a beam ends for certain."""
+        self.wall_distance_m = distance_transform(self.walls, self.resolution_m, self._reach_m)
+        self.speed_limits = speed_limits(self.shape, zones, grid_T_frame, self.resolution_m)
+        """Lowest speed of the zones over each cell [m/s], +inf where there is none."""
+        self.has_speed_limits = bool(np.isfinite(self.speed_limits).any())
+        self._leaving = ()
+        self._build()
+
+    def set_suspects(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
+        """Take these lines, on each of which a mirror is suspected: behind them nothing is seen.
+
+        They lie on walls of the map and close no way that the map leaves open.
+
+        Args:
+            lines: points of each in the frame of the goals [m].
+        """
+        self._suspects = line_segments(lines, self.frame_T_grid.inverse())
+
+    def set_position(self, x: float, y: float) -> None:
+        """Say where the robot is: a keep-out zone that holds it may be crossed until it has left.
+
+        Args:
+            x: in the frame of the goals [m].
+            y: in the frame of the goals [m].
+        """
+        leaving = tuple(zone.name for zone in self.keepouts_at(x, y))
+        if leaving != self._leaving:
+            self._leaving = leaving
+            self._build()
+
+    def keepouts_at(self, x: float, y: float) -> list[Zone]:
+        """Return the keep-out zones that hold a point of the frame of the goals [m]."""
+        point = np.array([[x, y]])
+        return [
+            zone
+            for zone in self._zones
+            if zone.kind == "keepout" and polygon_contains(np.array(zone.points), point)[0]
+        ]
+
+    def add_scan(self, sweep: Sweep, now_ns: int) -> None:
+        """Clear and mark by one scan, whose poses are in the frame of the goals."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        in_grid = Sweep(
+            sweep.ranges_m,
+            sweep.shape,
+            grid_T_frame @ sweep.start,
+            grid_T_frame @ sweep.end,
+            sweep.body_laser,
+        )
+        lines = np.concatenate([self._mirrors, self._suspects])
+        self.echoes.add(in_grid, self.walls, self.wall_distance_m, lines, now_ns)
+        self.movers = self._watch.look(
+            now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m
+        )
+        self._walkers, self._scanned_ns = discs_of(self.movers), now_ns
+        outline = in_grid.end.transform_points(sweep.body_laser)
+        self.echoes.lift(discs_of([one for one in self.movers if _may_lift(one, outline)]))
+        self._people.note(self.movers, self.echoes.layer)
+
+    def walkers_at(self, now_ns: int) -> NDArray[np.float64]:
+        """Return who walks by the newest scan, where they are now; see `Field.walkers`."""
+        walkers = self._walkers[~self._are_robots(self._walkers)]
+        age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MOST_AGE_S)
+        walkers[:, :2] += age_s * walkers[:, 2:4]
+        return walkers
+
+    def set_robots(self, tracks: Sequence[NDArray[np.float64]], now_ns: int) -> None:
+        """Take what other robots that drive say of where they will be.
+
+        Args:
+            tracks: (discs, steps, 3) of each, in `grid`: x, y, radius [m] at each `ROBOT_DT_S`.
+            now_ns: robot time of the first step.
+        """
+        self._robots = np.concatenate(tracks) if tracks else NO_ROBOTS
+        self._robots_ns = now_ns
+
+    def robots_at(self, now_ns: int) -> NDArray[np.float64]:
+        """Return the discs of other robots from now on; see `Field.robots`."""
+        age_s = min(max((now_ns - self._robots_ns) * 1e-9, 0.0), MOST_AGE_S)
+        passed = min(round(age_s / ROBOT_DT_S), self._robots.shape[1] - 1)
+        return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
+
+    def _are_robots(self, walkers: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Say of who walks (n, 5) whether it is a robot, which says better where it will be."""
+        gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
+        near = self._robots[None, :, 0, 2] + SAME_M
+        return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))
+
+    def forget_old(self, now_ns: int) -> None:
+        """Forget what has been out of sight for too long, and open what was closed long ago."""
+        self.echoes.forget_old(now_ns)
+        if self._closed_until_ns is not None and now_ns > self._closed_until_ns:
+            self.reopen()
+
+    def forget_all(self) -> None:
+        """Forget everything that was seen or closed, as after a jump of the pose."""
+        self._watch.reset()
+        self.movers, self._walkers = [], NOBODY
+        self.echoes.forget_all()
+        self._people.note([], self.echoes.layer)
+        self.reopen()
+
+    def close(self, x_grid: float, y_grid: float, radius_m: float, now_ns: int) -> None:
+        """Close a circle [m] where the robot did not get through, though nothing is seen there."""
+        self._closed |= disc_mask(self.shape, (x_grid, y_grid), radius_m, self.resolution_m)
+        self._closed_until_ns = now_ns + round(CLOSED_S * 1e9)
+        self.echoes.touch_all()
+
+    def reopen(self) -> None:
+        """Open all that was closed."""
+        if self._closed_until_ns is not None:
+            self._closed_until_ns = None
+            self._closed[:] = 0
+            self.echoes.touch_all()
+
+    def refresh(self) -> bool:
+        """Bring distances and weights up to date where the lidar saw a change; True if it did."""
+        dirty = self.echoes.take_dirty()
+        if dirty is None:
+            return False
+        rows, cols = self.shape
+        reach = int(self._reach_m / self.resolution_m) + 1
+        # Weights change within reach of what changed, and depend on what is within reach of there.
+        write = _grown(dirty, reach, rows, cols)
+        read = _grown(dirty, 2 * reach, rows, cols)
+        mask = np.empty((read[1] - read[0], read[3] - read[2]), dtype=np.uint8)
+        compose_into(mask, self._layers(), (read[0], read[2]), not self.unknown_is_free)
+        distance = distance_transform(mask, self.resolution_m, self._reach_m)
+        inner = distance[
+            write[0] - read[0] : write[1] - read[0], write[2] - read[2] : write[3] - read[2]
+        ]
+        self.distance_m[write[0] : write[1], write[2] : write[3]] = inner
+        weights = np.empty(inner.shape, dtype=np.uint8)
+        weigh_into(weights, np.ascontiguousarray(inner), self._table, TABLE_STEP_M)
+        walked = self._people.weights[write[0] : write[1], write[2] : write[3]]
+        np.maximum(weights, walked, out=weights, where=weights != LETHAL)
+        self.weights[write[0] : write[1], write[2] : write[3]] = weights
+        self._close_border(self.weights)
+        return True
+
+    def squeezed(
+        self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]
+    ) -> NDArray[np.uint8]:
+        """Return weights with a high price where the robot may just fit, instead of lethal.
+
+        Args:
+            weights: (rows, cols).
+            distance_m: (rows, cols) that belongs to them.
+        """
+        may_fit = (weights == LETHAL) & (distance_m >= self.tight_m)
+        squeezed = np.where(may_fit, np.uint8(SQUEEZE_WEIGHT), weights)
+        self._close_border(squeezed)
+        return squeezed
+
+    def costs(self) -> NDArray[np.int8]:
+        """Return (rows, cols) as on the wire.
+
+        100 something stands there, 99 too near for the centre, 0 to 98 falling with the
+        distance, -1 unknown.
+        """
+        extra = (self.weights.astype(np.float32) / WEIGHT_UNIT - 1.0).clip(0.0)
+        highest = max(float(self._table.max()) / WEIGHT_UNIT - 1.0, 1e-6)
+        costs = np.rint(98.0 * np.minimum(extra / highest, 1.0)).astype(np.int8)
+        costs[(self.kinds == UNKNOWN) & (self.echoes.layer.observed == 0)] = -1
+        costs[self.weights == LETHAL] = 99
+        costs[self.distance_m == 0.0] = 100
+        return costs
+
+    def to_grid(self, pose: Pose2D) -> Pose2D:
+        """Return a pose of the frame of the goals in frame `grid`."""
+        return self.frame_T_grid.inverse() @ pose
+
+    def contains(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of `grid` [m] lies on the costmap and not on its outermost cells."""
+        rows, cols = self.shape
+        edge = self.resolution_m
+        return edge <= x_grid < edge * (cols - 1) and edge <= y_grid < edge * (rows - 1)
+
+    def is_unknown(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether the map knows nothing of a point of `grid` [m] on the costmap."""
+        return bool(self.kinds[self._cell(x_grid, y_grid)] == UNKNOWN)
+
+    def is_wall(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of `grid` [m] on the costmap lies in a wall, mirror or pane."""
+        return bool(self.walls[self._cell(x_grid, y_grid)])
+
+    def _cell(self, x_grid: float, y_grid: float) -> tuple[int, int]:
+        return int(y_grid / self.resolution_m), int(x_grid / self.resolution_m)
+
+    def _layers(self) -> Layers:
+        layer = self.echoes.layer
+        return Layers(self.kinds, self.keepout, self._closed, layer.evidence, layer.observed)
+
+    def _build(self) -> None:
+        """Compute everything anew after the map or the zones changed."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        self.keepout = np.zeros(self.shape, dtype=np.uint8)
+        leaving = np.zeros(self.shape, dtype=np.bool_)
+        for zone in self._zones:
+            if zone.kind == "keepout":
+                points = zone_points(zone, grid_T_frame)
+                mask = polygon_mask(self.shape, points, self.resolution_m)
+                if zone.name in self._leaving:
+                    leaving |= mask
+                else:
+                    self.keepout[mask] = 1
+        self.leaving = leaving if self._leaving else None
+        """Cells of keep-out zones that the robot is in and must leave, None if there are none."""
+        blocked = self.walls | self.keepout
+        if not self.unknown_is_free:
+            blocked |= (self.kinds == UNKNOWN).astype(np.uint8)
+        self.static_distance_m = distance_transform(blocked, self.resolution_m, self._reach_m)
+        """Distance to the nearest obstacle of map and zones, up to the inflation's reach [m]."""
+        self.static_weights = np.empty(self.shape, dtype=np.uint8)
+        """Weights by map and zones alone (units: kernels.layers)."""
+        weigh_into(self.static_weights, self.static_distance_m, self._table, TABLE_STEP_M)
+        self._close_border(self.static_weights)
+        self.distance_m = self.static_distance_m.copy()
+        """The same with what the lidar has seen."""
+        self.weights = self.static_weights.copy()
+        """The same with what the lidar has seen."""
+        self.echoes.touch_all()
+        self.refresh()
+
+    def _close_border(self, weights: NDArray[np.uint8]) -> None:
+        """Make the outermost cells lethal: the search then needs no test for the grid's edge."""
+        weights[0, :] = weights[-1, :] = LETHAL
+        weights[:, 0] = weights[:, -1] = LETHAL
+
+
+def _may_lift(mover: Mover, outline: NDArray[np.float64]) -> bool:
+    """Say whether a mover is no obstacle: it is seen, and the robot does not turn into it."""
+    gap_m = float(distance_to_outline(outline, mover.points).min())
+    return mover.is_seen and gap_m > BESIDE_M
+
+
+def _grown(
+    box: tuple[int, int, int, int], by: int, rows: int, cols: int
+) -> tuple[int, int, int, int]:
+    """Return first and end row, first and end column of a box of cells grown on all sides."""
+    return (
+        max(box[0] - by, 0),
+        min(box[1] + 1 + by, rows),
+        max(box[2] - by, 0),
+        min(box[3] + 1 + by, cols),
+    )

@@ -1,0 +1,68 @@
+"""The layer of the costmap that people make: where somebody walks, and is about to walk.
+
+Who walks is no obstacle of the costmap: they will be elsewhere when the robot comes. The way ahead
+of them is dear, so that paths lead behind them, but never closed.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trolley_planner.kernels.beams import EchoLayer, touch
+from trolley_planner.kernels.layers import WEIGHT_UNIT
+from trolley_planner.kernels.people import spread_walk
+from trolley_planner.people.people_tracker import Mover
+
+AHEAD_S = 1.5
+"""How far ahead somebody's way matters."""
+BODY_M = 0.25
+"""Half of somebody's width, who is seen from one side."""
+PRICE = 4.0
+"""What crossing right in front of somebody costs, where a metre of free floor costs 1."""
+NOBODY = (1, 0, 1, 0)
+
+
+class People:
+    """Weights of the ways of people.
+
+    Args:
+        shape: rows and columns.
+        resolution_m: cell edge [m].
+        keep_m: how near to them the robot's centre comes when they touch.
+    """
+
+    def __init__(self, shape: tuple[int, int], resolution_m: float, keep_m: float) -> None:
+        self._scale = 1.0 / resolution_m
+        self._reach_cells = 2.0 * (keep_m + BODY_M) * self._scale
+        self._box = NOBODY
+        self.weights = np.zeros(shape, dtype=np.uint8)
+        """(rows, cols) the least that passing costs (units: kernels.layers), 0 = nobody walks."""
+
+    def note(self, movers: Sequence[Mover], layer: EchoLayer) -> None:
+        """Take who walks by the newest scan, in place of those before.
+
+        Args:
+            movers: in `grid`.
+            layer: its box of changes is extended.
+        """
+        first_row, last_row, first_col, last_col = self._box
+        self.weights[first_row : last_row + 1, first_col : last_col + 1] = 0
+        boxes = [] if self._box == NOBODY else [self._box]
+        walks = [self._spread(mover) for mover in movers]
+        self._box = NOBODY
+        if walks:
+            lows, highs = np.min(walks, axis=0), np.max(walks, axis=0)
+            self._box = int(lows[0]), int(highs[1]), int(lows[2]), int(highs[3])
+            boxes.append(self._box)
+        for box in boxes:
+            if box[0] <= box[1] and box[2] <= box[3]:
+                touch(layer.dirty, box[0], box[2])
+                touch(layer.dirty, box[1], box[3])
+
+    def _spread(self, mover: Mover) -> tuple[int, int, int, int]:
+        """Raise the weights on the way of one who walks; return the box of it."""
+        start = mover.points.mean(axis=0)
+        end = start + AHEAD_S * mover.velocity
+        cells = self._scale * np.concatenate([start, end])
+        walk = float(cells[0]), float(cells[1]), float(cells[2]), float(cells[3])
+        return spread_walk(self.weights, walk, self._reach_cells, WEIGHT_UNIT * (1.0 + PRICE))

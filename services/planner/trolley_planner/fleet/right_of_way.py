@@ -1,0 +1,206 @@
+"""Who goes first where two robots do not fit side by side: a rule that both know.
+
+Both see the same: the map, where each of them is, the way that each is about to drive, and whether
+one has said that it waits. So both come to the same answer without asking each other. Only one
+robot at a time is in a narrow place. First comes who is in it already, then who has waited for
+long, then who has not said that it waits, then who is nearer to it, in steps of half a metre; of
+two as near, and of two that both wait, the one whose name comes first. That is a total order, so
+no ring of robots waits for each other. Who has no goal claims nothing, and nobody makes way by
+setting off by itself.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.gridmap.distance import distance_transform
+from trolley_planner.fleet.neighbours import Neighbour
+from trolley_planner.kernels.passages import label_parts
+from trolley_planner.paths.path import SPACING_M
+
+MARGIN_M = 0.06
+"""Two robots pass each other where this is left beside and between them."""
+AHEAD_M = 6.0
+"""So much of the own way is looked at;"""
+DECIDE_M = 1.3
+"""a robot that must wait drives on until it is this near to the narrow place."""
+DOOR_M = 1.3
+"""A narrow place no longer than this is called a door."""
+INSIDE_M = 0.12
+"""Who is this near to it is in it."""
+STEP_M = 0.5
+"""Distances that differ by less than such a step are as near as each other."""
+LONG_S = 20.0
+"""Who has waited for so long goes before those that come later: else a busy door never frees."""
+WAY_M = 1.5
+"""Two robots that stand face to face have no more than this between their middles."""
+
+Floats = NDArray[np.float64]
+
+
+class Claim(NamedTuple):
+    """What a robot's place in the order depends on."""
+
+    is_inside: bool
+    waited_s: float | None
+    """How long it has been waiting; None where it drives."""
+    left_m: float
+    """Way to the narrow place."""
+    name: str
+    length_m: float = 0.0
+    """Of the way through it."""
+
+    @property
+    def rank(self) -> tuple[bool, int, int, str]:
+        """The lower goes first; no two robots have the same."""
+        if self.waited_s is None:
+            return not self.is_inside, 1, math.floor(self.left_m / STEP_M), self.name
+        # Of two that wait already each might take the other for nearer: their names do not change.
+        return not self.is_inside, 0 if self.waited_s > LONG_S else 2, 0, self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """This robot, as the rule sees it."""
+
+    name: str
+    place: tuple[float, float]
+    radius_m: float
+    path: Floats
+    """(n, 2) where it drives next, `SPACING_M` apart."""
+    waited_s: float | None
+    """How long it has been waiting for others; None where it drives."""
+    stood_s: float
+    """How long it has been standing."""
+
+
+class Passages:
+    """Where on a map two robots do not fit side by side.
+
+    Args:
+        static_distance_m: (rows, cols) distance to the nearest wall of the map.
+        resolution_m: edge of these cells.
+        half_m: half of the width that the two need.
+    """
+
+    def __init__(
+        self, static_distance_m: NDArray[np.float32], resolution_m: float, half_m: float
+    ) -> None:
+        self.half_m = half_m
+        self._resolution_m = resolution_m
+        # What a disc of that size covers wherever it fits is wide: an opening of the free space.
+        centres = static_distance_m >= min(half_m, float(static_distance_m.max()))
+        away = distance_transform(centres, resolution_m, 2.0 * half_m)
+        self._narrow = away > half_m - 0.5 * resolution_m
+        # In a thin wall such discs reach through a door from both sides, but do not get through.
+        labels = np.empty(centres.shape, dtype=np.int32)
+        if label_parts(labels, centres, static_distance_m > 0.0) > 1:
+            doors = np.zeros(centres.shape, dtype=np.bool_)
+            doors[1:] |= (labels[1:] != labels[:-1]) & (labels[1:] > 0) & (labels[:-1] > 0)
+            doors[:, 1:] |= (labels[:, 1:] != labels[:, :-1]) & (labels[:, 1:] * labels[:, :-1] > 0)
+            near = distance_transform(doors, resolution_m, 2.0 * half_m) < half_m
+            self._narrow |= near & ~centres
+
+    def hold(self, points: Floats) -> NDArray[np.bool_]:
+        """Say of points (n, 2) in `grid` whether they are in a narrow place."""
+        rows, cols = self._narrow.shape
+        cells = np.floor(points / self._resolution_m).astype(np.int64)
+        cells = np.clip(cells, 0, (cols - 1, rows - 1))
+        return self._narrow[cells[:, 1], cells[:, 0]]
+
+    def on(self, path: Floats) -> list[slice]:
+        """Return the parts of a path (n, 2) that are narrow, in their order."""
+        if len(path) == 0:
+            return []
+        padded = np.concatenate([[False], self.hold(path), [False]]).astype(np.int8)
+        edges = np.flatnonzero(np.diff(padded))
+        return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def conflict(own: Own, other: Neighbour, passages: Passages) -> tuple[Claim, Claim] | None:
+    """Return the claims of both to the first narrow place that they share; None if there is none.
+
+    Args:
+        own: this robot.
+        other: another one on its way.
+        passages: of the map.
+    """
+    path = own.path[: round(AHEAD_M / SPACING_M) + 1]
+    apart_m = own.radius_m + other.radius_m
+    theirs = passages.on(other.path)
+    for mine in passages.on(path):
+        for their in theirs:
+            gaps = np.hypot(*np.moveaxis(path[mine][::2, None] - other.path[their][::2], -1, 0))
+            if float(gaps.min()) < apart_m:
+                place, pose = own.place, other.pose
+                return (
+                    _claim(own.name, place, path, mine, own.waited_s, passages),
+                    _claim(
+                        other.name, (pose.x, pose.y), other.path, their, other.waited_s, passages
+                    ),
+                )
+    return None
+
+
+def _claim(
+    name: str,
+    place: tuple[float, float],
+    path: Floats,
+    part: slice,
+    waited_s: float | None,
+    passages: Passages,
+) -> Claim:
+    """Return what a robot's place in the order depends on, for a narrow part of its path."""
+    off_m = math.dist(place, (float(path[0, 0]), float(path[0, 1])))
+    left_m = part.start * SPACING_M + off_m
+    is_inside = left_m < INSIDE_M + SPACING_M and bool(passages.hold(np.array([place]))[0])
+    return Claim(is_inside, waited_s, left_m, name, (part.stop - part.start) * SPACING_M)
+
+
+def must_wait(own: Own, other: Neighbour, passages: Passages) -> str | None:
+    """Return where this robot waits for another, in words; None if it need not (yet)."""
+    claims = conflict(own, other, passages)
+    if claims is None:
+        return None
+    mine, theirs = claims
+    if mine.left_m > DECIDE_M or mine.rank < theirs.rank:
+        return None
+    return "at the door" if mine.length_m < DOOR_M else "at the narrow passage"
+
+
+def must_step_aside(own: Own, other: Neighbour, patience_s: float) -> bool:
+    """Say whether two face each other where there is room, and this one lets the other pass.
+
+    Args:
+        own: this robot.
+        other: another one on its way.
+        patience_s: how long it stands before it takes that for more than caution.
+    """
+    if own.stood_s < patience_s or other.is_waiting or len(own.path) == 0:
+        return False
+    x, y = own.place
+    if math.hypot(other.pose.x - x, other.pose.y - y) > WAY_M:
+        return False
+    steps = round(WAY_M / SPACING_M)
+    near_m = own.radius_m + other.radius_m
+    stands_in_way = _gap(other.path[:steps], x, y) < near_m
+    is_in_way = _gap(own.path[:steps], other.pose.x, other.pose.y) < near_m
+    return stands_in_way and is_in_way and other.name < own.name
+
+
+def standing_on(path: Floats, others: list[Neighbour], radius_m: float) -> str | None:
+    """Return the name of a robot without a goal that stands on a path (n, 2), None if none does."""
+    for other in others:
+        gap_m = _gap(path, other.pose.x, other.pose.y)
+        if not other.is_going and gap_m < radius_m + other.radius_m:
+            return other.name
+    return None
+
+
+def _gap(path: Floats, x: float, y: float) -> float:
+    if len(path) == 0:
+        return math.inf
+    return float(np.hypot(path[:, 0] - x, path[:, 1] - y).min())

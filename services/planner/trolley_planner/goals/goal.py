@@ -1,0 +1,99 @@
+"""A goal, where exactly it can be reached, and what became of the last ones."""
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from trolley.geometry import Pose2D, wrap_angle
+from trolley.messages import GoalStatus
+
+KEPT_GOALS = 32
+VIA_RADIUS_M = 0.3
+"""Via points count as passed within this."""
+ACTIVE = ("planning", "driving", "recovering", "paused")
+"""States of a goal that is not over."""
+
+
+@dataclass(slots=True)
+class Tolerances:
+    """How near is near enough."""
+
+    xy: float
+    """[m]."""
+    yaw: float
+    """[rad]; pi or more: any heading."""
+
+    @property
+    def any_heading(self) -> bool:
+        """Whether the heading does not matter."""
+        return self.yaw >= math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to drive, in the frame of the goals."""
+
+    id: str
+    pose: Pose2D
+    vias: tuple[Pose2D, ...]
+    tolerances: Tolerances
+    speed: float | None
+    sent_ns: int
+
+
+class GoalBook:
+    """The last goals by their id."""
+
+    def __init__(self) -> None:
+        self._statuses: OrderedDict[str, GoalStatus] = OrderedDict()
+
+    def write(self, status: GoalStatus) -> None:
+        """Keep the newest status of a goal, and the oldest goals no longer."""
+        if status.id is None:
+            return
+        self._statuses[status.id] = status
+        self._statuses.move_to_end(status.id)
+        while len(self._statuses) > KEPT_GOALS:
+            self._statuses.popitem(last=False)
+
+    def read(self, goal_id: str) -> GoalStatus | None:
+        """Return the newest status of a goal, None if it is not known (any more)."""
+        return self._statuses.get(goal_id)
+
+
+def free_pose_near(
+    goal: Pose2D, tolerances: Tolerances, clearance: Callable[[Pose2D], float], wanted_m: float
+) -> Pose2D | None:
+    """Return the pose nearest to the goal where the robot fits, None if there is none within reach.
+
+    Args:
+        goal: the pose asked for.
+        tolerances: how far it may be missed.
+        clearance: of the footprint at a pose [m].
+        wanted_m: clearance that is enough; with less, but none below zero, the best is taken.
+    """
+    best, best_clearance = None, 0.0
+    for radius_share in (0.0, 0.3, 0.6, 0.9):
+        for candidate in _around(goal, radius_share, tolerances):
+            found = clearance(candidate)
+            if found >= wanted_m:
+                return candidate
+            if found > best_clearance:
+                best, best_clearance = candidate, found
+    return best
+
+
+def _around(goal: Pose2D, share: float, tolerances: Tolerances) -> list[Pose2D]:
+    """Return poses on a ring around the goal, each with some headings within the tolerance."""
+    radius = share * min(tolerances.xy, 1.0)
+    spots = [(goal.x, goal.y)]
+    if share > 0.0:
+        angles = [index * math.pi / 6.0 for index in range(12)]
+        spots = [(goal.x + radius * math.cos(a), goal.y + radius * math.sin(a)) for a in angles]
+    turns = [0.0]
+    if tolerances.any_heading:
+        turns = [index * math.pi / 4.0 for index in range(8)]
+    elif tolerances.yaw > 0.01:
+        turns += [0.8 * tolerances.yaw, -0.8 * tolerances.yaw]
+    return [Pose2D(x, y, wrap_angle(goal.yaw + turn)) for x, y in spots for turn in turns]
