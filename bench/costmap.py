@@ -24,9 +24,8 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED, GridMap, cast_rays
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.costmap.obstacle_layer import Sweep
-from trolley_planner.kernels.beams import ScanShape
 from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.sensing.beams import ScanShape, Sweep
 
 SIZE_M = 20.0
 RANGE_MAX_M = 12.0

@@ -34,11 +34,9 @@ from movingai import (
 )
 from numpy.typing import NDArray
 
-from trolley_planner.kernels.corridor import Terrain
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
-from trolley_planner.kernels.lines import polyline_cost
-from trolley_planner.paths.cost_to_go import GoalField
-from trolley_planner.paths.global_planner import straighten
+from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
+from trolley_planner.paths.cost_to_go import GoalField, Terrain
+from trolley_planner.paths.lines import polyline_cost, straighten
 
 MOST_NAMED = 20
 CELLS_PER_M = 20.0

@@ -7,17 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from trolley_planner.kernels.beams import EchoLayer
-from trolley_planner.kernels.echoes import (
+from trolley_planner.costmap.inflation import UNKNOWN, WALL, Layers, compose_into
+from trolley_planner.costmap.obstacle_layer import (
     LIFT_M,
     TRAIL_S,
+    EchoLayer,
     forget_inside,
     lift_cells,
     lift_echoes,
     trace_ray,
 )
-from trolley_planner.kernels.layers import UNKNOWN, WALL, Layers, compose_into
-from trolley_planner.kernels.people import spread_walk
+from trolley_planner.costmap.social_layer import spread_walk
 
 ROWS, COLS = 14, 17
 SEEDS = st.integers(0, 2**32 - 1)

@@ -8,12 +8,17 @@ from best_paths import grid_cost, taut_length
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_planner.kernels.corridor import TILE, Corridor, Terrain, coarsen_into, retile
-from trolley_planner.kernels.layers import LETHAL
-from trolley_planner.kernels.lines import polyline_cost
-from trolley_planner.kernels.search import STEP, price_of_step
-from trolley_planner.paths.cost_to_go import GoalField
-from trolley_planner.paths.global_planner import straighten
+from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.paths.cost_to_go import (
+    TILE,
+    Corridor,
+    GoalField,
+    Terrain,
+    coarsen_into,
+    retile,
+)
+from trolley_planner.paths.lines import polyline_cost, straighten
+from trolley_planner.paths.search import STEP, price_of_step
 
 ROWS, COLS = 37, 50
 PRICE = 240

@@ -12,9 +12,8 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley_planner.context.planning_context import Rig
 from trolley_planner.control.controller import limits_of
-from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.kernels.clearance import FEW_DO_M, bilinear
-from trolley_planner.kernels.rollout import advance, caution_speed, followed, moved
+from trolley_planner.control.rollout import advance, caution_speed, followed, moved
+from trolley_planner.costmap.footprint import FEW_DO_M, Footprint, bilinear
 
 CONFIG = PlannerConfig()
 FOOTPRINT = Footprint.from_polygon([(0.3, 0.2), (-0.25, 0.2), (-0.25, -0.2), (0.3, -0.1)])

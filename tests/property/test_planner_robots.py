@@ -7,10 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.flatland import BOX
 
+from trolley_planner.control.proximity import (
+    company_of_robots,
+    would_meet,
+    would_meet_robots,
+)
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.fleet.neighbours import TRACK_STEPS
-from trolley_planner.kernels.robots import company_of_robots, would_meet_robots
-from trolley_planner.kernels.walkers import ROBOT_DT_S, would_meet
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
 BODY = Footprint.from_polygon(BOX).body
 WALKED = BODY.few_points, BODY.inscribed_m, BODY.circumscribed_m

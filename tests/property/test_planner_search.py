@@ -14,8 +14,9 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.kernels.layers import LETHAL
-from trolley_planner.kernels.search import (
+from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.paths.search import (
     DIAGONAL,
     KNIGHT,
     STEP,
@@ -25,7 +26,6 @@ from trolley_planner.kernels.search import (
     make_queue,
     price_of_step,
 )
-from trolley_planner.paths.global_planner import GlobalPlanner
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 

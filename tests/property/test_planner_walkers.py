@@ -11,9 +11,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley_planner.control.controller import limits_of
-from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.kernels.clearance import NOBODY
-from trolley_planner.kernels.walkers import (
+from trolley_planner.control.proximity import (
     FARTHEST,
     LEAVING,
     MEET_M,
@@ -26,6 +24,8 @@ from trolley_planner.kernels.walkers import (
     disc_gap,
     would_meet,
 )
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.people.moving_obstacles import NOBODY
 
 FOOTPRINT = Footprint.from_polygon([(0.3, 0.2), (-0.25, 0.2), (-0.25, -0.2), (0.3, -0.1)])
 BODY = FOOTPRINT.body

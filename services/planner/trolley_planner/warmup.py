@@ -23,11 +23,11 @@ from trolley.messages.types import floats_to_bytes
 from trolley_planner.context.planning_context import Rig
 from trolley_planner.control.controller import Motion, limits_of
 from trolley_planner.control.pure_pursuit import Pursuit
+from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.social_layer import People
 from trolley_planner.fleet.right_of_way import Passages
-from trolley_planner.kernels.rollout import Target
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.people.people_tracker import Mover, discs_of

@@ -11,9 +11,9 @@ from trolley.messages import GoalStatus, OccupancyGrid, Path
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.context.planning_context import Rig
 from trolley_planner.control.controller import DT_S, Motion
+from trolley_planner.control.rollout import Limits
 from trolley_planner.driving.goal_execution import Drive
 from trolley_planner.driving.recovery import Try
-from trolley_planner.kernels.rollout import Limits
 
 Ending = Literal["arrived", "failed", "canceled"]
 

@@ -12,8 +12,7 @@ from trolley.gridmap import GridMap
 from trolley.messages import Zone
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.costmap.obstacle_layer import Sweep
-from trolley_planner.kernels.beams import ScanShape
+from trolley_planner.sensing.beams import ScanShape, Sweep
 
 BEAMS = 360
 SHAPE = ScanShape(0.0, 2.0 * math.pi / BEAMS, 0.05, 8.0)

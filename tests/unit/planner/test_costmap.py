@@ -11,9 +11,8 @@ from trolley.gridmap import UNKNOWN, GridMap
 from trolley.messages import Zone
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.costmap.obstacle_layer import Sweep
-from trolley_planner.kernels.beams import ScanShape
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
+from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
+from trolley_planner.sensing.beams import ScanShape, Sweep
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 
@@ -127,8 +126,8 @@ def test_the_way_ahead_of_who_walks_is_dear_but_open() -> None:
     for number in range(6):
         grid.add_scan(scan_at(1.0, 3.0, person_at(3.0 - 0.1 * number)), number * 10**8)
         grid.refresh()
-    assert len(grid.movers) == 1
-    assert -1.3 < grid.movers[0].velocity[0] < -0.7
+    assert len(grid.moving.movers) == 1
+    assert -1.3 < grid.moving.movers[0].velocity[0] < -0.7
     ahead, behind, beside = (60, 36), (60, 66), (88, 36)
     assert grid.weights[ahead] > 2 * grid.weights[behind]
     assert grid.weights[ahead] > 2 * grid.weights[beside]
@@ -138,7 +137,7 @@ def test_the_way_ahead_of_who_walks_is_dear_but_open() -> None:
     for number in range(6, 9):
         grid.add_scan(scan_at(1.0, 3.0, np.full(360, np.inf)), number * 10**8)
     grid.refresh()
-    assert grid.movers == []
+    assert grid.moving.movers == []
     np.testing.assert_array_equal(grid.weights[20:100, 20:140], grid.static_weights[20:100, 20:140])
 
 
@@ -148,7 +147,7 @@ def test_who_walks_is_no_obstacle_but_right_beside_the_robot() -> None:
         for number in range(6):
             sweep = scan_at(1.0, 3.0, person_at(start - 0.1 * number))
             grid.add_scan(sweep, number * 10**8)
-        assert [mover.is_seen for mover in grid.movers] == [True]
+        assert [mover.is_seen for mover in grid.moving.movers] == [True]
         assert bool(np.count_nonzero(grid.echoes.layer.evidence)) == is_obstacle
 
 

@@ -11,10 +11,10 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
 from trolley_planner.context.planning_context import Rig, empty_grid
 from trolley_planner.control.controller import Motion, limits_of, safe_command
 from trolley_planner.control.mppi import Mppi
+from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.driving.final_alignment import Approach, limited_change
 from trolley_planner.goals.goal import Tolerances
-from trolley_planner.kernels.rollout import Target
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
 FOOTPRINT = Footprint.from_polygon(CORNERS)

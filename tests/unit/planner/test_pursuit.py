@@ -11,8 +11,8 @@ from trolley_planner.context.planning_context import Rig
 from trolley_planner.control.controller import Motion, limits_of, safe_command
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import Pursuit
+from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.kernels.rollout import Target
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 CONFIG = PlannerConfig(controller="pursuit")

@@ -14,8 +14,7 @@ from trolley.messages import OccupancyGrid, Odometry, Robot, Scan, Suspects, Zon
 from trolley.messages.types import floats_from_bytes
 from trolley_planner.context.planning_context import Rig, empty_grid
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.costmap.obstacle_layer import Sweep
-from trolley_planner.kernels.beams import ScanShape
+from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Senses
 
 FADE_S = 1.0

@@ -8,7 +8,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.costmap_manager import Surroundings
 from trolley_planner.control.controller import Motion, limits_of
-from trolley_planner.kernels.rollout import Limits
+from trolley_planner.control.rollout import Limits
 from trolley_planner.sensing.inputs import Senses
 
 UNSURE_SPEED = 0.15

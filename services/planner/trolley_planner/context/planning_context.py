@@ -10,8 +10,7 @@ from trolley_planner.control.local_costmap import Window
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import Pursuit
 from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.kernels.clearance import NO_LIMITS, Field, clearance_at
+from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.paths.global_planner import GlobalPlanner
 
 WINDOW_MARGIN_M = 0.4

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.control.local_costmap import Window
-from trolley_planner.kernels.robots import would_meet_robots
-from trolley_planner.kernels.rollout import DELAY_S, Limits, Target, stopping_clearance
-from trolley_planner.kernels.walkers import would_meet
+from trolley_planner.control.proximity import would_meet, would_meet_robots
+from trolley_planner.control.rollout import DELAY_S, Limits, Target, stopping_clearance
 
 MAX_REVERSE = 0.25
 """Few lidars look backwards, so that is no way to hurry [m/s]."""

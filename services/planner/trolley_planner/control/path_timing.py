@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import wrap_angle, wrap_angles
+from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.kernels.rollout import Limits, caution_speed
 
 CORNER_RAD = 0.6
 """Sharper corners are turned on the spot."""

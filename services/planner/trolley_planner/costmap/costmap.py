@@ -12,12 +12,21 @@ from trolley.gridmap import GridMap
 from trolley.gridmap.distance import distance_transform
 from trolley.messages import Zone
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.costmap.obstacle_layer import Echoes, Sweep
+from trolley_planner.costmap.inflation import (
+    LETHAL,
+    UNKNOWN,
+    WALL,
+    WEIGHT_UNIT,
+    Layers,
+    compose_into,
+    inflation_table,
+    weigh_into,
+)
+from trolley_planner.costmap.obstacle_layer import Echoes
 from trolley_planner.costmap.social_layer import People
 from trolley_planner.costmap.static_layer import (
     disc_mask,
     draw_segments,
-    inflation_table,
     line_segments,
     map_kinds,
     mirror_lines,
@@ -25,18 +34,9 @@ from trolley_planner.costmap.static_layer import (
     speed_limits,
     zone_points,
 )
-from trolley_planner.kernels.clearance import NO_ROBOTS, NOBODY
-from trolley_planner.kernels.layers import (
-    LETHAL,
-    UNKNOWN,
-    WALL,
-    WEIGHT_UNIT,
-    Layers,
-    compose_into,
-    weigh_into,
-)
-from trolley_planner.kernels.walkers import ROBOT_DT_S
-from trolley_planner.people.people_tracker import Mover, MoverWatch, discs_of
+from trolley_planner.people.moving_obstacles import MovingObstacles
+from trolley_planner.people.people_tracker import Mover, discs_of
+from trolley_planner.sensing.beams import Sweep
 
 PADDING_M = 0.02
 """Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
@@ -47,10 +47,6 @@ SQUEEZE_WEIGHT = 60 * WEIGHT_UNIT
 """Price of cells where the robot fits only if all lies well in its cells."""
 BESIDE_M = 0.15
 """Who walks nearer to the robot's outline than this is an obstacle as well."""
-SAME_M = 0.15
-"""Who walks this near to where a robot says it is, is that robot."""
-MOST_AGE_S = 0.5
-"""Nobody is known to walk on for longer than this after the last scan."""
 CLOSED_S = 60.0
 """A place where the robot did not get through is tried again after this time."""
 
@@ -83,11 +79,8 @@ class Costmap:
         self.shape = grid.rows, grid.cols
         self.echoes = Echoes(self.shape, grid.resolution, config)
         self._people = People(self.shape, grid.resolution, footprint.inscribed_m)
-        self._watch = MoverWatch()
-        self.movers: list[Mover] = []
-        """Who moves by the newest scan, in `grid`."""
-        self._walkers, self._robots = NOBODY, NO_ROBOTS
-        self._scanned_ns = self._robots_ns = 0
+        self.moving = MovingObstacles()
+        """People and other robots: they are not in the distances, but in the local costmap."""
         self._closed = np.zeros(self.shape, dtype=np.uint8)
         self._closed_until_ns: int | None = None
         self._suspects = np.empty((0, 4))
@@ -162,42 +155,11 @@ class Costmap:
         )
         lines = np.concatenate([self._mirrors, self._suspects])
         self.echoes.add(in_grid, self.walls, self.wall_distance_m, lines, now_ns)
-        self.movers = self._watch.look(
-            now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m
-        )
-        self._walkers, self._scanned_ns = discs_of(self.movers), now_ns
+        self.moving.update(now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m)
+        people = self.moving.movers
         outline = in_grid.end.transform_points(sweep.body_laser)
-        self.echoes.lift(discs_of([one for one in self.movers if _may_lift(one, outline)]))
-        self._people.note(self.movers, self.echoes.layer)
-
-    def walkers_at(self, now_ns: int) -> NDArray[np.float64]:
-        """Return who walks by the newest scan, where they are now; see `Field.walkers`."""
-        walkers = self._walkers[~self._are_robots(self._walkers)]
-        age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MOST_AGE_S)
-        walkers[:, :2] += age_s * walkers[:, 2:4]
-        return walkers
-
-    def set_robots(self, tracks: Sequence[NDArray[np.float64]], now_ns: int) -> None:
-        """Take what other robots that drive say of where they will be.
-
-        Args:
-            tracks: (discs, steps, 3) of each, in `grid`: x, y, radius [m] at each `ROBOT_DT_S`.
-            now_ns: robot time of the first step.
-        """
-        self._robots = np.concatenate(tracks) if tracks else NO_ROBOTS
-        self._robots_ns = now_ns
-
-    def robots_at(self, now_ns: int) -> NDArray[np.float64]:
-        """Return the discs of other robots from now on; see `Field.robots`."""
-        age_s = min(max((now_ns - self._robots_ns) * 1e-9, 0.0), MOST_AGE_S)
-        passed = min(round(age_s / ROBOT_DT_S), self._robots.shape[1] - 1)
-        return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
-
-    def _are_robots(self, walkers: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Say of who walks (n, 5) whether it is a robot, which says better where it will be."""
-        gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
-        near = self._robots[None, :, 0, 2] + SAME_M
-        return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))
+        self.echoes.lift(discs_of([one for one in people if _may_lift(one, outline)]))
+        self._people.note(people, self.echoes.layer)
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""
@@ -207,8 +169,7 @@ class Costmap:
 
     def forget_all(self) -> None:
         """Forget everything that was seen or closed, as after a jump of the pose."""
-        self._watch.reset()
-        self.movers, self._walkers = [], NOBODY
+        self.moving.forget_people()
         self.echoes.forget_all()
         self._people.note([], self.echoes.layer)
         self.reopen()

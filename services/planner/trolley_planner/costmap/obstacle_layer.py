@@ -1,53 +1,75 @@
 """The layer of the costmap that the lidar makes: obstacles seen, cleared again, and forgotten."""
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D
-from trolley_planner.kernels.beams import (
-    EchoLayer,
-    ScanShape,
+from trolley.jit import kernel
+from trolley_planner.sensing.beams import (
+    CLEAR,
+    DX,
+    DY,
+    ECHO,
+    Sweep,
+    X,
+    Y,
     cut_at_lines,
+    inside_polygon,
     place_beams_into,
     smooth_ranges_into,
 )
-from trolley_planner.kernels.echoes import (
-    TICK_S,
-    fade,
-    forget_inside,
-    forget_near,
-    lift_cells,
-    lift_echoes,
-    mark_echoes,
-    trace_beams,
-)
 
 NOTHING_DIRTY = (2**31, -1, 2**31, -1)
+
 
 # An echo in the cell beside a wall of the map is that wall: surfaces lie on borders of cells.
 EXPLAINED_CELLS = 1.2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
-    """One scan and how the lidar moved while it was taken.
+TICK_S = 0.1
+"""Unit of the times kept per cell [s]: coarse, so that 32 bits last for years."""
 
-    Attributes:
-        ranges_m: (n,) float32; +inf = no echo, 0 or NaN = invalid.
-        shape: how the beams lie in `laser`.
-        start: pose of the lidar at the first beam, in the frame of the costmap.
-        end: pose of the lidar at the last beam.
-        body_laser: (m, 2) the robot's outline in `laser` [m].
-    """
 
-    ranges_m: NDArray[np.float32]
-    shape: ScanShape
-    start: Pose2D
-    end: Pose2D
-    body_laser: NDArray[np.float64]
+MAX_EVIDENCE = 12
+"""Scans without an echo that a well-seen cell outlives."""
+
+
+MARK_EVIDENCE = 3
+"""Evidence that each scan with an echo adds; one that sees through takes away 1."""
+
+
+LIFT_M = 0.05
+"""Echoes this near to who walks are theirs,"""
+
+
+TRAIL_S = 0.5
+"""and so is what was seen where they were within this time, if it is seen no more."""
+
+
+MAX_SPREAD = 0.06
+"""Neighbouring beams farther apart than this [rad] say nothing of what lies between them."""
+
+
+class EchoLayer(NamedTuple):
+    """What the lidar has seen, per cell: the arrays of `Echoes`."""
+
+    evidence: NDArray[np.uint8]
+    """(rows, cols) 0 = no obstacle seen."""
+    hits: NDArray[np.uint8]
+    """(rows, cols) scans that confirmed it, saturating."""
+    seen_ticks: NDArray[np.int32]
+    """(rows, cols) robot time of the last echo, in `kernels.echoes.TICK_S`."""
+    points: NDArray[np.float32]
+    """(rows, cols, 2) where in the cell the last echo lay [m]."""
+    observed: NDArray[np.uint8]
+    """(rows, cols) 1 where some beam has passed."""
+    touched: NDArray[np.int32]
+    """(rows, cols, 2) number of the scan that last saw through, and that last marked."""
+    dirty: NDArray[np.int64]
+    """(4,) first and last row, first and last column of what changed since it was reset."""
 
 
 class Echoes:
@@ -164,3 +186,326 @@ class Echoes:
 def ticks(now_ns: int) -> int:
     """Return robot time in the coarse unit that is kept per cell."""
     return int(now_ns * 1e-9 / TICK_S) & 0x7FFFFFFF
+
+
+@kernel
+def see_through(layer: EchoLayer, row: int, col: int, scan_number: int) -> None:
+    """Note that a beam passed a cell; evidence falls once a scan, however many beams pass."""
+    if layer.observed[row, col] == 0:
+        layer.observed[row, col] = 1
+        touch(layer.dirty, row, col)
+    if layer.evidence[row, col] == 0 or layer.touched[row, col, 0] == scan_number:
+        return
+    layer.touched[row, col, 0] = scan_number
+    layer.evidence[row, col] -= 1
+    if layer.evidence[row, col] == 0:
+        layer.hits[row, col] = 0
+        touch(layer.dirty, row, col)
+
+
+@kernel
+def trace_ray(
+    layer: EchoLayer,
+    walls: NDArray[np.uint8],
+    ray: tuple[float, float, float, float],
+    stretch: tuple[float, float],
+    scan_number: int,
+) -> float:
+    """Clear the cells that a ray passes, up to the first wall of the map.
+
+    Args:
+        layer: changed in place.
+        walls: (rows, cols), set where rays end.
+        ray: x, y of its start and its direction [cells].
+        stretch: distance from which on it clears, and where it ends [cells].
+        scan_number: differs from that of every other scan.
+
+    Returns:
+        How far it ran into a wall [cells], infinity where there was none.
+
+    Source:
+        Amanatides, Woo, A Fast Voxel Traversal Algorithm for Ray Tracing (1987).
+    """
+    rows, cols = walls.shape
+    x, y, dx, dy = ray
+    row, col = math.floor(y), math.floor(x)
+    step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+    per_col = abs(1.0 / dx) if dx != 0.0 else math.inf
+    per_row = abs(1.0 / dy) if dy != 0.0 else math.inf
+    next_x = ((col + (dx > 0.0)) - x) / dx if dx != 0.0 else math.inf
+    next_y = ((row + (dy > 0.0)) - y) / dy if dy != 0.0 else math.inf
+    travelled = 0.0
+    while travelled < stretch[1] and 0 <= row < rows and 0 <= col < cols:
+        if walls[row, col]:
+            return travelled
+        if travelled >= stretch[0]:
+            see_through(layer, row, col, scan_number)
+        if next_x < next_y:
+            travelled, col = next_x, col + step_col
+            next_x += per_col
+        else:
+            travelled, row = next_y, row + step_row
+            next_y += per_row
+    return math.inf
+
+
+@kernel
+def free_cells(beams: NDArray[np.float64], beam: int, resolution_m: float) -> float:
+    """Return how far a beam clears [cells]: the cell of its echo and the one before are left."""
+    reach = beams[beam, CLEAR] / resolution_m
+    if beams[beam, ECHO] > 0.0:
+        reach = min(reach, beams[beam, ECHO] / resolution_m - 0.7)
+    return reach
+
+
+@kernel
+def trace_beams(
+    layer: EchoLayer,
+    walls: NDArray[np.uint8],
+    beams: NDArray[np.float64],
+    resolution_m: float,
+    scan_number: int,
+) -> None:
+    """Clear the cells that beams pass, up to the first wall of the map, and those between them.
+
+    What a beam shows behind a wall of the map is a reflection or an error of the pose: its echo
+    is dropped, and nothing behind the wall is cleared. Far away neighbours are more than a cell
+    apart: what both of them pass is free between them, too.
+
+    Args:
+        layer: changed in place.
+        walls: (rows, cols), set where rays end.
+        beams: (n, 6); echoes behind walls are set to 0.
+        resolution_m: cell edge [m].
+        scan_number: differs from that of every other scan.
+    """
+    for beam in range(beams.shape[0]):
+        reach = free_cells(beams, beam, resolution_m)
+        if reach > 0.0:
+            x, y = beams[beam, X] / resolution_m, beams[beam, Y] / resolution_m
+            ray = (x, y, beams[beam, DX], beams[beam, DY])
+            stopped = trace_ray(layer, walls, ray, (0.0, reach), scan_number)
+            if stopped < math.inf:
+                beams[beam, ECHO] = 0.0
+                beams[beam, CLEAR] = stopped * resolution_m
+    for beam in range(beams.shape[0] - 1):
+        clear_between(layer, walls, beams, beam, resolution_m, scan_number)
+
+
+@kernel
+def clear_between(
+    layer: EchoLayer,
+    walls: NDArray[np.uint8],
+    beams: NDArray[np.float64],
+    beam: int,
+    resolution_m: float,
+    scan_number: int,
+) -> None:
+    """Clear the cells between a beam and the next one, from where they are a cell apart."""
+    reach = min(free_cells(beams, beam, resolution_m), free_cells(beams, beam + 1, resolution_m))
+    dx, dy = beams[beam, DX], beams[beam, DY]
+    turn_x, turn_y = beams[beam + 1, DX] - dx, beams[beam + 1, DY] - dy
+    spread = math.hypot(turn_x, turn_y)
+    if reach * spread <= 1.0 or spread > MAX_SPREAD:
+        return
+    between = math.ceil(reach * spread) - 1
+    x, y = beams[beam, X] / resolution_m, beams[beam, Y] / resolution_m
+    for index in range(between):
+        share = (index + 1.0) / (between + 1.0)
+        ray = (x, y, dx + share * turn_x, dy + share * turn_y)
+        trace_ray(layer, walls, ray, (1.0 / spread, reach), scan_number)
+
+
+@kernel
+def mark_echoes(
+    layer: EchoLayer,
+    wall_distance_m: NDArray[np.float32],
+    beams: NDArray[np.float64],
+    limits_m: tuple[float, float, float],
+    scan_number: int,
+    now_ticks: int,
+) -> None:
+    """Mark the cells of echoes that the map does not explain.
+
+    Args:
+        layer: changed in place.
+        wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
+        beams: (n, 6).
+        limits_m: cell edge; echoes farther than the second are not marked; echoes nearer to a
+            wall than the third are the wall.
+        scan_number: of this scan, as in `trace_beams`, which comes first.
+        now_ticks: robot time of the scan, in `TICK_S`.
+    """
+    rows, cols = wall_distance_m.shape
+    resolution_m, mark_max_m, explained_m = limits_m
+    for beam in range(beams.shape[0]):
+        echo = beams[beam, ECHO]
+        if echo <= 0.0 or echo > mark_max_m:
+            continue
+        x = beams[beam, X] + echo * beams[beam, DX]
+        y = beams[beam, Y] + echo * beams[beam, DY]
+        row, col = math.floor(y / resolution_m), math.floor(x / resolution_m)
+        if not (0 <= row < rows and 0 <= col < cols) or wall_distance_m[row, col] < explained_m:
+            continue
+        layer.points[row, col, 0] = x
+        layer.points[row, col, 1] = y
+        if layer.touched[row, col, 1] == scan_number:
+            continue
+        layer.touched[row, col, 1] = scan_number
+        layer.seen_ticks[row, col] = now_ticks
+        # A beam beside the echo may have seen through the same cell in this scan.
+        passed = 1 if layer.touched[row, col, 0] == scan_number else 0
+        before = int(layer.evidence[row, col]) + passed
+        if layer.evidence[row, col] == 0:
+            touch(layer.dirty, row, col)
+        layer.evidence[row, col] = min(before + MARK_EVIDENCE, MAX_EVIDENCE)
+        layer.hits[row, col] = min(int(layer.hits[row, col]) + 1, 255)
+
+
+@kernel
+def fade(layer: EchoLayer, now_ticks: int, kept_ticks: tuple[int, int, int]) -> None:
+    """Forget what has not been seen for long: the sooner, the less often it was confirmed.
+
+    People leave few echoes in each cell, furniture many, so what moves is forgotten first.
+
+    Args:
+        layer: changed in place.
+        now_ticks: robot time, in `TICK_S`.
+        kept_ticks: how long a cell is kept at least, how much longer for each scan that
+            confirmed it, and how long at most.
+    """
+    rows, cols = layer.evidence.shape
+    least, per_hit, most = kept_ticks
+    for row in range(rows):
+        for col in range(cols):
+            if layer.evidence[row, col] == 0:
+                continue
+            kept = min(least + per_hit * int(layer.hits[row, col]), most)
+            if now_ticks - layer.seen_ticks[row, col] > kept:
+                layer.evidence[row, col] = 0
+                layer.hits[row, col] = 0
+                touch(layer.dirty, row, col)
+
+
+@kernel
+def forget_near(layer: EchoLayer, x_cells: float, y_cells: float, radius_cells: float) -> None:
+    """Forget every obstacle seen whose cell centre lies within a circle [cells]."""
+    rows, cols = layer.evidence.shape
+    for row in range(
+        max(0, math.floor(y_cells - radius_cells)), min(rows, math.ceil(y_cells + radius_cells))
+    ):
+        for col in range(
+            max(0, math.floor(x_cells - radius_cells)),
+            min(cols, math.ceil(x_cells + radius_cells)),
+        ):
+            near = math.hypot(col + 0.5 - x_cells, row + 0.5 - y_cells) <= radius_cells
+            if near and layer.evidence[row, col] > 0:
+                layer.evidence[row, col] = 0
+                layer.hits[row, col] = 0
+                touch(layer.dirty, row, col)
+
+
+@kernel
+def forget_inside(
+    layer: EchoLayer, polygon_cells: NDArray[np.float64], resolution_m: float
+) -> None:
+    """Forget every obstacle whose last echo lay inside a polygon (n, 2) [cells], and know it free.
+
+    Where the robot is nothing else can be; a lidar that does not look all round would never see
+    that what it once saw there is gone, nor the place that the robot set off from, and would not
+    let it back up to there.
+    """
+    rows, cols = layer.evidence.shape
+    for row in range(
+        max(0, math.floor(polygon_cells[:, 1].min())),
+        min(rows, math.ceil(polygon_cells[:, 1].max())),
+    ):
+        for col in range(
+            max(0, math.floor(polygon_cells[:, 0].min())),
+            min(cols, math.ceil(polygon_cells[:, 0].max())),
+        ):
+            if layer.observed[row, col] == 0 and inside_polygon(
+                polygon_cells, col + 0.5, row + 0.5
+            ):
+                layer.observed[row, col] = 1
+                touch(layer.dirty, row, col)
+            if layer.evidence[row, col] == 0:
+                continue
+            x = layer.points[row, col, 0] / resolution_m
+            y = layer.points[row, col, 1] / resolution_m
+            if inside_polygon(polygon_cells, x, y):
+                layer.evidence[row, col] = 0
+                layer.hits[row, col] = 0
+                touch(layer.dirty, row, col)
+
+
+@kernel
+def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -> float:
+    """Return how far a point is from where somebody was within the last `trail_s` [m].
+
+    Args:
+        walker: (5,) x, y [m], velocity [m/s], radius [m].
+        x: [m].
+        y: [m].
+        trail_s: 0 for where they are.
+    """
+    dx, dy, vx, vy = x - walker[0], y - walker[1], walker[2], walker[3]
+    squared = vx * vx + vy * vy
+    ago_s = -(dx * vx + dy * vy) / squared if squared > 0.0 else 0.0
+    ago_s = min(max(ago_s, 0.0), trail_s)
+    return math.hypot(dx + ago_s * vx, dy + ago_s * vy) - walker[4]
+
+
+@kernel
+def lift_echoes(beams: NDArray[np.float64], walkers: NDArray[np.float64]) -> None:
+    """Set the echoes of who walks (n, 5) to 0 in beams (m, 6)."""
+    for beam in range(beams.shape[0]):
+        echo = beams[beam, ECHO]
+        if echo <= 0.0:
+            continue
+        x = beams[beam, X] + echo * beams[beam, DX]
+        y = beams[beam, Y] + echo * beams[beam, DY]
+        for index in range(walkers.shape[0]):
+            if off_trail(walkers[index], x, y, 0.0) < LIFT_M:
+                beams[beam, ECHO] = 0.0
+
+
+@kernel
+def lift_cells(
+    layer: EchoLayer, walkers: NDArray[np.float64], resolution_m: float, scan_number: int
+) -> None:
+    """Forget what was seen of who walks, and where they were unless it is still seen.
+
+    Args:
+        layer: changed in place.
+        walkers: (n, 5) x, y [m], velocity [m/s], radius [m].
+        resolution_m: cell edge [m].
+        scan_number: of the newest scan.
+    """
+    rows, cols = layer.evidence.shape
+    for index in range(walkers.shape[0]):
+        x, y, vx, vy, radius = walkers[index]
+        back_x, back_y, reach = x - TRAIL_S * vx, y - TRAIL_S * vy, radius + LIFT_M
+        first_row = max(0, math.floor((min(y, back_y) - reach) / resolution_m))
+        end_row = min(rows, math.ceil((max(y, back_y) + reach) / resolution_m))
+        first_col = max(0, math.floor((min(x, back_x) - reach) / resolution_m))
+        end_col = min(cols, math.ceil((max(x, back_x) + reach) / resolution_m))
+        for row in range(first_row, end_row):
+            for col in range(first_col, end_col):
+                if layer.evidence[row, col] == 0:
+                    continue
+                trail_s = 0.0 if layer.touched[row, col, 1] == scan_number else TRAIL_S
+                px, py = layer.points[row, col, 0], layer.points[row, col, 1]
+                if off_trail(walkers[index], px, py, trail_s) < LIFT_M:
+                    layer.evidence[row, col] = 0
+                    layer.hits[row, col] = 0
+                    touch(layer.dirty, row, col)
+
+
+@kernel
+def touch(dirty: NDArray[np.int64], row: int, col: int) -> None:
+    """Extend the box of changed cells by one cell."""
+    dirty[0] = min(dirty[0], row)
+    dirty[1] = max(dirty[1], row)
+    dirty[2] = min(dirty[2], col)
+    dirty[3] = max(dirty[3], col)

@@ -9,14 +9,20 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, UNKNOWN, distance_transform
 from trolley.messages import Zone
-from trolley_planner.kernels.layers import FREE, WALL
-from trolley_planner.kernels.layers import UNKNOWN as UNKNOWN_KIND
+from trolley_planner.costmap.inflation import FREE, WALL
+from trolley_planner.costmap.inflation import UNKNOWN as UNKNOWN_KIND
 
 LINE_KINDS = ("mirror", "glass")
+
+
 # Before a speed zone the robot slows down so gently [m/s^2], by this much too early [m], since it
 # follows its commands late; farther away than the last the zone does not matter yet [m].
 ZONE_BRAKING_MPS2 = 0.5
+
+
 ZONE_EARLY_M = 0.1
+
+
 ZONE_REACH_M = 1.2
 
 
@@ -114,27 +120,3 @@ def speed_limits(
             before[away >= ZONE_REACH_M] = np.inf
             limits = np.minimum(limits, np.where(mask, np.float32(zone.speed), before))
     return limits
-
-
-def inflation_table(
-    inscribed_m: float, falloff_m: float, height: float, step_m: float, weight_unit: int
-) -> NDArray[np.uint8]:
-    """Return the weight by distance to the nearest obstacle's surface.
-
-    0 (lethal) nearer than `inscribed_m`, then 1 + height * exp(-(d - inscribed) / falloff).
-
-    Args:
-        inscribed_m: where the footprint touches whatever its heading [m].
-        falloff_m: distance over which the extra cost falls to 1/e [m].
-        height: extra cost at the inscribed distance, in weights of a free cell.
-        step_m: distance between two entries [m].
-        weight_unit: weight of a free cell.
-    """
-    count = math.ceil((inscribed_m + 5.0 * falloff_m) / step_m) + 1
-    distance = np.arange(count) * step_m
-    extra = height * np.exp(-(distance - inscribed_m) / falloff_m)
-    # The price ends at zero where the table ends, so that open space is really free.
-    extra = np.maximum(extra - extra[-1], 0.0)
-    weights = np.rint(weight_unit * (1.0 + extra))
-    weights[distance < inscribed_m] = 0
-    return np.clip(weights, 0, 255).astype(np.uint8)

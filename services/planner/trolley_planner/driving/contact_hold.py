@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import distance_to_outline
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.kernels.beams import DX, DY, ECHO, X, Y
 from trolley_planner.people.people_tracker import Mover
+from trolley_planner.sensing.beams import DX, DY, ECHO, X, Y
 
 TOUCH_M = 0.06
 """Nearer to the outline than this something counts as touching: the lidar's noise is part of it."""

@@ -4,8 +4,8 @@ import math
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.control.controller import Motion
+from trolley_planner.control.rollout import Limits
 from trolley_planner.goals.goal import Tolerances
-from trolley_planner.kernels.rollout import Limits
 
 START_M = 0.3
 """The approach takes over this near to the goal."""

@@ -14,17 +14,23 @@ from trolley_planner.context.planning_context import Rig
 from trolley_planner.control.controller import Motion, safe_command
 from trolley_planner.control.local_costmap import TIGHT_M
 from trolley_planner.control.path_timing import seconds_along
+from trolley_planner.control.proximity import STANDS_MPS
+from trolley_planner.control.rollout import GIVE_M, Limits, Target
 from trolley_planner.driving.contact_hold import TouchWatch
 from trolley_planner.driving.final_alignment import limited_change
-from trolley_planner.driving.goal_approach import Arrival
+from trolley_planner.driving.goal_approach import Arrival, can_turn_by
 from trolley_planner.driving.progress_checker import ProgressChecker
-from trolley_planner.driving.recovery import Recovery, Trail, Try
-from trolley_planner.driving.recovery_behaviors import LOOKBACK_M, BackUp, TurnRound, free_turn
+from trolley_planner.driving.recovery import (
+    LOOKBACK_M,
+    BackUp,
+    Recovery,
+    Trail,
+    Try,
+    TurnRound,
+    free_turn,
+)
 from trolley_planner.driving.route import PASS_M, Route
-from trolley_planner.driving.turning_place import can_turn_by
 from trolley_planner.goals.goal import Goal
-from trolley_planner.kernels.rollout import GIVE_M, Limits, Target
-from trolley_planner.kernels.walkers import STANDS_MPS
 from trolley_planner.paths.path import PlannedPath
 
 BLOCKED_S = 0.7
@@ -124,7 +130,7 @@ class Drive:
         pose, window = motion.pose, self.rig.window
         window.look(pose.x, pose.y, self.route.is_tight_here)
         costmap = self.rig.costmap
-        self._touch.note(now_ns, costmap.echoes.beams, costmap.movers, pose)
+        self._touch.note(now_ns, costmap.echoes.beams, costmap.moving.movers, pose)
         self.route.follow(pose)
         if not self.route.vias_left and self._arrival.look(pose):
             self.route.retarget(self._arrival.aim)

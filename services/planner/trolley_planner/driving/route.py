@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley_planner.context.planning_context import Rig
+from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.goals.goal import VIA_RADIUS_M
-from trolley_planner.kernels.layers import LETHAL
 from trolley_planner.paths.path import PlannedPath
 
 PASS_M = 0.8 * VIA_RADIUS_M

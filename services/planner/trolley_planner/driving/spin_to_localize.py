@@ -3,8 +3,8 @@
 from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D, circumscribed_radius, footprint_from_polygon
 from trolley_planner.context.costmap_manager import free_all_round
-from trolley_planner.driving.recovery_behaviors import TurnRound
-from trolley_planner.kernels.rollout import Limits
+from trolley_planner.control.rollout import Limits
+from trolley_planner.driving.recovery import TurnRound
 from trolley_planner.sensing.inputs import Senses
 
 ROOM_M = 0.1

@@ -92,7 +92,7 @@ class GivingWay:
         """
         grid_T_frame = rig.costmap.frame_T_grid.inverse()
         self.others = [moved_into(other, grid_T_frame) for other in others]
-        rig.costmap.set_robots([one.track for one in self.others if len(one.track)], now_ns)
+        rig.costmap.moving.set_robots([one.track for one in self.others if len(one.track)], now_ns)
 
     def forget(self) -> None:
         """Wait for nobody, as with a new goal."""

@@ -17,8 +17,8 @@ from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Path, PoseEstimate, Robot
 from trolley.messages.types import floats_from_bytes
 from trolley_planner.goals.goal import ACTIVE
-from trolley_planner.kernels.walkers import ROBOT_DT_S
 from trolley_planner.paths.path import SPACING_M
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
 MOST_ROBOTS = 32
 """Of more robots nothing is remembered,"""

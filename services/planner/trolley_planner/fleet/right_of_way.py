@@ -17,26 +17,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.gridmap.distance import distance_transform
+from trolley.jit import kernel
 from trolley_planner.fleet.neighbours import Neighbour
-from trolley_planner.kernels.passages import label_parts
 from trolley_planner.paths.path import SPACING_M
 
 MARGIN_M = 0.06
 """Two robots pass each other where this is left beside and between them."""
+
+
 AHEAD_M = 6.0
 """So much of the own way is looked at;"""
+
+
 DECIDE_M = 1.3
 """a robot that must wait drives on until it is this near to the narrow place."""
+
+
 DOOR_M = 1.3
 """A narrow place no longer than this is called a door."""
+
+
 INSIDE_M = 0.12
 """Who is this near to it is in it."""
+
+
 STEP_M = 0.5
 """Distances that differ by less than such a step are as near as each other."""
+
+
 LONG_S = 20.0
 """Who has waited for so long goes before those that come later: else a busy door never frees."""
+
+
 WAY_M = 1.5
 """Two robots that stand face to face have no more than this between their middles."""
+
 
 Floats = NDArray[np.float64]
 
@@ -204,3 +219,61 @@ def _gap(path: Floats, x: float, y: float) -> float:
     if len(path) == 0:
         return math.inf
     return float(np.hypot(path[:, 0] - x, path[:, 1] - y).min())
+
+
+@kernel
+def label_parts(
+    out_labels: NDArray[np.int32], wide: NDArray[np.bool_], free: NDArray[np.bool_]
+) -> int:
+    """Number the parts of the floor that hang together; the rest joins the part nearest to it.
+
+    Args:
+        out_labels: (rows, cols), overwritten: 1 to n, 0 where nothing is free.
+        wide: (rows, cols) cells of the parts.
+        free: (rows, cols) cells over which they spread, those of `wide` included.
+
+    Returns:
+        How many parts there are.
+    """
+    rows, cols = wide.shape
+    out_labels[:, :] = 0
+    queue = np.empty(rows * cols, dtype=np.int32)
+    known, parts = 0, 0
+    # Each part in turn; all of its cells stay in the queue, from which the spreading begins.
+    for first in range(rows * cols):
+        if not wide[first // cols, first % cols] or out_labels[first // cols, first % cols] != 0:
+            continue
+        parts += 1
+        out_labels[first // cols, first % cols] = parts
+        queue[known] = first
+        taken, known = known, known + 1
+        while taken < known:
+            known = _spread(out_labels, wide, queue, taken, known)
+            taken += 1
+    taken = 0
+    while taken < known:
+        known = _spread(out_labels, free, queue, taken, known)
+        taken += 1
+    return parts
+
+
+@kernel
+def _spread(
+    labels: NDArray[np.int32],
+    mask: NDArray[np.bool_],
+    queue: NDArray[np.int32],
+    taken: int,
+    known: int,
+) -> int:
+    """Give a cell's label to those beside it; return how many cells the queue holds then."""
+    rows, cols = labels.shape
+    row, col = queue[taken] // cols, queue[taken] % cols
+    for side in range(4):
+        r = row + (side == 0) - (side == 1)
+        c = col + (side == 2) - (side == 3)
+        if r < 0 or c < 0 or r >= rows or c >= cols or labels[r, c] != 0 or not mask[r, c]:
+            continue
+        labels[r, c] = labels[row, col]
+        queue[known] = r * cols + c
+        known += 1
+    return known

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.fleet.neighbours import Neighbour
 from trolley_planner.fleet.right_of_way import Passages
-from trolley_planner.kernels.layers import LETHAL
 
 REACH_M = 4.0
 """No place is looked for farther away than this."""

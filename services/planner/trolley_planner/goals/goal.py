@@ -1,16 +1,15 @@
 """A goal, where exactly it can be reached, and what became of the last ones."""
 
 import math
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from trolley.geometry import Pose2D, wrap_angle
-from trolley.messages import GoalStatus
 
-KEPT_GOALS = 32
 VIA_RADIUS_M = 0.3
 """Via points count as passed within this."""
+
+
 ACTIVE = ("planning", "driving", "recovering", "paused")
 """States of a goal that is not over."""
 
@@ -40,26 +39,6 @@ class Goal:
     tolerances: Tolerances
     speed: float | None
     sent_ns: int
-
-
-class GoalBook:
-    """The last goals by their id."""
-
-    def __init__(self) -> None:
-        self._statuses: OrderedDict[str, GoalStatus] = OrderedDict()
-
-    def write(self, status: GoalStatus) -> None:
-        """Keep the newest status of a goal, and the oldest goals no longer."""
-        if status.id is None:
-            return
-        self._statuses[status.id] = status
-        self._statuses.move_to_end(status.id)
-        while len(self._statuses) > KEPT_GOALS:
-            self._statuses.popitem(last=False)
-
-    def read(self, goal_id: str) -> GoalStatus | None:
-        """Return the newest status of a goal, None if it is not known (any more)."""
-        return self._statuses.get(goal_id)
 
 
 def free_pose_near(

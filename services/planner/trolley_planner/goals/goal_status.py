@@ -1,9 +1,13 @@
 """What the planner says about its goal: state, reason, and a sentence for people."""
 
+from collections import OrderedDict
+
 from trolley import codes
 from trolley.codes import SENTENCES
 from trolley.messages import GoalState, GoalStatus
-from trolley_planner.goals.goal import ACTIVE, Goal, GoalBook
+from trolley_planner.goals.goal import ACTIVE, Goal
+
+KEPT_GOALS = 32
 
 
 class StatusBoard:
@@ -97,3 +101,23 @@ class StatusBoard:
         goal = self.goal
         if goal is None or not self.is_active or (goal_id is not None and goal_id != goal.id):
             raise codes.Refused(codes.NOT_CURRENT)
+
+
+class GoalBook:
+    """The last goals by their id."""
+
+    def __init__(self) -> None:
+        self._statuses: OrderedDict[str, GoalStatus] = OrderedDict()
+
+    def write(self, status: GoalStatus) -> None:
+        """Keep the newest status of a goal, and the oldest goals no longer."""
+        if status.id is None:
+            return
+        self._statuses[status.id] = status
+        self._statuses.move_to_end(status.id)
+        while len(self._statuses) > KEPT_GOALS:
+            self._statuses.popitem(last=False)
+
+    def read(self, goal_id: str) -> GoalStatus | None:
+        """Return the newest status of a goal, None if it is not known (any more)."""
+        return self._statuses.get(goal_id)

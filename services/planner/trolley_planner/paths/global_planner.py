@@ -8,31 +8,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.kernels.corridor import Terrain
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
-from trolley_planner.kernels.lines import polyline_cost, shortcut_into, smooth, subdivide
-from trolley_planner.paths.cost_to_go import COST_OF_CELL, GoalField
+from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
+from trolley_planner.paths.cost_to_go import COST_OF_CELL, GoalField, Terrain
 from trolley_planner.paths.footprint_check import Fitted, Fitting
-from trolley_planner.paths.path import SPACING_M, PlannedPath
+from trolley_planner.paths.lines import polyline_cost, straighten
+from trolley_planner.paths.path import PlannedPath
 
 Point = tuple[float, float]
 
+
 ESCAPE_WEIGHT = 60 * WEIGHT_UNIT
 """Price of cells that are lethal, but from which the robot must find a way out."""
+
+
 OBSTRUCTED_WEIGHT = 30 * WEIGHT_UNIT
 """Price of what the lidar saw in the way, for a plan that hopes it will be gone."""
+
+
 START_ESCAPE_M = 0.5
+
+
 GOAL_ESCAPE_M = 0.15
+
+
 SEEN_GIVE_CELLS, MAP_GIVE_CELLS = 0.5, 0.15
 """Where there is no other way, obstacles may reach so far into the footprint: seen, and mapped."""
+
+
 NARROW_PLACES = 8
 """So many places that prove too narrow are gone round, then there is no way."""
+
+
 NARROW_M = 0.12
 """Radius that is closed at such a place, at least."""
-SHORTCUT_M, SHORTCUT_REACH = 0.4, 32
-"""Distance of the points [m] and over how many of them lines are tried."""
-SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 6), (0.15, 6))
-"""Distance of the points [m] and passes over them, one after the other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -247,20 +255,3 @@ class GlobalPlanner:
             return None
         scale = 1.0 / self._costmap.resolution_m
         return int(point[1] * scale) * self._costmap.shape[1] + int(point[0] * scale)
-
-
-def straighten(
-    points: NDArray[np.float64], weights: NDArray[np.uint8], cells_per_m: float
-) -> NDArray[np.float64]:
-    """Return a smooth path (m, 2) in place of one along cells (n, 2), both in cells.
-
-    No line of it touches a lethal cell where those along the cells do not.
-    """
-    path = subdivide(points, SHORTCUT_M * cells_per_m)
-    kept = np.empty(len(path), dtype=np.int32)
-    path = path[kept[: shortcut_into(kept, weights, path, SHORTCUT_REACH)]]
-    # Far apart the points reach farther, close together they follow the bends.
-    for spacing_m, rounds in SMOOTHING:
-        path = subdivide(path, spacing_m * cells_per_m)
-        smooth(path, weights, rounds)
-    return subdivide(path, SPACING_M * cells_per_m)

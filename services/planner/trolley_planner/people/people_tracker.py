@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_planner.kernels.beams import CLEAR, DX, DY, ECHO, X, Y
+from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 
 SIGHT_M = 3.5
 """Movers are looked for this near to the lidar,"""

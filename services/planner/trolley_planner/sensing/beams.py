@@ -5,40 +5,25 @@ corner of cell (0, 0).
 """
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import Pose2D
 from trolley.jit import kernel
-from trolley_planner.kernels.angles import wrapped
 
 X, Y, DX, DY, CLEAR, ECHO = range(6)
 """Columns of a beam: start [m], direction, length that is free [m], distance of the echo [m]."""
 
+
 SURFACE_M, MAX_SMOOTHED = 0.012, 8
 """Echoes this far to both sides, and at most so many, may lie on one surface,"""
+
+
 SAME_M = 0.04
 """if their ranges are this near."""
-
-
-class EchoLayer(NamedTuple):
-    """What the lidar has seen, per cell: the arrays of `Echoes`."""
-
-    evidence: NDArray[np.uint8]
-    """(rows, cols) 0 = no obstacle seen."""
-    hits: NDArray[np.uint8]
-    """(rows, cols) scans that confirmed it, saturating."""
-    seen_ticks: NDArray[np.int32]
-    """(rows, cols) robot time of the last echo, in `kernels.echoes.TICK_S`."""
-    points: NDArray[np.float32]
-    """(rows, cols, 2) where in the cell the last echo lay [m]."""
-    observed: NDArray[np.uint8]
-    """(rows, cols) 1 where some beam has passed."""
-    touched: NDArray[np.int32]
-    """(rows, cols, 2) number of the scan that last saw through, and that last marked."""
-    dirty: NDArray[np.int64]
-    """(4,) first and last row, first and last column of what changed since it was reset."""
 
 
 class ScanShape(NamedTuple):
@@ -50,13 +35,23 @@ class ScanShape(NamedTuple):
     range_max: float
 
 
-@kernel
-def touch(dirty: NDArray[np.int64], row: int, col: int) -> None:
-    """Extend the box of changed cells by one cell."""
-    dirty[0] = min(dirty[0], row)
-    dirty[1] = max(dirty[1], row)
-    dirty[2] = min(dirty[2], col)
-    dirty[3] = max(dirty[3], col)
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """One scan and how the lidar moved while it was taken.
+
+    Attributes:
+        ranges_m: (n,) float32; +inf = no echo, 0 or NaN = invalid.
+        shape: how the beams lie in `laser`.
+        start: pose of the lidar at the first beam, in the frame of the costmap.
+        end: pose of the lidar at the last beam.
+        body_laser: (m, 2) the robot's outline in `laser` [m].
+    """
+
+    ranges_m: NDArray[np.float32]
+    shape: ScanShape
+    start: Pose2D
+    end: Pose2D
+    body_laser: NDArray[np.float64]
 
 
 @kernel
@@ -191,3 +186,9 @@ def cut_at_lines(
                 beams[beam, CLEAR] = min(beams[beam, CLEAR], along)
                 if beams[beam, ECHO] > along - tolerance_m:
                     beams[beam, ECHO] = 0.0
+
+
+@kernel
+def wrapped(angle: float) -> float:
+    """Return the same direction within [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_planner.kernels.clearance import (
+from trolley_planner.control.proximity import company_of_all
+from trolley_planner.costmap.footprint import (
     Body,
     Field,
     bilinear,
@@ -18,7 +19,6 @@ from trolley_planner.kernels.clearance import (
     clearance_turned,
     outline_clearance,
 )
-from trolley_planner.kernels.robots import company_of_all
 
 
 class Limits(NamedTuple):

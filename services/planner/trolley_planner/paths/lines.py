@@ -12,14 +12,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
+from trolley_planner.paths.path import SPACING_M
 
 SAME_CELLS = 1e-6
 """Two borders that a line crosses within this distance are crossed in their corner."""
 
+
 STRAIGHT_CELLS = 0.02
 """Points that would move less than this stay where they are."""
+
+
 EVERY = 4
 """Lines are tried to every so many points."""
+
+
+SHORTCUT_M, SHORTCUT_REACH = 0.4, 32
+"""Distance of the points [m] and over how many of them lines are tried."""
+
+
+SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 6), (0.15, 6))
+"""Distance of the points [m] and passes over them, one after the other."""
+
+
+def straighten(
+    points: NDArray[np.float64], weights: NDArray[np.uint8], cells_per_m: float
+) -> NDArray[np.float64]:
+    """Return a smooth path (m, 2) in place of one along cells (n, 2), both in cells.
+
+    No line of it touches a lethal cell where those along the cells do not.
+    """
+    path = subdivide(points, SHORTCUT_M * cells_per_m)
+    kept = np.empty(len(path), dtype=np.int32)
+    path = path[kept[: shortcut_into(kept, weights, path, SHORTCUT_REACH)]]
+    # Far apart the points reach farther, close together they follow the bends.
+    for spacing_m, rounds in SMOOTHING:
+        path = subdivide(path, spacing_m * cells_per_m)
+        smooth(path, weights, rounds)
+    return subdivide(path, SPACING_M * cells_per_m)
 
 
 @kernel

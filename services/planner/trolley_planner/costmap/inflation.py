@@ -14,8 +14,11 @@ from trolley.jit import kernel
 FREE, UNKNOWN, WALL = 0, 1, 2
 """Kinds of cells of the map."""
 
+
 WEIGHT_UNIT = 4
 """A weight of 1 (a free cell, far from everything) in the units of the grids of weights."""
+
+
 LETHAL = 0
 """The weight of cells where the footprint's centre must not be."""
 
@@ -33,6 +36,30 @@ class Layers(NamedTuple):
     """(rows, cols) of obstacles seen, 0 = none."""
     observed: NDArray[np.uint8]
     """(rows, cols) 1 where a beam has passed: not unknown any more."""
+
+
+def inflation_table(
+    inscribed_m: float, falloff_m: float, height: float, step_m: float, weight_unit: int
+) -> NDArray[np.uint8]:
+    """Return the weight by distance to the nearest obstacle's surface.
+
+    0 (lethal) nearer than `inscribed_m`, then 1 + height * exp(-(d - inscribed) / falloff).
+
+    Args:
+        inscribed_m: where the footprint touches whatever its heading [m].
+        falloff_m: distance over which the extra cost falls to 1/e [m].
+        height: extra cost at the inscribed distance, in weights of a free cell.
+        step_m: distance between two entries [m].
+        weight_unit: weight of a free cell.
+    """
+    count = math.ceil((inscribed_m + 5.0 * falloff_m) / step_m) + 1
+    distance = np.arange(count) * step_m
+    extra = height * np.exp(-(distance - inscribed_m) / falloff_m)
+    # The price ends at zero where the table ends, so that open space is really free.
+    extra = np.maximum(extra - extra[-1], 0.0)
+    weights = np.rint(weight_unit * (1.0 + extra))
+    weights[distance < inscribed_m] = 0
+    return np.clip(weights, 0, 255).astype(np.uint8)
 
 
 @kernel
