@@ -23,9 +23,9 @@ from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_base.stop_field import StopField
-from trolley_planner.control.local_costmap import Window
+from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
-from trolley_planner.control.pure_pursuit import Pursuit
+from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.service import PlannerService
 
 LENGTH_M, WIDTH_M = 0.46, 0.42
@@ -188,7 +188,12 @@ class _Clock:
     def __init__(self, lockstep: Lockstep) -> None:
         self.planner_s = 0.0
         self.controller_s = 0.0
-        self._owners = ((Window, "look"), (Window, "lead"), (Mppi, "command"), (Pursuit, "command"))
+        self._owners = (
+            (LocalCostmap, "update"),
+            (LocalCostmap, "compute_cost_to_go"),
+            (Mppi, "command"),
+            (PurePursuit, "command"),
+        )
         self._plain = [getattr(owner, name) for owner, name in self._owners]
         for (owner, name), function in zip(self._owners, self._plain, strict=True):
             setattr(owner, name, self._timed(function, "controller_s"))

@@ -12,9 +12,9 @@ from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.paths.cost_to_go import (
     TILE,
     Corridor,
-    GoalField,
+    CostToGo,
     Terrain,
-    coarsen_into,
+    coarsen_weights_into,
     retile,
 )
 from trolley_planner.paths.lines import polyline_cost, straighten
@@ -59,9 +59,9 @@ def effective(land: Terrain) -> np.ndarray:
     return weights
 
 
-def check(field: GoalField, land: Terrain, start: int, goal: int) -> None:
+def check(field: CostToGo, land: Terrain, start: int, goal: int) -> None:
     weights = effective(land)
-    found = field.way(start, land)
+    found = field.cheapest_path(start, land)
     best = math.inf
     if weights.reshape(-1)[[start, goal]].all():
         best = grid_cost(weights, start, goal)
@@ -93,7 +93,7 @@ def test_changes_of_the_map_leave_no_stale_cost(seed, thin, radius) -> None:
     if free.size < 2:
         return
     start, goal = (int(cell) for cell in rng.choice(free, 2))
-    field = GoalField((ROWS, COLS))
+    field = CostToGo((ROWS, COLS))
     for _ in range(6):
         check(field, terrain(weights, start, goal, radius), start, goal)
         weights = weights.copy()
@@ -113,8 +113,8 @@ def test_where_the_way_is_not_touched_nothing_is_looked_for_anew(seed) -> None:
     wall = np.s_[20:30, int(rng.integers(5, 40))]
     weights[wall] = LETHAL
     start, goal = 3 * COLS + 3, 3 * COLS + 45
-    field = GoalField((ROWS, COLS))
-    assert field.way(start, terrain(weights, start, goal)) is not None
+    field = CostToGo((ROWS, COLS))
+    assert field.cheapest_path(start, terrain(weights, start, goal)) is not None
     weights = weights.copy()
     weights[20:30, 42] = LETHAL  # A wall that comes far away makes no way better.
     check(field, terrain(weights, start + 4, goal), start + 4, goal)
@@ -131,7 +131,7 @@ def test_over_free_floor_paths_are_as_short_as_can_be(seed) -> None:
     weights = blocks(rng, False)
     weights[weights != LETHAL] = 4
     start, goal = (int(cell) for cell in rng.choice(np.flatnonzero(weights), 2))
-    found = GoalField((ROWS, COLS)).way(start, terrain(weights, start, goal))
+    found = CostToGo((ROWS, COLS)).cheapest_path(start, terrain(weights, start, goal))
     if found is None or len(found[0]) < 20:
         return
     points = np.stack([found[0] % COLS, found[0] // COLS], axis=1).astype(np.float64) + 0.5
@@ -149,7 +149,7 @@ def test_a_tile_is_as_passable_as_its_best_line(seed, rows, cols, share) -> None
     weights = rng.integers(4, 256, (rows, cols)).astype(np.uint8)
     weights[rng.random((rows, cols)) < share] = LETHAL
     coarse = np.empty((-(-rows // TILE) + 2, -(-cols // TILE) + 2), np.uint8)
-    coarsen_into(coarse, weights)
+    coarsen_weights_into(coarse, weights)
     whole = np.zeros((TILE * coarse.shape[0], TILE * coarse.shape[1]), np.uint8)
     whole[TILE : TILE + rows, TILE : TILE + cols] = weights
     for row in range(coarse.shape[0]):

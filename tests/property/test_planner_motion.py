@@ -10,21 +10,21 @@ from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
-from trolley_planner.context.planning_context import Rig
+from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
 from trolley_planner.control.rollout import advance, caution_speed, followed, moved
 from trolley_planner.costmap.footprint import FEW_DO_M, Footprint, bilinear
 
 CONFIG = PlannerConfig()
 FOOTPRINT = Footprint.from_polygon([(0.3, 0.2), (-0.25, 0.2), (-0.25, -0.2), (0.3, -0.1)])
-RIG = Rig(with_block(empty_room(), 3.0, 2.0, 0.5, 2.0), FOOTPRINT, CONFIG, 0.5)
+RIG = PlanningContext(with_block(empty_room(), 3.0, 2.0, 0.5, 2.0), FOOTPRINT, CONFIG, 0.5)
 
 places = st.tuples(st.floats(2.2, 3.2), st.floats(1.8, 3.2), st.floats(-3.2, 3.2))
 
 
 def plain_clearance(pose: Pose2D) -> float:
     """The least distance at points all along the outline, looked up one by one."""
-    field = RIG.window.field
+    field = RIG.local_costmap.field
     nearest = math.inf
     for x, y in pose.transform_points(FOOTPRINT.edge_points):
         u, v = (float(x) - field.x) / field.fine_m, (float(y) - field.y) / field.fine_m
@@ -36,7 +36,7 @@ def plain_clearance(pose: Pose2D) -> float:
 @given(places)
 def test_clearance_is_exact_near_things_and_to_two_centimetres_elsewhere(place) -> None:
     pose = Pose2D(*place)
-    RIG.window.look(pose.x, pose.y)
+    RIG.local_costmap.update(pose.x, pose.y)
     found, plain = RIG.seen_clearance(pose, 1.0), plain_clearance(pose)
     if found >= FEW_DO_M:
         assert plain - 0.003 <= found <= plain + 0.03

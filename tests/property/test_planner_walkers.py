@@ -12,17 +12,10 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley_planner.control.controller import limits_of
 from trolley_planner.control.proximity import (
-    FARTHEST,
-    LEAVING,
-    MEET_M,
-    MOST_SPREAD_M,
-    NEAR_M,
-    SPREAD_MPS,
-    STANDS_MPS,
-    SURE_S,
-    company,
+    PROXIMITY,
     disc_gap,
-    would_meet,
+    people_proximity_cost,
+    would_meet_people,
 )
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.people.moving_obstacles import NOBODY
@@ -74,7 +67,7 @@ def is_to_blame(pose: Pose2D, v: float, x: float, y: float) -> bool:
     """Whether the robot is no bystander: it moves, and not away from them."""
     ahead = pose.inverse().transform_points(np.array([[x, y]]))[0]
     cosine = math.copysign(1.0, v) * ahead[0] / max(math.hypot(*ahead), 1e-9)
-    return abs(v) >= STANDS_MPS and cosine > LEAVING
+    return abs(v) >= PROXIMITY.standing_mps and cosine > PROXIMITY.leaving
 
 
 @settings(max_examples=300)
@@ -83,16 +76,19 @@ def test_company_counts_everybody_where_they_are_then(
     crowd: NDArray[np.float64], pose: Pose2D, v: float, time_s: float
 ) -> None:
     body = BODY.edge_points, BODY.inscribed_m, BODY.circumscribed_m
-    found = company(crowd, body, (pose.x, pose.y), facing(pose), v, time_s)
+    found = people_proximity_cost(crowd, body, (pose.x, pose.y), facing(pose), v, time_s)
     low, high, hits, may_hit = 0.0, 0.0, False, False
     for x, y, vx, vy, radius in crowd:
         there = x + time_s * vx, y + time_s * vy
-        gap = plain_gap(pose, *there, radius + min(SPREAD_MPS * time_s, MOST_SPREAD_M))
-        blamed = time_s <= SURE_S and is_to_blame(pose, v, *there)
-        may_hit |= blamed and gap < MEET_M
-        hits |= blamed and -radius < gap < MEET_M - COARSE_M
+        gap = plain_gap(
+            pose, *there, radius + min(PROXIMITY.spread_mps * time_s, PROXIMITY.most_spread_m)
+        )
+        blamed = time_s <= PROXIMITY.sure_s and is_to_blame(pose, v, *there)
+        may_hit |= blamed and gap < PROXIMITY.meet_m
+        hits |= blamed and -radius < gap < PROXIMITY.meet_m - COARSE_M
         near, nearer = (
-            min(max(1.0 - one / NEAR_M, 0.0), FARTHEST) ** 2 for one in (gap + COARSE_M, gap)
+            min(max(1.0 - one / PROXIMITY.near_m, 0.0), PROXIMITY.most_cost) ** 2
+            for one in (gap + COARSE_M, gap)
         )
         low, high = low + near, high + nearer
     assert not hits or found == math.inf
@@ -110,10 +106,10 @@ def test_braking_for_somebody_is_seen_in_time(
     crowd: NDArray[np.float64], v: float, w: float
 ) -> None:
     start = np.array([0.0, 0.0, 0.0, v, w])
-    found = would_meet(start, crowd, BODY, LIMITS.deceleration, 0.15)
+    found = would_meet_people(start, crowd, BODY, LIMITS.deceleration, 0.15)
     pose, speed, meets, nearly = Pose2D(0.0, 0.0, 0.0), v, False, False
     for step in range(1, 400):
-        if abs(speed) < STANDS_MPS:
+        if abs(speed) < PROXIMITY.standing_mps:
             break
         if 0.05 * step > 0.15:
             slower = math.copysign(max(abs(speed) - 0.05 * LIMITS.deceleration, 0.0), speed)
@@ -125,8 +121,8 @@ def test_braking_for_somebody_is_seen_in_time(
                 there = x + time_s * vx, y + time_s * vy
                 gap = plain_gap(pose, *there, radius)
                 blamed = is_to_blame(pose, speed, *there)
-                meets |= blamed and -radius < gap < MEET_M - COARSE_M
-                nearly |= is_to_blame(pose, speed, *there) and gap < MEET_M + COARSE_M
+                meets |= blamed and -radius < gap < PROXIMITY.meet_m - COARSE_M
+                nearly |= is_to_blame(pose, speed, *there) and gap < PROXIMITY.meet_m + COARSE_M
     assert found or not meets
     assert nearly or not found
 
@@ -134,7 +130,7 @@ def test_braking_for_somebody_is_seen_in_time(
 def test_who_stands_or_leaves_meets_nobody() -> None:
     ahead = np.array([[0.5, 0.0, -1.0, 0.0, 0.25]])
     behind = np.array([[-0.45, 0.0, 1.0, 0.0, 0.25]])
-    assert would_meet(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), ahead, BODY, 0.9, 0.15)
-    assert not would_meet(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), ahead, BODY, 0.9, 0.15)
-    assert not would_meet(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), behind, BODY, 0.9, 0.15)
-    assert not would_meet(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), NOBODY, BODY, 0.9, 0.15)
+    assert would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), ahead, BODY, 0.9, 0.15)
+    assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), ahead, BODY, 0.9, 0.15)
+    assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), behind, BODY, 0.9, 0.15)
+    assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), NOBODY, BODY, 0.9, 0.15)

@@ -72,11 +72,11 @@ class Hall:
 
     @property
     def costmap(self) -> Costmap:
-        return self._planner._navigator.surroundings.need_rig().costmap
+        return self._planner.navigator.costmap_manager.require_context().costmap
 
     def seen(self) -> np.ndarray:
         """Where the costmap holds an obstacle away from the walls."""
-        return (self.costmap.echoes.layer.evidence > 0) & self._is_open
+        return (self.costmap.obstacle_layer.grid.evidence > 0) & self._is_open
 
     def drive_for(self, seconds: float) -> None:
         """Drive from goal to goal, and end in the west."""

@@ -36,7 +36,7 @@ def sweep(ranges: dict[int, float], start: Pose2D = HERE, end: Pose2D | None = N
 
 
 def marked(grid: Costmap) -> set[tuple[int, int]]:
-    rows, cols = np.nonzero(grid.echoes.layer.evidence)
+    rows, cols = np.nonzero(grid.obstacle_layer.grid.evidence)
     return set(zip(rows.tolist(), cols.tolist(), strict=True))
 
 
@@ -135,7 +135,7 @@ def test_invalid_beams_do_nothing(value: float) -> None:
     grid.add_scan(sweep(dict.fromkeys(range(BEAMS), value)), 0)
     assert marked(grid) == set()
     # Nothing is known but the place of the robot itself.
-    rows, cols = np.nonzero(grid.echoes.layer.observed)
+    rows, cols = np.nonzero(grid.obstacle_layer.grid.observed)
     assert len(rows) > 0
     assert np.hypot(0.05 * (cols + 0.5) - 3.0, 0.05 * (rows + 0.5) - 3.0).max() < 0.3
 
@@ -146,9 +146,9 @@ def test_what_was_seen_once_fades_sooner_than_what_was_seen_often() -> None:
         grid.add_scan(
             sweep({0: 1.02, **({90: 1.02} if scan == 49 else {})}), scan * SECOND_NS // 10
         )
-    grid.echoes.forget_old(10 * SECOND_NS)
+    grid.obstacle_layer.forget_old(10 * SECOND_NS)
     assert marked(grid) == {(60, 80)}
-    grid.echoes.forget_old(100 * SECOND_NS)
+    grid.obstacle_layer.forget_old(100 * SECOND_NS)
     assert marked(grid) == set()
 
 
@@ -156,7 +156,7 @@ def test_far_echoes_are_not_marked_but_clear() -> None:
     grid = costmap(empty_room(16.0, 6.0))
     grid.add_scan(sweep({0: 7.5}), 0)
     assert marked(grid) == set()
-    assert grid.echoes.layer.observed[60, 100]
+    assert grid.obstacle_layer.grid.observed[60, 100]
 
 
 def test_beams_outside_the_grid_are_harmless() -> None:

@@ -9,7 +9,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley_planner.driving.progress_checker import ProgressChecker
-from trolley_planner.driving.recovery import LADDER, Recovery, Try
+from trolley_planner.driving.recovery import RECOVERY_SEQUENCE, Recovery, RecoveryAction
 
 START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000
@@ -129,45 +129,50 @@ def test_standing_going_to_and_fro_and_spinning_are_told_apart() -> None:
     assert first_trouble(spin, spin) == codes.BLOCKED
 
 
-def always(_: Try) -> bool:
+def always(_: RecoveryAction) -> bool:
     return True
 
 
 def test_tries_rise_begin_anew_after_progress_and_end() -> None:
     recovery = Recovery(PlannerConfig(give_up_s=60.0))
-    recovery.note_remaining(5.0)
-    begun = [recovery.begin(second * SECOND_NS, always) for second in range(7)]
-    assert begun == [*LADDER, LADDER[-1]]
-    recovery.note_remaining(4.0)
-    assert recovery.begin(100 * SECOND_NS, always) is LADDER[0]
-    assert recovery.begin(161 * SECOND_NS, always) is None
+    recovery.update_remaining(5.0)
+    begun = [recovery.begin_next(second * SECOND_NS, always) for second in range(7)]
+    assert begun == [*RECOVERY_SEQUENCE, RECOVERY_SEQUENCE[-1]]
+    recovery.update_remaining(4.0)
+    assert recovery.begin_next(100 * SECOND_NS, always) is RECOVERY_SEQUENCE[0]
+    assert recovery.begin_next(161 * SECOND_NS, always) is None
 
 
 def test_tries_without_room_are_left_out() -> None:
     recovery = Recovery(PlannerConfig())
-    begun = [recovery.begin(0, lambda one: one is Try.TURN) for _ in range(4)]
-    assert begun == [Try.WAIT, Try.CLEAR, Try.TURN, Try.WAIT_LONGER]
+    begun = [recovery.begin_next(0, lambda one: one is RecoveryAction.TURN) for _ in range(4)]
+    assert begun == [
+        RecoveryAction.WAIT,
+        RecoveryAction.CLEAR,
+        RecoveryAction.TURN,
+        RecoveryAction.WAIT_LONGER,
+    ]
     assert recovery.count == 4
 
 
 def test_waits_that_ended_by_themselves_are_not_held_against_the_goal() -> None:
     recovery = Recovery(PlannerConfig(give_up_s=20.0))
     for second in range(0, 80, 4):
-        assert recovery.begin(second * SECOND_NS, always) is Try.WAIT
+        assert recovery.begin_next(second * SECOND_NS, always) is RecoveryAction.WAIT
         recovery.forgive((second + 4) * SECOND_NS)
         assert recovery.current is None
     assert recovery.count == 20
-    begun = [recovery.begin((80 + 5 * step) * SECOND_NS, always) for step in range(6)]
-    assert begun == [*LADDER[:5], None]
+    begun = [recovery.begin_next((80 + 5 * step) * SECOND_NS, always) for step in range(6)]
+    assert begun == [*RECOVERY_SEQUENCE[:5], None]
 
 
 def test_nobody_is_waited_for_without_end() -> None:
     recovery = Recovery(PlannerConfig(give_up_s=20.0))
     for second in range(100):
-        assert recovery.begin(second * SECOND_NS, always) is not None
+        assert recovery.begin_next(second * SECOND_NS, always) is not None
         recovery.forgive((second + 1) * SECOND_NS)
     recovery.excuse(1000 * SECOND_NS)
-    assert recovery.begin(101 * SECOND_NS, always) is None
+    assert recovery.begin_next(101 * SECOND_NS, always) is None
 
 
 def test_another_way_is_taken_where_something_unseen_is_in_the_way(ride) -> None:

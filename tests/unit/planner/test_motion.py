@@ -8,12 +8,12 @@ from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
-from trolley_planner.context.planning_context import Rig, empty_grid
+from trolley_planner.context.planning_context import PlanningContext, empty_grid
 from trolley_planner.control.controller import Motion, limits_of, safe_command
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.driving.final_alignment import Approach, limited_change
+from trolley_planner.driving.final_alignment import FinalAlignment, limited_change
 from trolley_planner.goals.goal import Tolerances
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
@@ -22,8 +22,8 @@ CONFIG = PlannerConfig()
 LIMITS = limits_of(CONFIG, 0.5, 1.5, 1.0)
 
 
-def rig_with_block() -> Rig:
-    return Rig(with_block(empty_room(), 3.0, 2.0, 0.5, 2.0), FOOTPRINT, CONFIG, 0.5)
+def rig_with_block() -> PlanningContext:
+    return PlanningContext(with_block(empty_room(), 3.0, 2.0, 0.5, 2.0), FOOTPRINT, CONFIG, 0.5)
 
 
 @pytest.mark.parametrize("bad", [[(0, 0), (1, 0)], [(1, 1), (2, 1), (2, 2), (1, 2)]])
@@ -44,14 +44,14 @@ def test_footprints_that_are_none_are_refused(bad) -> None:
 )
 def test_clearance_is_that_of_the_outline(pose: Pose2D, expected: float) -> None:
     rig = rig_with_block()
-    rig.window.look(pose.x, pose.y)
+    rig.local_costmap.update(pose.x, pose.y)
     assert rig.seen_clearance(pose, 1.0) == pytest.approx(expected, abs=0.02)
     assert rig.map_clearance(pose, 0.5) == pytest.approx(expected, abs=0.04)
 
 
 def test_clearance_falls_all_the_way_into_an_obstacle() -> None:
     rig = rig_with_block()
-    rig.window.look(2.9, 3.0)
+    rig.local_costmap.update(2.9, 3.0)
     found = [
         rig.seen_clearance(Pose2D(x, 3.0, 0.0), 1.0) for x in np.arange(2.6, 3.05, 0.01).tolist()
     ]
@@ -64,12 +64,12 @@ def test_a_safe_command_never_touches_whatever_was_wanted() -> None:
     rng = np.random.default_rng(5)
     for _ in range(150):
         pose = Pose2D(rng.uniform(2.3, 2.75), rng.uniform(2.0, 4.0), rng.uniform(-3.1, 3.1))
-        rig.window.look(pose.x, pose.y)
+        rig.local_costmap.update(pose.x, pose.y)
         if rig.seen_clearance(pose, 1.0) < CONFIG.clearance_m:
             continue
         wanted = Twist2D(rng.uniform(-0.5, 0.5), 0.0, rng.uniform(-1.5, 1.5))
         motion = Motion(pose, Twist2D.zero())
-        given = safe_command(motion, wanted, rig.window, LIMITS)
+        given = safe_command(motion, wanted, rig.local_costmap, LIMITS)
         # It drives on for the time that a command takes, and brakes along its arc.
         reached, twist = integrate_twist(pose, given, 0.15), given
         while twist.speed > 1e-3:
@@ -83,34 +83,34 @@ def test_a_safe_command_never_touches_whatever_was_wanted() -> None:
 def test_away_from_an_obstacle_all_is_safe() -> None:
     rig = rig_with_block()
     pose = Pose2D(2.84, 3.0, 0.0)
-    rig.window.look(pose.x, pose.y)
+    rig.local_costmap.update(pose.x, pose.y)
     back = Twist2D(-0.1, 0.0, 0.0)
-    assert safe_command(Motion(pose, Twist2D.zero()), back, rig.window, LIMITS) == back
+    assert safe_command(Motion(pose, Twist2D.zero()), back, rig.local_costmap, LIMITS) == back
     ahead = Twist2D(0.1, 0.0, 0.0)
-    assert safe_command(Motion(pose, Twist2D.zero()), ahead, rig.window, LIMITS).is_zero
+    assert safe_command(Motion(pose, Twist2D.zero()), ahead, rig.local_costmap, LIMITS).is_zero
 
 
 def test_nobody_backs_into_what_was_never_seen() -> None:
     config = PlannerConfig(frame="odom")
-    rig = Rig(empty_grid(Pose2D.identity(), 6.0, 0.05), FOOTPRINT, config, 0.5)
+    rig = PlanningContext(empty_grid(Pose2D.identity(), 6.0, 0.05), FOOTPRINT, config, 0.5)
     motion, back = Motion(Pose2D(3.0, 3.0, 1.0), Twist2D.zero()), Twist2D(-0.1, 0.0, 0.3)
-    rig.window.look(3.0, 3.0)
-    assert safe_command(motion, back, rig.window, LIMITS) == Twist2D(0.0, 0.0, 0.3)
-    rig.costmap.echoes.layer.observed[:] = 1
-    assert safe_command(motion, back, rig.window, LIMITS) == back
+    rig.local_costmap.update(3.0, 3.0)
+    assert safe_command(motion, back, rig.local_costmap, LIMITS) == Twist2D(0.0, 0.0, 0.3)
+    rig.costmap.obstacle_layer.grid.observed[:] = 1
+    assert safe_command(motion, back, rig.local_costmap, LIMITS) == back
 
 
 def drive_once(seed: int) -> list[Twist2D]:
-    rig = Rig(empty_room(), FOOTPRINT, PlannerConfig(seed=seed), 0.5)
+    rig = PlanningContext(empty_room(), FOOTPRINT, PlannerConfig(seed=seed), 0.5)
     controller = Mppi(PlannerConfig(seed=seed))
     points = np.stack([np.linspace(1.0, 4.0, 61), np.full(61, 3.0)], axis=1)
     remaining = np.linspace(3.0, 0.0, 61)
     pose, twist, given = Pose2D(1.0, 3.2, 0.4), Twist2D.zero(), []
     for _ in range(60):
-        rig.window.look(pose.x, pose.y)
-        rig.window.lead(points, remaining)
+        rig.local_costmap.update(pose.x, pose.y)
+        rig.local_costmap.compute_cost_to_go(points, remaining)
         target = Target(4.0, 3.0, 0.1, goes_on=False)
-        found = controller.command(Motion(pose, twist), rig.window, LIMITS, target, 0.05)
+        found = controller.command(Motion(pose, twist), rig.local_costmap, LIMITS, target, 0.05)
         assert found is not None
         twist = found
         pose = integrate_twist(pose, twist, 0.05)
@@ -138,7 +138,7 @@ def test_the_controller_is_deterministic_smooth_and_within_limits() -> None:
 def test_the_approach_ends_on_the_goal_and_stays(start, yaw, noise_m) -> None:
     rng = np.random.default_rng(1)
     goal = Pose2D(0.0, 0.0, yaw)
-    approach = Approach(Tolerances(0.05, 0.05))
+    approach = FinalAlignment(Tolerances(0.05, 0.05))
     pose, twist = start, Twist2D.zero()
     for _ in range(400):
         noise = rng.normal(0.0, noise_m, 2)

@@ -11,39 +11,44 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.driving.contact_hold import TouchWatch
-from trolley_planner.driving.goal_execution import Drive
-from trolley_planner.people.people_tracker import HIDDEN_S, Mover, MoverWatch, discs_of
+from trolley_planner.driving.contact_hold import ContactHold
+from trolley_planner.driving.goal_execution import GoalExecution
+from trolley_planner.people.people_tracker import (
+    TRACKING,
+    PeopleTracker,
+    TrackedPerson,
+    person_discs,
+)
 
 STEP_S = 0.05
 HERE = Pose2D(0.0, 0.0, 0.0)
 
 
-def mover(x: float, y: float, vx: float, vy: float) -> list[Mover]:
+def mover(x: float, y: float, vx: float, vy: float) -> list[TrackedPerson]:
     """One thing of 0.2 m."""
     points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])
-    return [Mover(points, np.array([vx, vy]))]
+    return [TrackedPerson(points, np.array([vx, vy]))]
 
 
 class Watched:
     """Keeps what a drive takes for moving."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.movers: list[Mover] = []
-        look = MoverWatch.look
+        self.people: list[TrackedPerson] = []
+        look = PeopleTracker.update
 
         def keep(
-            watch: MoverWatch,
+            watch: PeopleTracker,
             stamp_ns: int,
             beams: NDArray[np.float64],
             wall_distance_m: NDArray[np.float32],
             edge_m: float,
-        ) -> list[Mover]:
+        ) -> list[TrackedPerson]:
             found = look(watch, stamp_ns, beams, wall_distance_m, edge_m)
-            self.movers += found
+            self.people += found
             return found
 
-        monkeypatch.setattr(MoverWatch, "look", keep)
+        monkeypatch.setattr(PeopleTracker, "update", keep)
 
 
 def test_what_stands_does_not_move_when_it_comes_into_sight(
@@ -57,7 +62,7 @@ def test_what_stands_does_not_move_when_it_comes_into_sight(
     drive = ride(world)
     drive.send(Pose2D(6.0, 2.0, 0.0))
     assert drive.until_over().state == "arrived"
-    assert not watched.movers
+    assert not watched.people
 
 
 def with_person(room: GridMap, x: float, y: float) -> GridMap:
@@ -68,9 +73,9 @@ def test_who_comes_is_not_taken_for_somebody_else_who_stands_there() -> None:
     """Who was not there before comes from nowhere known, and not from a bystander's place."""
     room = empty_room()
     world = Flatland(room, Pose2D(4.0, 3.0, 0.0))
-    watch = MoverWatch()
+    watch = PeopleTracker()
     wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
-    found: list[Mover] = []
+    found: list[TrackedPerson] = []
     for step, y in enumerate([None, 4.1, 3.98]):
         bystander = with_person(room, 4.6, 3.0)
         world.set_truth(bystander if y is None else with_person(bystander, 4.6, y))
@@ -78,14 +83,14 @@ def test_who_comes_is_not_taken_for_somebody_else_who_stands_there() -> None:
         ranges = world.ranges().astype(np.float64)
         x, cos, sin = np.full(BEAMS, 4.05), np.cos(angles), np.sin(angles)
         beams = np.stack([x, np.full(BEAMS, 3.0), cos, sin, ranges, ranges], axis=1)
-        found = watch.look(step * 100_000_000, beams, wall_distance_m, room.resolution)
+        found = watch.update(step * 100_000_000, beams, wall_distance_m, room.resolution)
     assert [float(mover.velocity[1]) < -0.5 for mover in found] == [True]
 
 
 def test_two_who_pass_each_other_keep_their_own_ways() -> None:
     room = empty_room()
     world = Flatland(room, Pose2D(4.0, 3.0, 0.0))
-    watch = MoverWatch()
+    watch = PeopleTracker()
     wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
     seen: list[list[float]] = []
     for step in range(16):
@@ -96,7 +101,7 @@ def test_two_who_pass_each_other_keep_their_own_ways() -> None:
         ranges = world.ranges().astype(np.float64)
         x, cos, sin = np.full(BEAMS, 4.05), np.cos(angles), np.sin(angles)
         beams = np.stack([x, np.full(BEAMS, 3.0), cos, sin, ranges, ranges], axis=1)
-        found = watch.look(step * 100_000_000, beams, wall_distance_m, room.resolution)
+        found = watch.update(step * 100_000_000, beams, wall_distance_m, room.resolution)
         for mover in found:
             is_first = float(mover.points[:, 0].min()) < 5.2
             seen.append([is_first, float(mover.velocity[1])])
@@ -134,7 +139,7 @@ def test_who_runs_out_of_a_door_finds_the_robot_standing(
         drive.step()
         if math.hypot(world.pose.x - door_x, world.pose.y - y) < 0.35:
             fastest = max(fastest, abs(world.twist.vx))
-    assert watched.movers
+    assert watched.people
     assert world.touches == 0
     assert fastest <= 0.02
     world.set_truth(room)
@@ -144,13 +149,13 @@ def test_who_runs_out_of_a_door_finds_the_robot_standing(
 def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
     ride, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def always(watch: TouchWatch, now_ns: int) -> bool:
+    def always(watch: ContactHold, now_ns: int) -> bool:
         return True
 
-    monkeypatch.setattr(TouchWatch, "must_stand", always)
+    monkeypatch.setattr(ContactHold, "must_stand", always)
     drive = ride(Flatland(empty_room(), Pose2D(1.0, 3.0, 0.0)), PlannerConfig(give_up_s=20.0))
     drive.send(Pose2D(6.5, 3.0, 0.0))
-    assert isinstance(drive.navigator.drive, Drive)
+    assert isinstance(drive.navigator.execution, GoalExecution)
     status = drive.until_over(120.0)
     assert status.state == "failed"
     assert status.reason
@@ -168,37 +173,37 @@ SECOND_NS = 1_000_000_000
 TOUCHING, BESIDE = echoes_at([(0.18, 0.0), (2.0, 1.0)]), echoes_at([(0.3, 0.0), (2.0, 1.0)])
 
 
-def touched() -> TouchWatch:
+def touched() -> ContactHold:
     box = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
-    return TouchWatch(Footprint.from_polygon(box), patience_s=5.0)
+    return ContactHold(Footprint.from_polygon(box), patience_s=5.0)
 
 
 def test_stands_while_who_came_touches_it_but_not_for_ever() -> None:
     watch = touched()
-    watch.note(0, BESIDE, mover(0.4, 0.0, -1.0, 0.0), HERE)
+    watch.update(0, BESIDE, mover(0.4, 0.0, -1.0, 0.0), HERE)
     assert not watch.must_stand(0)
     for tenth in range(5, 55):
         now_ns = tenth * SECOND_NS // 10
-        watch.note(now_ns, TOUCHING, [], HERE)
+        watch.update(now_ns, TOUCHING, [], HERE)
         assert watch.must_stand(now_ns)
-    watch.note(6 * SECOND_NS, TOUCHING, [], HERE)
+    watch.update(6 * SECOND_NS, TOUCHING, [], HERE)
     assert not watch.must_stand(6 * SECOND_NS)
 
 
 def test_drives_on_when_who_touched_it_has_gone() -> None:
     watch = touched()
-    watch.note(0, BESIDE, mover(0.4, 0.0, -1.0, 0.0), HERE)
-    watch.note(SECOND_NS // 2, TOUCHING, [], HERE)
-    watch.note(SECOND_NS, BESIDE, [], HERE)
+    watch.update(0, BESIDE, mover(0.4, 0.0, -1.0, 0.0), HERE)
+    watch.update(SECOND_NS // 2, TOUCHING, [], HERE)
+    watch.update(SECOND_NS, BESIDE, [], HERE)
     assert not watch.must_stand(SECOND_NS)
 
 
 def test_does_not_stand_for_what_it_drove_up_to() -> None:
     watch = touched()
-    watch.note(0, BESIDE, mover(2.0, 0.0, -1.0, 0.0), HERE)
-    watch.note(SECOND_NS // 2, TOUCHING, [], HERE)
+    watch.update(0, BESIDE, mover(2.0, 0.0, -1.0, 0.0), HERE)
+    watch.update(SECOND_NS // 2, TOUCHING, [], HERE)
     assert not watch.must_stand(SECOND_NS // 2)
-    watch.note(0, np.empty((0, 6)), [], HERE)
+    watch.update(0, np.empty((0, 6)), [], HERE)
 
 
 def test_the_robot_stands_while_somebody_leans_on_it(ride) -> None:
@@ -252,52 +257,52 @@ def legs(y: float) -> list[tuple[float, float, float]]:
 
 
 def test_two_legs_are_one_person_who_walks_evenly() -> None:
-    watch = MoverWatch()
+    watch = PeopleTracker()
     for step in range(25):
         y = 4.2 + 0.08 * step
-        movers = watch.look(step * 100_000_000, beams_to(legs(y)), NO_WALLS, EDGE_M)
+        movers = watch.update(step * 100_000_000, beams_to(legs(y)), NO_WALLS, EDGE_M)
         if step >= 6:
             assert len(movers) == 1
             x_mps, y_mps = movers[0].velocity
             assert abs(float(x_mps)) < 0.4
             assert 0.4 < float(y_mps) < 1.2
-            disc = discs_of(movers)[0]
+            disc = person_discs(movers)[0]
             assert math.hypot(disc[0] - 6.2, disc[1] - y) < 0.25
 
 
 def test_who_comes_out_of_sight_walks_on_for_a_while_where_nobody_looks() -> None:
-    watch = MoverWatch()
+    watch = PeopleTracker()
     shown_to = 0.8
     times: list[float] = []
     for step in range(40):
         y = 5.0 + 0.1 * step
         beams = beams_to([(5.8, y, 0.15)], shown_to)
-        movers = watch.look(step * 100_000_000, beams, NO_WALLS, EDGE_M)
+        movers = watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M)
         is_hidden = math.atan2(y - 5.2, 0.8) > shown_to
         if is_hidden and movers:
             times.append(0.1 * step)
-            disc = discs_of(movers)[0]
+            disc = person_discs(movers)[0]
             assert math.hypot(disc[0] - 5.8, disc[1] - y) < 0.6
     assert len(movers) == 0
-    assert 0.5 < times[-1] - times[0] < HIDDEN_S + 0.15
+    assert 0.5 < times[-1] - times[0] < TRACKING.hidden_s + 0.15
 
 
 def test_nobody_is_left_where_the_lidar_sees_nobody() -> None:
-    watch = MoverWatch()
+    watch = PeopleTracker()
     for step in range(8):
         circles = [(5.8, 4.6 + 0.1 * step, 0.15)]
-        assert bool(watch.look(step * 100_000_000, beams_to(circles), NO_WALLS, EDGE_M)) == (
+        assert bool(watch.update(step * 100_000_000, beams_to(circles), NO_WALLS, EDGE_M)) == (
             step > 0
         )
-    assert watch.look(800_000_000, beams_to([]), NO_WALLS, EDGE_M) == []
+    assert watch.update(800_000_000, beams_to([]), NO_WALLS, EDGE_M) == []
 
 
 def test_between_two_looks_who_walks_goes_on() -> None:
-    watch = MoverWatch()
+    watch = PeopleTracker()
     for step in range(6):
-        found = watch.look(
+        found = watch.update(
             step * 100_000_000, beams_to([(5.8, 4.6 + 0.1 * step, 0.15)]), NO_WALLS, EDGE_M
         )
     (walker,) = found
-    (later,) = watch.look(540_000_000, beams_to([(5.8, 5.14, 0.15)]), NO_WALLS, EDGE_M)
+    (later,) = watch.update(540_000_000, beams_to([(5.8, 5.14, 0.15)]), NO_WALLS, EDGE_M)
     np.testing.assert_allclose(later.points, walker.points + 0.04 * walker.velocity)

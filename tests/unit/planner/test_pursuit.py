@@ -7,10 +7,10 @@ from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
-from trolley_planner.context.planning_context import Rig
+from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limits_of, safe_command
 from trolley_planner.control.mppi import Mppi
-from trolley_planner.control.pure_pursuit import Pursuit
+from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.footprint import Footprint
 
@@ -19,19 +19,19 @@ CONFIG = PlannerConfig(controller="pursuit")
 LIMITS = limits_of(CONFIG, 0.5, 1.5, 1.0)
 
 
-def drive(rig: Rig, pose: Pose2D, ticks: int) -> tuple[list[Pose2D], list[Twist2D]]:
+def drive(rig: PlanningContext, pose: Pose2D, ticks: int) -> tuple[list[Pose2D], list[Twist2D]]:
     """Follow a straight path from (1, 3) to (4, 3)."""
     points = np.stack([np.linspace(1.0, 4.0, 61), np.full(61, 3.0)], axis=1)
     remaining = np.linspace(3.0, 0.0, 61)
     target = Target(4.0, 3.0, 0.1, goes_on=False)
     twist, poses, given = Twist2D.zero(), [pose], []
     for _ in range(ticks):
-        rig.window.look(pose.x, pose.y)
-        rig.window.lead(points, remaining)
+        rig.local_costmap.update(pose.x, pose.y)
+        rig.local_costmap.compute_cost_to_go(points, remaining)
         motion = Motion(pose, twist)
-        found = rig.controller.command(motion, rig.window, LIMITS, target, 0.05)
+        found = rig.controller.command(motion, rig.local_costmap, LIMITS, target, 0.05)
         assert found is not None
-        twist = safe_command(motion, found, rig.window, LIMITS)
+        twist = safe_command(motion, found, rig.local_costmap, LIMITS)
         pose = integrate_twist(pose, twist, 0.05)
         poses.append(pose)
         given.append(twist)
@@ -39,12 +39,16 @@ def drive(rig: Rig, pose: Pose2D, ticks: int) -> tuple[list[Pose2D], list[Twist2
 
 
 def test_the_controller_is_the_one_that_was_chosen() -> None:
-    assert isinstance(Rig(empty_room(), FOOTPRINT, CONFIG, 0.5).controller, Pursuit)
-    assert isinstance(Rig(empty_room(), FOOTPRINT, PlannerConfig(), 0.5).controller, Mppi)
+    assert isinstance(PlanningContext(empty_room(), FOOTPRINT, CONFIG, 0.5).controller, PurePursuit)
+    assert isinstance(
+        PlanningContext(empty_room(), FOOTPRINT, PlannerConfig(), 0.5).controller, Mppi
+    )
 
 
 def test_it_drives_smoothly_to_the_end_of_the_path() -> None:
-    poses, given = drive(Rig(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.0, 3.3, 0.3), 240)
+    poses, given = drive(
+        PlanningContext(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.0, 3.3, 0.3), 240
+    )
     assert math.hypot(poses[-1].x - 4.0, poses[-1].y - 3.0) < 0.15
     speeds = np.array([[twist.vx, twist.wz] for twist in given])
     assert speeds[:, 0].max() > 0.45
@@ -54,20 +58,24 @@ def test_it_drives_smoothly_to_the_end_of_the_path() -> None:
 
 
 def test_looking_away_it_turns_in_place_first() -> None:
-    poses, _ = drive(Rig(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.5, 3.0, 3.0), 40)
+    poses, _ = drive(
+        PlanningContext(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.5, 3.0, 3.0), 40
+    )
     turned = next(index for index, pose in enumerate(poses) if abs(pose.yaw) < 0.6)
     assert math.hypot(poses[turned].x - 1.5, poses[turned].y - 3.0) < 0.05
 
 
 def test_it_drives_round_what_stands_on_the_path() -> None:
-    rig = Rig(with_block(empty_room(), 2.3, 2.8, 0.3, 0.4), FOOTPRINT, CONFIG, 0.5)
+    rig = PlanningContext(with_block(empty_room(), 2.3, 2.8, 0.3, 0.4), FOOTPRINT, CONFIG, 0.5)
     poses, _ = drive(rig, Pose2D(1.0, 3.0, 0.0), 320)
     assert math.hypot(poses[-1].x - 4.0, poses[-1].y - 3.0) < 0.15
     for pose in poses:
-        rig.window.look(pose.x, pose.y)
+        rig.local_costmap.update(pose.x, pose.y)
         assert rig.seen_clearance(pose, 1.0) > 0.0
 
 
 def test_the_same_place_gives_the_same_drive() -> None:
-    first = drive(Rig(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.0, 3.3, 0.3), 60)
-    assert first == drive(Rig(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.0, 3.3, 0.3), 60)
+    first = drive(PlanningContext(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.0, 3.3, 0.3), 60)
+    assert first == drive(
+        PlanningContext(empty_room(), FOOTPRINT, CONFIG, 0.5), Pose2D(1.0, 3.3, 0.3), 60
+    )

@@ -1,4 +1,4 @@
-"""What one robot needs to plan on one map: costmap, global planner, window, controller."""
+"""What one robot needs to plan on one map: costmaps, global planner, controller."""
 
 import numpy as np
 
@@ -6,9 +6,9 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import UNKNOWN, GridMap
 from trolley_planner.control.controller import Controller
-from trolley_planner.control.local_costmap import Window
+from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
-from trolley_planner.control.pure_pursuit import Pursuit
+from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.paths.global_planner import GlobalPlanner
@@ -16,7 +16,7 @@ from trolley_planner.paths.global_planner import GlobalPlanner
 WINDOW_MARGIN_M = 0.4
 
 
-class Rig:
+class PlanningContext:
     """The parts that belong together and are made anew when the map or the robot changes.
 
     Args:
@@ -35,10 +35,10 @@ class Rig:
         self.costmap = Costmap(grid, footprint, config, free)
         self.planner = GlobalPlanner(self.costmap)
         half = max(1.5, max_speed * config.horizon_s + footprint.circumscribed_m + WINDOW_MARGIN_M)
-        self.window = Window(self.costmap, footprint, config, half)
+        self.local_costmap = LocalCostmap(self.costmap, footprint, config, half)
         self.half_m = half
         self.controller: Controller = (
-            Pursuit(config) if config.controller == "pursuit" else Mppi(config)
+            PurePursuit(config) if config.controller == "pursuit" else Mppi(config)
         )
 
     def map_clearance(self, pose_grid: Pose2D, enough_m: float) -> float:
@@ -47,14 +47,14 @@ class Rig:
         edge = costmap.resolution_m
         field = Field(costmap.static_distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
         return clearance_at(
-            field, self.window.body, pose_grid.x, pose_grid.y, pose_grid.yaw, enough_m
+            field, self.local_costmap.body, pose_grid.x, pose_grid.y, pose_grid.yaw, enough_m
         )
 
     def seen_clearance(self, pose_grid: Pose2D, enough_m: float) -> float:
-        """Return the same from all that stands in the window, whose inside it must be."""
+        """Return the same from all obstacles in the local costmap, in which it must lie."""
         return clearance_at(
-            self.window.field,
-            self.window.body,
+            self.local_costmap.field,
+            self.local_costmap.body,
             pose_grid.x,
             pose_grid.y,
             pose_grid.yaw,

@@ -1,4 +1,4 @@
-"""What every controller takes and gives, and the brake that none of them gets past."""
+"""What all controllers have in common, and the braking check that none of them gets past."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,14 +8,12 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley_planner.control.local_costmap import Window
-from trolley_planner.control.proximity import would_meet, would_meet_robots
-from trolley_planner.control.rollout import DELAY_S, Limits, Target, stopping_clearance
+from trolley_planner.control.local_costmap import LocalCostmap
+from trolley_planner.control.proximity import would_meet_people, would_meet_robots
+from trolley_planner.control.rollout import DT_S, ROLLOUT, Limits, Target, stopping_clearance
 
 MAX_REVERSE = 0.25
-"""Few lidars look backwards, so that is no way to hurry [m/s]."""
-DT_S = 0.1
-"""Step of the rollouts."""
+"""Highest speed backwards [m/s]: few lidars look that way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,7 @@ def limits_of(config: PlannerConfig, speed: float, turn: float, deceleration: fl
 
 
 class Controller(Protocol):
-    """Chooses the velocity that leads best along the cost-to-go of a window."""
+    """Chooses the velocity that leads best along the cost-to-go of the local costmap."""
 
     trajectory: NDArray[np.float32]
     """(n, 3) x, y, yaw in `grid`: what the last command leads to, `DT_S` apart."""
@@ -59,13 +57,18 @@ class Controller(Protocol):
         """Forget what was, as when the robot was driven by somebody else."""
 
     def command(
-        self, motion: Motion, window: Window, limits: Limits, target: Target, elapsed_s: float
+        self,
+        motion: Motion,
+        local_costmap: LocalCostmap,
+        limits: Limits,
+        target: Target,
+        elapsed_s: float,
     ) -> Twist2D | None:
-        """Return the velocity to drive now, None if every drive would touch something.
+        """Return the velocity to drive now, None if every motion would collide.
 
         Args:
             motion: of the robot, with the velocity that it has.
-            window: around it, leading along the path.
+            local_costmap: around it, leading along the path.
             limits: of the robot.
             target: where the path leads next.
             elapsed_s: since the last command.
@@ -73,35 +76,43 @@ class Controller(Protocol):
         ...
 
 
-def limits_here(limits: Limits, window: Window, pose: Pose2D) -> Limits:
+def limits_here(limits: Limits, local_costmap: LocalCostmap, pose: Pose2D) -> Limits:
     """Return the limits at a place: nobody backs into what was never seen, or among people."""
-    is_clear = window.sees_behind(pose) and len(window.field.walkers) == 0
+    is_clear = local_costmap.sees_behind(pose) and len(local_costmap.field.walkers) == 0
     return limits if is_clear else limits._replace(max_reverse=0.0)
 
 
 def safe_command(
-    motion: Motion, wanted: Twist2D, window: Window, limits: Limits, give_m: float = 0.0
+    motion: Motion,
+    wanted: Twist2D,
+    local_costmap: LocalCostmap,
+    limits: Limits,
+    give_m: float = 0.0,
 ) -> Twist2D:
     """Return as much of a velocity as lets the robot stop before it touches anything or anybody.
 
-    Who stands too close already may still move away.
+    A robot that stands too close already may still move away.
 
     Args:
         motion: of the robot.
         wanted: velocity about to be commanded.
-        window: around it.
+        local_costmap: around it.
         limits: braking and clearance.
         give_m: how much closer it may come where it is too close already.
     """
-    start, field = state_of(motion), window.field
-    if wanted.vx < 0.0 and not window.sees_behind(motion.pose):
+    start, field = state_of(motion), local_costmap.field
+    if wanted.vx < 0.0 and not local_costmap.sees_behind(motion.pose):
         wanted = Twist2D(0.0, 0.0, wanted.wz)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):
         start[3], start[4] = share * wanted.vx, share * wanted.wz
-        now, smallest = stopping_clearance(start, field, window.body, limits)
-        if would_meet(start, field.walkers, window.body, limits.deceleration, DELAY_S):
+        now, smallest = stopping_clearance(start, field, local_costmap.body, limits)
+        if would_meet_people(
+            start, field.walkers, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+        ):
             continue
-        if would_meet_robots(start, field.robots, window.body, limits.deceleration, DELAY_S):
+        if would_meet_robots(
+            start, field.robots, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+        ):
             continue
         if smallest >= min(limits.clearance_m, now - give_m):
             return wanted.scaled(share)
@@ -109,7 +120,7 @@ def safe_command(
 
 
 def first_step(motion: Motion, controls: NDArray[np.float64], elapsed_s: float) -> Twist2D:
-    """Return what to command of a sequence (n, 2) of v, w for every `DT_S`.
+    """Return what to command now of a sequence (n, 2) of v, w, one for every `DT_S`.
 
     Only a part of the first step has passed until the next command.
     """

@@ -1,6 +1,7 @@
-"""The window around the robot: exact distances, and the cost-to-go along the path."""
+"""The local costmap: exact distances around the robot, and the cost-to-go along the path."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,66 +22,69 @@ from trolley_planner.costmap.inflation import (
     soften_disc,
     weigh_into,
 )
-from trolley_planner.costmap.obstacle_layer import EchoLayer
+from trolley_planner.costmap.obstacle_layer import ObstacleGrid
 from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 
-FINE_M, FINEST_M, MAX_FINE_CELLS = 0.03, 0.015, 350
-"""Cells of the window are at most as large as the first: the footprint is checked to a centimetre;
-where there are not too many of them, as large as the second."""
+
+@dataclass(frozen=True, slots=True)
+class LocalCostmapParams:
+    """Cells and costs of the local costmap; all by hand."""
+
+    fine_m: float = 0.03
+    """Largest edge of a fine cell: the footprint is checked to a centimetre."""
+    finest_m: float = 0.015
+    """Edge of a fine cell where there are not too many of them."""
+    most_fine_cells: int = 350
+    """Most cells of that size along the edge of the local costmap."""
+    unreached_m: float = 100.0
+    """Cost-to-go of places from which no path leads on."""
+    edge_rise_m: float = 0.5
+    """Beside reached places the cost-to-go rises by this much from cell to cell,"""
+    edge_cells: int = 3
+    """over this many cells."""
+    border_cells: float = 0.02
+    """Points of the path this near to the border of two cells belong to both."""
+    escape_m: float = 0.3
+    """Within this radius around the robot lethal cells are passable,"""
+    escape_weight: int = 240
+    """at this weight."""
+    tight_weight: int = 80
+    """Weight of places with less than the usual clearance, where they may be passed at all."""
+    narrow_m: float = 0.08
+    """With less room than this beside the robot"""
+    narrow_factor: float = 3.0
+    """a metre of the path counts this much: getting on must be worth driving close to walls,
+    and backwards too."""
 
 
-TIGHT_M = 0.005
-"""Clearance in places that are passed only because there is no other way."""
+LOCAL = LocalCostmapParams()
+TIGHT_CLEARANCE_M = 0.005
+"""Clearance in places that are passed only because there is no other path [m]."""
+BACK_STEPS_M = (0.05, 0.1, 0.15)
+"""To back up, the robot must know what is this far behind it [m]."""
 
 
-UNREACHED_M = 100.0
-"""Cost-to-go of places from which no way leads to the path."""
-
-
-EDGE_RISE_M, EDGE_CELLS = 0.5, 3
-"""Beside the places that a way leads from, the cost-to-go rises by so much from cell to cell."""
-
-
-BORDER_CELLS = 0.02
-"""Points of the path this near to the border of two cells belong to both."""
-
-
-BACK_M = (0.05, 0.1, 0.15)
-"""So far behind the robot must know what there is, to back up."""
-
-
-ESCAPE_M = 0.3
-
-
-ESCAPE_WEIGHT = 240
-
-
-TIGHT_WEIGHT = 80
-"""Price of places with less than the usual clearance, where they may be passed at all."""
-
-
-NARROW_M, NARROW_PRICE = 0.08, 3.0
-"""Where the robot has less room than this beside it a metre of the path counts so much: getting on
-must be worth driving beside walls, and backwards too."""
-
-
-class Window:
+class LocalCostmap:
     """A square of fine cells that moves with the robot; its arrays are made once.
 
     Args:
         costmap: what stands where.
         footprint: of the robot.
-        config: prices.
-        half_m: from the robot to the window's edge [m].
+        config: costs.
+        half_m: from the robot to the local costmap's edge [m].
     """
 
     def __init__(
         self, costmap: Costmap, footprint: Footprint, config: PlannerConfig, half_m: float
     ) -> None:
         self._costmap = costmap
-        edge_m = FINEST_M if 2.0 * half_m / FINEST_M < MAX_FINE_CELLS else FINE_M
+        edge_m = (
+            LOCAL.finest_m
+            if 2.0 * half_m / LOCAL.finest_m < LOCAL.most_fine_cells
+            else LOCAL.fine_m
+        )
         self._parts = max(1, math.ceil(costmap.resolution_m / edge_m))
         self.fine_m = costmap.resolution_m / self._parts
         self._group = max(1, round(0.05 / self.fine_m))
@@ -105,57 +109,57 @@ class Window:
             TABLE_STEP_M,
             WEIGHT_UNIT,
         )
-        near = footprint.inscribed_m + np.array([TIGHT_M, config.clearance_m])
+        near = footprint.inscribed_m + np.array([TIGHT_CLEARANCE_M, config.clearance_m])
         self._tight_table = self._table.copy()
         first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
-        self._tight_table[first:last] = TIGHT_WEIGHT
+        self._tight_table[first:last] = LOCAL.tight_weight
         needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
         self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
         self._behind = _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
-        self._narrow_m = footprint.inscribed_m + NARROW_M
+        self._narrow_m = footprint.inscribed_m + LOCAL.narrow_m
         self._price_of_path = 1.0
         self._walkers, self._robots = NOBODY, NO_ROBOTS
         self.body = footprint.body
 
-    def watch(self, now_ns: int) -> None:
+    def update_moving(self, now_ns: int) -> None:
         """Move those who walk, and other robots, on to where they are now."""
         self._walkers = self._costmap.moving.walkers_at(now_ns)
         self._robots = self._costmap.moving.robots_at(now_ns)
 
-    def sees_somebody(self, pose: Pose2D, within_m: float) -> bool:
+    def is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         """Say whether somebody walks, or another robot drives, this near to a place [m]."""
         now = self._robots[:, 0]
         moving = np.concatenate([self._walkers[:, [0, 1, 4]], now]) if len(now) else self._walkers
         away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, -1]
         return bool((away < within_m).any())
 
-    def look(self, x: float, y: float, is_tight: bool = False) -> None:
+    def update(self, x: float, y: float, is_tight: bool = False) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew.
 
         Args:
             x: of the robot.
             y: of the robot.
-            is_tight: whether the way may lead where there is less than the usual clearance.
+            is_tight: whether the path may lead where there is less than the usual clearance.
         """
         resolution = self._costmap.resolution_m
         half = self._cells // self._parts // 2
         first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
         self._x, self._y = first[1] * resolution, first[0] * resolution
-        echoes = self._costmap.echoes
+        obstacle_layer = self._costmap.obstacle_layer
         fill_window(
             self._mask,
             self._costmap.kinds,
             self._costmap.keepout,
-            echoes.layer,
+            obstacle_layer.grid,
             first,
             self._parts,
             not self._costmap.unknown_is_free,
             resolution,
         )
         fine_first = first[0] * self._parts, first[1] * self._parts
-        draw_echoes(self._mask, echoes.standing, fine_first, self.fine_m)
+        draw_echoes(self._mask, obstacle_layer.static_beams, fine_first, self.fine_m)
         column_distances_into(self._columns, self._mask)
         distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
         coarsen_into(self._coarse_m, self._distance_m, self._group)
@@ -167,29 +171,31 @@ class Window:
         self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
         room_m = self._coarse_m.reshape(-1)[self._robot_cell]
         is_narrow = is_tight or room_m < self._narrow_m
-        self._price_of_path = NARROW_PRICE if is_narrow else 1.0
+        self._price_of_path = LOCAL.narrow_factor if is_narrow else 1.0
         soften_disc(
             self._weights,
             self._coarse_m,
             centre,
-            ESCAPE_M / self.coarse_m,
-            ESCAPE_WEIGHT,
+            LOCAL.escape_m / self.coarse_m,
+            LOCAL.escape_weight,
         )
 
-    def lead(self, points: NDArray[np.float64], remaining_m: NDArray[np.float64]) -> bool:
+    def compute_cost_to_go(
+        self, points: NDArray[np.float64], remaining_m: NDArray[np.float64]
+    ) -> bool:
         """Compute the cost-to-go towards these points of the path.
 
-        Where something stands on the path only the points behind it count, so that the way leads
-        round it; where there is no way round, those before it, and the answer is False.
+        If something stands on the path only the points behind it count, so that the robot drives
+        around it; if there is no way around, those before it, and the answer is False.
 
         Args:
             points: (n, 2) in `grid` [m], in the order of the path, the first near the robot;
-                those outside the window are left out.
-            remaining_m: (n,) price of the way from each point on [m of free floor].
+                those outside the local costmap are left out.
+            remaining_m: (n,) cost of the path from each point on [m of free floor].
         """
-        # A path along the border of two rows of cells leads along both, and not beside it.
+        # A path along the border of two rows of cells counts for both.
         points, remaining_m = np.repeat(points, 2, axis=0), np.repeat(remaining_m, 2)
-        beside = np.resize((-BORDER_CELLS, BORDER_CELLS), len(points))[:, None]
+        beside = np.resize((-LOCAL.border_cells, LOCAL.border_cells), len(points))[:, None]
         on_window = (points - (self._x, self._y)) / self.coarse_m + beside
         cells = np.floor(on_window).astype(np.int32)
         inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
@@ -206,13 +212,13 @@ class Window:
         return False
 
     def _spread(self, seeds: NDArray[np.int32]) -> bool:
-        """Compute the cost-to-go to seeds (cell, price); say whether the robot can reach one."""
+        """Compute the cost-to-go to seeds (cell, cost); say whether the robot can reach one."""
         ordered = np.ascontiguousarray(seeds[np.argsort(seeds[:, 1], kind="stable")])
         size = self._coarse_cells
         flat = self._weights.reshape(-1)
         cost_to_go_into(self._costs, flat, self._queue, ordered, size, (-1, 0), 8)
-        costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, UNREACHED_M)
-        slope_edges(self._cost_m, UNREACHED_M, EDGE_RISE_M, EDGE_CELLS)
+        costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, LOCAL.unreached_m)
+        slope_edges(self._cost_m, LOCAL.unreached_m, LOCAL.edge_rise_m, LOCAL.edge_cells)
         return bool(self._costs[self._robot_cell] != UNREACHED)
 
     def sees_behind(self, pose: Pose2D) -> bool:
@@ -226,7 +232,7 @@ class Window:
         limit = np.array(costmap.shape)[::-1] - 1
         cols, rows = np.clip(cells, 0, limit).astype(np.int64).T
         known = costmap.kinds[rows, cols] != UNKNOWN
-        return bool((known | (costmap.echoes.layer.observed[rows, cols] != 0)).all())
+        return bool((known | (costmap.obstacle_layer.grid.observed[rows, cols] != 0)).all())
 
     @property
     def cost_of_metre(self) -> float:
@@ -254,7 +260,7 @@ class Window:
 
 def _points_behind(footprint: Footprint) -> NDArray[np.float64]:
     """Return points (n, 2) in `base_link` that the outline sweeps next when it backs up."""
-    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_M]
+    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_STEPS_M]
     points = np.concatenate(shifts)
     return points[~polygon_contains(footprint.polygon, points)]
 
@@ -264,7 +270,7 @@ def fill_window(
     out_mask: NDArray[np.uint8],
     kinds: NDArray[np.uint8],
     keepout: NDArray[np.uint8],
-    layer: EchoLayer,
+    grid: ObstacleGrid,
     first: tuple[int, int],
     parts: int,
     unknown_blocks: bool,
@@ -276,8 +282,8 @@ def fill_window(
         out_mask: (rows * parts, cols * parts) fine cells, overwritten.
         kinds: of the costmap's cells.
         keepout: of the costmap's cells.
-        layer: what the lidar has seen.
-        first: row and column of the costmap at the window's corner; may lie outside.
+        grid: what the lidar has seen.
+        first: row and column of the costmap at the local costmap's corner; may lie outside.
         parts: fine cells in the edge of a cell of the costmap.
         unknown_blocks: whether cells that nobody has seen count as something.
         resolution_m: cell edge of the costmap [m].
@@ -291,14 +297,14 @@ def fill_window(
             row, col = first[0] + window_row, first[1] + window_col
             if not (0 <= row < rows and 0 <= col < cols):
                 continue
-            unseen = kinds[row, col] == UNKNOWN and layer.observed[row, col] == 0
+            unseen = kinds[row, col] == UNKNOWN and grid.observed[row, col] == 0
             if kinds[row, col] == WALL or keepout[row, col] or (unknown_blocks and unseen):
                 for part_row in range(parts):
                     for part_col in range(parts):
                         out_mask[window_row * parts + part_row, window_col * parts + part_col] = 1
-            elif layer.evidence[row, col]:
-                fine_row = math.floor(layer.points[row, col, 1] * scale) - first[0] * parts
-                fine_col = math.floor(layer.points[row, col, 0] * scale) - first[1] * parts
+            elif grid.evidence[row, col]:
+                fine_row = math.floor(grid.points[row, col, 1] * scale) - first[0] * parts
+                fine_col = math.floor(grid.points[row, col, 0] * scale) - first[1] * parts
                 # Rounding of the point may put it just outside its cell.
                 fine_row = min(max(fine_row, window_row * parts), (window_row + 1) * parts - 1)
                 fine_col = min(max(fine_col, window_col * parts), (window_col + 1) * parts - 1)
@@ -317,7 +323,7 @@ def draw_echoes(
     Args:
         out_mask: (rows, cols) fine cells, changed in place.
         beams: (n, 6) in `grid`, cut at mirrors and walls.
-        first: fine row and column of the window's corner.
+        first: fine row and column of the local costmap's corner.
         fine_m: edge of a fine cell [m].
     """
     for beam in range(beams.shape[0]):
@@ -334,7 +340,7 @@ def draw_echoes(
 def coarsen_into(out_m: NDArray[np.float32], distance_m: NDArray[np.float32], parts: int) -> None:
     """Write the largest distance in each coarse cell.
 
-    The way should not close where the footprint still fits; rollouts are checked exactly.
+    Passages should not close where the footprint still fits; rollouts are checked exactly.
 
     Args:
         out_m: (rows, cols) coarse cells, overwritten.
@@ -363,7 +369,7 @@ def costs_to_metres(
         out_m: (rows, cols), overwritten.
         cost: (cells,) row-major.
         metres: of one unit of cost.
-        unreached_m: where there is no way.
+        unreached_m: where there is no path.
     """
     rows, cols = out_m.shape
     for row in range(rows):
@@ -376,13 +382,13 @@ def costs_to_metres(
 def slope_edges(cost_m: NDArray[np.float32], unreached_m: float, rise_m: float, width: int) -> None:
     """Let the cost-to-go rise beside the cells that were reached, instead of jumping.
 
-    Between two cells it is interpolated; a jump would push the robot out of narrow ways.
+    Between two cells it is interpolated; a jump would push the robot out of narrow passages.
 
     Args:
         cost_m: (rows, cols), changed in place; its outermost cells stay.
         unreached_m: what the cells hold that were not reached.
         rise_m: from cell to cell.
-        width: so many cells are filled.
+        width: of the slope [cells].
     """
     rows, cols = cost_m.shape
     limit = np.float32(unreached_m)

@@ -1,7 +1,8 @@
-"""Compiled foresight among people: how near the robot comes to who walks, moment by moment.
+"""Proximity to people and other robots along the robot's motion.
 
-Who walks is a disc that goes on as it does; how far it may be from there grows with time. A state
-is x, y, yaw, v, w; everything is in frame `grid` [m].
+A person is a disc that keeps its velocity and grows with time. Other robots are a few discs each,
+with a place for every `ROBOT_DT_S` from now on; they may come some way short of where they mean to
+be. A state is x, y, yaw, v, w; everything is in frame `grid` [m].
 
 Source:
     Fiorini, Shiller, Motion Planning in Dynamic Environments Using Velocity Obstacles (1998): what
@@ -10,6 +11,7 @@ Source:
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,40 +20,37 @@ from trolley.jit import kernel
 from trolley_planner.costmap.footprint import Body
 from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
-SPREAD_MPS, MOST_SPREAD_M = 0.1, 0.15
-"""Discs grow so fast, and by so much."""
+
+class ProximityParams(NamedTuple):
+    """How close is too close to people and other robots; all by hand."""
+
+    spread_mps: float = 0.1
+    """A person's disc grows this fast: the farther ahead, the less sure where they will be,"""
+    most_spread_m: float = 0.15
+    """by this much at most [m]."""
+    robot_spread_mps: float = 0.05
+    """The same for a robot, which does what it says but for the error of its pose,"""
+    robot_most_spread_m: float = 0.1
+    """and its limit [m]."""
+    meet_m: float = 0.06
+    """A gap smaller than this counts as a collision [m],"""
+    sure_s: float = 1.2
+    """if it happens within this time; later much may change [s]."""
+    near_m: float = 0.4
+    """Gaps smaller than this cost, the more the smaller [m]."""
+    standing_mps: float = 0.05
+    """A robot slower than this cannot run into anybody [m/s],"""
+    leaving: float = -0.5
+    """nor can one that drives away from them: cosine of the angle between."""
+    brake_dt_s: float = 0.05
+    """Time step of the braking check [s]."""
+    longest_brake_s: float = 10.0
+    """The braking check ends after this time [s]."""
+    most_cost: float = 1.5
+    """Highest cost of one person, where touching costs 1: an overlap by half of `near_m`."""
 
 
-MEET_M = 0.06
-"""Nearer than this the robot has met somebody,"""
-
-
-SURE_S = 1.2
-"""which counts as touching them within this time; later much may change."""
-
-
-NEAR_M = 0.4
-"""Nearer than this to somebody costs, the more the nearer."""
-
-
-STANDS_MPS = 0.05
-"""Who is not faster than this cannot run into anybody."""
-
-
-LEAVING = -0.5
-"""Nor who drives away from them: the cosine of the angle between."""
-
-
-BRAKE_DT_S, LONGEST_BRAKE_S = 0.05, 10.0
-"""Braking is looked at in such steps, for so long at most."""
-
-
-FARTHEST = 1.5
-"""What somebody counts at most, where 1 is touching: an overlap of half of `NEAR_M`."""
-
-
-ROBOT_SPREAD_MPS, ROBOT_MOST_SPREAD_M = 0.05, 0.1
-"""Discs grow so fast, and by so much: a robot does what it says, but for the error of its pose."""
+PROXIMITY = ProximityParams()
 
 
 @kernel
@@ -84,15 +83,15 @@ def disc_gap(
 
 @kernel
 def is_to_blame(v: float, away: tuple[float, float], turned: tuple[float, float]) -> bool:
-    """Say whether a robot at speed v that meets who is `away` of it has a part in that."""
-    if abs(v) < STANDS_MPS:
+    """Say whether a robot at speed v has a part in a collision with what is `away` from it."""
+    if abs(v) < PROXIMITY.standing_mps:
         return False
     along = math.copysign(1.0, v) * (turned[0] * away[0] + turned[1] * away[1])
-    return along > LEAVING * math.hypot(away[0], away[1])
+    return along > PROXIMITY.leaving * math.hypot(away[0], away[1])
 
 
 @kernel
-def company(
+def people_proximity_cost(
     walkers: NDArray[np.float64],
     body: tuple[NDArray[np.float64], float, float],
     place: tuple[float, float],
@@ -100,7 +99,7 @@ def company(
     v: float,
     time_s: float,
 ) -> float:
-    """Return how near a moving robot is to who walks: 0 far away, 1 touching; infinite if it hits.
+    """Return the cost of being near people: 0 far away, 1 touching; infinite for a collision.
 
     Args:
         walkers: (n, 5) see `Field.walkers`.
@@ -111,21 +110,21 @@ def company(
         time_s: from now.
     """
     outline, inscribed, circumscribed = body
-    spread = min(SPREAD_MPS * time_s, MOST_SPREAD_M)
+    spread = min(PROXIMITY.spread_mps * time_s, PROXIMITY.most_spread_m)
     total = 0.0
     for index in range(walkers.shape[0]):
         away_x = walkers[index, 0] + time_s * walkers[index, 2] - place[0]
         away_y = walkers[index, 1] + time_s * walkers[index, 3] - place[1]
         radius = walkers[index, 4] + spread
-        reach = radius + NEAR_M + circumscribed
+        reach = radius + PROXIMITY.near_m + circumscribed
         if away_x * away_x + away_y * away_y >= reach * reach:
             continue
         away = away_x, away_y
         gap = disc_gap(outline, inscribed, away, turned, radius)
-        if gap < MEET_M and time_s <= SURE_S and is_to_blame(v, away, turned):
+        if gap < PROXIMITY.meet_m and time_s <= PROXIMITY.sure_s and is_to_blame(v, away, turned):
             return math.inf
-        if gap < NEAR_M:
-            near = min(1.0 - gap / NEAR_M, FARTHEST)
+        if gap < PROXIMITY.near_m:
+            near = min(1.0 - gap / PROXIMITY.near_m, PROXIMITY.most_cost)
             total += near * near
     return total
 
@@ -137,7 +136,7 @@ def brake_on(
     delay_s: float,
     deceleration: float,
 ) -> tuple[float, float, float, float, float]:
-    """Return a state `BRAKE_DT_S` later, on its arc and braking once the delay is over.
+    """Return a state `PROXIMITY.brake_dt_s` later, on its arc and braking once the delay is over.
 
     Args:
         state: x, y, yaw, v, w; it moves.
@@ -147,18 +146,24 @@ def brake_on(
     """
     x, y, yaw, v, w = state
     if elapsed_s > delay_s:
-        slower = max(0.0, abs(v) - deceleration * BRAKE_DT_S)
+        slower = max(0.0, abs(v) - deceleration * PROXIMITY.brake_dt_s)
         w *= slower / abs(v)
         v = math.copysign(slower, v)
-    middle, way = yaw + 0.5 * BRAKE_DT_S * w, v * BRAKE_DT_S
-    return x + way * math.cos(middle), y + way * math.sin(middle), yaw + w * BRAKE_DT_S, v, w
+    middle, distance = yaw + 0.5 * PROXIMITY.brake_dt_s * w, v * PROXIMITY.brake_dt_s
+    return (
+        x + distance * math.cos(middle),
+        y + distance * math.sin(middle),
+        yaw + w * PROXIMITY.brake_dt_s,
+        v,
+        w,
+    )
 
 
 @kernel
 def runs_into(
     body: Body, away: tuple[float, float], turned: tuple[float, float], radius_m: float, v: float
 ) -> bool:
-    """Say whether a robot meets a disc, and is to blame for it.
+    """Say whether a robot hits a disc, and is to blame for it.
 
     Args:
         body: the outline.
@@ -167,22 +172,22 @@ def runs_into(
         radius_m: of the disc.
         v: the robot's speed.
     """
-    reach = radius_m + MEET_M + body.circumscribed_m
+    reach = radius_m + PROXIMITY.meet_m + body.circumscribed_m
     if away[0] * away[0] + away[1] * away[1] >= reach * reach:
         return False
     gap = disc_gap(body.edge_points, body.inscribed_m, away, turned, radius_m)
-    return gap < MEET_M and is_to_blame(v, away, turned)
+    return gap < PROXIMITY.meet_m and is_to_blame(v, away, turned)
 
 
 @kernel
-def would_meet(
+def would_meet_people(
     start: NDArray[np.float64],
     walkers: NDArray[np.float64],
     body: Body,
     deceleration: float,
     delay_s: float,
 ) -> bool:
-    """Say whether a robot that brakes after a delay still meets who walks on, or who stops.
+    """Say whether a robot that brakes after a delay still hits people who walk on, or who stop.
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
@@ -194,8 +199,8 @@ def would_meet(
     if walkers.shape[0] == 0:
         return False
     state, elapsed = (start[0], start[1], start[2], start[3], start[4]), 0.0
-    while abs(state[3]) >= STANDS_MPS and elapsed < LONGEST_BRAKE_S:
-        elapsed += BRAKE_DT_S
+    while abs(state[3]) >= PROXIMITY.standing_mps and elapsed < PROXIMITY.longest_brake_s:
+        elapsed += PROXIMITY.brake_dt_s
         state = brake_on(state, elapsed, delay_s, deceleration)
         turned = math.cos(state[2]), math.sin(state[2])
         for index in range(walkers.shape[0]):
@@ -210,7 +215,7 @@ def would_meet(
 
 
 @kernel
-def company_of_robots(
+def robots_proximity_cost(
     robots: NDArray[np.float64],
     body: tuple[NDArray[np.float64], float, float],
     place: tuple[float, float],
@@ -218,7 +223,7 @@ def company_of_robots(
     v: float,
     time_s: float,
 ) -> float:
-    """Return how near a moving robot is to others: 0 far away, 1 touching; infinite if it hits.
+    """Return the cost of being near other robots, like `people_proximity_cost`.
 
     Args:
         robots: (n, steps, 3) x, y, radius, see `Field.robots`.
@@ -230,31 +235,31 @@ def company_of_robots(
     """
     outline, inscribed, circumscribed = body
     step = min(round(time_s / ROBOT_DT_S), robots.shape[1] - 1)
-    spread = min(ROBOT_SPREAD_MPS * time_s, ROBOT_MOST_SPREAD_M)
-    nearest = NEAR_M
+    spread = min(PROXIMITY.robot_spread_mps * time_s, PROXIMITY.robot_most_spread_m)
+    nearest = PROXIMITY.near_m
     for index in range(robots.shape[0]):
         away = robots[index, step, 0] - place[0], robots[index, step, 1] - place[1]
         radius = robots[index, step, 2] + spread
-        reach = radius + NEAR_M + circumscribed
+        reach = radius + PROXIMITY.near_m + circumscribed
         if away[0] * away[0] + away[1] * away[1] >= reach * reach:
             continue
         gap = disc_gap(outline, inscribed, away, turned, radius)
-        if gap < MEET_M and time_s <= SURE_S and is_to_blame(v, away, turned):
+        if gap < PROXIMITY.meet_m and time_s <= PROXIMITY.sure_s and is_to_blame(v, away, turned):
             return math.inf
         nearest = min(nearest, gap)
-    near = min(1.0 - nearest / NEAR_M, FARTHEST)
+    near = min(1.0 - nearest / PROXIMITY.near_m, PROXIMITY.most_cost)
     return near * near
 
 
 @kernel
-def company_of_all(
+def proximity_cost(
     walkers: NDArray[np.float64],
     robots: NDArray[np.float64],
     body: tuple[NDArray[np.float64], float, float],
     then: tuple[tuple[float, float], tuple[float, float], float],
     v: float,
 ) -> float:
-    """Return how near a moving robot is to who walks and to other robots, as `company`.
+    """Return the cost of being near people and other robots.
 
     Args:
         walkers: (n, 5) see `Field.walkers`.
@@ -264,9 +269,9 @@ def company_of_all(
         v: its speed.
     """
     place, turned, time_s = then
-    near = company(walkers, body, place, turned, v, time_s)
+    near = people_proximity_cost(walkers, body, place, turned, v, time_s)
     if robots.shape[0] > 0:
-        near += company_of_robots(robots, body, place, turned, v, time_s)
+        near += robots_proximity_cost(robots, body, place, turned, v, time_s)
     return near
 
 
@@ -278,7 +283,7 @@ def would_meet_robots(
     deceleration: float,
     delay_s: float,
 ) -> bool:
-    """Say whether a robot that brakes after a delay still meets another, or one that stops.
+    """Say whether a robot that brakes after a delay still hits another one, moving or stopping.
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
@@ -290,8 +295,8 @@ def would_meet_robots(
     if robots.shape[0] == 0:
         return False
     state, elapsed = (start[0], start[1], start[2], start[3], start[4]), 0.0
-    while abs(state[3]) >= STANDS_MPS and elapsed < LONGEST_BRAKE_S:
-        elapsed += BRAKE_DT_S
+    while abs(state[3]) >= PROXIMITY.standing_mps and elapsed < PROXIMITY.longest_brake_s:
+        elapsed += PROXIMITY.brake_dt_s
         state = brake_on(state, elapsed, delay_s, deceleration)
         turned = math.cos(state[2]), math.sin(state[2])
         later = min(round(elapsed / ROBOT_DT_S), robots.shape[1] - 1)

@@ -1,6 +1,13 @@
-"""The cheap controller: regulated pure pursuit, and plain motions where that would touch."""
+"""Regulated pure pursuit: the cheap controller, with plain motions where it would collide.
+
+Source:
+    Macenski, Singh, Martin, Gines, Regulated Pure PurePursuit for Robot Path Tracking (2023).
+    Deviation: the carrot lies down the local costmap's cost-to-go, which leads around what stands
+    on the path, and the speed beside obstacles is that of the rollouts.
+"""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +15,14 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D
 from trolley.jit import kernel
-from trolley_planner.control.controller import DT_S, Motion, first_step, limits_here, state_of
-from trolley_planner.control.local_costmap import Window
-from trolley_planner.control.mppi import DESCENTS, PRICES, PRIMITIVES, best_plain_into
+from trolley_planner.control.controller import Motion, first_step, limits_here, state_of
+from trolley_planner.control.local_costmap import LocalCostmap
+from trolley_planner.control.mppi import best_plain_into
 from trolley_planner.control.rollout import (
-    COLLISION,
+    DT_S,
+    ROLLOUT,
     Limits,
+    Scene,
     Target,
     advance,
     allowed_speed,
@@ -22,31 +31,32 @@ from trolley_planner.control.rollout import (
     rollout,
     trace_into,
 )
-from trolley_planner.costmap.footprint import Body, Field, clearance_at
+from trolley_planner.costmap.footprint import clearance_at
 from trolley_planner.sensing.beams import wrapped
 
-SHARES = (1.0, 0.6, 0.35)
-"""Of the usual lookahead: nearer points are tried where the farther one leads over something."""
+
+class PursuitParams(NamedTuple):
+    """Lookahead and regulation; by hand."""
+
+    lookahead_s: float = 1.0
+    """The carrot lies this far ahead in time,"""
+    least_lookahead_m: float = 0.35
+    """but at least this far"""
+    most_lookahead_m: float = 1.2
+    """and at most this far."""
+    turn_in_place_rad: float = 0.7
+    """The robot turns before it drives if the carrot is farther off its heading than this."""
+    tight_radius_m: float = 0.6
+    """On arcs tighter than this the speed falls in proportion."""
 
 
-LOOK_S = 1.0
-"""The point lies so far ahead in time,"""
+PURSUIT = PursuitParams()
+LOOKAHEAD_SHARES = (1.0, 0.6, 0.35)
+"""A nearer carrot is tried where the drive towards the usual one would collide."""
 
 
-LOOK_LEAST_M, LOOK_MOST_M = 0.35, 1.2
-"""and within these lengths."""
-
-
-TURN_IN_PLACE = 0.7
-"""Farther off its heading the robot turns before it drives [rad]."""
-
-
-TIGHT_M = 0.6
-"""Tighter arcs than of this radius are driven slower in proportion."""
-
-
-class Pursuit:
-    """Steers for a point ahead: a fiftieth of the work of `Mppi`, and less foresight.
+class PurePursuit:
+    """Steers for a carrot: a fiftieth of the work of `Mppi`, and less foresight.
 
     Args:
         config: horizon.
@@ -61,52 +71,59 @@ class Pursuit:
         self.trajectory = np.empty((0, 3), dtype=np.float32)
 
     def command(
-        self, motion: Motion, window: Window, limits: Limits, target: Target, elapsed_s: float
+        self,
+        motion: Motion,
+        local_costmap: LocalCostmap,
+        limits: Limits,
+        target: Target,
+        elapsed_s: float,
     ) -> Twist2D | None:
         """Return the velocity to drive now; see `Controller`."""
-        limits = limits_here(limits, window, motion.pose)
-        start, field, body = state_of(motion), window.field, window.body
-        world = (field, body, limits, target, PRICES)
-        for share in SHARES:
-            pursue(self._controls, start, (field, body, limits, target), share)
-            price = rollout(self._controls, start, *world)
-            if price < COLLISION:
+        limits = limits_here(limits, local_costmap, motion.pose)
+        scene = Scene(local_costmap.field, local_costmap.body, limits, target)
+        start = state_of(motion)
+        for share in LOOKAHEAD_SHARES:
+            pursue_into(self._controls, start, scene, share)
+            cost = rollout(self._controls, start, scene)
+            if cost < ROLLOUT.collision_cost:
                 break
         else:
-            price = best_plain_into(self._controls, start, world, (DESCENTS, PRIMITIVES))
+            cost = best_plain_into(self._controls, start, scene)
         self.trajectory = np.empty((len(self._controls) + 1, 3), dtype=np.float32)
         trace_into(self.trajectory, self._controls, start, DT_S)
-        return None if price >= COLLISION else first_step(motion, self._controls, elapsed_s)
+        if cost >= ROLLOUT.collision_cost:
+            return None
+        return first_step(motion, self._controls, elapsed_s)
 
 
 @kernel
-def pursue(
-    out_controls: NDArray[np.float64],
-    start: NDArray[np.float64],
-    world: tuple[Field, Body, Limits, Target],
-    share: float,
+def pursue_into(
+    out_controls: NDArray[np.float64], start: NDArray[np.float64], scene: Scene, share: float
 ) -> None:
-    """Write the commands that follow the point ahead.
+    """Write the commands (steps, 2) that follow the carrot.
 
     Args:
         out_controls: (steps, 2), overwritten.
-        start: (5,).
-        world: window, outline, limits and where the path leads next.
+        start: (5,) state.
+        scene: what rollouts need.
         share: of the usual lookahead; less cuts corners less.
     """
-    field, body, limits, target = world
+    field, body, limits, target = scene.field, scene.body, scene.limits, scene.target
     state = start.copy()
     for step in range(out_controls.shape[0]):
         clearance = clearance_at(field, body, state[0], state[1], state[2], limits.caution_m)
         allowed = allowed_speed(field, limits, state[0], state[1], clearance)
-        look = share * min(max(LOOK_S * abs(state[3]), LOOK_LEAST_M), LOOK_MOST_M)
-        x, y = downhill_point(field, state[0], state[1], look)
+        ahead = min(
+            max(PURSUIT.lookahead_s * abs(state[3]), PURSUIT.least_lookahead_m),
+            PURSUIT.most_lookahead_m,
+        )
+        x, y = downhill_point(field, state[0], state[1], share * ahead)
         dx, dy = x - state[0], y - state[1]
         distance = math.hypot(dx, dy)
         wanted_v, wanted_w = 0.0, 0.0
         if distance > field.coarse_m:
             bearing = wrapped(math.atan2(dy, dx) - state[2])
-            if abs(bearing) > TURN_IN_PLACE:
+            if abs(bearing) > PURSUIT.turn_in_place_rad:
                 rate = math.sqrt(1.6 * limits.turn_acceleration * abs(bearing))
                 wanted_w = math.copysign(min(rate, limits.max_turn), bearing)
             else:
@@ -125,5 +142,5 @@ def pursue(
 def regulated(allowed: float, curvature: float, limits: Limits) -> float:
     """Return the speed on an arc: less where it is tight, and where the turn rate would not do."""
     bend = abs(curvature)
-    speed = allowed / max(1.0, TIGHT_M * bend)
+    speed = allowed / max(1.0, PURSUIT.tight_radius_m * bend)
     return min(speed, limits.max_turn / bend) if bend > 0.0 else speed

@@ -1,4 +1,4 @@
-"""Compiled motion of the robot over the window: what it may do, and rollouts.
+"""The robot's motion, simulated over the local costmap: limits, rollouts and what they cost.
 
 Everything is in frame `grid` [m], times in seconds. A state is x, y, yaw, v, w.
 """
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_planner.control.proximity import company_of_all
+from trolley_planner.control.proximity import proximity_cost
 from trolley_planner.costmap.footprint import (
     Body,
     Field,
@@ -20,63 +20,103 @@ from trolley_planner.costmap.footprint import (
     outline_clearance,
 )
 
+DT_S = 0.1
+"""Time step of rollouts [s]."""
+
 
 class Limits(NamedTuple):
-    """What the robot may do."""
+    """What the robot may do at the moment."""
 
     max_speed: float
+    """[m/s]."""
     max_reverse: float
+    """Highest speed backwards [m/s]."""
     max_turn: float
+    """[rad/s]."""
     acceleration: float
+    """[m/s^2]."""
     deceleration: float
+    """[m/s^2]."""
     turn_acceleration: float
+    """[rad/s^2]."""
     slow_speed: float
+    """Speed right beside obstacles [m/s]."""
     caution_m: float
+    """Clearance below which the robot slows down."""
     clearance_m: float
     """The footprint keeps at least this far from everything."""
     dt: float
+    """Time step [s]."""
 
 
 class Target(NamedTuple):
-    """Where the drive leads next."""
+    """Where the path leads next, in `grid`."""
 
     x: float
+    """[m]."""
     y: float
+    """[m]."""
     radius: float
     """Near enough [m]: what a rollout does after it was here costs nothing."""
     goes_on: bool
-    """Whether the drive goes on from there, so that there is no need to slow down."""
+    """Whether the path goes on from there, so that there is no need to slow down."""
 
 
-class Prices(NamedTuple):
-    """What counts how much, in metres of free floor."""
+class Scene(NamedTuple):
+    """What rollouts need besides the robot's state."""
 
-    near: float
-    """A metre right at an obstacle."""
-    near_m: float
-    """Clearance from which on nothing is paid."""
-    reverse: float
+    field: Field
+    """The local costmap's grids."""
+    body: Body
+    """The footprint."""
+    limits: Limits
+    target: Target
+
+
+class CriticWeights(NamedTuple):
+    """What a rollout costs, in metres of free floor; found by hand in simulated drives."""
+
+    near: float = 0.8
+    """A metre driven right at an obstacle."""
+    near_m: float = 0.15
+    """Clearance from which on obstacles cost nothing [m]."""
+    reverse: float = 0.4
     """A metre backwards, besides its length."""
-    turn: float
-    """A second at 1 rad/s."""
-    change_v: float
-    """Squared changes of the speed."""
-    change_w: float
-    """Squared changes of the turn rate."""
-    heading: float
-    """Ending turned away from the way on."""
-    company: float
-    """A second right at somebody who walks."""
+    turn: float = 0.02
+    """A second of turning at 1 rad/s, growing with the square."""
+    change_v: float = 0.3
+    """A change of the speed by 1 m/s, growing with the square."""
+    change_w: float = 0.1
+    """A change of the turn rate by 1 rad/s, growing with the square."""
+    heading: float = 0.15
+    """Ending at a right angle to the path ahead."""
+    proximity: float = 0.4
+    """A second right beside a person or another robot."""
 
 
-TURN_RADIUS_M = 0.2
-"""A turn by a radian counts as so many metres where things are near."""
-DELAY_S = 0.15
-"""From a command to what the wheels make of it, with the age of the scan."""
-COLLISION = 1000.0
-"""Price of touching something."""
-GIVE_M = 1e-3
-"""Distances this near to each other count as the same."""
+class RolloutParams(NamedTuple):
+    """How the robot's motion is simulated; by hand where no source is given."""
+
+    turn_radius_m: float = 0.2
+    """Distance that a turn by one radian counts as where obstacles are near."""
+    delay_s: float = 0.15
+    """Time from a command to what the wheels make of it, the age of the scan included."""
+    collision_cost: float = 1000.0
+    """Cost of touching something [m of free floor]."""
+    same_clearance_m: float = 1e-3
+    """Clearances that differ by less than this count as the same."""
+    heading_matters_m: float = 0.25
+    """Nearer to the target than this the final heading is left to the goal approach."""
+    heading_ahead_m: float = 0.3
+    """The direction of the path is taken over this distance."""
+    braking_dt_s: float = 0.04
+    """Time step of the braking check."""
+    longest_braking_s: float = 10.0
+    """The braking check ends after this time."""
+
+
+CRITICS = CriticWeights()
+ROLLOUT = RolloutParams()
 
 
 @kernel
@@ -99,7 +139,7 @@ def caution_speed(limits: Limits, clearance_m: float) -> float:
     room = max(0.0, clearance_m - limits.clearance_m)
     share = min(room / (limits.caution_m - limits.clearance_m), 1.0)
     slow = min(limits.slow_speed, limits.max_speed)
-    late = limits.deceleration * DELAY_S
+    late = limits.deceleration * ROLLOUT.delay_s
     stoppable = math.sqrt(late * late + 2.0 * limits.deceleration * room) - late
     return min(limits.max_speed, max(slow + share * (limits.max_speed - slow), stoppable))
 
@@ -158,10 +198,10 @@ def moved(
     sin = half * (1.0 - square / 6.0 * (1.0 - square / 20.0))
     cos = 1.0 - 0.5 * square * (1.0 - square / 12.0 * (1.0 - square / 30.0))
     middle_cos, middle_sin = turned[0] * cos - turned[1] * sin, turned[1] * cos + turned[0] * sin
-    way = twist[0] * dt
+    distance = twist[0] * dt
     return (
-        x + way * middle_cos,
-        y + way * middle_sin,
+        x + distance * middle_cos,
+        y + distance * middle_sin,
         middle_cos * cos - middle_sin * sin,
         middle_sin * cos + middle_cos * sin,
     )
@@ -200,71 +240,58 @@ def cost_at(field: Field, x: float, y: float) -> float:
 
 
 @kernel
-def price_of_step(
+def step_cost(
     now: tuple[float, float],
     before: tuple[float, float],
     clearance: float,
-    prices: Prices,
     dt: float,
 ) -> float:
-    """Return what one step costs besides the way that is left, by v and w in it and before it."""
+    """Return what one step costs besides the remaining path, by v and w in it and before it."""
     v, w = now
-    near = max(0.0, 1.0 - clearance / prices.near_m)
-    # By the way and not by the time: else it would put off going into a narrow place for ever.
-    moved = abs(v) + TURN_RADIUS_M * abs(w)
-    price = dt * (prices.near * near * near * moved + prices.turn * w * w)
-    price += prices.change_v * (v - before[0]) ** 2 + prices.change_w * (w - before[1]) ** 2
-    return price - prices.reverse * min(v, 0.0) * dt
+    near = max(0.0, 1.0 - clearance / CRITICS.near_m)
+    # By distance and not by time: else it would put off entering a narrow place forever.
+    moved = abs(v) + ROLLOUT.turn_radius_m * abs(w)
+    cost = dt * (CRITICS.near * near * near * moved + CRITICS.turn * w * w)
+    cost += CRITICS.change_v * (v - before[0]) ** 2 + CRITICS.change_w * (w - before[1]) ** 2
+    return cost - CRITICS.reverse * min(v, 0.0) * dt
 
 
 @kernel
-def price_of_end(
+def terminal_cost(
     field: Field,
     place: tuple[float, float],
     turned: tuple[float, float],
     target: Target,
-    prices: Prices,
 ) -> float:
-    """Return what the way from a rollout's end costs; `turned`: its heading's cosine and sine."""
+    """Return the cost from a rollout's end on; `turned`: cosine and sine of its heading."""
     x, y = place
-    price = cost_at(field, x, y)
+    cost = cost_at(field, x, y)
     # Beside the target the heading is the final approach's business.
-    if math.hypot(target.x - x, target.y - y) > 0.25:
-        ahead_x, ahead_y = downhill_point(field, x, y, 0.3)
+    if math.hypot(target.x - x, target.y - y) > ROLLOUT.heading_matters_m:
+        ahead_x, ahead_y = downhill_point(field, x, y, ROLLOUT.heading_ahead_m)
         length = math.hypot(ahead_x - x, ahead_y - y)
         along = turned[0] * (ahead_x - x) + turned[1] * (ahead_y - y)
-        price += prices.heading * (1.0 - along / length) if length > 0.0 else 0.0
-    return price
+        cost += CRITICS.heading * (1.0 - along / length) if length > 0.0 else 0.0
+    return cost
 
 
 @kernel
-def rollout(
-    controls: NDArray[np.float64],
-    start: NDArray[np.float64],
-    field: Field,
-    body: Body,
-    limits: Limits,
-    target: Target,
-    prices: Prices,
-) -> float:
-    """Drive a sequence of commands in thought; return its price.
+def rollout(controls: NDArray[np.float64], start: NDArray[np.float64], scene: Scene) -> float:
+    """Simulate a control sequence; return its cost [m of free floor].
 
     Args:
         controls: (steps, 2) v, w; replaced by what the limits leave of them.
-        start: (5,).
-        field: the window.
-        body: the outline.
-        limits: of the robot.
-        target: where the drive leads next.
-        prices: what counts how much.
+        start: (5,) state.
+        scene: what is around the robot, its limits, and where the path leads.
     """
+    field, body, limits, target = scene.field, scene.body, scene.limits, scene.target
     x, y, v, w = start[0], start[1], start[3], start[4]
     cos, sin = math.cos(start[2]), math.sin(start[2])
-    enough = max(limits.caution_m, prices.near_m)
+    enough = max(limits.caution_m, CRITICS.near_m)
     clearance = clearance_turned(field, body, (x, y), (cos, sin), enough)
-    # Who stands too close already must not come closer.
-    floor = min(limits.clearance_m, clearance - GIVE_M)
-    has_zones, price = field.speed_mps.shape[0] > 1, 0.0
+    # A robot that stands too close already must not come closer.
+    floor = min(limits.clearance_m, clearance - ROLLOUT.same_clearance_m)
+    has_zones, cost = field.speed_mps.shape[0] > 1, 0.0
     distance_m, outline = field.distance_m, (body.few_points, body.edge_points)
     scale, half = 1.0 / field.fine_m, 0.5 * field.fine_m
     inscribed, far = body.inscribed_m, body.circumscribed_m + enough
@@ -289,15 +316,15 @@ def rollout(
         clearance, near = min(clearance, enough), 0.0
         if walkers.shape[0] + robots.shape[0] > 0:
             then = (x, y), (cos, sin), (step + 1) * limits.dt
-            near = company_of_all(walkers, robots, walked, then, v)
+            near = proximity_cost(walkers, robots, walked, then, v)
         if clearance < floor or near == math.inf:
-            return price + COLLISION + controls.shape[0] - step + cost_at(field, x, y)
-        price += prices.company * near * limits.dt
-        price += price_of_step((v, w), before, clearance, prices, limits.dt)
+            return cost + ROLLOUT.collision_cost + controls.shape[0] - step + cost_at(field, x, y)
+        cost += CRITICS.proximity * near * limits.dt
+        cost += step_cost((v, w), before, clearance, limits.dt)
         if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius * target.radius:
             left = (controls.shape[0] - 1 - step) * limits.dt
-            return price - (left * limits.max_speed if target.goes_on else 0.0)
-    return price + price_of_end(field, (x, y), (cos, sin), target, prices)
+            return cost - (left * limits.max_speed if target.goes_on else 0.0)
+    return cost + terminal_cost(field, (x, y), (cos, sin), target)
 
 
 @kernel
@@ -324,25 +351,25 @@ def stopping_clearance(
     body: Body,
     limits: Limits,
 ) -> tuple[float, float]:
-    """Return the smallest clearance until the robot stands, if it brakes after `DELAY_S`.
+    """Return the smallest clearance until the robot stands, if it brakes after `ROLLOUT.delay_s`.
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
-        field: the window.
+        field: the local costmap.
         body: the outline.
         limits: braking.
 
     Returns:
-        The clearance now and the smallest on the way [m].
+        The clearance now and the smallest until it stands [m].
     """
     state = start.copy()
     enough = limits.clearance_m + 0.05
     now = clearance_at(field, body, state[0], state[1], state[2], enough)
     smallest = now
-    dt = 0.04
+    dt = ROLLOUT.braking_dt_s
     elapsed = 0.0
-    while elapsed < 10.0:
-        if elapsed >= DELAY_S:
+    while elapsed < ROLLOUT.longest_braking_s:
+        if elapsed >= ROLLOUT.delay_s:
             v, w = abs(state[3]), abs(state[4])
             slower = max(0.0, v - limits.deceleration * dt)
             # On its arc as long as it moves; a turn in place has its own brake.

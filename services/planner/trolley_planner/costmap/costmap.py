@@ -1,6 +1,7 @@
 """The costmap: map, zones and what the lidar sees, and what it costs to pass near all that."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,38 +18,46 @@ from trolley_planner.costmap.inflation import (
     UNKNOWN,
     WALL,
     WEIGHT_UNIT,
-    Layers,
+    CostmapLayers,
     compose_into,
     inflation_table,
     weigh_into,
 )
-from trolley_planner.costmap.obstacle_layer import Echoes
-from trolley_planner.costmap.social_layer import People
+from trolley_planner.costmap.obstacle_layer import ObstacleLayer
+from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.costmap.static_layer import (
     disc_mask,
     draw_segments,
     line_segments,
     map_kinds,
-    mirror_lines,
+    mirror_polylines,
     polygon_mask,
     speed_limits,
     zone_points,
 )
 from trolley_planner.people.moving_obstacles import MovingObstacles
-from trolley_planner.people.people_tracker import Mover, discs_of
+from trolley_planner.people.people_tracker import TrackedPerson, person_discs
 from trolley_planner.sensing.beams import Sweep
 
-PADDING_M = 0.02
-"""Added to the inscribed radius: cells round the place of an obstacle by half their edge."""
+
+@dataclass(frozen=True, slots=True)
+class CostmapParams:
+    """How the layers become weights; all by hand."""
+
+    padding_m: float = 0.02
+    """Added to the inscribed radius: cells round an obstacle's place to half their edge."""
+    tight_cells: float = 0.3
+    """What is seen lies in its cell up to this much farther away than the cell's centre."""
+    squeeze_weight: int = 60 * WEIGHT_UNIT
+    """Weight of cells where the robot fits only if all lies well in its cells."""
+    beside_m: float = 0.15
+    """A person nearer to the robot's outline than this is an obstacle as well."""
+    closed_s: float = 60.0
+    """A place where the robot did not get through is tried again after this time."""
+
+
+COSTMAP = CostmapParams()
 TABLE_STEP_M = 0.005
-TIGHT_CELLS = 0.3
-"""What is seen lies in its cell up to so much farther than the cell's centre."""
-SQUEEZE_WEIGHT = 60 * WEIGHT_UNIT
-"""Price of cells where the robot fits only if all lies well in its cells."""
-BESIDE_M = 0.15
-"""Who walks nearer to the robot's outline than this is an obstacle as well."""
-CLOSED_S = 60.0
-"""A place where the robot did not get through is tried again after this time."""
 
 
 class Costmap:
@@ -62,7 +71,7 @@ class Costmap:
     Args:
         grid: the map; its origin is `frame_T_grid`.
         footprint: of the robot.
-        config: ranges, tolerances and prices.
+        config: ranges, tolerances and costs.
         unknown_is_free: whether cells that nobody has seen may be passed.
     """
 
@@ -77,30 +86,30 @@ class Costmap:
         self._zones: list[Zone] = []
         self._leaving: tuple[str, ...] = ()
         self.shape = grid.rows, grid.cols
-        self.echoes = Echoes(self.shape, grid.resolution, config)
-        self._people = People(self.shape, grid.resolution, footprint.inscribed_m)
+        self.obstacle_layer = ObstacleLayer(self.shape, grid.resolution, config)
+        self._social_layer = SocialLayer(self.shape, grid.resolution, footprint.inscribed_m)
         self.moving = MovingObstacles()
         """People and other robots: they are not in the distances, but in the local costmap."""
         self._closed = np.zeros(self.shape, dtype=np.uint8)
         self._closed_until_ns: int | None = None
         self._suspects = np.empty((0, 4))
         self._table = inflation_table(
-            footprint.inscribed_m + PADDING_M + 0.5 * grid.resolution,
+            footprint.inscribed_m + COSTMAP.padding_m + 0.5 * grid.resolution,
             config.inflation_falloff_m,
             config.inflation_height,
             TABLE_STEP_M,
             WEIGHT_UNIT,
         )
         self._reach_m = self._table.shape[0] * TABLE_STEP_M
-        self.tight_m = footprint.inscribed_m - TIGHT_CELLS * grid.resolution
+        self.tight_m = footprint.inscribed_m - COSTMAP.tight_cells * grid.resolution
         """Cells nearer than this to an obstacle cannot hold the footprint's centre."""
         self.set_zones([])
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
-        """Take these zones (points in the frame of the goals) instead of those before."""
+        """Replace the zones (points in the frame of the goals)."""
         grid_T_frame = self.frame_T_grid.inverse()
         self._zones = list(zones)
-        self._mirrors = line_segments(mirror_lines(zones), grid_T_frame)
+        self._mirrors = line_segments(mirror_polylines(zones), grid_T_frame)
         self.kinds = self._map_kinds.copy()
         draw_segments(self.kinds, self._mirrors, self.resolution_m, WALL)
         self.walls = (self.kinds == WALL).astype(np.uint8)
@@ -113,9 +122,9 @@ class Costmap:
         self._build()
 
     def set_suspects(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
-        """Take these lines, on each of which a mirror is suspected: behind them nothing is seen.
+        """Replace the lines on which mirrors are suspected: nothing seen behind them counts.
 
-        They lie on walls of the map and close no way that the map leaves open.
+        They lie on walls of the map and close no path that the map leaves open.
 
         Args:
             lines: points of each in the frame of the goals [m].
@@ -123,7 +132,7 @@ class Costmap:
         self._suspects = line_segments(lines, self.frame_T_grid.inverse())
 
     def set_position(self, x: float, y: float) -> None:
-        """Say where the robot is: a keep-out zone that holds it may be crossed until it has left.
+        """Update where the robot is: a keep-out zone around it may be crossed until it has left.
 
         Args:
             x: in the frame of the goals [m].
@@ -154,42 +163,46 @@ class Costmap:
             sweep.body_laser,
         )
         lines = np.concatenate([self._mirrors, self._suspects])
-        self.echoes.add(in_grid, self.walls, self.wall_distance_m, lines, now_ns)
-        self.moving.update(now_ns, self.echoes.beams, self.wall_distance_m, self.resolution_m)
-        people = self.moving.movers
+        self.obstacle_layer.update(in_grid, self.walls, self.wall_distance_m, lines, now_ns)
+        self.moving.update(
+            now_ns, self.obstacle_layer.beams, self.wall_distance_m, self.resolution_m
+        )
+        people = self.moving.people
         outline = in_grid.end.transform_points(sweep.body_laser)
-        self.echoes.lift(discs_of([one for one in people if _may_lift(one, outline)]))
-        self._people.note(people, self.echoes.layer)
+        self.obstacle_layer.remove_people(
+            person_discs([one for one in people if _may_lift(one, outline)])
+        )
+        self._social_layer.update(people, self.obstacle_layer.grid)
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""
-        self.echoes.forget_old(now_ns)
+        self.obstacle_layer.forget_old(now_ns)
         if self._closed_until_ns is not None and now_ns > self._closed_until_ns:
             self.reopen()
 
     def forget_all(self) -> None:
         """Forget everything that was seen or closed, as after a jump of the pose."""
         self.moving.forget_people()
-        self.echoes.forget_all()
-        self._people.note([], self.echoes.layer)
+        self.obstacle_layer.forget_all()
+        self._social_layer.update([], self.obstacle_layer.grid)
         self.reopen()
 
     def close(self, x_grid: float, y_grid: float, radius_m: float, now_ns: int) -> None:
         """Close a circle [m] where the robot did not get through, though nothing is seen there."""
         self._closed |= disc_mask(self.shape, (x_grid, y_grid), radius_m, self.resolution_m)
-        self._closed_until_ns = now_ns + round(CLOSED_S * 1e9)
-        self.echoes.touch_all()
+        self._closed_until_ns = now_ns + round(COSTMAP.closed_s * 1e9)
+        self.obstacle_layer.mark_all_dirty()
 
     def reopen(self) -> None:
         """Open all that was closed."""
         if self._closed_until_ns is not None:
             self._closed_until_ns = None
             self._closed[:] = 0
-            self.echoes.touch_all()
+            self.obstacle_layer.mark_all_dirty()
 
     def refresh(self) -> bool:
         """Bring distances and weights up to date where the lidar saw a change; True if it did."""
-        dirty = self.echoes.take_dirty()
+        dirty = self.obstacle_layer.pop_dirty()
         if dirty is None:
             return False
         rows, cols = self.shape
@@ -206,25 +219,25 @@ class Costmap:
         self.distance_m[write[0] : write[1], write[2] : write[3]] = inner
         weights = np.empty(inner.shape, dtype=np.uint8)
         weigh_into(weights, np.ascontiguousarray(inner), self._table, TABLE_STEP_M)
-        walked = self._people.weights[write[0] : write[1], write[2] : write[3]]
+        walked = self._social_layer.weights[write[0] : write[1], write[2] : write[3]]
         np.maximum(weights, walked, out=weights, where=weights != LETHAL)
         self.weights[write[0] : write[1], write[2] : write[3]] = weights
         self._close_border(self.weights)
         return True
 
-    def squeezed(
+    def squeeze_weights(
         self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]
     ) -> NDArray[np.uint8]:
-        """Return weights with a high price where the robot may just fit, instead of lethal.
+        """Return weights: expensive instead of lethal where the robot may just fit.
 
         Args:
             weights: (rows, cols).
             distance_m: (rows, cols) that belongs to them.
         """
         may_fit = (weights == LETHAL) & (distance_m >= self.tight_m)
-        squeezed = np.where(may_fit, np.uint8(SQUEEZE_WEIGHT), weights)
-        self._close_border(squeezed)
-        return squeezed
+        squeeze_weights = np.where(may_fit, np.uint8(COSTMAP.squeeze_weight), weights)
+        self._close_border(squeeze_weights)
+        return squeeze_weights
 
     def costs(self) -> NDArray[np.int8]:
         """Return (rows, cols) as on the wire.
@@ -235,7 +248,7 @@ class Costmap:
         extra = (self.weights.astype(np.float32) / WEIGHT_UNIT - 1.0).clip(0.0)
         highest = max(float(self._table.max()) / WEIGHT_UNIT - 1.0, 1e-6)
         costs = np.rint(98.0 * np.minimum(extra / highest, 1.0)).astype(np.int8)
-        costs[(self.kinds == UNKNOWN) & (self.echoes.layer.observed == 0)] = -1
+        costs[(self.kinds == UNKNOWN) & (self.obstacle_layer.grid.observed == 0)] = -1
         costs[self.weights == LETHAL] = 99
         costs[self.distance_m == 0.0] = 100
         return costs
@@ -261,9 +274,9 @@ class Costmap:
     def _cell(self, x_grid: float, y_grid: float) -> tuple[int, int]:
         return int(y_grid / self.resolution_m), int(x_grid / self.resolution_m)
 
-    def _layers(self) -> Layers:
-        layer = self.echoes.layer
-        return Layers(self.kinds, self.keepout, self._closed, layer.evidence, layer.observed)
+    def _layers(self) -> CostmapLayers:
+        grid = self.obstacle_layer.grid
+        return CostmapLayers(self.kinds, self.keepout, self._closed, grid.evidence, grid.observed)
 
     def _build(self) -> None:
         """Compute everything anew after the map or the zones changed."""
@@ -286,14 +299,14 @@ class Costmap:
         self.static_distance_m = distance_transform(blocked, self.resolution_m, self._reach_m)
         """Distance to the nearest obstacle of map and zones, up to the inflation's reach [m]."""
         self.static_weights = np.empty(self.shape, dtype=np.uint8)
-        """Weights by map and zones alone (units: kernels.layers)."""
+        """Weights by map and zones alone (units: `WEIGHT_UNIT`)."""
         weigh_into(self.static_weights, self.static_distance_m, self._table, TABLE_STEP_M)
         self._close_border(self.static_weights)
         self.distance_m = self.static_distance_m.copy()
         """The same with what the lidar has seen."""
         self.weights = self.static_weights.copy()
         """The same with what the lidar has seen."""
-        self.echoes.touch_all()
+        self.obstacle_layer.mark_all_dirty()
         self.refresh()
 
     def _close_border(self, weights: NDArray[np.uint8]) -> None:
@@ -302,10 +315,10 @@ class Costmap:
         weights[:, 0] = weights[:, -1] = LETHAL
 
 
-def _may_lift(mover: Mover, outline: NDArray[np.float64]) -> bool:
-    """Say whether a mover is no obstacle: it is seen, and the robot does not turn into it."""
-    gap_m = float(distance_to_outline(outline, mover.points).min())
-    return mover.is_seen and gap_m > BESIDE_M
+def _may_lift(person: TrackedPerson, outline: NDArray[np.float64]) -> bool:
+    """Say whether a person is no obstacle: it is seen, and the robot does not turn into it."""
+    gap_m = float(distance_to_outline(outline, person.points).min())
+    return person.is_seen and gap_m > COSTMAP.beside_m
 
 
 def _grown(

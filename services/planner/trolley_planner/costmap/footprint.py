@@ -18,18 +18,14 @@ from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
 EDGE_SPACING_M = 0.03
 """Distance of the points on the edge: an obstacle between two of them is seen 2 mm too far."""
-
-
 FEW_SPACING_M = 0.12
 """The same for a first look: at 0.15 m an obstacle is seen 12 mm too far."""
-
-
 NO_LIMITS = np.full((1, 1), np.inf, dtype=np.float32)
 """Stands for a costmap without speed zones."""
 
 
 class Field(NamedTuple):
-    """What the window holds, for look-ups at any point."""
+    """The grids of the local costmap, for look-ups at any point."""
 
     distance_m: NDArray[np.float32]
     """(rows, cols) fine cells: distance to the nearest obstacle."""
@@ -38,7 +34,7 @@ class Field(NamedTuple):
     speed_mps: NDArray[np.float32]
     """(rows, cols) of the whole costmap: limits of the speed zones; (1, 1) if there are none."""
     x: float
-    """Corner of the window [m]."""
+    """Corner of the local costmap [m]."""
     y: float
     fine_m: float
     """Edge of a fine cell."""
@@ -47,7 +43,7 @@ class Field(NamedTuple):
     cell_m: float
     """Edge of a cell of the costmap."""
     walkers: NDArray[np.float64] = NOBODY
-    """(n, 5) who walks: x, y now [m], velocity [m/s], radius [m]; they are not in the distances."""
+    """(n, 5) people: x, y now [m], velocity [m/s], radius [m]; they are not in the distances."""
     robots: NDArray[np.float64] = NO_ROBOTS
     """(n, steps, 3) discs of other robots that drive: x, y, radius [m], 0.1 s apart from now on."""
 
@@ -156,7 +152,7 @@ def clearance_turned(
     if centre >= body.circumscribed_m + enough_m:
         return enough_m
     if centre < body.inscribed_m:
-        # Less than what edge points in an obstacle give, so that the way out only leads upwards.
+        # Less than what edge points in an obstacle give, so that clearance rises all the way out.
         return centre - body.inscribed_m - half
     outline = (body.few_points, body.edge_points)
     face = (turned[0] * scale, turned[1] * scale)

@@ -1,4 +1,4 @@
-"""Compiled loops over the layers of the costmap: what blocks, and what passing near it costs.
+"""Inflation: which cells are blocked, and the weights of passing near them.
 
 Row-major cells; a box of cells is (first row, first column) and the shape of the output.
 """
@@ -13,17 +13,13 @@ from trolley.jit import kernel
 
 FREE, UNKNOWN, WALL = 0, 1, 2
 """Kinds of cells of the map."""
-
-
 WEIGHT_UNIT = 4
 """A weight of 1 (a free cell, far from everything) in the units of the grids of weights."""
-
-
 LETHAL = 0
 """The weight of cells where the footprint's centre must not be."""
 
 
-class Layers(NamedTuple):
+class CostmapLayers(NamedTuple):
     """What can block a cell."""
 
     kinds: NDArray[np.uint8]
@@ -55,7 +51,7 @@ def inflation_table(
     count = math.ceil((inscribed_m + 5.0 * falloff_m) / step_m) + 1
     distance = np.arange(count) * step_m
     extra = height * np.exp(-(distance - inscribed_m) / falloff_m)
-    # The price ends at zero where the table ends, so that open space is really free.
+    # The extra cost ends at zero where the table ends, so that open space is really free.
     extra = np.maximum(extra - extra[-1], 0.0)
     weights = np.rint(weight_unit * (1.0 + extra))
     weights[distance < inscribed_m] = 0
@@ -64,7 +60,7 @@ def inflation_table(
 
 @kernel
 def compose_into(
-    out_mask: NDArray[np.uint8], layers: Layers, first: tuple[int, int], unknown_blocks: bool
+    out_mask: NDArray[np.uint8], layers: CostmapLayers, first: tuple[int, int], unknown_blocks: bool
 ) -> None:
     """Write 1 where something stands in a cell, over a box of cells."""
     # Bound to names once: looked up for each cell they made the loop 50 times slower.
@@ -114,7 +110,7 @@ def soften_disc(
     radius_cells: float,
     weight: int,
 ) -> None:
-    """Make lethal cells passable at a price within a circle, but those where something stands.
+    """Make lethal cells within a circle passable at a cost, except where something stands.
 
     A robot that stands too close to something (an error of the pose, somebody who came near)
     must still find a way out.
@@ -124,7 +120,7 @@ def soften_disc(
         distance_m: (rows, cols) to the nearest obstacle.
         centre_cells: x, y [cells].
         radius_cells: of the circle.
-        weight: the price.
+        weight: that they get.
     """
     rows, cols = weights.shape
     x, y = centre_cells

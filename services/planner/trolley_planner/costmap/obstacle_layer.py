@@ -1,4 +1,4 @@
-"""The layer of the costmap that the lidar makes: obstacles seen, cleared again, and forgotten."""
+"""The costmap layer of the lidar: obstacles seen, cleared again, and forgotten."""
 
 import math
 from typing import NamedTuple
@@ -25,43 +25,38 @@ from trolley_planner.sensing.beams import (
 NOTHING_DIRTY = (2**31, -1, 2**31, -1)
 
 
-# An echo in the cell beside a wall of the map is that wall: surfaces lie on borders of cells.
-EXPLAINED_CELLS = 1.2
+class ObstacleParams(NamedTuple):
+    """How echoes become obstacles and are forgotten; all by hand."""
+
+    explained_cells: float = 1.2
+    """An echo this near to a wall of the map is that wall: surfaces lie on borders of
+    cells."""
+    tick_s: float = 0.1
+    """Unit of the times kept per cell [s]: coarse, so that 32 bits last for years."""
+    most_evidence: int = 12
+    """Scans without an echo that a well-seen obstacle outlives."""
+    mark_evidence: int = 3
+    """Evidence that each scan with an echo adds; one that sees through takes away 1."""
+    person_margin_m: float = 0.05
+    """Echoes this near to a person's disc are theirs [m],"""
+    trail_s: float = 0.5
+    """and so is what was seen where they were within this time, if it is seen no more [s]."""
+    widest_gap_rad: float = 0.06
+    """Nothing is known between neighbouring beams farther apart than this."""
 
 
-TICK_S = 0.1
-"""Unit of the times kept per cell [s]: coarse, so that 32 bits last for years."""
+OBSTACLES = ObstacleParams()
 
 
-MAX_EVIDENCE = 12
-"""Scans without an echo that a well-seen cell outlives."""
-
-
-MARK_EVIDENCE = 3
-"""Evidence that each scan with an echo adds; one that sees through takes away 1."""
-
-
-LIFT_M = 0.05
-"""Echoes this near to who walks are theirs,"""
-
-
-TRAIL_S = 0.5
-"""and so is what was seen where they were within this time, if it is seen no more."""
-
-
-MAX_SPREAD = 0.06
-"""Neighbouring beams farther apart than this [rad] say nothing of what lies between them."""
-
-
-class EchoLayer(NamedTuple):
-    """What the lidar has seen, per cell: the arrays of `Echoes`."""
+class ObstacleGrid(NamedTuple):
+    """What the lidar has seen, per cell: the arrays of `ObstacleLayer`."""
 
     evidence: NDArray[np.uint8]
     """(rows, cols) 0 = no obstacle seen."""
     hits: NDArray[np.uint8]
     """(rows, cols) scans that confirmed it, saturating."""
     seen_ticks: NDArray[np.int32]
-    """(rows, cols) robot time of the last echo, in `kernels.echoes.TICK_S`."""
+    """(rows, cols) robot time of the last echo, in `OBSTACLES.tick_s`."""
     points: NDArray[np.float32]
     """(rows, cols, 2) where in the cell the last echo lay [m]."""
     observed: NDArray[np.uint8]
@@ -72,7 +67,7 @@ class EchoLayer(NamedTuple):
     """(4,) first and last row, first and last column of what changed since it was reset."""
 
 
-class Echoes:
+class ObstacleLayer:
     """Obstacles that the lidar has seen and the map does not hold.
 
     Each cell carries evidence: echoes raise it, beams that see through lower it, so a thin leg
@@ -88,7 +83,7 @@ class Echoes:
         self._resolution_m = resolution_m
         self._config = config
         self._scan_number = 0
-        self.layer = EchoLayer(
+        self.grid = ObstacleGrid(
             evidence=np.zeros(shape, dtype=np.uint8),
             hits=np.zeros(shape, dtype=np.uint8),
             seen_ticks=np.zeros(shape, dtype=np.int32),
@@ -98,11 +93,11 @@ class Echoes:
             dirty=np.array(NOTHING_DIRTY, dtype=np.int64),
         )
         self.beams = np.empty((0, 6), dtype=np.float64)
-        """(n, 6) the newest scan in `grid`, cut at mirrors and walls (columns: kernels.beams)."""
-        self.standing = self.beams
-        """The same without the echoes of who walks."""
+        """(n, 6) the newest scan in `grid`, cut at mirrors and walls (columns: sensing.beams)."""
+        self.static_beams = self.beams
+        """The same without the echoes of people."""
 
-    def add(
+    def update(
         self,
         sweep: Sweep,
         walls: NDArray[np.uint8],
@@ -133,79 +128,83 @@ class Echoes:
             config.clear_range_m,
         )
         cut_at_lines(beams, segments, config.mirror_tolerance_m)
-        trace_beams(self.layer, walls, beams, self._resolution_m, self._scan_number)
+        trace_beams(self.grid, walls, beams, self._resolution_m, self._scan_number)
         body_cells = sweep.end.transform_points(sweep.body_laser) / self._resolution_m
-        forget_inside(self.layer, body_cells, self._resolution_m)
-        limits = (self._resolution_m, config.mark_range_m, EXPLAINED_CELLS * self._resolution_m)
+        clear_inside_robot(self.grid, body_cells, self._resolution_m)
+        limits = (
+            self._resolution_m,
+            config.mark_range_m,
+            OBSTACLES.explained_cells * self._resolution_m,
+        )
         now_ticks = ticks(now_ns)
-        mark_echoes(self.layer, wall_distance_m, beams, limits, self._scan_number, now_ticks)
-        self.beams = self.standing = beams
+        mark_echoes(self.grid, wall_distance_m, beams, limits, self._scan_number, now_ticks)
+        self.beams = self.static_beams = beams
 
-    def lift(self, walkers: NDArray[np.float64]) -> None:
-        """Take who walks by the newest scan out of what stands.
+    def remove_people(self, walkers: NDArray[np.float64]) -> None:
+        """Remove people by the newest scan from what stands.
 
         Args:
             walkers: (n, 5) in `grid`: x, y [m], velocity [m/s], radius [m].
         """
         if len(walkers) > 0:
-            self.standing = self.beams.copy()
-            lift_echoes(self.standing, walkers)
-            lift_cells(self.layer, walkers, self._resolution_m, self._scan_number)
+            self.static_beams = self.beams.copy()
+            lift_echoes(self.static_beams, walkers)
+            lift_cells(self.grid, walkers, self._resolution_m, self._scan_number)
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""
         config = self._config
         kept = (config.fade_s, config.fade_per_sighting_s, config.fade_max_s)
-        least, per_hit, most = (max(1, round(time / TICK_S)) for time in kept)
-        fade(self.layer, ticks(now_ns), (least, per_hit, most))
+        least, per_hit, most = (max(1, round(time / OBSTACLES.tick_s)) for time in kept)
+        fade(self.grid, ticks(now_ns), (least, per_hit, most))
 
     def forget_around(self, x_grid: float, y_grid: float, radius_m: float) -> None:
         """Forget what was seen within a circle [m]."""
         scale = 1.0 / self._resolution_m
-        forget_near(self.layer, x_grid * scale, y_grid * scale, radius_m * scale)
+        forget_near(self.grid, x_grid * scale, y_grid * scale, radius_m * scale)
 
     def forget_all(self) -> None:
         """Forget everything that was seen, as after a jump of the pose."""
-        for array in (self.layer.evidence, self.layer.hits, self.layer.observed):
+        for array in (self.grid.evidence, self.grid.hits, self.grid.observed):
             array.fill(0)
-        self.touch_all()
-        self.beams = self.standing = np.empty((0, 6), dtype=np.float64)
+        self.mark_all_dirty()
+        self.beams = self.static_beams = np.empty((0, 6), dtype=np.float64)
 
-    def touch_all(self) -> None:
+    def mark_all_dirty(self) -> None:
         """Say that anything may have changed."""
-        rows, cols = self.layer.evidence.shape
-        self.layer.dirty[:] = (0, rows - 1, 0, cols - 1)
+        rows, cols = self.grid.evidence.shape
+        self.grid.dirty[:] = (0, rows - 1, 0, cols - 1)
 
-    def take_dirty(self) -> tuple[int, int, int, int] | None:
+    def pop_dirty(self) -> tuple[int, int, int, int] | None:
         """Return first and last row, first and last column of what changed since the last call."""
-        first_row, last_row, first_col, last_col = self.layer.dirty.tolist()
-        self.layer.dirty[:] = NOTHING_DIRTY
+        first_row, last_row, first_col, last_col = self.grid.dirty.tolist()
+        self.grid.dirty[:] = NOTHING_DIRTY
         return None if last_row < first_row else (first_row, last_row, first_col, last_col)
 
 
 def ticks(now_ns: int) -> int:
     """Return robot time in the coarse unit that is kept per cell."""
-    return int(now_ns * 1e-9 / TICK_S) & 0x7FFFFFFF
+    return int(now_ns * 1e-9 / OBSTACLES.tick_s) & 0x7FFFFFFF
 
 
 @kernel
-def see_through(layer: EchoLayer, row: int, col: int, scan_number: int) -> None:
+def see_through(grid: ObstacleGrid, row: int, col: int, scan_number: int) -> None:
     """Note that a beam passed a cell; evidence falls once a scan, however many beams pass."""
-    if layer.observed[row, col] == 0:
-        layer.observed[row, col] = 1
-        touch(layer.dirty, row, col)
-    if layer.evidence[row, col] == 0 or layer.touched[row, col, 0] == scan_number:
+    if grid.observed[row, col] == 0:
+        grid.observed[row, col] = 1
+        mark_dirty(grid.dirty, row, col)
+    if grid.evidence[row, col] == 0 or grid.touched[row, col, 0] == scan_number:
         return
-    layer.touched[row, col, 0] = scan_number
-    layer.evidence[row, col] -= 1
-    if layer.evidence[row, col] == 0:
-        layer.hits[row, col] = 0
-        touch(layer.dirty, row, col)
+    grid.touched[row, col, 0] = scan_number
+    grid.evidence[row, col] -= 1
+    if grid.evidence[row, col] == 0:
+        grid.hits[row, col] = 0
+        mark_dirty(grid.dirty, row, col)
 
 
 @kernel
 def trace_ray(
-    layer: EchoLayer,
+    grid: ObstacleGrid,
     walls: NDArray[np.uint8],
     ray: tuple[float, float, float, float],
     stretch: tuple[float, float],
@@ -214,7 +213,7 @@ def trace_ray(
     """Clear the cells that a ray passes, up to the first wall of the map.
 
     Args:
-        layer: changed in place.
+        grid: changed in place.
         walls: (rows, cols), set where rays end.
         ray: x, y of its start and its direction [cells].
         stretch: distance from which on it clears, and where it ends [cells].
@@ -239,7 +238,7 @@ def trace_ray(
         if walls[row, col]:
             return travelled
         if travelled >= stretch[0]:
-            see_through(layer, row, col, scan_number)
+            see_through(grid, row, col, scan_number)
         if next_x < next_y:
             travelled, col = next_x, col + step_col
             next_x += per_col
@@ -260,7 +259,7 @@ def free_cells(beams: NDArray[np.float64], beam: int, resolution_m: float) -> fl
 
 @kernel
 def trace_beams(
-    layer: EchoLayer,
+    grid: ObstacleGrid,
     walls: NDArray[np.uint8],
     beams: NDArray[np.float64],
     resolution_m: float,
@@ -273,7 +272,7 @@ def trace_beams(
     apart: what both of them pass is free between them, too.
 
     Args:
-        layer: changed in place.
+        grid: changed in place.
         walls: (rows, cols), set where rays end.
         beams: (n, 6); echoes behind walls are set to 0.
         resolution_m: cell edge [m].
@@ -284,17 +283,17 @@ def trace_beams(
         if reach > 0.0:
             x, y = beams[beam, X] / resolution_m, beams[beam, Y] / resolution_m
             ray = (x, y, beams[beam, DX], beams[beam, DY])
-            stopped = trace_ray(layer, walls, ray, (0.0, reach), scan_number)
+            stopped = trace_ray(grid, walls, ray, (0.0, reach), scan_number)
             if stopped < math.inf:
                 beams[beam, ECHO] = 0.0
                 beams[beam, CLEAR] = stopped * resolution_m
     for beam in range(beams.shape[0] - 1):
-        clear_between(layer, walls, beams, beam, resolution_m, scan_number)
+        clear_between(grid, walls, beams, beam, resolution_m, scan_number)
 
 
 @kernel
 def clear_between(
-    layer: EchoLayer,
+    grid: ObstacleGrid,
     walls: NDArray[np.uint8],
     beams: NDArray[np.float64],
     beam: int,
@@ -306,19 +305,19 @@ def clear_between(
     dx, dy = beams[beam, DX], beams[beam, DY]
     turn_x, turn_y = beams[beam + 1, DX] - dx, beams[beam + 1, DY] - dy
     spread = math.hypot(turn_x, turn_y)
-    if reach * spread <= 1.0 or spread > MAX_SPREAD:
+    if reach * spread <= 1.0 or spread > OBSTACLES.widest_gap_rad:
         return
     between = math.ceil(reach * spread) - 1
     x, y = beams[beam, X] / resolution_m, beams[beam, Y] / resolution_m
     for index in range(between):
         share = (index + 1.0) / (between + 1.0)
         ray = (x, y, dx + share * turn_x, dy + share * turn_y)
-        trace_ray(layer, walls, ray, (1.0 / spread, reach), scan_number)
+        trace_ray(grid, walls, ray, (1.0 / spread, reach), scan_number)
 
 
 @kernel
 def mark_echoes(
-    layer: EchoLayer,
+    grid: ObstacleGrid,
     wall_distance_m: NDArray[np.float32],
     beams: NDArray[np.float64],
     limits_m: tuple[float, float, float],
@@ -328,13 +327,13 @@ def mark_echoes(
     """Mark the cells of echoes that the map does not explain.
 
     Args:
-        layer: changed in place.
+        grid: changed in place.
         wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
         beams: (n, 6).
         limits_m: cell edge; echoes farther than the second are not marked; echoes nearer to a
             wall than the third are the wall.
         scan_number: of this scan, as in `trace_beams`, which comes first.
-        now_ticks: robot time of the scan, in `TICK_S`.
+        now_ticks: robot time of the scan, in `OBSTACLES.tick_s`.
     """
     rows, cols = wall_distance_m.shape
     resolution_m, mark_max_m, explained_m = limits_m
@@ -347,50 +346,50 @@ def mark_echoes(
         row, col = math.floor(y / resolution_m), math.floor(x / resolution_m)
         if not (0 <= row < rows and 0 <= col < cols) or wall_distance_m[row, col] < explained_m:
             continue
-        layer.points[row, col, 0] = x
-        layer.points[row, col, 1] = y
-        if layer.touched[row, col, 1] == scan_number:
+        grid.points[row, col, 0] = x
+        grid.points[row, col, 1] = y
+        if grid.touched[row, col, 1] == scan_number:
             continue
-        layer.touched[row, col, 1] = scan_number
-        layer.seen_ticks[row, col] = now_ticks
+        grid.touched[row, col, 1] = scan_number
+        grid.seen_ticks[row, col] = now_ticks
         # A beam beside the echo may have seen through the same cell in this scan.
-        passed = 1 if layer.touched[row, col, 0] == scan_number else 0
-        before = int(layer.evidence[row, col]) + passed
-        if layer.evidence[row, col] == 0:
-            touch(layer.dirty, row, col)
-        layer.evidence[row, col] = min(before + MARK_EVIDENCE, MAX_EVIDENCE)
-        layer.hits[row, col] = min(int(layer.hits[row, col]) + 1, 255)
+        passed = 1 if grid.touched[row, col, 0] == scan_number else 0
+        before = int(grid.evidence[row, col]) + passed
+        if grid.evidence[row, col] == 0:
+            mark_dirty(grid.dirty, row, col)
+        grid.evidence[row, col] = min(before + OBSTACLES.mark_evidence, OBSTACLES.most_evidence)
+        grid.hits[row, col] = min(int(grid.hits[row, col]) + 1, 255)
 
 
 @kernel
-def fade(layer: EchoLayer, now_ticks: int, kept_ticks: tuple[int, int, int]) -> None:
+def fade(grid: ObstacleGrid, now_ticks: int, kept_ticks: tuple[int, int, int]) -> None:
     """Forget what has not been seen for long: the sooner, the less often it was confirmed.
 
     People leave few echoes in each cell, furniture many, so what moves is forgotten first.
 
     Args:
-        layer: changed in place.
-        now_ticks: robot time, in `TICK_S`.
+        grid: changed in place.
+        now_ticks: robot time, in `OBSTACLES.tick_s`.
         kept_ticks: how long a cell is kept at least, how much longer for each scan that
             confirmed it, and how long at most.
     """
-    rows, cols = layer.evidence.shape
+    rows, cols = grid.evidence.shape
     least, per_hit, most = kept_ticks
     for row in range(rows):
         for col in range(cols):
-            if layer.evidence[row, col] == 0:
+            if grid.evidence[row, col] == 0:
                 continue
-            kept = min(least + per_hit * int(layer.hits[row, col]), most)
-            if now_ticks - layer.seen_ticks[row, col] > kept:
-                layer.evidence[row, col] = 0
-                layer.hits[row, col] = 0
-                touch(layer.dirty, row, col)
+            kept = min(least + per_hit * int(grid.hits[row, col]), most)
+            if now_ticks - grid.seen_ticks[row, col] > kept:
+                grid.evidence[row, col] = 0
+                grid.hits[row, col] = 0
+                mark_dirty(grid.dirty, row, col)
 
 
 @kernel
-def forget_near(layer: EchoLayer, x_cells: float, y_cells: float, radius_cells: float) -> None:
+def forget_near(grid: ObstacleGrid, x_cells: float, y_cells: float, radius_cells: float) -> None:
     """Forget every obstacle seen whose cell centre lies within a circle [cells]."""
-    rows, cols = layer.evidence.shape
+    rows, cols = grid.evidence.shape
     for row in range(
         max(0, math.floor(y_cells - radius_cells)), min(rows, math.ceil(y_cells + radius_cells))
     ):
@@ -399,23 +398,23 @@ def forget_near(layer: EchoLayer, x_cells: float, y_cells: float, radius_cells: 
             min(cols, math.ceil(x_cells + radius_cells)),
         ):
             near = math.hypot(col + 0.5 - x_cells, row + 0.5 - y_cells) <= radius_cells
-            if near and layer.evidence[row, col] > 0:
-                layer.evidence[row, col] = 0
-                layer.hits[row, col] = 0
-                touch(layer.dirty, row, col)
+            if near and grid.evidence[row, col] > 0:
+                grid.evidence[row, col] = 0
+                grid.hits[row, col] = 0
+                mark_dirty(grid.dirty, row, col)
 
 
 @kernel
-def forget_inside(
-    layer: EchoLayer, polygon_cells: NDArray[np.float64], resolution_m: float
+def clear_inside_robot(
+    grid: ObstacleGrid, polygon_cells: NDArray[np.float64], resolution_m: float
 ) -> None:
     """Forget every obstacle whose last echo lay inside a polygon (n, 2) [cells], and know it free.
 
-    Where the robot is nothing else can be; a lidar that does not look all round would never see
+    Nothing else can be where the robot is; a lidar that does not look all around would never see
     that what it once saw there is gone, nor the place that the robot set off from, and would not
     let it back up to there.
     """
-    rows, cols = layer.evidence.shape
+    rows, cols = grid.evidence.shape
     for row in range(
         max(0, math.floor(polygon_cells[:, 1].min())),
         min(rows, math.ceil(polygon_cells[:, 1].max())),
@@ -424,24 +423,22 @@ def forget_inside(
             max(0, math.floor(polygon_cells[:, 0].min())),
             min(cols, math.ceil(polygon_cells[:, 0].max())),
         ):
-            if layer.observed[row, col] == 0 and inside_polygon(
-                polygon_cells, col + 0.5, row + 0.5
-            ):
-                layer.observed[row, col] = 1
-                touch(layer.dirty, row, col)
-            if layer.evidence[row, col] == 0:
+            if grid.observed[row, col] == 0 and inside_polygon(polygon_cells, col + 0.5, row + 0.5):
+                grid.observed[row, col] = 1
+                mark_dirty(grid.dirty, row, col)
+            if grid.evidence[row, col] == 0:
                 continue
-            x = layer.points[row, col, 0] / resolution_m
-            y = layer.points[row, col, 1] / resolution_m
+            x = grid.points[row, col, 0] / resolution_m
+            y = grid.points[row, col, 1] / resolution_m
             if inside_polygon(polygon_cells, x, y):
-                layer.evidence[row, col] = 0
-                layer.hits[row, col] = 0
-                touch(layer.dirty, row, col)
+                grid.evidence[row, col] = 0
+                grid.hits[row, col] = 0
+                mark_dirty(grid.dirty, row, col)
 
 
 @kernel
 def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -> float:
-    """Return how far a point is from where somebody was within the last `trail_s` [m].
+    """Return how far a point is from where a person was within the last `trail_s` [m].
 
     Args:
         walker: (5,) x, y [m], velocity [m/s], radius [m].
@@ -458,7 +455,7 @@ def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -
 
 @kernel
 def lift_echoes(beams: NDArray[np.float64], walkers: NDArray[np.float64]) -> None:
-    """Set the echoes of who walks (n, 5) to 0 in beams (m, 6)."""
+    """Set the echoes of people (n, 5) to 0 in beams (m, 6)."""
     for beam in range(beams.shape[0]):
         echo = beams[beam, ECHO]
         if echo <= 0.0:
@@ -466,44 +463,48 @@ def lift_echoes(beams: NDArray[np.float64], walkers: NDArray[np.float64]) -> Non
         x = beams[beam, X] + echo * beams[beam, DX]
         y = beams[beam, Y] + echo * beams[beam, DY]
         for index in range(walkers.shape[0]):
-            if off_trail(walkers[index], x, y, 0.0) < LIFT_M:
+            if off_trail(walkers[index], x, y, 0.0) < OBSTACLES.person_margin_m:
                 beams[beam, ECHO] = 0.0
 
 
 @kernel
 def lift_cells(
-    layer: EchoLayer, walkers: NDArray[np.float64], resolution_m: float, scan_number: int
+    grid: ObstacleGrid, walkers: NDArray[np.float64], resolution_m: float, scan_number: int
 ) -> None:
-    """Forget what was seen of who walks, and where they were unless it is still seen.
+    """Forget what was seen of people, and where they were unless it is still seen.
 
     Args:
-        layer: changed in place.
+        grid: changed in place.
         walkers: (n, 5) x, y [m], velocity [m/s], radius [m].
         resolution_m: cell edge [m].
         scan_number: of the newest scan.
     """
-    rows, cols = layer.evidence.shape
+    rows, cols = grid.evidence.shape
     for index in range(walkers.shape[0]):
         x, y, vx, vy, radius = walkers[index]
-        back_x, back_y, reach = x - TRAIL_S * vx, y - TRAIL_S * vy, radius + LIFT_M
+        back_x, back_y, reach = (
+            x - OBSTACLES.trail_s * vx,
+            y - OBSTACLES.trail_s * vy,
+            radius + OBSTACLES.person_margin_m,
+        )
         first_row = max(0, math.floor((min(y, back_y) - reach) / resolution_m))
         end_row = min(rows, math.ceil((max(y, back_y) + reach) / resolution_m))
         first_col = max(0, math.floor((min(x, back_x) - reach) / resolution_m))
         end_col = min(cols, math.ceil((max(x, back_x) + reach) / resolution_m))
         for row in range(first_row, end_row):
             for col in range(first_col, end_col):
-                if layer.evidence[row, col] == 0:
+                if grid.evidence[row, col] == 0:
                     continue
-                trail_s = 0.0 if layer.touched[row, col, 1] == scan_number else TRAIL_S
-                px, py = layer.points[row, col, 0], layer.points[row, col, 1]
-                if off_trail(walkers[index], px, py, trail_s) < LIFT_M:
-                    layer.evidence[row, col] = 0
-                    layer.hits[row, col] = 0
-                    touch(layer.dirty, row, col)
+                trail_s = 0.0 if grid.touched[row, col, 1] == scan_number else OBSTACLES.trail_s
+                px, py = grid.points[row, col, 0], grid.points[row, col, 1]
+                if off_trail(walkers[index], px, py, trail_s) < OBSTACLES.person_margin_m:
+                    grid.evidence[row, col] = 0
+                    grid.hits[row, col] = 0
+                    mark_dirty(grid.dirty, row, col)
 
 
 @kernel
-def touch(dirty: NDArray[np.int64], row: int, col: int) -> None:
+def mark_dirty(dirty: NDArray[np.int64], row: int, col: int) -> None:
     """Extend the box of changed cells by one cell."""
     dirty[0] = min(dirty[0], row)
     dirty[1] = max(dirty[1], row)

@@ -1,62 +1,65 @@
-"""The layer of the costmap that people make: where somebody walks, and is about to walk.
+"""The costmap layer of people: where they walk, and are about to walk.
 
-Who walks is no obstacle of the costmap: they will be elsewhere when the robot comes. The way ahead
-of them is dear, so that paths lead behind them, but never closed.
+A walking person is no obstacle of the costmap: they will be elsewhere when the robot comes. The
+floor ahead of them is expensive, so that paths lead behind them, but never closed.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.costmap.inflation import WEIGHT_UNIT
-from trolley_planner.costmap.obstacle_layer import EchoLayer, touch
-from trolley_planner.people.people_tracker import Mover
-
-AHEAD_S = 1.5
-"""How far ahead somebody's way matters."""
+from trolley_planner.costmap.obstacle_layer import ObstacleGrid, mark_dirty
+from trolley_planner.people.people_tracker import TrackedPerson
 
 
-BODY_M = 0.25
-"""Half of somebody's width, who is seen from one side."""
+@dataclass(frozen=True, slots=True)
+class SocialLayerParams:
+    """Cost of crossing in front of people; all by hand."""
+
+    ahead_s: float = 1.5
+    """A person's path matters for this long."""
+    body_m: float = 0.25
+    """Half the width of a person, who is seen from one side."""
+    price: float = 4.0
+    """Cost of a metre right in front of a person, where a metre of free floor costs 1."""
 
 
-PRICE = 4.0
-"""What crossing right in front of somebody costs, where a metre of free floor costs 1."""
-
-
+SOCIAL = SocialLayerParams()
 NOBODY = (1, 0, 1, 0)
 
 
-class People:
-    """Weights of the ways of people.
+class SocialLayer:
+    """Weights of where people are about to walk.
 
     Args:
         shape: rows and columns.
         resolution_m: cell edge [m].
-        keep_m: how near to them the robot's centre comes when they touch.
+        keep_m: distance from the robot's centre at which they touch.
     """
 
     def __init__(self, shape: tuple[int, int], resolution_m: float, keep_m: float) -> None:
         self._scale = 1.0 / resolution_m
-        self._reach_cells = 2.0 * (keep_m + BODY_M) * self._scale
+        self._reach_cells = 2.0 * (keep_m + SOCIAL.body_m) * self._scale
         self._box = NOBODY
         self.weights = np.zeros(shape, dtype=np.uint8)
-        """(rows, cols) the least that passing costs (units: kernels.layers), 0 = nobody walks."""
+        """(rows, cols) the least weight (units: `WEIGHT_UNIT`), 0 = nobody walks."""
 
-    def note(self, movers: Sequence[Mover], layer: EchoLayer) -> None:
-        """Take who walks by the newest scan, in place of those before.
+    def update(self, people: Sequence[TrackedPerson], grid: ObstacleGrid) -> None:
+        """Replace the people of the last scan by those of the newest.
 
         Args:
-            movers: in `grid`.
-            layer: its box of changes is extended.
+            people: in `grid`.
+            grid: its box of changes is extended.
         """
         first_row, last_row, first_col, last_col = self._box
         self.weights[first_row : last_row + 1, first_col : last_col + 1] = 0
         boxes = [] if self._box == NOBODY else [self._box]
-        walks = [self._spread(mover) for mover in movers]
+        walks = [self._spread(person) for person in people]
         self._box = NOBODY
         if walks:
             lows, highs = np.min(walks, axis=0), np.max(walks, axis=0)
@@ -64,16 +67,18 @@ class People:
             boxes.append(self._box)
         for box in boxes:
             if box[0] <= box[1] and box[2] <= box[3]:
-                touch(layer.dirty, box[0], box[2])
-                touch(layer.dirty, box[1], box[3])
+                mark_dirty(grid.dirty, box[0], box[2])
+                mark_dirty(grid.dirty, box[1], box[3])
 
-    def _spread(self, mover: Mover) -> tuple[int, int, int, int]:
-        """Raise the weights on the way of one who walks; return the box of it."""
-        start = mover.points.mean(axis=0)
-        end = start + AHEAD_S * mover.velocity
+    def _spread(self, person: TrackedPerson) -> tuple[int, int, int, int]:
+        """Raise the weights ahead of a person; return the box of changed cells."""
+        start = person.points.mean(axis=0)
+        end = start + SOCIAL.ahead_s * person.velocity
         cells = self._scale * np.concatenate([start, end])
         walk = float(cells[0]), float(cells[1]), float(cells[2]), float(cells[3])
-        return spread_walk(self.weights, walk, self._reach_cells, WEIGHT_UNIT * (1.0 + PRICE))
+        return spread_walk(
+            self.weights, walk, self._reach_cells, WEIGHT_UNIT * (1.0 + SOCIAL.price)
+        )
 
 
 @kernel
@@ -96,7 +101,7 @@ def spread_walk(
 
     Source:
         Lu, Hershberger, Smart, Layered Costmaps for Context-Sensitive Navigation (2014), the
-        layer of people: a price that is stretched along the motion; here linear, not Gaussian.
+        social layer: a cost stretched along the motion; here linear, not Gaussian.
     """
     rows, cols = weights.shape
     x1, y1, x2, y2 = walk_cells

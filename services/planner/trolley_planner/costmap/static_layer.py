@@ -1,7 +1,8 @@
-"""The layers of the costmap that come from the map and its zones: pure functions over arrays."""
+"""The static layer of the costmap: map and zones as arrays."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +16,19 @@ from trolley_planner.costmap.inflation import UNKNOWN as UNKNOWN_KIND
 LINE_KINDS = ("mirror", "glass")
 
 
-# Before a speed zone the robot slows down so gently [m/s^2], by this much too early [m], since it
-# follows its commands late; farther away than the last the zone does not matter yet [m].
-ZONE_BRAKING_MPS2 = 0.5
+@dataclass(frozen=True, slots=True)
+class SpeedZoneParams:
+    """How the robot slows down before a speed zone; by hand."""
+
+    braking_mps2: float = 0.5
+    """Deceleration before the zone."""
+    early_m: float = 0.1
+    """The robot is slow this much before the zone, since it follows commands late."""
+    reach_m: float = 1.2
+    """Farther away than this the zone does not matter yet."""
 
 
-ZONE_EARLY_M = 0.1
-
-
-ZONE_REACH_M = 1.2
+SPEED_ZONES = SpeedZoneParams()
 
 
 def map_kinds(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
@@ -39,7 +44,7 @@ def zone_points(zone: Zone, grid_T_map: Pose2D) -> NDArray[np.float64]:
     return grid_T_map.transform_points(np.array(zone.points, dtype=np.float64))
 
 
-def mirror_lines(zones: Sequence[Zone]) -> list[list[tuple[float, float]]]:
+def mirror_polylines(zones: Sequence[Zone]) -> list[list[tuple[float, float]]]:
     """Return the points of all mirrors and glass."""
     return [zone.points for zone in zones if zone.kind in LINE_KINDS]
 
@@ -114,9 +119,11 @@ def speed_limits(
             mask = polygon_mask(shape, zone_points(zone, grid_T_map), resolution_m)
             if not mask.any():
                 continue
-            away = distance_transform(mask, resolution_m, ZONE_REACH_M)
-            rest = np.maximum(away - np.float32(ZONE_EARLY_M), np.float32(0.0))
-            before = np.sqrt(zone.speed**2 + 2.0 * ZONE_BRAKING_MPS2 * rest, dtype=np.float32)
-            before[away >= ZONE_REACH_M] = np.inf
+            away = distance_transform(mask, resolution_m, SPEED_ZONES.reach_m)
+            remaining_goal = np.maximum(away - np.float32(SPEED_ZONES.early_m), np.float32(0.0))
+            before = np.sqrt(
+                zone.speed**2 + 2.0 * SPEED_ZONES.braking_mps2 * remaining_goal, dtype=np.float32
+            )
+            before[away >= SPEED_ZONES.reach_m] = np.inf
             limits = np.minimum(limits, np.where(mask, np.float32(zone.speed), before))
     return limits

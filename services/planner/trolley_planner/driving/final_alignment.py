@@ -1,31 +1,42 @@
 """The final approach: onto the goal's position, then turn to its heading."""
 
 import math
+from dataclasses import dataclass
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.control.controller import Motion
 from trolley_planner.control.rollout import Limits
 from trolley_planner.goals.goal import Tolerances
 
-START_M = 0.3
-"""The approach takes over this near to the goal."""
-MIN_SPEED = 0.03
-MIN_TURN = 0.12
-"""Slower commands do not move a real robot."""
-TURN_GAIN = 3.0
-FACE_RAD = 0.35
-"""The robot first faces the goal when it looks farther past it than this."""
-REVERSE_M = 0.25
-"""A goal behind the robot and nearer than this is reached backwards."""
-SETTLE_S = 6.0
-"""After this long a place inside the tolerances is good enough as it is."""
+
+@dataclass(frozen=True, slots=True)
+class AlignmentParams:
+    """How the robot drives the last decimetres; all by hand."""
+
+    start_m: float = 0.3
+    """The alignment takes over this near to the goal."""
+    least_mps: float = 0.03
+    """Slower commands than this"""
+    least_radps: float = 0.12
+    """or this do not move a real robot."""
+    turn_gain: float = 3.0
+    """Turn rate per heading error [1/s]."""
+    face_rad: float = 0.35
+    """The robot faces the goal first if it looks farther past it than this."""
+    reverse_m: float = 0.25
+    """A goal behind the robot and nearer than this is reached backwards."""
+    settle_s: float = 6.0
+    """After this time a place within the full tolerances is good enough."""
 
 
-class Approach:
+ALIGNMENT = AlignmentParams()
+
+
+class FinalAlignment:
     """Brings the robot from a few decimetres away onto the goal.
 
     Position first, then heading; aims at half the tolerances, so that noise of the pose does not
-    undo what was reached, and is content with the full ones once `SETTLE_S` have passed.
+    undo what was reached, and is content with the full ones once `ALIGNMENT.settle_s` have passed.
 
     Args:
         tolerances: how near is near enough.
@@ -46,7 +57,7 @@ class Approach:
         return self._is_turning
 
     def turn_longer_way(self, sense: float) -> None:
-        """Turn to the goal's heading the longer way round.
+        """Turn to the goal's heading the longer way around.
 
         Args:
             sense: sign of that turn, positive to the left.
@@ -56,7 +67,7 @@ class Approach:
     def command(
         self, motion: Motion, goal: Pose2D, limits: Limits, elapsed_s: float
     ) -> Twist2D | None:
-        """Return the velocity to drive now, None when the robot has arrived and stands.
+        """Return the velocity to drive now, None once the robot has arrived and stands still.
 
         Args:
             motion: of the robot, in the frame of `goal`.
@@ -66,7 +77,7 @@ class Approach:
         """
         self._elapsed_s += elapsed_s
         distance, turn = self._errors(motion, goal)
-        aim = 1.0 if self._elapsed_s > SETTLE_S else 0.5
+        aim = 1.0 if self._elapsed_s > ALIGNMENT.settle_s else 0.5
         near = aim * min(self._tolerances.xy, 0.1)
         turned = abs(turn) <= aim * min(self._tolerances.yaw, 0.3) or self._tolerances.any_heading
         if self._is_turning:
@@ -95,17 +106,17 @@ class Approach:
         ahead = motion.pose.inverse() @ goal
         bearing = math.atan2(ahead.y, ahead.x)
         direction = 1.0
-        if abs(bearing) > 0.5 * math.pi and (self._is_reverse or distance < REVERSE_M):
+        if abs(bearing) > 0.5 * math.pi and (self._is_reverse or distance < ALIGNMENT.reverse_m):
             bearing, direction = wrap_angle(bearing + math.pi), -1.0
-        # With some hysteresis, else it would begin to drive and to turn by turns.
-        self._is_facing = abs(bearing) > (0.3 if self._is_facing else 1.0) * FACE_RAD
+        # With some hysteresis, else it would keep switching between driving and turning.
+        self._is_facing = abs(bearing) > (0.3 if self._is_facing else 1.0) * ALIGNMENT.face_rad
         if self._is_facing and distance > 0.01:
             return Twist2D(0.0, 0.0, _turn_rate(bearing, limits))
         braking = math.sqrt(limits.deceleration * distance)
         highest = limits.max_speed if direction > 0.0 else limits.max_reverse
-        speed = max(min(braking, 1.5 * distance + 0.02, highest), min(MIN_SPEED, highest))
+        speed = max(min(braking, 1.5 * distance + 0.02, highest), min(ALIGNMENT.least_mps, highest))
         # Very near, the bearing is mostly noise.
-        steer = TURN_GAIN * bearing * min(1.0, distance / 0.08)
+        steer = ALIGNMENT.turn_gain * bearing * min(1.0, distance / 0.08)
         return Twist2D(direction * speed, 0.0, _clipped(steer, limits.max_turn))
 
 
@@ -113,7 +124,10 @@ def _turn_rate(turn: float, limits: Limits) -> float:
     """Return the turn rate that ends after `turn` [rad] without overshooting."""
     size = abs(turn)
     braking = math.sqrt(0.8 * limits.turn_acceleration * size)
-    rate = max(min(braking, TURN_GAIN * size, limits.max_turn), min(MIN_TURN, limits.max_turn))
+    rate = max(
+        min(braking, ALIGNMENT.turn_gain * size, limits.max_turn),
+        min(ALIGNMENT.least_radps, limits.max_turn),
+    )
     return math.copysign(rate, turn)
 
 

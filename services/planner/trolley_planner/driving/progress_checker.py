@@ -1,4 +1,4 @@
-"""Notices when the robot does not get nearer, and why."""
+"""Notices when the robot does not get nearer to the goal, and why."""
 
 import math
 from dataclasses import dataclass
@@ -7,21 +7,29 @@ from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle
 
-TURN_RAD = 0.5
-"""A turn by this much is progress, too,"""
-MAX_TURN_RAD = 3.0 * math.pi
-"""but not without end."""
-SLIP_WHEELS_M = 0.3
-"""Wheels that drove this far"""
-SLIP_SHARE = 0.3
-"""while the robot went less than this share of it are slipping."""
-OSCILLATION_M = 1.0
-"""Who drove this far without getting nearer goes back and forth."""
+
+@dataclass(frozen=True, slots=True)
+class ProgressParams:
+    """What counts as progress, and as trouble; all by hand."""
+
+    turn_rad: float = 0.5
+    """A turn by this much is progress, too,"""
+    most_turn_rad: float = 3.0 * math.pi
+    """but not without end."""
+    slip_wheels_m: float = 0.3
+    """Wheels that drove this far"""
+    slip_share: float = 0.3
+    """while the robot moved less than this share of it are slipping."""
+    oscillation_m: float = 1.0
+    """A robot that drove this far without getting nearer goes back and forth."""
+
+
+PROGRESS = ProgressParams()
 
 
 @dataclass(slots=True)
 class _Mark:
-    """How things stood when the robot last got nearer."""
+    """What was measured when the robot last got nearer."""
 
     since_ns: int
     remaining_m: float
@@ -71,7 +79,7 @@ class ProgressChecker:
             self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=frame_T_base.yaw)
             return None
         turned = abs(wrap_angle(frame_T_base.yaw - mark.yaw))
-        if turned >= TURN_RAD and mark.turned_rad < MAX_TURN_RAD:
+        if turned >= PROGRESS.turn_rad and mark.turned_rad < PROGRESS.most_turn_rad:
             mark.yaw, mark.since_ns = frame_T_base.yaw, now_ns
         return self._trouble(mark) if now_ns - mark.since_ns > self._time_ns else None
 
@@ -81,6 +89,6 @@ class ProgressChecker:
             return codes.BLOCKED
         moved = mark.pose.distance_to(self._last[0])
         driven = mark.odom.distance_to(self._last[1])
-        if driven >= SLIP_WHEELS_M and moved < SLIP_SHARE * driven:
+        if driven >= PROGRESS.slip_wheels_m and moved < PROGRESS.slip_share * driven:
             return codes.SLIP
-        return codes.OSCILLATION if mark.wheels_m >= OSCILLATION_M else codes.BLOCKED
+        return codes.OSCILLATION if mark.wheels_m >= PROGRESS.oscillation_m else codes.BLOCKED

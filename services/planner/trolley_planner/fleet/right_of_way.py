@@ -1,12 +1,12 @@
-"""Who goes first where two robots do not fit side by side: a rule that both know.
+"""Which robot goes first where two do not fit side by side: a rule that both know.
 
-Both see the same: the map, where each of them is, the way that each is about to drive, and whether
-one has said that it waits. So both come to the same answer without asking each other. Only one
-robot at a time is in a narrow place. First comes who is in it already, then who has waited for
-long, then who has not said that it waits, then who is nearer to it, in steps of half a metre; of
-two as near, and of two that both wait, the one whose name comes first. That is a total order, so
-no ring of robots waits for each other. Who has no goal claims nothing, and nobody makes way by
-setting off by itself.
+Both see the same: the map, where each of them is, the path that each is about to drive, and
+whether one reports that it waits. So both reach the same answer without asking each other. Only
+one robot at a time is in a narrow place. First comes the one that is in it already, then one that
+has waited for long, then one that does not report waiting, then the nearer one, in steps of half a
+metre; of two as near, and of two that both wait, the one whose name comes first. That is a total
+order, so no ring of robots waits for each other. A robot without a goal claims nothing, and none
+makes way by setting off on its own.
 """
 
 import math
@@ -21,36 +21,31 @@ from trolley.jit import kernel
 from trolley_planner.fleet.neighbours import Neighbour
 from trolley_planner.paths.path import SPACING_M
 
-MARGIN_M = 0.06
-"""Two robots pass each other where this is left beside and between them."""
+
+@dataclass(frozen=True, slots=True)
+class RightOfWayParams:
+    """What both robots must agree on; all by hand."""
+
+    margin_m: float = 0.06
+    """Two robots pass each other where this is left beside and between them."""
+    ahead_m: float = 6.0
+    """This much of the own path is checked."""
+    decide_m: float = 1.3
+    """A robot that must wait drives on until it is this near to the narrow place."""
+    door_m: float = 1.3
+    """A narrow place no longer than this is called a door."""
+    inside_m: float = 0.12
+    """A robot this near to it is in it."""
+    step_m: float = 0.5
+    """Distances that differ by less than such a step count as equal."""
+    long_s: float = 20.0
+    """A robot that has waited this long goes before later ones: else a busy door never
+    frees."""
+    facing_m: float = 1.5
+    """Two robots that stand face to face have at most this between their origins."""
 
 
-AHEAD_M = 6.0
-"""So much of the own way is looked at;"""
-
-
-DECIDE_M = 1.3
-"""a robot that must wait drives on until it is this near to the narrow place."""
-
-
-DOOR_M = 1.3
-"""A narrow place no longer than this is called a door."""
-
-
-INSIDE_M = 0.12
-"""Who is this near to it is in it."""
-
-
-STEP_M = 0.5
-"""Distances that differ by less than such a step are as near as each other."""
-
-
-LONG_S = 20.0
-"""Who has waited for so long goes before those that come later: else a busy door never frees."""
-
-
-WAY_M = 1.5
-"""Two robots that stand face to face have no more than this between their middles."""
+RIGHT_OF_WAY = RightOfWayParams()
 
 
 Floats = NDArray[np.float64]
@@ -63,22 +58,22 @@ class Claim(NamedTuple):
     waited_s: float | None
     """How long it has been waiting; None where it drives."""
     left_m: float
-    """Way to the narrow place."""
+    """Distance to the narrow place."""
     name: str
     length_m: float = 0.0
-    """Of the way through it."""
+    """Length of the path through it."""
 
     @property
     def rank(self) -> tuple[bool, int, int, str]:
         """The lower goes first; no two robots have the same."""
         if self.waited_s is None:
-            return not self.is_inside, 1, math.floor(self.left_m / STEP_M), self.name
+            return not self.is_inside, 1, math.floor(self.left_m / RIGHT_OF_WAY.step_m), self.name
         # Of two that wait already each might take the other for nearer: their names do not change.
-        return not self.is_inside, 0 if self.waited_s > LONG_S else 2, 0, self.name
+        return not self.is_inside, 0 if self.waited_s > RIGHT_OF_WAY.long_s else 2, 0, self.name
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class OwnRobot:
     """This robot, as the rule sees it."""
 
     name: str
@@ -135,15 +130,15 @@ class Passages:
         return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def conflict(own: Own, other: Neighbour, passages: Passages) -> tuple[Claim, Claim] | None:
+def conflict(own: OwnRobot, other: Neighbour, passages: Passages) -> tuple[Claim, Claim] | None:
     """Return the claims of both to the first narrow place that they share; None if there is none.
 
     Args:
         own: this robot.
-        other: another one on its way.
+        other: another one on its way to a goal.
         passages: of the map.
     """
-    path = own.path[: round(AHEAD_M / SPACING_M) + 1]
+    path = own.path[: round(RIGHT_OF_WAY.ahead_m / SPACING_M) + 1]
     apart_m = own.radius_m + other.radius_m
     theirs = passages.on(other.path)
     for mine in passages.on(path):
@@ -171,42 +166,44 @@ def _claim(
     """Return what a robot's place in the order depends on, for a narrow part of its path."""
     off_m = math.dist(place, (float(path[0, 0]), float(path[0, 1])))
     left_m = part.start * SPACING_M + off_m
-    is_inside = left_m < INSIDE_M + SPACING_M and bool(passages.hold(np.array([place]))[0])
+    is_inside = left_m < RIGHT_OF_WAY.inside_m + SPACING_M and bool(
+        passages.hold(np.array([place]))[0]
+    )
     return Claim(is_inside, waited_s, left_m, name, (part.stop - part.start) * SPACING_M)
 
 
-def must_wait(own: Own, other: Neighbour, passages: Passages) -> str | None:
+def must_wait(own: OwnRobot, other: Neighbour, passages: Passages) -> str | None:
     """Return where this robot waits for another, in words; None if it need not (yet)."""
     claims = conflict(own, other, passages)
     if claims is None:
         return None
     mine, theirs = claims
-    if mine.left_m > DECIDE_M or mine.rank < theirs.rank:
+    if mine.left_m > RIGHT_OF_WAY.decide_m or mine.rank < theirs.rank:
         return None
-    return "at the door" if mine.length_m < DOOR_M else "at the narrow passage"
+    return "at the door" if mine.length_m < RIGHT_OF_WAY.door_m else "at the narrow passage"
 
 
-def must_step_aside(own: Own, other: Neighbour, patience_s: float) -> bool:
-    """Say whether two face each other where there is room, and this one lets the other pass.
+def must_step_aside(own: OwnRobot, other: Neighbour, patience_s: float) -> bool:
+    """Say whether two robots face each other where there is room, and this one lets the other pass.
 
     Args:
         own: this robot.
-        other: another one on its way.
+        other: another one on its way to a goal.
         patience_s: how long it stands before it takes that for more than caution.
     """
     if own.stood_s < patience_s or other.is_waiting or len(own.path) == 0:
         return False
     x, y = own.place
-    if math.hypot(other.pose.x - x, other.pose.y - y) > WAY_M:
+    if math.hypot(other.pose.x - x, other.pose.y - y) > RIGHT_OF_WAY.facing_m:
         return False
-    steps = round(WAY_M / SPACING_M)
+    steps = round(RIGHT_OF_WAY.facing_m / SPACING_M)
     near_m = own.radius_m + other.radius_m
     stands_in_way = _gap(other.path[:steps], x, y) < near_m
     is_in_way = _gap(own.path[:steps], other.pose.x, other.pose.y) < near_m
     return stands_in_way and is_in_way and other.name < own.name
 
 
-def standing_on(path: Floats, others: list[Neighbour], radius_m: float) -> str | None:
+def robot_standing_on(path: Floats, others: list[Neighbour], radius_m: float) -> str | None:
     """Return the name of a robot without a goal that stands on a path (n, 2), None if none does."""
     for other in others:
         gap_m = _gap(path, other.pose.x, other.pose.y)

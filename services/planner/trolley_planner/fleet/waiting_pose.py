@@ -1,7 +1,8 @@
-"""A place to wait where nobody wants to drive."""
+"""A place to wait where no other robot wants to drive."""
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -13,23 +14,36 @@ from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.fleet.neighbours import Neighbour
 from trolley_planner.fleet.right_of_way import Passages
 
-REACH_M = 4.0
-"""No place is looked for farther away than this."""
-STEP_M = 0.1
-"""How far apart the places lie that are looked at."""
-CLEAR_M, WALL_M = 0.15, 0.05
-"""Room that is left between who waits and who passes, and to walls."""
-SPARE_M = 0.05
-"""A new place is better by so much than where the robot may stay."""
-SHORT_PRICE, NARROW_PRICE = 8.0, 3.0
-"""What a metre too near to a way counts as a way to drive, and what waiting where it is narrow."""
-STAYS_M = 0.15
-"""A place this near is not worth driving to."""
+
+@dataclass(frozen=True, slots=True)
+class WaitingParams:
+    """Where to wait; all by hand."""
+
+    reach_m: float = 4.0
+    """No place is looked for farther away than this."""
+    step_m: float = 0.1
+    """Distance between the places that are compared."""
+    clear_m: float = 0.15
+    """Room left between the waiting robot and the one that passes,"""
+    wall_m: float = 0.05
+    """and to walls."""
+    spare_m: float = 0.05
+    """A new place is better by this much than where the robot may stay."""
+    short_price: float = 8.0
+    """A metre too near to a path costs as much as driving this far."""
+    narrow_price: float = 3.0
+    """Waiting in a narrow place costs as much as driving this far."""
+    stays_m: float = 0.15
+    """A place this near is not worth driving to."""
+
+
+WAITING = WaitingParams()
+
 
 Floats = NDArray[np.float64]
 
 
-def place_aside(
+def find_waiting_pose(
     costmap: Costmap,
     passages: Passages,
     here: Pose2D,
@@ -38,34 +52,34 @@ def place_aside(
 ) -> tuple[float, float] | None:
     """Return the best place within reach to let others pass, x, y in `grid`; None: stay here.
 
-    Where none is quite clear of their ways the one is taken that is the least in the way.
+    If no place is quite clear of their paths, the one that is least in the way is chosen.
 
     Args:
         costmap: what stands where.
         passages: narrow places.
         here: where the robot is.
         radius_m: of the robot.
-        others: all robots; who has a way and does not wait is let pass.
+        others: all robots; those that have a path and do not wait are let pass.
     """
     cells, lengths_m = _reachable(costmap, here, radius_m, others)
     if len(cells) == 0:
         return None
-    step = max(1, round(STEP_M / costmap.resolution_m))
+    step = max(1, round(WAITING.step_m / costmap.resolution_m))
     points = (cells.astype(np.float64) + 0.5) * (step * costmap.resolution_m)
     points[0] = here.x, here.y
-    price = lengths_m + NARROW_PRICE * passages.hold(points)
+    price = lengths_m + WAITING.narrow_price * passages.hold(points)
     inner = np.minimum(cells * step + step // 2, np.array(costmap.shape[::-1]) - 1)
     room_m = costmap.static_distance_m[inner[:, 1], inner[:, 0]]
-    price += SHORT_PRICE * np.maximum(0.0, radius_m + WALL_M - room_m)
+    price += WAITING.short_price * np.maximum(0.0, radius_m + WAITING.wall_m - room_m)
     for other in others:
-        apart_m = radius_m + other.radius_m + CLEAR_M + SPARE_M
+        apart_m = radius_m + other.radius_m + WAITING.clear_m + WAITING.spare_m
         if other.is_going and not other.is_waiting:
-            price += SHORT_PRICE * np.maximum(0.0, apart_m - _gaps(points, other.path))
+            price += WAITING.short_price * np.maximum(0.0, apart_m - _gaps(points, other.path))
         else:
             standing = np.array([[other.pose.x, other.pose.y]])
-            price += SHORT_PRICE * np.maximum(0.0, apart_m - _gaps(points, standing))
+            price += WAITING.short_price * np.maximum(0.0, apart_m - _gaps(points, standing))
     best = int(price.argmin())
-    if lengths_m[best] < STAYS_M:
+    if lengths_m[best] < WAITING.stays_m:
         return None
     return float(points[best, 0]), float(points[best, 1])
 
@@ -73,12 +87,12 @@ def place_aside(
 def is_clear(
     here: Pose2D, radius_m: float, passages: Passages, others: Sequence[Neighbour]
 ) -> bool:
-    """Say whether a robot may wait where it is."""
+    """Say whether the robot may wait where it is."""
     place = np.array([[here.x, here.y]])
     if passages.hold(place)[0]:
         return False
     return all(
-        float(_gaps(place, other.path)[0]) > radius_m + other.radius_m + CLEAR_M
+        float(_gaps(place, other.path)[0]) > radius_m + other.radius_m + WAITING.clear_m
         for other in others
         if other.is_going and not other.is_waiting
     )
@@ -94,11 +108,11 @@ def _gaps(points: Floats, path: Floats) -> Floats:
 def _reachable(
     costmap: Costmap, here: Pose2D, radius_m: float, others: Sequence[Neighbour]
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Return coarse cells (n, 2) col, row that a way leads to, and its length; the own one first.
+    """Return coarse cells (n, 2) col, row that can be reached, and how far they are; its own first.
 
-    Nobody drives through another robot.
+    No path leads through another robot.
     """
-    step = max(1, round(STEP_M / costmap.resolution_m))
+    step = max(1, round(WAITING.step_m / costmap.resolution_m))
     edge_m = step * costmap.resolution_m
     free = costmap.weights[step // 2 :: step, step // 2 :: step] != LETHAL
     rows, cols = free.shape[0], free.shape[1]
@@ -123,7 +137,7 @@ def _reachable(
             if not inside or cell in lengths or not free[cell[1], cell[0]]:
                 continue
             longer = length + edge_m * (1.0 if by_col == 0 or by_row == 0 else 1.414)
-            if longer <= REACH_M:
+            if longer <= WAITING.reach_m:
                 lengths[cell] = longer
                 queue.append(cell)
     cells = np.array(list(lengths), dtype=np.int64).reshape(-1, 2)

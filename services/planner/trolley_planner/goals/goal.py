@@ -1,4 +1,4 @@
-"""A goal, where exactly it can be reached, and what became of the last ones."""
+"""A goal, and where exactly it can be reached."""
 
 import math
 from collections.abc import Callable
@@ -8,8 +8,6 @@ from trolley.geometry import Pose2D, wrap_angle
 
 VIA_RADIUS_M = 0.3
 """Via points count as passed within this."""
-
-
 ACTIVE = ("planning", "driving", "recovering", "paused")
 """States of a goal that is not over."""
 
@@ -41,7 +39,7 @@ class Goal:
     sent_ns: int
 
 
-def free_pose_near(
+def nearest_free_pose(
     goal: Pose2D, tolerances: Tolerances, clearance: Callable[[Pose2D], float], wanted_m: float
 ) -> Pose2D | None:
     """Return the pose nearest to the goal where the robot fits, None if there is none within reach.

@@ -1,4 +1,4 @@
-"""What the planner says about its goal: state, reason, and a sentence for people."""
+"""The goal's status: state, reason, and a sentence for people."""
 
 from collections import OrderedDict
 
@@ -22,7 +22,7 @@ class StatusBoard:
         self.state: GoalState = "idle"
         self.reason = ""
         self.message = ""
-        self.book = GoalBook()
+        self.history = GoalHistory()
         self._frame = frame
         self._changes: list[GoalStatus] = []
         self._ended_ns: int | None = None
@@ -34,7 +34,7 @@ class StatusBoard:
         return self.state in ACTIVE
 
     def begin(self, goal: Goal) -> None:
-        """Take a new goal; `set` says what becomes of it."""
+        """Begin a new goal; `set` follows it."""
         self.goal = goal
         self._ended_ns = None
         self._details = None
@@ -67,7 +67,7 @@ class StatusBoard:
     def snapshot(self, now_ns: int, details: GoalStatus | None = None) -> GoalStatus:
         """Return the present status, and keep it for whoever asks by id later."""
         goal = self.goal
-        # How it ended stays known after the drive is gone.
+        # How it ended stays known after its execution is gone.
         self._details = details = self._details if details is None else details
         end_ns = now_ns if self._ended_ns is None else self._ended_ns
         status = GoalStatus(
@@ -84,10 +84,10 @@ class StatusBoard:
             recoveries=0 if details is None else details.recoveries,
             blocked=[] if details is None else details.blocked,
         )
-        self.book.write(status)
+        self.history.remember(status)
         return status
 
-    def take_changes(self) -> list[GoalStatus]:
+    def pop_changes(self) -> list[GoalStatus]:
         """Return every status since the last call, oldest first."""
         changes, self._changes = self._changes, []
         return changes
@@ -103,14 +103,14 @@ class StatusBoard:
             raise codes.Refused(codes.NOT_CURRENT)
 
 
-class GoalBook:
+class GoalHistory:
     """The last goals by their id."""
 
     def __init__(self) -> None:
         self._statuses: OrderedDict[str, GoalStatus] = OrderedDict()
 
-    def write(self, status: GoalStatus) -> None:
-        """Keep the newest status of a goal, and the oldest goals no longer."""
+    def remember(self, status: GoalStatus) -> None:
+        """Keep the newest status of a goal; drop the oldest goals."""
         if status.id is None:
             return
         self._statuses[status.id] = status
@@ -118,6 +118,6 @@ class GoalBook:
         while len(self._statuses) > KEPT_GOALS:
             self._statuses.popitem(last=False)
 
-    def read(self, goal_id: str) -> GoalStatus | None:
+    def find(self, goal_id: str) -> GoalStatus | None:
         """Return the newest status of a goal, None if it is not known (any more)."""
         return self._statuses.get(goal_id)

@@ -1,6 +1,7 @@
-"""The cost-to-go of one target: looked for coarsely first, then near the way only, and kept."""
+"""The cost-to-go of one target: searched coarsely first, then near the path only, and kept."""
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,39 +22,39 @@ from trolley_planner.paths.search import (
     push,
 )
 
-NEAR_CELLS = 400
-"""How far targets are searched for along 16 directions, unless said otherwise."""
+
+@dataclass(frozen=True, slots=True)
+class CorridorParams:
+    """How far around the coarse path cells are searched; by hand."""
+
+    near_cells: int = 400
+    """Targets no farther away than this are searched along 16 directions, unless said
+    otherwise."""
+    reach_tiles: int = 1
+    """The corridor is at least this much wider than the coarse path on either side,"""
+    wide_tiles: int = 60
+    """and more where that is short: its length in tiles times the reach is at least this,"""
+    reach_most_tiles: int = 8
+    """if the reach is no more than this."""
+    slack_cells: int = 40
+    """A search goes on this far beyond the robot, so that the result serves where it drives
+    next."""
+    dearer: float = 1.002
+    """The path may cost this many times what the coarse one promised, or all tiles that
+    promise better are searched, too;"""
+    far_dearer: float = 1.01
+    """the same for far targets, where that takes long,"""
+    far_cells: int = 2000
+    """which are those farther away than this."""
+    band_cells: int = 8
+    """A tile may promise this much more and still be searched, since a promise is not
+    exact."""
 
 
-REACH_TILES, WIDE_TILES = 1, 60
-"""The corridor is so much wider than the coarse way on either side, more where that is short: its
-length in tiles times its reach is at least the second, if the reach is no more than"""
-
-
-REACH_MOST_TILES = 8
-"""this."""
-
-
-SLACK_CELLS = 40
-"""How far a search goes on beyond the robot, so that the result serves where it drives next."""
-
-
-DEARER, FAR_DEARER, FAR_CELLS = 1.002, 1.01, 2000
-"""It may cost so many times what the coarse one promised, or all tiles that promise better are
-searched, too; the second for targets so far away, where that takes long."""
-
-
-BAND_CELLS = 8
-"""How much more a tile may promise and be searched still, since it is not exact."""
-
-
+CORRIDOR = CorridorParams()
 COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 """Cost of a straight step over free cells."""
-
-
 TILE = 4
-
-
 CUT = 4096
 """Stands for a lethal weight in sums; more than those of all others in a line of a tile."""
 
@@ -84,13 +85,13 @@ class Terrain(NamedTuple):
     """at this weight."""
 
 
-class GoalField:
-    """Cost-to-go of the newest target; what changes far from the way leaves it as it is.
+class CostToGo:
+    """Cost-to-go of the newest target; changes far from the path leave it as it is.
 
-    The coarse grid takes each tile for as passable as its best row or column. Where it knows no
-    way there is none. Otherwise the cells near its way are searched. Where they hold a way dearer
-    than promised, so are all tiles through which it promises one that is cheaper than what was
-    found; where they hold none (as behind a wall thinner than a tile), all cells are.
+    The coarse grid takes each tile for as passable as its best row or column. If it holds no
+    path there is none. Otherwise the cells near its path are searched. If they hold a path that
+    costs more than promised, so are all tiles through which a cheaper one than that is promised;
+    if they hold none (as behind a wall thinner than a tile), all cells are.
 
     Source:
         The promises guide the search as the costs of an abstraction do in Holte, Perez, Zimmer and
@@ -99,10 +100,10 @@ class GoalField:
     Args:
         shape: rows and columns of the costmap.
         near_cells: targets no farther away are searched for along 16 directions, others along 8:
-            their ways would take too long, and are more alike.
+            their paths would take too long, and differ less.
     """
 
-    def __init__(self, shape: tuple[int, int], near_cells: float = NEAR_CELLS) -> None:
+    def __init__(self, shape: tuple[int, int], near_cells: float = CORRIDOR.near_cells) -> None:
         self._shape = shape
         self._near_cells = near_cells
         tiles = tuple(-(-size // TILE) + 2 for size in shape)
@@ -124,13 +125,13 @@ class GoalField:
         # All costs below these are final.
         self._final_cost = self._final_coarse = 0
         self._has_all = False
-        self._promise = DEARER
+        self._promise = CORRIDOR.dearer
         self._directions = 8
         self.searches = 0
         """How often all was looked for anew."""
 
-    def way(self, start: int, terrain: Terrain) -> tuple[NDArray[np.int32], int] | None:
-        """Return the cells of the cheapest way and its cost, None if there is none.
+    def cheapest_path(self, start: int, terrain: Terrain) -> tuple[NDArray[np.int32], int] | None:
+        """Return the cells of the cheapest path and its cost, None if there is none.
 
         Args:
             start: cell.
@@ -150,7 +151,7 @@ class GoalField:
         return cells, int(self._flat_cost[start])
 
     def forget(self) -> None:
-        """Look for the next way anew, whatever is known."""
+        """Search the next path anew, whatever is known."""
         self._target = None
 
     @property
@@ -162,7 +163,7 @@ class GoalField:
         return self._corridor.cost.reshape(-1)
 
     def _renewed(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the way by what is known, brought up to date; None if that may not be the best."""
+        """Return the path by what is known, updated; None if it may not be the best."""
         corridor = self._corridor
         if has_opened(self._seen, terrain.weights, corridor.is_inside):
             return None
@@ -177,22 +178,24 @@ class GoalField:
         return self._descend(start, terrain.discs)
 
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the way, looked for anew; None if there is none."""
+        """Return the path, searched anew; None if there is none."""
         self.searches += 1
         corridor, cols = self._corridor, self._shape[1]
         away = math.hypot(start % cols - target % cols, start // cols - target // cols)
-        dearer = DEARER if away < FAR_CELLS else FAR_DEARER
+        dearer = CORRIDOR.dearer if away < CORRIDOR.far_cells else CORRIDOR.far_dearer
         self._directions = 16 if away <= self._near_cells else 8
         close(corridor, self._num_inside)
         self._num_inside = 0
         self._has_all = False
         self._seen[:] = terrain.weights
         self._open_discs(terrain)
-        tiles = self._coarse_way(start, target, terrain)
+        tiles = self._coarse_path(start, target, terrain)
         if tiles is None:
             return None
-        reach = min(max(REACH_TILES, WIDE_TILES // len(tiles)), REACH_MOST_TILES)
-        self._num_inside = open_way(corridor, self._num_inside, terrain.weights, tiles, reach)
+        reach = min(
+            max(CORRIDOR.reach_tiles, CORRIDOR.wide_tiles // len(tiles)), CORRIDOR.reach_most_tiles
+        )
+        self._num_inside = open_path(corridor, self._num_inside, terrain.weights, tiles, reach)
         self._promise = dearer
         seeds = np.array([[target, 0]], dtype=np.int32)
         clear_queue(self._queue)
@@ -207,7 +210,7 @@ class GoalField:
             self._open_better(start, terrain.weights)
             rewind(corridor, self._num_inside, self._queue, -1)
         self._grow(seeds, 0, start)
-        # What is dearer than promised now is so everywhere.
+        # What costs more than promised now does so everywhere.
         self._promise = math.inf
         cells = self._descend(start, terrain.discs)
         if cells is not None:
@@ -215,11 +218,11 @@ class GoalField:
         return cells
 
     def _open_better(self, start: int, weights: NDArray[np.uint8]) -> None:
-        """Take all tiles into the corridor through which a cheaper way may lead."""
+        """Add all tiles to the corridor through which a cheaper path may lead."""
         start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
         flat, queue = self._coarse_weights.reshape(-1), self._coarse_queue
-        limit = (int(self._flat_cost[start]) + BAND_CELLS * COST_OF_CELL) // TILE
-        slack = max(limit - int(self._coarse_cost[start_tile]), BAND_CELLS * COST_OF_CELL)
+        limit = (int(self._flat_cost[start]) + CORRIDOR.band_cells * COST_OF_CELL) // TILE
+        slack = max(limit - int(self._coarse_cost[start_tile]), CORRIDOR.band_cells * COST_OF_CELL)
         none = np.empty((0, 2), dtype=np.int32)
         self._final_coarse = grow(
             self._coarse_cost,
@@ -231,17 +234,17 @@ class GoalField:
             (start_tile, slack),
             self._directions,
         )
-        # What is left for the way from the start to each tile: no more than that is looked for.
+        # What the path from the start to each tile may still cost: nothing beyond is searched.
         left = np.maximum(limit + 1 - self._coarse_cost.astype(np.int64), 0).astype(np.int32)
         cost = left.copy()
         seed = np.array([[start_tile, 0]], dtype=np.int32)
         clear_queue(queue)
         grow(cost, flat, queue, seed, tile_cols, 0, (-1, 0), self._directions)
         better = np.flatnonzero(cost < left).astype(np.int32)
-        self._num_inside = open_way(self._corridor, self._num_inside, weights, better, 0)
+        self._num_inside = open_path(self._corridor, self._num_inside, weights, better, 0)
 
     def _open_all(self, terrain: Terrain) -> None:
-        """Take everything into the corridor."""
+        """Add everything to the corridor."""
         corridor = self._corridor
         np.copyto(corridor.weights, terrain.weights)
         for x, y, radius in terrain.discs:
@@ -253,9 +256,9 @@ class GoalField:
         corridor.cost[:, :] = UNREACHED
         self._has_all = True
 
-    def _coarse_way(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the tiles of the way over the coarse grid, None if there is none."""
-        coarsen_into(self._coarse_weights, terrain.weights)
+    def _coarse_path(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
+        """Return the tiles of the path over the coarse grid, None if there is none."""
+        coarsen_weights_into(self._coarse_weights, terrain.weights)
         retile(self._coarse_weights, self._corridor, self._num_inside)
         start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
         flat = self._coarse_weights.reshape(-1)
@@ -265,7 +268,7 @@ class GoalField:
             self._coarse_queue,
             np.array([[self._tile(target), 0]], dtype=np.int32),
             tile_cols,
-            (start_tile, SLACK_CELLS * COST_OF_CELL // TILE),
+            (start_tile, CORRIDOR.slack_cells * COST_OF_CELL // TILE),
             self._directions,
         )
         if self._coarse_cost[start_tile] == UNREACHED:
@@ -276,10 +279,10 @@ class GoalField:
         return tiles[:count]
 
     def _descend(self, start: int, discs: NDArray[np.float64]) -> NDArray[np.int32] | None:
-        """Return the way from a cell by the costs there are; None if a better one may be elsewhere.
+        """Return the path from a cell by the known costs; None if a better one may be elsewhere.
 
-        A way near the coarse one is compared with it, but for its ends inside the discs, where it
-        may have to pay for squeezing out.
+        A path near the coarse one is compared with it, except for its ends inside the discs, where
+        it may have to pay for squeezing out.
         """
         cost = self._flat_cost
         if cost[start] == UNREACHED:
@@ -293,7 +296,7 @@ class GoalField:
         return None
 
     def _ratio(self, cells: NDArray[np.int32], discs: NDArray[np.float64]) -> float:
-        """Return what a way costs by what the coarse one promised; infinite where that ends."""
+        """Return the cost of a path relative to the promised one; infinite where that ends."""
         skipped, left = _ends(discs)
         if len(cells) <= skipped + left:
             return 1.0
@@ -307,7 +310,7 @@ class GoalField:
         return dearer / max(coarse, 1)
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
-        """Search on in the corridor until some way beyond the start."""
+        """Continue the search in the corridor until some distance beyond the start."""
         self._final_cost = grow(
             self._corridor.cost.reshape(-1),
             self._flat_weights,
@@ -315,12 +318,12 @@ class GoalField:
             seeds,
             self._shape[1],
             first,
-            (start, SLACK_CELLS * COST_OF_CELL),
+            (start, CORRIDOR.slack_cells * COST_OF_CELL),
             self._directions,
         )
 
     def _open_discs(self, terrain: Terrain) -> int:
-        """Take the tiles under the discs in; return up to which cost all costs are still right."""
+        """Add the tiles under the discs; return up to which cost all costs are still right."""
         right = UNREACHED
         for x, y, radius in terrain.discs:
             box = (
@@ -340,12 +343,12 @@ class GoalField:
 
 
 def _ends(discs: NDArray[np.float64]) -> tuple[int, int]:
-    """Return how many cells at the start and at the end of a way may lie inside the discs."""
+    """Return how many cells at the start and at the end of a path may lie inside the discs."""
     return math.ceil(1.5 * float(discs[0, 2])), math.ceil(1.5 * float(discs[-1, 2]))
 
 
 @kernel
-def coarsen_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8]) -> None:
+def coarsen_weights_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8]) -> None:
     """Write what it takes to cross each tile: the mean weight of its best row or column.
 
     Where all of them are cut, its lowest weight; 0 where all cells are lethal.
@@ -437,7 +440,7 @@ def load_tile(corridor: Corridor, terrain: Terrain, tile_row: int, tile_col: int
 def open_box(
     corridor: Corridor, num_tiles: int, terrain: Terrain, box: tuple[int, int, int, int]
 ) -> tuple[int, int]:
-    """Take all tiles of a box into the corridor, and bring those that are in it up to date.
+    """Add all tiles of a box to the corridor, and update those that are in it.
 
     Args:
         corridor: changed.
@@ -465,30 +468,30 @@ def open_box(
 
 
 @kernel
-def open_way(
+def open_path(
     corridor: Corridor,
     num_tiles: int,
     weights: NDArray[np.uint8],
-    way: NDArray[np.int32],
+    cheapest_path: NDArray[np.int32],
     reach: int,
 ) -> int:
-    """Take tiles and those at most `reach` from them into the corridor.
+    """Add tiles and those at most `reach` from them to the corridor.
 
     The tiles under the discs must be inside. With a reach of 1 only those with an edge in common
-    are taken: a way that goes across is wide enough with them.
+    are added: with them a diagonal path is wide enough.
 
     Returns:
         How many are inside now.
     """
     tile_cols = corridor.is_inside.shape[1]
     rows, cols = corridor.weights.shape
-    for tile in way:
+    for tile in cheapest_path:
         row, col = tile // tile_cols, tile % tile_cols
         for near_row in range(row - reach, row + reach + 1):
             for near_col in range(col - reach, col + reach + 1):
                 if reach == 1 and near_row != row and near_col != col:
                     continue
-                # The rim of the grid of tiles is never part of a way, but may lie beside one.
+                # The rim of the grid of tiles is never part of a path, but may lie beside one.
                 if not (0 < near_row < corridor.is_inside.shape[0] - 1):
                     continue
                 if not (0 < near_col < tile_cols - 1) or corridor.is_inside[near_row, near_col]:
@@ -535,7 +538,7 @@ def rewind(corridor: Corridor, num_tiles: int, queue: Queue, until: int) -> None
 
 @kernel
 def close(corridor: Corridor, num_tiles: int) -> None:
-    """Take all tiles out of the corridor."""
+    """Remove all tiles from the corridor."""
     tile_cols = corridor.is_inside.shape[1]
     rows, cols = corridor.weights.shape
     for index in range(num_tiles):

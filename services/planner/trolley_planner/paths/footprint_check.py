@@ -12,29 +12,31 @@ from trolley_planner.costmap.footprint import NO_LIMITS, Body, Field, Footprint,
 from trolley_planner.paths.lines import segment_cost, subdivide
 from trolley_planner.paths.path import SPACING_M
 
-AROUND = 2
-"""The heading at a point is that between the points so many before and after it."""
+
+class FootprintCheckParams(NamedTuple):
+    """How a footprint is led through narrow places; all by hand."""
+
+    around: int = 2
+    """The heading at a point is that between the points this many before and after it."""
+    start_m: float = 0.5
+    """Places this near to the start"""
+    end_m: float = 0.4
+    """and this near to the end may be tight and still be right [m]."""
+    lead_m: float = 1.0
+    """A passage is looked for from this far before a tight place to this far behind it [m],"""
+    margin_m: float = 0.8
+    """and this far to the sides of the path [m]."""
+    give_cells: float = 0.25
+    """Obstacles may reach this far into the footprint: what is seen lies anywhere in its
+    cell."""
+    leeway_rad: float = 0.15
+    """The robot need not look exactly along its path."""
+    turn_cells: float = 3.0
+    """A turn in place to the next heading costs as much as this many free cells."""
 
 
-START_M, END_M = 0.5, 0.4
-"""Places this near to the ends of the way may be tight and still be right."""
-
-
-LEAD_M = 1.0
-"""A way through is looked for from so far before a tight place to so far behind it."""
-
-
-MARGIN_M = 0.8
-"""and so far to the sides of the path."""
-
-
-GIVE_CELLS = 0.25
-"""Obstacles may reach so far into the footprint: what is seen lies anywhere in its cell."""
-
-
+CHECK = FootprintCheckParams()
 HEADINGS = 16
-
-
 STEPS = np.array(
     [
         *([1, 0], [2, 1], [1, 1], [1, 2], [0, 1], [-1, 2], [-1, 1], [-2, 1]),
@@ -43,16 +45,6 @@ STEPS = np.array(
     dtype=np.int64,
 )
 """(HEADINGS, 2) columns and rows of the step in the direction of each heading."""
-
-
-LEEWAY = 0.15
-"""The robot need not look exactly along its path [rad]."""
-
-
-TURN_CELLS = 3.0
-"""A turn in place to the next heading costs as much as so many free cells."""
-
-
 FITS, TOUCHES = 1, 2
 
 
@@ -66,11 +58,11 @@ class Box(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
+class CheckedPath:
     """What became of a path.
 
     Attributes:
-        points: (n, 2) [m] the path, changed where the footprint fits only another way.
+        points: (n, 2) [m] the path, changed where the footprint fits only in another way.
         narrow: a point [m] where it does not get through at all, None if it does everywhere.
     """
 
@@ -78,7 +70,7 @@ class Fitted:
     narrow: tuple[float, float] | None
 
 
-class Fitting:
+class FootprintCheck:
     """Checks paths for one footprint.
 
     Args:
@@ -91,13 +83,13 @@ class Fitting:
         self._edge_m = resolution_m
         self._is_round = footprint.circumscribed_m <= footprint.inscribed_m + resolution_m
 
-    def fit(
+    def check(
         self,
         points: NDArray[np.float64],
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
-        give_cells: float = GIVE_CELLS,
-    ) -> Fitted:
+        give_cells: float = CHECK.give_cells,
+    ) -> CheckedPath:
         """Lead a path through where the footprint fits.
 
         Args:
@@ -108,22 +100,22 @@ class Fitting:
                 in its cell.
         """
         if self._is_round:
-            return Fitted(points, None)
+            return CheckedPath(points, None)
         edge = self._edge_m
         field = Field(distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
         done = 0
         while True:
             wrong = self._first_misfit(points, field, done, give_cells * edge)
             if wrong is None:
-                return Fitted(points, None)
+                return CheckedPath(points, None)
             first, last = wrong
             start, end = self._turning_places(points, field, first, last)
-            way = self._thread(points, weights, field, (start, end), give_cells * edge)
-            if way is None:
+            passage = self._find_passage(points, weights, field, (start, end), give_cells * edge)
+            if passage is None:
                 x, y = points[(first + last) // 2]
-                return Fitted(points, (float(x), float(y)))
-            points = np.concatenate([points[: start + 1], way, points[end:]])
-            done = start + 1 + len(way)
+                return CheckedPath(points, (float(x), float(y)))
+            points = np.concatenate([points[: start + 1], passage, points[end:]])
+            done = start + 1 + len(passage)
 
     def _first_misfit(
         self, points: NDArray[np.float64], field: Field, done: int, give_m: float
@@ -132,8 +124,8 @@ class Fitting:
         steps = np.diff(points, axis=0)
         along = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
         fits = np.ones(len(points), dtype=np.bool_)
-        check_into(fits, field, self._body, points, AROUND, give_m)
-        fits |= (along < START_M) | (along > along[-1] - END_M)
+        check_into(fits, field, self._body, points, CHECK.around, give_m)
+        fits |= (along < CHECK.start_m) | (along > along[-1] - CHECK.end_m)
         fits[:done] = True
         misfits = np.flatnonzero(~fits)
         if misfits.size == 0:
@@ -145,8 +137,8 @@ class Fitting:
     def _turning_places(
         self, points: NDArray[np.float64], field: Field, first: int, last: int
     ) -> tuple[int, int]:
-        """Return the points before and behind a stretch between which to look for a way."""
-        lead = math.ceil(LEAD_M / SPACING_M)
+        """Return the points before and behind a stretch between which to look for a passage."""
+        lead = math.ceil(CHECK.lead_m / SPACING_M)
         start, end = max(first - 1, 0), min(last + 1, len(points) - 1)
         while start > max(0, first - lead) and not self._can_turn(points[start], field):
             start -= 1
@@ -155,11 +147,11 @@ class Fitting:
         return start, end
 
     def _can_turn(self, point: NDArray[np.float64], field: Field) -> bool:
-        """Say whether the robot can turn round at a point."""
+        """Say whether the robot can turn around at a point."""
         row, col = int(point[1] / self._edge_m), int(point[0] / self._edge_m)
         return float(field.distance_m[row, col]) > self._body.circumscribed_m + self._edge_m
 
-    def _thread(
+    def _find_passage(
         self,
         points: NDArray[np.float64],
         weights: NDArray[np.uint8],
@@ -167,12 +159,12 @@ class Fitting:
         stretch: tuple[int, int],
         give_m: float,
     ) -> NDArray[np.float64] | None:
-        """Return points (n, 2) in place of a stretch of the path, None if there is no way."""
+        """Return points (n, 2) in place of a stretch of the path, None if there is no passage."""
         start, end = stretch
         edge = self._edge_m
         rows, cols = weights.shape
         cells = np.floor(points[start : end + 1] / edge).astype(np.int64)
-        margin = round(MARGIN_M / edge)
+        margin = round(CHECK.margin_m / edge)
         low = np.maximum(cells.min(axis=0) - margin, 1)
         high = np.minimum(cells.max(axis=0) + margin, (cols - 2, rows - 2))
         box = Box(int(low[1]), int(low[0]), int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1)
@@ -183,18 +175,18 @@ class Fitting:
             int(in_box[-1, 1]) * box.cols + int(in_box[-1, 0]),
             self._heading(points, end),
         )
-        way = thread(weights, field, self._body, box, ends, give_m)
-        if way.size == 0:
+        passage = find_passage(weights, field, self._body, box, ends, give_m)
+        if passage.size == 0:
             return None
-        moved = np.append(True, way[1:] != way[:-1])
-        way = way[moved]
-        xs, ys = box.col + way % box.cols, box.row + way // box.cols
+        moved = np.append(True, passage[1:] != passage[:-1])
+        passage = passage[moved]
+        xs, ys = box.col + passage % box.cols, box.row + passage // box.cols
         centres = np.stack([xs, ys], axis=1).astype(np.float64) + 0.5
         return subdivide(centres * edge, SPACING_M)
 
     def _heading(self, points: NDArray[np.float64], index: int) -> int:
-        before = points[max(index - AROUND, 0)]
-        after = points[min(index + AROUND, len(points) - 1)]
+        before = points[max(index - CHECK.around, 0)]
+        after = points[min(index + CHECK.around, len(points) - 1)]
         return heading_of(math.atan2(float(after[1] - before[1]), float(after[0] - before[0])))
 
 
@@ -220,7 +212,7 @@ def check_into(
         field: distances of the whole costmap.
         body: the outline.
         points: (n, 2).
-        around: the heading is that from so many points before to so many points after.
+        around: the heading is that from this many points before to this many points after.
         give_m: see `fits`.
     """
     last = points.shape[0] - 1
@@ -234,8 +226,8 @@ def check_into(
         yaw = math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
         out_fits[index] = (
             fits(field, body, x, y, yaw, give_m)
-            or fits(field, body, x, y, yaw + LEEWAY, give_m)
-            or fits(field, body, x, y, yaw - LEEWAY, give_m)
+            or fits(field, body, x, y, yaw + CHECK.leeway_rad, give_m)
+            or fits(field, body, x, y, yaw - CHECK.leeway_rad, give_m)
         )
 
 
@@ -322,7 +314,7 @@ def move(weights: NDArray[np.uint8], box: Box, state: int, turn: int) -> tuple[i
         turn: 0 for a step ahead, 1 to the left, -1 to the right.
 
     Returns:
-        The next state, what must be free on the way besides (numbered as in `can_be`), and the
+        The next state, what else must be free on the way there (numbered as in `can_be`), and the
         cost, +inf where a lethal cell or the edge of the box is in the way.
     """
     cell, heading = state // HEADINGS, state % HEADINGS
@@ -331,7 +323,7 @@ def move(weights: NDArray[np.uint8], box: Box, state: int, turn: int) -> tuple[i
         other = cell * HEADINGS + (heading + turn) % HEADINGS
         # Half-way between two headings is numbered with the one on the right.
         on_way = 2 * (state if turn > 0 else other) + 1
-        return other, on_way, TURN_CELLS * weights[box.row + row, box.col + col]
+        return other, on_way, CHECK.turn_cells * weights[box.row + row, box.col + col]
     to_row, to_col = row + STEPS[heading, 1], col + STEPS[heading, 0]
     if not (0 <= to_row < box.rows and 0 <= to_col < box.cols):
         return state, 2 * state, math.inf
@@ -349,16 +341,16 @@ def trace_back(previous: NDArray[np.int64], last: int) -> NDArray[np.int64]:
     while state >= 0:
         length += 1
         state = previous[state]
-    way = np.empty(length, dtype=np.int64)
+    passage = np.empty(length, dtype=np.int64)
     state = last
     for index in range(length - 1, -1, -1):
-        way[index] = state // HEADINGS
+        passage[index] = state // HEADINGS
         state = previous[state]
-    return way
+    return passage
 
 
 @kernel
-def thread(
+def find_passage(
     weights: NDArray[np.uint8],
     field: Field,
     body: Body,
@@ -366,19 +358,19 @@ def thread(
     ends: tuple[int, int, int, int],
     give_m: float,
 ) -> NDArray[np.int64]:
-    """Return the cheapest way through a box along which the footprint fits, driven forwards.
+    """Return the cheapest path through a box along which the footprint fits, driven forwards.
 
     Args:
         weights: (rows, cols) of the costmap.
         field: distances of the costmap.
         body: the outline.
-        box: where the way may lead; must not hold the outermost cells of the grid.
+        box: where the path may lead; must not hold the outermost cells of the grid.
         ends: cell of the box and heading at the start; the same at the end, where the heading
             may differ by one.
         give_m: see `fits`.
 
     Returns:
-        (n,) cells of the box from start to end; none where there is no way.
+        (n,) cells of the box from start to end; none where there is no path.
     """
     count = box.rows * box.cols * HEADINGS
     known = np.zeros(2 * count, dtype=np.uint8)

@@ -16,20 +16,12 @@ from trolley_planner.paths.path import SPACING_M
 
 SAME_CELLS = 1e-6
 """Two borders that a line crosses within this distance are crossed in their corner."""
-
-
 STRAIGHT_CELLS = 0.02
 """Points that would move less than this stay where they are."""
-
-
 EVERY = 4
-"""Lines are tried to every so many points."""
-
-
+"""Straight lines are tried to every fourth point only."""
 SHORTCUT_M, SHORTCUT_REACH = 0.4, 32
 """Distance of the points [m] and over how many of them lines are tried."""
-
-
 SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 6), (0.15, 6))
 """Distance of the points [m] and passes over them, one after the other."""
 

@@ -11,7 +11,7 @@ SPACING_M = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPath:
-    """A way to the goal.
+    """A path to the goal.
 
     Attributes:
         points: (n, 2) x, y [m] in `grid`, from the robot to the goal.

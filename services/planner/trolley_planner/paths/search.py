@@ -4,9 +4,9 @@ Costs are whole numbers: one straight step over free cells costs `STEP * 2 * WEI
 weight is `LETHAL` or at least `WEIGHT_UNIT`, and the outermost cells of every grid are lethal, so
 that no neighbour has to be tested for the edge.
 
-Ways keep to 8 or to 16 directions. The 8 more are the moves of a knight; along 8 directions a way
-may be 8 % longer than a straight one, and so the wrong way round an obstacle, along 16 it is 3 %.
-16 take nearly twice as long.
+Paths keep to 8 or to 16 directions. The 8 more are the moves of a knight; along 8 directions a
+path may be 8 % longer than a straight line, and so lead around the wrong side of an obstacle; along
+16 it is 3 %. 16 take nearly twice as long.
 
 Source:
     Dial, Algorithm 360: Shortest-Path Forest with Topological Ordering (1969). Buckets no wider
@@ -58,7 +58,7 @@ class Queue(NamedTuple):
 
 
 def make_queue(num_cells: int) -> Queue:
-    """Return a queue for a grid of so many cells.
+    """Return a queue for a grid of this many cells.
 
     Each of its neighbours and a seed can give a cell one entry, so that there is always room. Few
     are ever touched, and the system gives memory only for those.
@@ -99,7 +99,7 @@ def push(queue: Queue, cost: NDArray[np.int32], cell: int, new_cost: int) -> Non
 def spread(  # noqa: C901, PLR0915 - see its docstring
     cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
 ) -> None:
-    """Settle the cells of one bucket: offer each neighbour the way through them.
+    """Settle the cells of one bucket: offer each neighbour the path through them.
 
     Diagonal steps need both cells beside them: no corner is cut. The loop over the neighbours is
     unrolled by the compiler; with a call of `push` inside it the search takes three times as long.
@@ -162,7 +162,7 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
 def leap(  # noqa: C901 - in one piece for its speed, as `spread`
     cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
 ) -> None:
-    """Offer the cells that a knight reaches from those of one bucket the way through them.
+    """Offer the cells that a knight reaches from those of one bucket the path through them.
 
     A knight passes through the cell beside it and the one across. It does not go past cells that
     were reached before, since these reach what lies behind them by themselves. (That is exact where
@@ -278,10 +278,10 @@ def cost_to_go_into(
     stop: tuple[int, int],
     directions: int,
 ) -> int:
-    """Write the cost of the cheapest way from each cell to the seeds.
+    """Write the cost of the cheapest path from each cell to the seeds.
 
     Args:
-        out_cost: (cells,), overwritten; UNREACHED where there is no way, or where it was not
+        out_cost: (cells,), overwritten; UNREACHED where there is no path, or where it was not
             looked for.
         weights: (cells,) row-major.
         queue: scratch.
@@ -307,10 +307,10 @@ def descend_into(
     cols: int,
     directions: int,
 ) -> int:
-    """Write the cells of the cheapest way from a cell to the seeds; return how many.
+    """Write the cells of the cheapest path from a cell to the seeds; return how many.
 
     Args:
-        out_cells: (n,) written from index 0; the way ends where it is full.
+        out_cells: (n,) written from index 0; the path ends where it is full.
         cost: (cells,) from `cost_to_go_into`.
         weights: (cells,) as given there.
         start: cell; must have been reached.
@@ -330,7 +330,7 @@ def descend_into(
                     continue
                 other = cell + row_step * cols + col_step
                 through = cost[other] + price
-                # Strictly downhill, so that the way ends.
+                # Strictly downhill, so that the path ends.
                 if cost[other] < cost[cell] and through <= best_cost:
                     best, best_cost = other, through
         if best == cell:

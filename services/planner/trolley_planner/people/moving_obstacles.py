@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_planner.people.people_tracker import Mover, MoverWatch, discs_of
+from trolley_planner.people.people_tracker import PeopleTracker, TrackedPerson, person_discs
 
 SAME_M = 0.15
 """A person tracked this near to where a robot says it is, is that robot."""
@@ -25,18 +25,18 @@ class MovingObstacles:
     """People by the newest scan, and other robots by what they say; all in frame `grid`."""
 
     def __init__(self) -> None:
-        self._tracker = MoverWatch()
+        self._tracker = PeopleTracker()
         self._walkers, self._robots = NOBODY, NO_ROBOTS
         self._scanned_ns = self._robots_ns = 0
-        self.movers: list[Mover] = []
+        self.people: list[TrackedPerson] = []
         """Who moves by the newest scan."""
 
     def update(
         self, now_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], resolution_m: float
     ) -> None:
         """Track people through a new scan; see `PeopleTracker.update`."""
-        self.movers = self._tracker.look(now_ns, beams, wall_distance_m, resolution_m)
-        self._walkers, self._scanned_ns = discs_of(self.movers), now_ns
+        self.people = self._tracker.update(now_ns, beams, wall_distance_m, resolution_m)
+        self._walkers, self._scanned_ns = person_discs(self.people), now_ns
 
     def set_robots(self, tracks: Sequence[Floats], now_ns: int) -> None:
         """Replace what other robots that drive say of where they will be.
@@ -51,7 +51,7 @@ class MovingObstacles:
     def forget_people(self) -> None:
         """Forget everybody, as after a jump of the pose."""
         self._tracker.reset()
-        self.movers, self._walkers = [], NOBODY
+        self.people, self._walkers = [], NOBODY
 
     def walkers_at(self, now_ns: int) -> Floats:
         """Return the discs (n, 5) of people where they are now; see `Field.walkers`."""

@@ -1,1 +1,1 @@
-"""What the planner is told by the rest of the robot: messages, and the beams of a scan."""
+"""What the rest of the robot reports: newest messages, and the beams of a scan."""

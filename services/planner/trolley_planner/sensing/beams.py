@@ -16,12 +16,8 @@ from trolley.jit import kernel
 
 X, Y, DX, DY, CLEAR, ECHO = range(6)
 """Columns of a beam: start [m], direction, length that is free [m], distance of the echo [m]."""
-
-
 SURFACE_M, MAX_SMOOTHED = 0.012, 8
-"""Echoes this far to both sides, and at most so many, may lie on one surface,"""
-
-
+"""Echoes this far to both sides [m], and at most this many, may lie on one surface,"""
 SAME_M = 0.04
 """if their ranges are this near."""
 
@@ -76,7 +72,7 @@ def smooth_ranges_into(
 
     The nearest of a hundred noisy echoes lies well before the wall, and what is seen of a passage
     would be narrower than the passage is. Only pairs of one beam on each side count: so a wall
-    that is seen aslant stays where it is, and so do the edges of things.
+    that is seen at an angle stays where it is, and so do the edges of things.
 
     Args:
         out_m: (n,), overwritten.

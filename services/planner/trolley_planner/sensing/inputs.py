@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from trolley import codes
 from trolley.config import PlannerConfig
@@ -20,18 +21,29 @@ from trolley.messages import (
 )
 from trolley.messages.types import floats_from_bytes
 
-STALE_S = 1.0
-"""A pose estimate older than this is stale."""
-SILENT_S = 0.5
-"""Without a scan or odometry for this long the robot is blind."""
-MAX_EXTRAPOLATION_S = 0.2
-SMOOTHING = 0.25
-"""Share of a new correction that the steady pose takes over at once."""
-JUMP_M, JUMP_RAD = 0.3, 0.3
-"""A correction larger than this is a new belief, not noise."""
+
+@dataclass(frozen=True, slots=True)
+class InputParams:
+    """When inputs are old, and how the pose is smoothed; by hand."""
+
+    stale_s: float = 1.0
+    """A pose estimate older than this is stale."""
+    silent_s: float = 0.5
+    """Without a scan or odometry for this long the robot is blind."""
+    most_extrapolation_s: float = 0.2
+    """Odometry is extrapolated for no longer than this."""
+    smoothing: float = 0.25
+    """Share of a new correction that the smooth pose takes over at once."""
+    jump_m: float = 0.3
+    """A correction larger than this"""
+    jump_rad: float = 0.3
+    """or this is a new belief, not noise."""
 
 
-class Senses:
+INPUTS = InputParams()
+
+
+class Inputs:
     """The newest messages, put together; frames are those of the goals (`config.frame`)."""
 
     def __init__(self, config: PlannerConfig) -> None:
@@ -52,28 +64,30 @@ class Senses:
         self.num_jumps = 0
         """How often the pose was corrected by more than noise."""
 
-    def take_scan(self, scan: Scan) -> bool:
-        """Take a scan; False if no beam of it says anything, which is no better than silence."""
+    def update_scan(self, scan: Scan) -> bool:
+        """Keep a scan; False if no beam of it says anything, which is no better than silence."""
         if not (floats_from_bytes(scan.ranges) > 0.0).any():
             return False
         self.scan = scan
         return True
 
-    def take_correction(self, transform: Transform) -> None:
-        """Take over `tf/odom`."""
+    def update_correction(self, transform: Transform) -> None:
+        """Apply `tf/odom`: jumps at once, noise smoothly."""
         if self.frame != "map":
             return
         before, self.frame_T_odom = self.steady_T_odom, transform.pose
         if before is None or self.odometry is None:
             self.steady_T_odom = transform.pose
             return
-        # Compared where the robot is: far from the odometry's origin a small turn is a long way.
+        # Compared where the robot is: far from the odometry's origin a small turn moves it far.
         change = (before @ self.odometry.pose).inverse() @ (transform.pose @ self.odometry.pose)
-        if math.hypot(change.x, change.y) > JUMP_M or abs(change.yaw) > JUMP_RAD:
+        if math.hypot(change.x, change.y) > INPUTS.jump_m or abs(change.yaw) > INPUTS.jump_rad:
             self.num_jumps += 1
             self.steady_T_odom = transform.pose
             return
-        part = Pose2D(SMOOTHING * change.x, SMOOTHING * change.y, SMOOTHING * change.yaw)
+        part = Pose2D(
+            INPUTS.smoothing * change.x, INPUTS.smoothing * change.y, INPUTS.smoothing * change.yaw
+        )
         pose = self.odometry.pose
         self.steady_T_odom = before @ pose @ part @ pose.inverse()
 
@@ -136,7 +150,7 @@ class Senses:
             return "stale"
         if self.pose.state in ("lost", "searching") or self.pose.pose is None:
             return "lost"
-        return "stale" if now_ns - self.pose.stamp_ns > STALE_S * 1e9 else None
+        return "stale" if now_ns - self.pose.stamp_ns > INPUTS.stale_s * 1e9 else None
 
     def silence(self, now_ns: int) -> str | None:
         """Return the code of what fell silent: the lidar, or the wheels' odometry; None if neither.
@@ -144,7 +158,7 @@ class Senses:
         The robot's own `base` sends both, so the odometry is silent when its motor board is.
         """
         for message, code in ((self.scan, codes.SCAN_LOST), (self.odometry, codes.LINK_LOST)):
-            if message is None or now_ns - message.stamp_ns > SILENT_S * 1e9:
+            if message is None or now_ns - message.stamp_ns > INPUTS.silent_s * 1e9:
                 return code
         return None
 
@@ -164,7 +178,7 @@ def odometry_at(history: Sequence[Odometry], stamp_ns: int) -> Pose2D:
     after = next((i for i, one in enumerate(history) if one.stamp_ns >= stamp_ns), len(history))
     if after == len(history):
         last = history[-1]
-        ahead = min((stamp_ns - last.stamp_ns) * 1e-9, MAX_EXTRAPOLATION_S)
+        ahead = min((stamp_ns - last.stamp_ns) * 1e-9, INPUTS.most_extrapolation_s)
         return integrate_twist(last.pose, last.twist, ahead)
     if after == 0:
         return history[0].pose
