@@ -19,19 +19,19 @@ CONFIG = PlannerConfig(controller="pursuit")
 LIMITS = limits_of(CONFIG, 0.5, 1.5, 1.0)
 
 
-def drive(rig: PlanningContext, pose: Pose2D, ticks: int) -> tuple[list[Pose2D], list[Twist2D]]:
+def drive(context: PlanningContext, pose: Pose2D, ticks: int) -> tuple[list[Pose2D], list[Twist2D]]:
     """Follow a straight path from (1, 3) to (4, 3)."""
     points = np.stack([np.linspace(1.0, 4.0, 61), np.full(61, 3.0)], axis=1)
     remaining = np.linspace(3.0, 0.0, 61)
     target = Target(4.0, 3.0, 0.1, goes_on=False)
     twist, poses, given = Twist2D.zero(), [pose], []
     for _ in range(ticks):
-        rig.local_costmap.update(pose.x, pose.y)
-        rig.local_costmap.compute_cost_to_go(points, remaining)
+        context.local_costmap.update(pose.x, pose.y)
+        context.local_costmap.compute_cost_to_go(points, remaining)
         motion = Motion(pose, twist)
-        found = rig.controller.command(motion, rig.local_costmap, LIMITS, target, 0.05)
+        found = context.controller.command(motion, context.local_costmap, LIMITS, target, 0.05)
         assert found is not None
-        twist = safe_command(motion, found, rig.local_costmap, LIMITS)
+        twist = safe_command(motion, found, context.local_costmap, LIMITS)
         pose = integrate_twist(pose, twist, 0.05)
         poses.append(pose)
         given.append(twist)
@@ -66,12 +66,12 @@ def test_looking_away_it_turns_in_place_first() -> None:
 
 
 def test_it_drives_round_what_stands_on_the_path() -> None:
-    rig = PlanningContext(with_block(empty_room(), 2.3, 2.8, 0.3, 0.4), FOOTPRINT, CONFIG, 0.5)
-    poses, _ = drive(rig, Pose2D(1.0, 3.0, 0.0), 320)
+    context = PlanningContext(with_block(empty_room(), 2.3, 2.8, 0.3, 0.4), FOOTPRINT, CONFIG, 0.5)
+    poses, _ = drive(context, Pose2D(1.0, 3.0, 0.0), 320)
     assert math.hypot(poses[-1].x - 4.0, poses[-1].y - 3.0) < 0.15
     for pose in poses:
-        rig.local_costmap.update(pose.x, pose.y)
-        assert rig.seen_clearance(pose, 1.0) > 0.0
+        context.local_costmap.update(pose.x, pose.y)
+        assert context.seen_clearance(pose, 1.0) > 0.0
 
 
 def test_the_same_place_gives_the_same_drive() -> None:
