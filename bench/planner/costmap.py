@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED, GridMap, cast_rays
-from trolley_planner.costmap import Costmap
-from trolley_planner.echoes import Sweep
-from trolley_planner.footprint import Footprint
-from trolley_planner.global_planner import GlobalPlanner
-from trolley_planner.kernels.beams import ScanShape
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.sensing.beams import ScanShape, Sweep
 
 SIZE_M = 20.0
 RANGE_MAX_M = 12.0
@@ -94,7 +93,7 @@ def drive(case: Case, scans: int) -> Timing:
         refreshed = time.process_time()
         reference.add_scan(sweep, now_ns)
         before = time.process_time()
-        reference.echoes.touch_all()
+        reference.obstacle_layer.touch_all()
         reference.refresh()
         if number >= 3:  # The first ones compile.
             whole = time.process_time() - before

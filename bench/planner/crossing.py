@@ -24,10 +24,10 @@ from trolley.runtime.lockstep import Lockstep
 from trolley_base.description import footprint_of, limits_of
 from trolley_base.safety.stop_field import StopField
 from trolley_base.service import BaseService
-from trolley_planner.mppi import Mppi
-from trolley_planner.pursuit import Pursuit
+from trolley_planner.control.local_costmap import LocalCostmap
+from trolley_planner.control.mppi import Mppi
+from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.service import PlannerService
-from trolley_planner.window import Window
 
 LENGTH_M, WIDTH_M = 0.46, 0.42
 NEAR_M, MOVED_M, LIMIT_S = 1.0, 0.1, 100.0
@@ -189,7 +189,12 @@ class _Clock:
     def __init__(self, lockstep: Lockstep) -> None:
         self.planner_s = 0.0
         self.controller_s = 0.0
-        self._owners = ((Window, "look"), (Window, "lead"), (Mppi, "command"), (Pursuit, "command"))
+        self._owners = (
+            (LocalCostmap, "update"),
+            (LocalCostmap, "compute_cost_to_go"),
+            (Mppi, "command"),
+            (PurePursuit, "command"),
+        )
         self._plain = [getattr(owner, name) for owner, name in self._owners]
         for (owner, name), function in zip(self._owners, self._plain, strict=True):
             setattr(owner, name, self._timed(function, "controller_s"))

@@ -33,7 +33,7 @@ from trolley.gridmap import distance_transform
 from trolley.messages import Odometry, Scan, VelocityCommand
 from trolley.messages.types import floats_from_bytes
 from trolley.runtime.service import Service, every, on
-from trolley_planner.footprint import Footprint
+from trolley_planner.costmap.footprint import Footprint
 
 Floats = NDArray[np.float64]
 

@@ -34,11 +34,9 @@ from bench.planner.movingai import (
 )
 from numpy.typing import NDArray
 
-from trolley_planner.field import GoalField
-from trolley_planner.global_planner import straighten
-from trolley_planner.kernels.corridor import Terrain
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
-from trolley_planner.kernels.lines import polyline_cost
+from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
+from trolley_planner.paths.cost_to_go import CostToGo, Terrain
+from trolley_planner.paths.lines import polyline_cost, straighten
 
 MOST_NAMED = 20
 CELLS_PER_M = 20.0
@@ -104,7 +102,7 @@ class Runner:
             weights[1:-1, 1:-1][cells == kind] = WEIGHT_UNIT
         self._cells = cells
         self._nowhere = np.zeros((rows, cols), np.float32)
-        self._fields = GoalField((rows, cols), near_cells=-1.0)
+        self._fields = CostToGo((rows, cols), near_cells=-1.0)
 
     def ask(self, query: Query, tally: Tally) -> None:
         """Plan, and count what came of it."""
@@ -115,7 +113,7 @@ class Runner:
         terrain = Terrain(weights, self._nowhere, discs, WEIGHT_UNIT)
         self._fields.forget()
         began_s = time.perf_counter()
-        found = self._fields.way(int(start[1]) * cols + int(start[0]), terrain)
+        found = self._fields.cheapest_path(int(start[1]) * cols + int(start[0]), terrain)
         if found is None:
             if query.start == query.goal or query.optimum > 0.0:
                 tally.missed += 1

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley_planner.kernels.beams import MAX_SMOOTHED, SAME_M, SURFACE_M, smooth_ranges_into
+from trolley_planner.sensing.beams import MAX_SMOOTHED, SAME_M, SURFACE_M, smooth_ranges_into
 
 RANGES = st.lists(
     st.one_of(

@@ -7,17 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from trolley_planner.kernels.beams import EchoLayer
-from trolley_planner.kernels.echoes import (
-    LIFT_M,
-    TRAIL_S,
-    forget_inside,
+from trolley_planner.costmap.inflation import UNKNOWN, WALL, CostmapLayers, compose_into
+from trolley_planner.costmap.obstacle_layer import (
+    OBSTACLES,
+    ObstacleGrid,
+    clear_inside_robot,
     lift_cells,
     lift_echoes,
     trace_ray,
 )
-from trolley_planner.kernels.layers import UNKNOWN, WALL, Layers, compose_into
-from trolley_planner.kernels.people import spread_walk
+from trolley_planner.costmap.social_layer import spread_walk
 
 ROWS, COLS = 14, 17
 SEEDS = st.integers(0, 2**32 - 1)
@@ -25,13 +24,13 @@ PLACES = st.floats(-4.0, 20.0)
 ANGLES = st.floats(-math.pi, math.pi)
 
 
-def full_layer(seed: int) -> EchoLayer:
+def full_layer(seed: int) -> ObstacleGrid:
     """A layer whose every cell holds something, seen at a random place in it."""
     rng = np.random.default_rng(seed)
     shape = (ROWS, COLS)
     corners = np.stack(np.meshgrid(np.arange(COLS), np.arange(ROWS)), axis=-1)
     points = 0.1 * (corners + rng.uniform(0.05, 0.95, (*shape, 2)))
-    return EchoLayer(
+    return ObstacleGrid(
         evidence=rng.integers(1, 13, shape).astype(np.uint8),
         hits=rng.integers(1, 256, shape).astype(np.uint8),
         seen_ticks=np.zeros(shape, dtype=np.int32),
@@ -49,7 +48,7 @@ def test_a_cell_is_blocked_by_any_layer(seed: int, unknown_blocks: bool) -> None
     keepout, closed, evidence, observed = (
         (rng.random((ROWS, COLS)) < 0.3).astype(np.uint8) for _ in range(4)
     )
-    layers = Layers(kinds, keepout, closed, evidence, observed)
+    layers = CostmapLayers(kinds, keepout, closed, evidence, observed)
     first_row, first_col = int(rng.integers(0, 5)), int(rng.integers(0, 5))
     mask = np.full((ROWS - first_row - 1, COLS - first_col - 2), 7, dtype=np.uint8)
     compose_into(mask, layers, (first_row, first_col), unknown_blocks)
@@ -127,7 +126,7 @@ def test_what_was_seen_inside_the_outline_is_forgotten(
     corners = np.array([(3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0), (3.0, -2.0)])
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     polygon = corners @ turn.T + (x, y)
-    forget_inside(layer, polygon, 0.1)
+    clear_inside_robot(layer, polygon, 0.1)
     for row in range(ROWS):
         for col in range(COLS):
             point = layer.points[row, col].astype(np.float64) / 0.1
@@ -153,12 +152,12 @@ def test_who_walks_is_taken_out_and_what_is_seen_beside_their_way_stays(
     for row in range(ROWS):
         for col in range(COLS):
             x, y = layer.points[row, col].astype(np.float64)
-            ago = np.linspace(0.0, 0.0 if col < COLS // 2 else TRAIL_S, 101)[:, None]
+            ago = np.linspace(0.0, 0.0 if col < COLS // 2 else OBSTACLES.trail_s, 101)[:, None]
             where = walkers[:, None, :2] - ago * walkers[:, None, 2:4]
             gaps = np.hypot(where[..., 0] - x, where[..., 1] - y) - walkers[:, 4:5]
             nearest = float(gaps.min(initial=math.inf))
-            if abs(nearest - LIFT_M) > 1e-3:
-                assert (layer.evidence[row, col] == 0) == (nearest < LIFT_M)
+            if abs(nearest - OBSTACLES.person_margin_m) > 1e-3:
+                assert (layer.evidence[row, col] == 0) == (nearest < OBSTACLES.person_margin_m)
             assert (layer.evidence[row, col] > 0) == (layer.hits[row, col] > 0)
     if (layer.evidence == 0).any():
         first_row, last_row, first_col, last_col = layer.dirty.tolist()
@@ -178,7 +177,7 @@ def test_echoes_of_who_walks_are_theirs(seed: int, count: int) -> None:
     lift_echoes(beams, walkers)
     points = 0.7 + ranges[:, None] * beams[:, 2:4]
     gaps = np.hypot(*np.moveaxis(points[:, None] - walkers[:, :2], -1, 0)) - walkers[:, 4]
-    expected = np.where((gaps < LIFT_M).any(axis=1), 0.0, ranges)
+    expected = np.where((gaps < OBSTACLES.person_margin_m).any(axis=1), 0.0, ranges)
     np.testing.assert_array_equal(beams[:, 5], expected)
     np.testing.assert_array_equal(beams[:, 4], ranges)
 

@@ -12,11 +12,11 @@ from support.flatland import empty_room
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_planner.costmap import Costmap
-from trolley_planner.footprint import Footprint
-from trolley_planner.global_planner import GlobalPlanner
-from trolley_planner.kernels.layers import LETHAL
-from trolley_planner.kernels.search import (
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.paths.search import (
     DIAGONAL,
     KNIGHT,
     STEP,

@@ -16,10 +16,10 @@ from trolley.messages import BaseState, Battery, Clock, GoalStatus, VelocityComm
 from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every, on
-from trolley_planner.others import discs_of
+from trolley_planner.fleet.neighbours import outline_discs
 from trolley_planner.service import PlannerService
 
-DISCS = discs_of(np.array(BOX))
+DISCS = outline_discs(np.array(BOX))
 
 
 class SharedFlat(Flatland):

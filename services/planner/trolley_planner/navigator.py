@@ -1,6 +1,15 @@
-"""The goal's state machine: what is asked and sensed goes in, velocities and statuses come out."""
+"""The planner's cycle: a scan updates the costmap, the goal's execution answers with a velocity.
+
+    scan      -> update_scan: costmap, neighbours, distances and cost-to-go around the robot
+    odometry  -> command: what the robot may do, what the goal's execution wants, what is safe
+    afterwards-> maintain: forget what is old, look for a better path
+
+Requests enter as messages (`send`, `cancel`, `pause`, `resume`, `preview`), statuses leave by
+`board`. Robot time is an argument everywhere; nothing here knows of clocks or the wire.
+"""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import msgspec
 
@@ -8,94 +17,200 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley.messages import BaseState, GoalStatus, Odometry, Path, Scan
+from trolley.messages import BaseState, GoalStatus, OccupancyGrid, Odometry, Path, Scan
 from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley_planner import wire
-from trolley_planner.admission import Admitted, admit, check_ready, check_state, goal_pose
-from trolley_planner.approach import Tolerances
-from trolley_planner.arrival import Situation
-from trolley_planner.drive import Drive
-from trolley_planner.giving_way import GivingWay
-from trolley_planner.goal import Goal
-from trolley_planner.looking import LookRound
-from trolley_planner.others import Others
-from trolley_planner.report import Report
-from trolley_planner.rig import Rig
-from trolley_planner.timing import seconds_along, timed_poses
+from trolley_planner.context.costmap_manager import CostmapManager
+from trolley_planner.context.motion_state import ControlInput, MotionState
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.control.path_timing import seconds_along, timed_poses
+from trolley_planner.driving.goal_execution import GoalExecution
+from trolley_planner.driving.spin_to_localize import SpinToLocalize
+from trolley_planner.fleet.giving_way import GivingWay
+from trolley_planner.fleet.neighbours import Neighbours
+from trolley_planner.goals.goal import Goal, Tolerances
+from trolley_planner.goals.goal_status import StatusBoard
+from trolley_planner.goals.goal_validation import (
+    ValidatedGoal,
+    check_ready,
+    check_state,
+    goal_pose,
+    validate,
+)
+from trolley_planner.sensing.inputs import Inputs
 
 SETTLED_S = 1.5
 """A source that drove already when the goal came may fall silent within this time."""
 STOPPING_S = 0.5
-"""Zero is commanded for so long after a goal is over."""
+"""Zero is commanded for this long after a goal is over."""
 IDLE_SCAN_S = 0.2
-"""Without a goal one scan in so long keeps the costmap up to date."""
+"""Without a goal, a scan this often keeps the costmap up to date."""
 OWN_SOURCE = "planner"
+"""The name under which base hears this service's commands."""
 
 
-class Navigator(Report):
+class Navigator:
     """Takes goals and drives to them.
-
-    Robot time is an argument everywhere, and requests come in as messages; nothing here knows of
-    clocks or the wire.
 
     Args:
         config: of the planner.
     """
 
     def __init__(self, config: PlannerConfig) -> None:
-        super().__init__(config)
-        self.others = Others()
+        self._config = config
+        self.inputs = Inputs(config)
+        self.costmap_manager = CostmapManager(config, self.inputs)
+        self.neighbours = Neighbours()
+        self.board = StatusBoard(config.frame)
+        self.execution: GoalExecution | None = None
+        """How the current goal is driven to, None without one."""
+        self._motion_state = MotionState(config, self.inputs, self.costmap_manager)
         self._giving_way = GivingWay(config)
-        self._look_round = LookRound(config)
+        self._spin_to_localize = SpinToLocalize(config)
+        self._set_off_ns = 0
         self._over_ns: int | None = None
         self._trouble_since_ns: int | None = None
         self._scanned_ns = 0
-        self._set_off_ns = 0
         self._num_jumps = 0
 
-    # What is sensed.
+    # The cycle.
 
-    def take_scan(self, scan: Scan, history: Sequence[Odometry], now_ns: int) -> bool:
+    def update_scan(
+        self, scan: Scan, history: Sequence[Odometry], now_ns: int, monotonic_ns: int
+    ) -> bool:
         """Put a scan into the costmap; True if a command computed now would be based on it.
 
         Args:
             scan: the newest.
             history: odometry around its time, oldest first.
             now_ns: robot time.
+            monotonic_ns: local time, by which the age of the neighbours' messages is measured.
         """
-        if not self.senses.take_scan(scan):
+        self._update_neighbours(now_ns, monotonic_ns)
+        if not self.inputs.update_scan(scan):
             return False
-        self._rebuild(now_ns)
-        if self.drive is None and now_ns - self._scanned_ns < IDLE_SCAN_S * 1e9:
+        self._rebuild_costmap(now_ns)
+        if self.execution is None and now_ns - self._scanned_ns < IDLE_SCAN_S * 1e9:
             return False
         self._scanned_ns = now_ns
-        if not self.surroundings.add_scan(scan, history, now_ns):
+        if not self.costmap_manager.add_scan(scan, history, now_ns):
             return False
-        motion = self.helm.motion()
-        if motion is None or self.drive is None:
+        motion = self._motion_state.motion()
+        if motion is None or self.execution is None:
             return False
-        if self.board.state in ("driving", "recovering"):
-            self._giving_way.decide(self.others.own_name, self.drive, motion, now_ns)
-        if not self._giving_way.look(motion, now_ns):
-            self.drive.look(motion, now_ns)
+        if self._is_driving:
+            self._giving_way.decide(self.neighbours.own_name, self.execution, motion, now_ns)
+        if not self._giving_way.update(motion, now_ns):
+            self.execution.update(motion, now_ns)
         return True
 
-    def meet(self, now_ns: int, monotonic_ns: int) -> None:
-        """Take where the other robots of the house are, before a scan is taken.
+    def command(self, now_ns: int) -> Twist2D | None:
+        """Return the velocity to command now, None for silence."""
+        twist = self._choose_velocity(now_ns, self._motion_state.elapsed_s(now_ns))
+        self._motion_state.record_command(twist, now_ns)
+        return twist
 
-        Args:
-            now_ns: robot time.
-            monotonic_ns: local time, by which the others' messages are as old as they are.
-        """
-        rig, grid = self.surroundings.rig, self.senses.map
-        if rig is not None and grid is not None:
-            others = self.others.present(grid.name, monotonic_ns)
-            self._giving_way.meet(rig, others, now_ns)
+    def maintain(self, now_ns: int) -> None:
+        """Do what may take longer, after the command is out: forget, look for a better path."""
+        self.costmap_manager.maintain(now_ns)
+        if self.execution is None or not self._is_driving:
+            return
+        now = self._motion_state.control_input(self.execution.goal.speed, now_ns, 0.0)
+        if now is None or self.costmap_manager.trouble(now_ns) is not None:
+            return
+        if self._num_jumps != self.inputs.num_jumps:
+            self._num_jumps = self.inputs.num_jumps
+            self.execution.replan()
+        self.costmap_manager.update_position(self.inputs.base_pose())
+        if self._giving_way.wait is not None:
+            self._giving_way.maintain(self.execution.context, now)
+        else:
+            self.execution.replan_if_due(now)
 
-    def take_base(self, base: BaseState, now_ns: int) -> None:
+    def _update_neighbours(self, now_ns: int, monotonic_ns: int) -> None:
+        """Tell the costmap where the other robots of the house will be."""
+        context, grid = self.costmap_manager.context, self.inputs.map
+        if context is not None and grid is not None:
+            robots = self.neighbours.on_map(grid.name, monotonic_ns)
+            self._giving_way.update_neighbours(context, robots, now_ns)
+
+    def _choose_velocity(self, now_ns: int, elapsed_s: float) -> Twist2D | None:
+        """Return what to command: zero while the robot must not drive, None for silence."""
+        spin = self._spin_to_localize.command(self.inputs, self._motion_state.turn_limits(), now_ns)
+        if spin is not None:
+            return spin
+        execution = self.execution
+        if execution is None or not self._is_driving:
+            is_stopping = self._over_ns is not None and now_ns - self._over_ns < STOPPING_S * 1e9
+            return Twist2D.zero() if is_stopping else None
+        if self._must_wait(now_ns):
+            return Twist2D.zero()
+        now = self._motion_state.control_input(execution.goal.speed, now_ns, elapsed_s)
+        if now is None:
+            return Twist2D.zero()
+        if self._giving_way.wait is not None:
+            return self._give_way(now)
+        return self._execute(execution, now)
+
+    def _execute(self, execution: GoalExecution, now: ControlInput) -> Twist2D:
+        """Return the velocity of the goal's execution, and report how it goes."""
+        waited_ns = self._giving_way.pop_waited_ns()
+        if waited_ns > 0:
+            execution.resume_after_wait(waited_ns)
+        twist = execution.command(now)
+        if execution.outcome == "arrived":
+            self._end("arrived", "", now.now_ns, "The robot has arrived.")
+        elif execution.outcome == "failed":
+            blocker = wire.blocked_by(self._blocking_robot(execution))
+            why = wire.GOAL_OCCUPIED if execution.is_waiting else blocker
+            self._end("failed", execution.trouble, now.now_ns, why)
+        elif execution.recovery.current is not None or execution.is_waiting:
+            why = wire.recovery_sentence(execution, self._blocking_robot(execution))
+            self._report("recovering", execution.trouble, now.now_ns, why)
+        else:
+            self._report("driving", "", now.now_ns)
+        return twist
+
+    def _give_way(self, now: ControlInput) -> Twist2D:
+        """Return the velocity while the robot waits for another; fail if that lasts too long."""
+        wait, now_ns = self._giving_way.wait, now.now_ns
+        if wait is None or self._giving_way.has_waited_enough(now_ns):
+            name = "another" if wait is None else wait.name
+            self._end("failed", codes.BLOCKED, now_ns, f"Robot {name} does not drive on.")
+            return Twist2D.zero()
+        self._report("recovering", codes.WAITING, now_ns, wait.sentence)
+        return self._giving_way.command(now)
+
+    def _must_wait(self, now_ns: int) -> bool:
+        """Say whether the robot must stand because it does not know enough; fail if that lasts."""
+        trouble = self.costmap_manager.trouble(now_ns)
+        if trouble is None:
+            self._trouble_since_ns = None
+            return False
+        if self._trouble_since_ns is None:
+            self._trouble_since_ns = now_ns
+        if now_ns - self._trouble_since_ns > self._config.give_up_s * 1e9:
+            self._end("failed", trouble.code, now_ns, trouble.message)
+        else:
+            self._report("recovering", trouble.code, now_ns, trouble.message)
+        return True
+
+    def _blocking_robot(self, execution: GoalExecution) -> str | None:
+        """Return the name of a robot that stands in the way, where that is the trouble."""
+        is_blocked = execution.trouble == codes.BLOCKED
+        return self._giving_way.blocking_robot(execution) if is_blocked else None
+
+    @property
+    def _is_driving(self) -> bool:
+        """Whether the goal is neither over nor paused."""
+        return self.board.state in ("driving", "recovering")
+
+    # What else is heard.
+
+    def update_base(self, base: BaseState, now_ns: int) -> None:
         """Take what the base does: a stop or somebody else's hand pauses the goal."""
-        before = self.senses.base
-        self.senses.base = base
+        before = self.inputs.base
+        self.inputs.base = base
         goal = self.board.goal
         if not self.board.is_active or goal is None or self.board.state == "paused":
             return
@@ -105,25 +220,21 @@ class Navigator(Report):
             reason = codes.STOPPED if base.mode == "stopped" else base.reason
             self._pause(reason or codes.STOPPED, now_ns, base.message or None)
         elif base.source not in (None, OWN_SOURCE):
-            is_old = before is not None and before.source == base.source
-            if not is_old or now_ns - goal.sent_ns > SETTLED_S * 1e9:
-                self._pause(
-                    codes.TAKEN_OVER,
-                    now_ns,
-                    f"{base.source} drives the robot; resume the goal to go on.",
-                )
+            drove_before = before is not None and before.source == base.source
+            if not drove_before or now_ns - goal.sent_ns > SETTLED_S * 1e9:
+                why = f"{base.source} drives the robot; resume the goal to go on."
+                self._pause(codes.TAKEN_OVER, now_ns, why)
 
     def begin_epoch(self, now_ns: int) -> None:
-        """Take note that the base began anew: what was measured before counts no more."""
-        self.senses.begin_epoch()
-        self.surroundings.forget()
-        self.helm.note_command(None, now_ns)
+        """Start over with a base that was restarted: what was measured before does not count."""
+        self.inputs.begin_epoch()
+        self.costmap_manager.forget()
+        self._motion_state.record_command(None, now_ns)
         if self.board.is_active and self.board.state != "paused":
-            self._pause(
-                codes.RESTARTED, now_ns, "The base was restarted; resume the goal to go on."
-            )
+            why = "The base was restarted; resume the goal to go on."
+            self._pause(codes.RESTARTED, now_ns, why)
 
-    # What is asked.
+    # Requests.
 
     def send(self, params: SendGoal, new_id: str, now_ns: int | None) -> GoalStatus:
         """Take a goal, in place of the one before.
@@ -139,35 +250,34 @@ class Navigator(Report):
         known = None if params.id is None else self.status_of(params.id, now_ns or 0)
         if known is not None:
             return known
-        check_ready(self.senses, now_ns)
+        check_ready(self.inputs, now_ns)
         now = now_ns or 0
-        admitted, rig = self._admit(params, new_id, now)
+        validated, context = self._validate(params, new_id, now)
         if self.board.is_active:
             self._end("canceled", codes.REPLACED, now)
-        self.board.begin(admitted.goal)
+        self.board.begin(validated.goal)
         self.board.set("planning", "", now)
-        self._set_off(admitted, rig, now)
+        self._set_off(validated, context, now)
         return self.status(now)
 
     def preview(self, params: SendGoal, now_ns: int | None) -> Path:
-        """Return the way to a goal with its times, without driving.
+        """Return the path to a goal with its times, without driving.
 
         Raises:
             Refused: as `send`.
         """
-        check_ready(self.senses, now_ns)
+        check_ready(self.inputs, now_ns)
         now = now_ns or 0
-        admitted, rig = self._admit(params, "preview", now)
-        motion = self.helm.motion()
+        validated, context = self._validate(params, "preview", now)
+        motion = self._motion_state.motion()
         if motion is None:
             raise Refused(codes.NOT_LOCALIZED)
-        limits = self.helm.limits(admitted.goal.speed)
-        points = admitted.path.points
-        seconds = seconds_along(points, motion.pose.yaw, rig.costmap, limits)
-        free = admitted.goal.tolerances.any_heading
-        goal_yaw = None if free else rig.costmap.to_grid(admitted.goal.pose).yaw
+        goal, points, costmap = validated.goal, validated.path.points, context.costmap
+        limits = self._motion_state.limits(goal.speed)
+        seconds = seconds_along(points, motion.pose.yaw, costmap, limits)
+        goal_yaw = None if goal.tolerances.any_heading else costmap.to_grid(goal.pose).yaw
         poses, dt = timed_poses(points, seconds, goal_yaw)
-        return wire.path_message(poses, rig.costmap.frame_T_grid, self.senses.frame, now, dt)
+        return wire.path_message(poses, costmap.frame_T_grid, self.inputs.frame, now, dt)
 
     def cancel(self, params: WhichGoal, now_ns: int) -> GoalStatus:
         """End the current goal.
@@ -199,112 +309,24 @@ class Navigator(Report):
         goal, now = self.board.goal, now_ns or 0
         if goal is None or self.board.state != "paused":
             return self.status(now)
-        check_ready(self.senses, now_ns)
-        check_state(self.senses, now)
-        rig, here = self._place(now)
-        left = goal if self.drive is None else self.drive.rest()
-        self._set_off(admit(left, rig, here, self.config), rig, now)
+        check_ready(self.inputs, now_ns)
+        check_state(self.inputs, now)
+        context, here = self._context_and_pose(now)
+        left = goal if self.execution is None else self.execution.remaining_goal()
+        self._set_off(validate(left, context, here, self._config), context, now)
         return self.status(now)
 
-    # What is driven.
-
-    def command(self, now_ns: int) -> Twist2D | None:
-        """Return the velocity to command now, None for silence."""
-        twist = self._choose(now_ns, self.helm.elapsed_s(now_ns))
-        self.helm.note_command(twist, now_ns)
-        return twist
-
-    def maintain(self, now_ns: int) -> None:
-        """Do what may take longer, after the command is out: forget, look for a better path."""
-        self.surroundings.maintain(now_ns)
-        if self.drive is None or self.board.state not in ("driving", "recovering"):
-            return
-        now = self.helm.situation(self.drive.goal.speed, now_ns, 0.0)
-        if now is None or self.surroundings.trouble(now_ns) is not None:
-            return
-        if self._num_jumps != self.senses.num_jumps:
-            self._num_jumps = self.senses.num_jumps
-            self.drive.replan()
-        self.surroundings.note_position(self.senses.base_pose())
-        if self._giving_way.wait is not None:
-            self._giving_way.maintain(self.drive.rig, now)
-        else:
-            self.drive.maintain(now)
-
-    # Inside.
-
-    def _choose(self, now_ns: int, elapsed_s: float) -> Twist2D | None:
-        """Return what to command: the drive's wish, zero while it may not, None for silence."""
-        turn = self._look_round.command(self.senses, self.helm.turn_limits(), now_ns)
-        if turn is not None:
-            return turn
-        drive = self.drive
-        if drive is None or self.board.state not in ("driving", "recovering"):
-            is_over = self._over_ns is not None and now_ns - self._over_ns < STOPPING_S * 1e9
-            return Twist2D.zero() if is_over else None
-        if self._must_wait(now_ns):
-            return Twist2D.zero()
-        now = self.helm.situation(drive.goal.speed, now_ns, elapsed_s)
-        if now is None:
-            return Twist2D.zero()
-        if self._giving_way.wait is not None:
-            return self._give_way(now)
-        waited_ns = self._giving_way.take_waited_ns()
-        if waited_ns > 0:
-            drive.go_on(waited_ns)
-        twist = drive.command(now)
-        if drive.outcome == "arrived":
-            self._end("arrived", "", now_ns, "The robot has arrived.")
-        elif drive.outcome == "failed":
-            why = wire.TAKEN if drive.is_waiting else wire.blocked_by(self._blocker(drive))
-            self._end("failed", drive.trouble, now_ns, why)
-        elif drive.recovery.current is not None or drive.is_waiting:
-            why = wire.trying(drive, self._blocker(drive))
-            self.board.set("recovering", drive.trouble, now_ns, why, self.details(now_ns))
-        else:
-            self.board.set("driving", "", now_ns, None, self.details(now_ns))
-        return twist
-
-    def _give_way(self, now: Situation) -> Twist2D:
-        """Return the velocity while the robot waits for another; fail if that lasts too long."""
-        wait, now_ns = self._giving_way.wait, now.now_ns
-        if wait is None or self._giving_way.has_waited_enough(now_ns):
-            name = "another" if wait is None else wait.name
-            self._end("failed", codes.BLOCKED, now_ns, f"Robot {name} does not drive on.")
-            return Twist2D.zero()
-        details = self.details(now_ns)
-        self.board.set("recovering", codes.WAITING, now_ns, wait.sentence, details)
-        return self._giving_way.command(now)
-
-    def _blocker(self, drive: Drive) -> str | None:
-        """Return the name of a robot that stands in the way, where that is the trouble."""
-        is_blocked = drive.trouble == codes.BLOCKED
-        return self._giving_way.in_the_way(drive) if is_blocked else None
-
-    def _must_wait(self, now_ns: int) -> bool:
-        """Say whether the robot must stand because it does not know enough; fail if that lasts."""
-        trouble = self.surroundings.trouble(now_ns)
-        if trouble is None:
-            self._trouble_since_ns = None
-            return False
-        if self._trouble_since_ns is None:
-            self._trouble_since_ns = now_ns
-        if now_ns - self._trouble_since_ns > self.config.give_up_s * 1e9:
-            self._end("failed", trouble.code, now_ns, trouble.message)
-        else:
-            details = self.details(now_ns)
-            self.board.set("recovering", trouble.code, now_ns, trouble.message, details)
-        return True
-
-    def _admit(self, params: SendGoal, new_id: str, now_ns: int) -> tuple[Admitted, Rig]:
+    def _validate(
+        self, params: SendGoal, new_id: str, now_ns: int
+    ) -> tuple[ValidatedGoal, PlanningContext]:
         """Check a goal against everything that is known.
 
         Raises:
-            Refused: see `admission`.
+            Refused: see `goal_validation`.
         """
-        pose = goal_pose(params, self.senses)
-        check_state(self.senses, now_ns)
-        rig, here = self._place(now_ns)
+        pose = goal_pose(params, self.inputs)
+        check_state(self.inputs, now_ns)
+        context, here = self._context_and_pose(now_ns)
         goal = Goal(
             params.id or new_id,
             pose,
@@ -313,74 +335,137 @@ class Navigator(Report):
             params.speed,
             now_ns,
         )
-        return admit(goal, rig, here, self.config), rig
+        return validate(goal, context, here, self._config), context
 
-    def _place(self, now_ns: int) -> tuple[Rig, Pose2D]:
-        """Return the costmap and where the robot is.
+    def _context_and_pose(self, now_ns: int) -> tuple[PlanningContext, Pose2D]:
+        """Return what to plan with and where the robot is.
 
         Raises:
             Refused: either is not known.
         """
-        here = self.senses.base_pose()
+        here = self.inputs.base_pose()
         if here is None:
             raise Refused(codes.NOT_LOCALIZED)
-        self._rebuild(now_ns)
-        return self.surroundings.need_rig(), here
+        self._rebuild_costmap(now_ns)
+        return self.costmap_manager.require_context(), here
 
-    def _set_off(self, admitted: Admitted, rig: Rig, now_ns: int) -> None:
+    def _set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
         """Begin to drive along a first path."""
-        self.drive = Drive(admitted.goal, rig, self.config, admitted.path, now_ns)
+        self.execution = GoalExecution(
+            validated.goal, context, self._config, validated.path, now_ns
+        )
         self._set_off_ns = now_ns
         self._giving_way.forget()
         self._over_ns = None
         self._trouble_since_ns = None
-        motion = self.helm.motion()
+        motion = self._motion_state.motion()
         if motion is not None:
-            self.drive.look(motion, now_ns)
-        self.board.set("driving", "", now_ns, None, self.details(now_ns))
+            self.execution.update(motion, now_ns)
+        self._report("driving", "", now_ns)
 
-    def _rebuild(self, now_ns: int) -> None:
+    def _rebuild_costmap(self, now_ns: int) -> None:
         """Make the costmap anew if map, zones or robot changed, and plan on it."""
-        if not self.surroundings.rebuild():
+        manager, execution = self.costmap_manager, self.execution
+        if not manager.rebuild():
             return
-        drive, rig = self.drive, self.surroundings.rig
-        if drive is None or not self.board.is_active:
-            self.drive = None
-            return
-        if rig is None:
-            trouble = self.surroundings.trouble(now_ns) or Refused(codes.NOT_READY)
+        if execution is None or not self.board.is_active:
+            self.execution = None
+        elif manager.context is None:
+            trouble = manager.trouble(now_ns) or Refused(codes.NOT_READY)
             self._end("failed", trouble.code, now_ns, trouble.message)
-            return
-        here = self.senses.base_pose()
-        if self.surroundings.is_other_map:
+        elif manager.is_other_map:
             self._end("failed", codes.WRONG_MAP, now_ns, "Another map was loaded.")
-        elif here is not None:
-            try:
-                admitted = admit(drive.rest(), rig, here, self.config)
-            except Refused as refusal:
-                places = refusal.details.get("blocked", [])
-                self._end("failed", refusal.code, now_ns, refusal.message, places)
-            else:
-                self.drive = Drive(admitted.goal, rig, self.config, admitted.path, now_ns)
-                self._giving_way.forget()
+        else:
+            self._plan_anew(execution, manager.context, now_ns)
+
+    def _plan_anew(self, execution: GoalExecution, context: PlanningContext, now_ns: int) -> None:
+        """Drive to the same goal on another costmap, or fail if that is not possible."""
+        here = self.inputs.base_pose()
+        if here is None:
+            return
+        try:
+            validated = validate(execution.remaining_goal(), context, here, self._config)
+        except Refused as refusal:
+            blocked = refusal.details.get("blocked", [])
+            self._end("failed", refusal.code, now_ns, refusal.message, blocked)
+        else:
+            self.execution = GoalExecution(
+                validated.goal, context, self._config, validated.path, now_ns
+            )
+            self._giving_way.forget()
+
+    # What is reported.
+
+    def status(self, now_ns: int) -> GoalStatus:
+        """Return the status of the current goal."""
+        return self.board.snapshot(now_ns, self._details(now_ns))
+
+    def status_of(self, goal_id: str, now_ns: int) -> GoalStatus | None:
+        """Return the status of one of the last goals, None if it is not known."""
+        if self.board.goal is not None and goal_id == self.board.goal.id:
+            return self.status(now_ns)
+        return self.board.history.find(goal_id)
+
+    @property
+    def path_key(self) -> str:
+        """What changes whenever the path does."""
+        if self.execution is None or not self.board.is_active:
+            return ""
+        return self.execution.path_key
+
+    def path(self, now_ns: int) -> Path:
+        """Return the path that is left, an empty one without a goal."""
+        execution = self.execution if self.board.is_active else None
+        return wire.remaining_path_message(execution, self.inputs.frame, now_ns)
+
+    @property
+    def trajectory(self) -> Path | None:
+        """What the newest command leads to, None while nothing is driven."""
+        if self.execution is None or self.board.state != "driving":
+            return None
+        stamp_ns = self._motion_state.commanded_ns
+        return wire.trajectory_message(self.execution.context, self.inputs.frame, stamp_ns)
+
+    def costmaps(self, now_ns: int) -> tuple[OccupancyGrid | None, OccupancyGrid | None]:
+        """Return the whole costmap and the part around the robot, as far as they are known."""
+        context, here = self.costmap_manager.context, self.inputs.base_pose()
+        return wire.costmap_messages(context, here, self.inputs.frame, now_ns)
+
+    def _details(self, now_ns: int) -> GoalStatus | None:
+        """Return distance, time and obstacles on the way to the goal for a status."""
+        motion = self._motion_state.motion()
+        if self.execution is None or motion is None or self.board.goal is None:
+            return None
+        limits = self._motion_state.limits(self.execution.goal.speed)
+        return wire.status_details(self.execution, motion, limits)
+
+    def _report(
+        self,
+        state: Literal["driving", "recovering", "paused"],
+        reason: str,
+        now_ns: int,
+        message: str | None = None,
+    ) -> None:
+        """Enter a state of the current goal, or stay in it."""
+        self.board.set(state, reason, now_ns, message, self._details(now_ns))
 
     def _pause(self, reason: str, now_ns: int, message: str | None = None) -> None:
         self._over_ns = now_ns
-        self._look_round.stop()
-        self.board.set("paused", reason, now_ns, message, self.details(now_ns))
+        self._spin_to_localize.stop()
+        self._report("paused", reason, now_ns, message)
 
     def _end(
         self,
-        state: wire.Ending,
+        state: Literal["arrived", "failed", "canceled"],
         reason: str,
         now_ns: int,
         message: str | None = None,
         blocked: Sequence[tuple[float, float]] = (),
     ) -> None:
         """Close the current goal; `blocked` are places that it ended for."""
-        details = self.details(now_ns)
+        details = self._details(now_ns)
         if details is not None and blocked:
             details = msgspec.structs.replace(details, blocked=list(blocked))
         self.board.set(state, reason, now_ns, message, details)
         self._over_ns = now_ns
-        self.drive = None
+        self.execution = None

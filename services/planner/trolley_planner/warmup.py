@@ -20,17 +20,17 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
-from trolley_planner.controller import Motion, limits_of
-from trolley_planner.costmap import Costmap
-from trolley_planner.footprint import Footprint
-from trolley_planner.global_planner import GlobalPlanner
-from trolley_planner.kernels.rollout import Target
-from trolley_planner.movers import Mover, discs_of
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.control.controller import Motion, limits_of
+from trolley_planner.control.pure_pursuit import PurePursuit
+from trolley_planner.control.rollout import Target
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.social_layer import SocialLayer
+from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
-from trolley_planner.people import People
-from trolley_planner.pursuit import Pursuit
-from trolley_planner.rig import Rig
-from trolley_planner.right_of_way import Passages
+from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.people.people_tracker import TrackedPerson, person_discs
 
 CELLS = 60
 EDGE_M = 0.05
@@ -46,7 +46,7 @@ def warm_up() -> None:
     for step in range(STEPS):
         now_ns += STEP_NS
         odometry = _feel(navigator, pose, now_ns)
-        navigator.take_scan(_scan(now_ns), [odometry], now_ns)
+        navigator.update_scan(_scan(now_ns), [odometry], now_ns, now_ns)
         if step == 0:
             navigator.preview(SendGoal(pose=Pose2D(2.0, 2.0, 1.0)), now_ns)
             navigator.send(
@@ -60,19 +60,21 @@ def warm_up() -> None:
             pose.yaw + 0.1 * twist.wz,
         )
     navigator.costmaps(now_ns)
-    rig = navigator.surroundings.need_rig()
-    rig.costmap.echoes.forget_around(1.0, 1.0, 0.5)
-    walker = Mover(np.array([[1.0, 1.0], [1.1, 1.0]]), np.array([0.5, 0.0]))
-    rig.costmap.echoes.lift(discs_of([walker]))
-    People(rig.costmap.shape, EDGE_M, 0.1).note([walker], rig.costmap.echoes.layer)
-    rig.planner.hopeful_weights()
-    Passages(rig.costmap.static_distance_m, EDGE_M, 0.4)
+    context = navigator.costmap_manager.require_context()
+    context.costmap.obstacle_layer.forget_around(1.0, 1.0, 0.5)
+    walker = TrackedPerson(np.array([[1.0, 1.0], [1.1, 1.0]]), np.array([0.5, 0.0]))
+    context.costmap.obstacle_layer.remove_people(person_discs([walker]))
+    SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
+        [walker], context.costmap.obstacle_layer.grid
+    )
+    context.planner.optimistic_weights()
+    Passages(context.costmap.static_distance_m, EDGE_M, 0.4)
     _squeeze()
-    _pursue(rig)
+    _pursue(context)
 
 
 def _squeeze() -> None:
-    """Plan for a robot that is too long to get round a corner."""
+    """Plan for a robot that is too long to get around a corner."""
     cells = np.full((CELLS, CELLS), 100, dtype=np.int8)
     for room in (np.s_[4:28, 4:24], np.s_[12:20, 24:56], np.s_[20:40, 48:56], np.s_[40:56, 32:56]):
         cells[room] = 0
@@ -85,21 +87,21 @@ def _squeeze() -> None:
         planner.too_narrow(*way)
 
 
-def _pursue(rig: Rig) -> None:
-    """Let the other controller drive a step, and one that must not go ahead."""
+def _pursue(context: PlanningContext) -> None:
+    """Run the other controller where the path is free, and where it is not."""
     limits = limits_of(PlannerConfig(), 0.5, 1.5, 1.0)
-    pursuit, target = Pursuit(PlannerConfig()), Target(2.0, 2.0, 0.1, goes_on=False)
+    pursuit, target = PurePursuit(PlannerConfig()), Target(2.0, 2.0, 0.1, goes_on=False)
     for place in (Pose2D(0.8, 0.8, 0.0), Pose2D(0.2, 0.2, 0.0)):
-        pursuit.command(Motion(place, Twist2D.zero()), rig.window, limits, target, 0.05)
+        pursuit.command(Motion(place, Twist2D.zero()), context.local_costmap, limits, target, 0.05)
 
 
 def _navigator() -> Navigator:
     """Return a planner in a square room with a mirror and a speed zone."""
     navigator = Navigator(PlannerConfig())
-    senses = navigator.senses
+    inputs = navigator.inputs
     cells = np.zeros((CELLS, CELLS), dtype=np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
-    senses.robot = Robot(
+    inputs.robot = Robot(
         stamp_ns=0,
         name="warm",
         title="",
@@ -109,7 +111,7 @@ def _navigator() -> Navigator:
         max_wz=1.5,
         deceleration=1.0,
     )
-    senses.map = OccupancyGrid(
+    inputs.map = OccupancyGrid(
         stamp_ns=0,
         name="room",
         frame="map",
@@ -124,20 +126,20 @@ def _navigator() -> Navigator:
         Zone(name="mirror", kind="mirror", points=[(2.9, 1.0), (2.9, 2.0)]),
         Zone(name="slow", kind="speed", points=corners, speed=0.3),
     ]
-    senses.zones = Zones(stamp_ns=0, map="room", zones=zones)
-    senses.base_T_laser = Pose2D.identity()
+    inputs.zones = Zones(stamp_ns=0, map="room", zones=zones)
+    inputs.base_T_laser = Pose2D.identity()
     return navigator
 
 
 def _feel(navigator: Navigator, pose: Pose2D, now_ns: int) -> Odometry:
     """Tell the planner where it is."""
-    senses = navigator.senses
+    inputs = navigator.inputs
     odometry = Odometry(stamp_ns=now_ns, pose=pose, twist=Twist2D.zero())
-    senses.odometry = odometry
-    senses.take_correction(
+    inputs.odometry = odometry
+    inputs.update_correction(
         Transform(stamp_ns=now_ns, parent="map", child="odom", pose=Pose2D.identity())
     )
-    senses.pose = PoseEstimate(
+    inputs.pose = PoseEstimate(
         stamp_ns=now_ns,
         map="room",
         pose=pose,

@@ -1,7 +1,5 @@
 """The planner's results as messages of the wire."""
 
-from typing import Literal
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -9,22 +7,20 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, OccupancyGrid, Path
 from trolley.messages.types import floats_to_bytes
-from trolley_planner.controller import DT_S, Motion
-from trolley_planner.drive import Drive
-from trolley_planner.kernels.rollout import Limits
-from trolley_planner.recovery import Try
-from trolley_planner.rig import Rig
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.control.controller import Motion
+from trolley_planner.control.rollout import DT_S, Limits
+from trolley_planner.driving.goal_execution import GoalExecution
+from trolley_planner.driving.recovery import RecoveryAction
 
-Ending = Literal["arrived", "failed", "canceled"]
-
-TAKEN = "Something stands on the goal."
-SENTENCES_OF_TRIES = {
-    Try.WAIT: "Something is in the way; the robot waits for it to go.",
-    Try.CLEAR: "The robot looks again at what stands around it.",
-    Try.BACK_UP: "The robot backs up the way it came.",
-    Try.TURN: "The robot turns to look around.",
-    Try.REROUTE: "The robot did not get through; it takes another way.",
-    Try.WAIT_LONGER: "Something is still in the way; the robot goes on waiting.",
+GOAL_OCCUPIED = "Something stands on the goal."
+RECOVERY_SENTENCES = {
+    RecoveryAction.WAIT: "Something is in the way; the robot waits for it to go.",
+    RecoveryAction.CLEAR: "The robot checks again what stands around it.",
+    RecoveryAction.BACK_UP: "The robot backs up along its own track.",
+    RecoveryAction.TURN: "The robot turns to look around.",
+    RecoveryAction.REROUTE: "The robot did not get through; it takes another route.",
+    RecoveryAction.WAIT_LONGER: "Something is still in the way; the robot keeps waiting.",
 }
 
 
@@ -36,21 +32,23 @@ def path_message(
     return Path(stamp_ns=stamp_ns, frame=frame, poses=floats_to_bytes(poses), dt=dt)
 
 
-def route_message(drive: Drive, frame: str, stamp_ns: int) -> Path:
-    """Return the path of a drive from where the robot is to the goal."""
-    route = drive.route
+def route_message(execution: GoalExecution, frame: str, stamp_ns: int) -> Path:
+    """Return the path from where the robot is to the goal."""
+    route = execution.route
     points = route.path.points
-    poses = np.concatenate([points, route.path.headings(drive.goal_grid.yaw)[:, None]], axis=1)
-    frame_T_grid = drive.rig.costmap.frame_T_grid
+    poses = np.concatenate([points, route.path.headings(execution.goal_grid.yaw)[:, None]], axis=1)
+    frame_T_grid = execution.context.costmap.frame_T_grid
     return path_message(poses[route.index :], frame_T_grid, frame, stamp_ns, 0.0)
 
 
-def trajectory_message(rig: Rig, frame: str, stamp_ns: int) -> Path | None:
+def trajectory_message(context: PlanningContext, frame: str, stamp_ns: int) -> Path | None:
     """Return what the controller's last command leads to, None if it has none."""
-    poses = rig.controller.trajectory
+    poses = context.controller.trajectory
     if len(poses) == 0:
         return None
-    return path_message(poses.astype(np.float64), rig.costmap.frame_T_grid, frame, stamp_ns, DT_S)
+    return path_message(
+        poses.astype(np.float64), context.costmap.frame_T_grid, frame, stamp_ns, DT_S
+    )
 
 
 def blocked_by(robot: str | None) -> str | None:
@@ -58,57 +56,64 @@ def blocked_by(robot: str | None) -> str | None:
     return None if robot is None else f"Robot {robot} stands in the way."
 
 
-def trying(drive: Drive, robot: str | None = None) -> str:
-    """Return the sentence of what the robot tries to get free, `robot` being in its way."""
-    if drive.is_waiting:
-        return f"{TAKEN} The robot waits for it to go."
-    if robot is not None and drive.recovery.current in (Try.WAIT, Try.WAIT_LONGER):
+def recovery_sentence(execution: GoalExecution, robot: str | None = None) -> str:
+    """Return the sentence for what the robot does to get free; `robot` stands in its way."""
+    if execution.is_waiting:
+        return f"{GOAL_OCCUPIED} The robot waits for it to go."
+    if robot is not None and execution.recovery.current in (
+        RecoveryAction.WAIT,
+        RecoveryAction.WAIT_LONGER,
+    ):
         return f"{blocked_by(robot)} The robot waits for it to go."
-    return "" if drive.recovery.current is None else SENTENCES_OF_TRIES[drive.recovery.current]
+    return (
+        "" if execution.recovery.current is None else RECOVERY_SENTENCES[execution.recovery.current]
+    )
 
 
-def details(drive: Drive, motion: Motion, limits: Limits) -> GoalStatus:
+def status_details(execution: GoalExecution, motion: Motion, limits: Limits) -> GoalStatus:
     """Return a status of which only distance, ETA, recoveries and obstacles count."""
-    remaining = drive.remaining_m(motion.pose)
+    remaining = execution.remaining_m(motion.pose)
     blocked: list[tuple[float, float]] = []
-    if drive.recovery.current is not None or drive.route.is_blocked:
-        points = [*drive.route.blocked_points(), *drive.route.narrow] or [drive.place_ahead()]
-        in_frame = drive.rig.costmap.frame_T_grid.transform_points(np.array(points))
+    if execution.recovery.current is not None or execution.route.is_blocked:
+        points = [*execution.route.blocked_points(), *execution.route.narrow] or [
+            execution.point_ahead()
+        ]
+        in_frame = execution.context.costmap.frame_T_grid.transform_points(np.array(points))
         blocked = [(float(x), float(y)) for x, y in in_frame]
     return GoalStatus(
         stamp_ns=0,
         id=None,
         state="driving",
         distance_remaining=remaining,
-        eta=drive.seconds_left(motion.pose, limits),
-        recoveries=drive.recovery.count,
+        eta=execution.eta_s(motion.pose, limits),
+        recoveries=execution.recovery.count,
         blocked=blocked,
     )
 
 
-def path_left(drive: Drive | None, frame: str, stamp_ns: int) -> Path:
-    """Return the path that is left of a drive, an empty one without a drive."""
-    if drive is None:
+def remaining_path_message(execution: GoalExecution | None, frame: str, stamp_ns: int) -> Path:
+    """Return the path that is left to the goal, an empty one without a goal."""
+    if execution is None:
         return Path(stamp_ns=stamp_ns, frame=frame, poses=floats_to_bytes(np.empty(0)))
-    return route_message(drive, frame, stamp_ns)
+    return route_message(execution, frame, stamp_ns)
 
 
 def costmap_messages(
-    rig: Rig | None, here: Pose2D | None, frame: str, stamp_ns: int
+    context: PlanningContext | None, here: Pose2D | None, frame: str, stamp_ns: int
 ) -> tuple[OccupancyGrid | None, OccupancyGrid | None]:
     """Return the whole costmap and the part around the robot, as far as they are known."""
-    if rig is None:
+    if context is None:
         return None, None
-    rig.costmap.refresh()
-    whole = costmap_message(rig, frame, stamp_ns)
+    context.costmap.refresh()
+    whole = costmap_message(context, frame, stamp_ns)
     if here is None:
         return whole, None
-    return whole, window_message(whole, rig.costmap.to_grid(here), rig.half_m)
+    return whole, window_message(whole, context.costmap.to_grid(here), context.half_m)
 
 
-def costmap_message(rig: Rig, frame: str, stamp_ns: int) -> OccupancyGrid:
+def costmap_message(context: PlanningContext, frame: str, stamp_ns: int) -> OccupancyGrid:
     """Return the whole costmap as a message."""
-    costmap = rig.costmap
+    costmap = context.costmap
     rows, cols = costmap.shape
     return OccupancyGrid(
         stamp_ns=stamp_ns,

@@ -10,6 +10,7 @@ import pytest
 from bench.harness.drives import make_config
 from support.flatland import empty_room, with_block
 
+import trolley_planner
 from trolley import requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import distance_transform, save_map
@@ -18,8 +19,7 @@ from trolley.messages.types import floats_from_bytes
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
-from trolley_planner import kernels
-from trolley_planner.costmap import Costmap
+from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.service import PlannerService
 
 WALKS = [
@@ -28,7 +28,7 @@ WALKS = [
     ([[5.0, 1.5], [5.0, 6.5]], 0.7),
     ([[1.5, 3.5], [8.5, 3.5]], 1.2),
 ]
-KERNELS = [f"{kernels.__name__}.{module.name}" for module in pkgutil.iter_modules(kernels.__path__)]
+MODULES = [one.name for one in pkgutil.walk_packages(trolley_planner.__path__, "trolley_planner.")]
 WEST, EAST = Pose2D(1.0, 3.5, 0.0), Pose2D(9.0, 3.5, 0.0)
 GOALS = [EAST, Pose2D(1.5, 6.0, 1.0), Pose2D(8.5, 1.0, 0.0), WEST]
 NEAR_WALL_M = 0.3
@@ -39,7 +39,7 @@ def compiled() -> dict[str, int]:
     """How many versions of each kernel of the planner there are."""
     return {
         f"{module.__name__}.{name}": len(value.signatures)
-        for module in map(importlib.import_module, KERNELS)
+        for module in map(importlib.import_module, MODULES)
         for name, value in vars(module).items()
         if hasattr(value, "signatures")
     }
@@ -72,11 +72,11 @@ class Hall:
 
     @property
     def costmap(self) -> Costmap:
-        return self._planner._navigator.surroundings.need_rig().costmap
+        return self._planner.navigator.costmap_manager.require_context().costmap
 
     def seen(self) -> np.ndarray:
         """Where the costmap holds an obstacle away from the walls."""
-        return (self.costmap.echoes.layer.evidence > 0) & self._is_open
+        return (self.costmap.obstacle_layer.grid.evidence > 0) & self._is_open
 
     def drive_for(self, seconds: float) -> None:
         """Drive from goal to goal, and end in the west."""

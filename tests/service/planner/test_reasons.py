@@ -103,16 +103,16 @@ def test_nothing_is_seen_behind_a_suspected_mirror(tmp_path: Path) -> None:
     world = Flatland(empty_room(), START)
     world.set_truth(with_block(empty_room(), 3.0, 2.8, 0.3, 0.4))
     stage = Stage(tmp_path, world)
-    rig = stage.planner._navigator.surroundings.need_rig()
+    context = stage.planner.navigator.costmap_manager.require_context()
 
     def is_seen() -> bool:
-        return bool(np.any(rig.costmap.echoes.layer.evidence[50:70, 58:68]))
+        return bool(np.any(context.costmap.obstacle_layer.grid.evidence[50:70, 58:68]))
 
     stage.lockstep.run(2.0)
     assert is_seen()
     line = SuspectLine(points=[(2.5, 2.0), (2.5, 4.0)], score=0.7)
     stage.lockstep.publish(topics.SUSPECTS, Suspects(stamp_ns=1, lines=[line]))
-    rig.costmap.forget_all()
+    context.costmap.forget_all()
     stage.lockstep.run(2.0)
     assert not is_seen()
     stage.lockstep.publish(topics.SUSPECTS, Suspects(stamp_ns=2, lines=[]))

@@ -24,7 +24,7 @@ class Ride:
         self.pose_state = "localized"
         self.commands: list[Twist2D | None] = []
         self.statuses: list[GoalStatus] = []
-        senses = self.navigator.senses
+        senses = self.navigator.inputs
         senses.robot = world.robot()
         senses.base_T_laser = world.base_T_laser
         if senses.frame == "map":
@@ -37,18 +37,18 @@ class Ride:
         for _ in range(num):
             self.now_ns += STEP_NS
             odometry = self.world.odometry(self.now_ns)
-            senses = self.navigator.senses
+            senses = self.navigator.inputs
             senses.odometry = odometry
             if (self.now_ns // STEP_NS) % 2:
                 if senses.frame == "map":
-                    senses.take_correction(self.world.correction(self.now_ns))
+                    senses.update_correction(self.world.correction(self.now_ns))
                     senses.pose = self.world.estimate(self.now_ns, self.pose_state)
                 scan = self.world.scan(self.now_ns)
-                self.navigator.take_scan(scan, [odometry], self.now_ns)
+                self.navigator.update_scan(scan, [odometry], self.now_ns, self.now_ns)
             twist = self.navigator.command(self.now_ns)
             self.navigator.maintain(self.now_ns)
             self.commands.append(twist)
-            self.statuses += self.navigator.board.take_changes()
+            self.statuses += self.navigator.board.pop_changes()
             self.world.drive(twist or Twist2D.zero(), STEP_NS * 1e-9)
 
     def send(self, pose: Pose2D, **params: object) -> GoalStatus:

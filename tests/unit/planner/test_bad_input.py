@@ -38,7 +38,7 @@ def map_of(cells: np.ndarray) -> OccupancyGrid:
 @pytest.mark.parametrize("value", [0, 100, UNKNOWN])
 def test_on_a_map_of_one_cell_no_goal_is_taken(ride, value: int) -> None:
     drive = ride(Flatland(empty_room(), START))
-    drive.navigator.senses.map = map_of(np.full((1, 1), value))
+    drive.navigator.inputs.map = map_of(np.full((1, 1), value))
     drive.step(4)
     assert refused(drive, Pose2D(0.02, 0.02, 0.0)).code == codes.OUTSIDE_MAP
     assert refused(drive, START).code == codes.OUTSIDE_MAP
@@ -47,7 +47,7 @@ def test_on_a_map_of_one_cell_no_goal_is_taken(ride, value: int) -> None:
 
 def test_on_a_map_of_nothing_known_no_goal_is_taken(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
-    drive.navigator.senses.map = map_of(np.full((120, 160), UNKNOWN))
+    drive.navigator.inputs.map = map_of(np.full((120, 160), UNKNOWN))
     drive.step(4)
     refusal = refused(drive, Pose2D(3.0, 3.0, 0.0))
     assert refusal.code == codes.IN_OBSTACLE
@@ -57,7 +57,7 @@ def test_on_a_map_of_nothing_known_no_goal_is_taken(ride) -> None:
 @pytest.mark.parametrize("outline", [CROSSED, BESIDE, [(0.1, 0.0), (-0.1, 0.0), (0.2, 0.0)]])
 def test_an_outline_that_is_none_is_named(ride, outline) -> None:
     drive = ride(Flatland(empty_room(), START))
-    senses = drive.navigator.senses
+    senses = drive.navigator.inputs
     senses.robot = msgspec.structs.replace(senses.robot, footprint=outline)
     drive.step(4)
     refusal = refused(drive, Pose2D(3.0, 3.0, 0.0))
@@ -69,7 +69,7 @@ def test_an_outline_that_becomes_none_ends_the_goal(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     drive.send(Pose2D(5.0, 3.0, 0.0))
     drive.step(20)
-    senses = drive.navigator.senses
+    senses = drive.navigator.inputs
     senses.robot = msgspec.structs.replace(senses.robot, footprint=CROSSED)
     drive.step(4)
     status = drive.navigator.status(drive.now_ns)
@@ -81,7 +81,7 @@ def test_an_outline_that_becomes_none_ends_the_goal(ride) -> None:
 
 def test_with_an_outline_that_is_none_nothing_turns_to_look_round(ride) -> None:
     drive = ride(Flatland(empty_room(), START), PlannerConfig(turn_to_find=True))
-    senses = drive.navigator.senses
+    senses = drive.navigator.inputs
     senses.robot = msgspec.structs.replace(senses.robot, footprint=BESIDE)
     drive.pose_state = "lost"
     plain = drive.world.estimate

@@ -9,11 +9,10 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import UNKNOWN, GridMap
 from trolley.messages import Zone
-from trolley_planner.costmap import Costmap
-from trolley_planner.echoes import Sweep
-from trolley_planner.footprint import Footprint
-from trolley_planner.kernels.beams import ScanShape
-from trolley_planner.kernels.layers import LETHAL, WEIGHT_UNIT
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
+from trolley_planner.sensing.beams import ScanShape, Sweep
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 
@@ -36,7 +35,7 @@ def test_updating_what_changed_gives_the_same_as_computing_all() -> None:
         grid.add_scan(scan_at(x, y, rng.uniform(0.3, 5.0, 180)), number * 10**8)
         grid.refresh()
         weights, distance = grid.weights.copy(), grid.distance_m.copy()
-        grid.echoes.touch_all()
+        grid.obstacle_layer.mark_all_dirty()
         grid.refresh()
         np.testing.assert_array_equal(weights, grid.weights)
         np.testing.assert_allclose(distance, grid.distance_m)
@@ -127,8 +126,8 @@ def test_the_way_ahead_of_who_walks_is_dear_but_open() -> None:
     for number in range(6):
         grid.add_scan(scan_at(1.0, 3.0, person_at(3.0 - 0.1 * number)), number * 10**8)
         grid.refresh()
-    assert len(grid.movers) == 1
-    assert -1.3 < grid.movers[0].velocity[0] < -0.7
+    assert len(grid.moving.people) == 1
+    assert -1.3 < grid.moving.people[0].velocity[0] < -0.7
     ahead, behind, beside = (60, 36), (60, 66), (88, 36)
     assert grid.weights[ahead] > 2 * grid.weights[behind]
     assert grid.weights[ahead] > 2 * grid.weights[beside]
@@ -138,7 +137,7 @@ def test_the_way_ahead_of_who_walks_is_dear_but_open() -> None:
     for number in range(6, 9):
         grid.add_scan(scan_at(1.0, 3.0, np.full(360, np.inf)), number * 10**8)
     grid.refresh()
-    assert grid.movers == []
+    assert grid.moving.people == []
     np.testing.assert_array_equal(grid.weights[20:100, 20:140], grid.static_weights[20:100, 20:140])
 
 
@@ -148,8 +147,8 @@ def test_who_walks_is_no_obstacle_but_right_beside_the_robot() -> None:
         for number in range(6):
             sweep = scan_at(1.0, 3.0, person_at(start - 0.1 * number))
             grid.add_scan(sweep, number * 10**8)
-        assert [mover.is_seen for mover in grid.movers] == [True]
-        assert bool(np.count_nonzero(grid.echoes.layer.evidence)) == is_obstacle
+        assert [mover.is_seen for mover in grid.moving.people] == [True]
+        assert bool(np.count_nonzero(grid.obstacle_layer.grid.evidence)) == is_obstacle
 
 
 def test_who_stands_is_remembered_longer_than_who_walks() -> None:
@@ -159,7 +158,7 @@ def test_who_stands_is_remembered_longer_than_who_walks() -> None:
             grid.add_scan(scan_at(1.0, 3.0, person_at(x)), number * 10**8)
         for number in range(len(positions), len(positions) + 4):
             grid.add_scan(scan_at(1.0, 3.0, np.full(360, np.inf)), number * 10**8)
-        return int(np.count_nonzero(grid.echoes.layer.evidence))
+        return int(np.count_nonzero(grid.obstacle_layer.grid.evidence))
 
     assert left_after([2.5] * 10) > 0
     assert left_after([3.5 - 0.1 * step for step in range(10)]) == 0

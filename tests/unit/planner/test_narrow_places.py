@@ -11,10 +11,10 @@ from support.flatland import BEAMS, Flatland, empty_room, two_rooms, with_block
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
-from trolley_planner.costmap import Costmap
-from trolley_planner.footprint import Footprint
-from trolley_planner.global_planner import GlobalPlanner
-from trolley_planner.path import PlannedPath
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.paths.path import PlannedPath
 
 LONG = [(0.3, 0.15), (-0.3, 0.15), (-0.3, -0.15), (0.3, -0.15)]
 WIDE = [(0.23, 0.21), (-0.23, 0.21), (-0.23, -0.21), (0.23, -0.21)]

@@ -171,8 +171,8 @@ def test_nothing_sets_off_by_itself_after_a_stop_or_a_hand(ride, base, reason) -
     drive = ride(Flatland(empty_room(), START))
     drive.send(Pose2D(5.0, 3.0, 0.0))
     drive.step(40)
-    drive.navigator.take_base(base, drive.now_ns)
-    drive.navigator.take_base(BaseState(stamp_ns=0, mode="ok"), drive.now_ns)
+    drive.navigator.update_base(base, drive.now_ns)
+    drive.navigator.update_base(BaseState(stamp_ns=0, mode="ok"), drive.now_ns)
     drive.step(60)
     status = drive.navigator.status(drive.now_ns)
     assert (status.state, status.reason) == ("paused", reason)
@@ -183,13 +183,13 @@ def test_nothing_sets_off_by_itself_after_a_stop_or_a_hand(ride, base, reason) -
 def test_a_goal_sent_while_a_hand_falls_silent_is_driven(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     held = BaseState(stamp_ns=0, mode="ok", source="teleop")
-    drive.navigator.take_base(held, drive.now_ns)
+    drive.navigator.update_base(held, drive.now_ns)
     drive.send(Pose2D(5.0, 3.0, 0.0))
     drive.step(10)
-    drive.navigator.take_base(held, drive.now_ns)
+    drive.navigator.update_base(held, drive.now_ns)
     assert drive.navigator.board.state == "driving"
     drive.step(40)
-    drive.navigator.take_base(held, drive.now_ns)
+    drive.navigator.update_base(held, drive.now_ns)
     assert drive.navigator.board.reason == codes.TAKEN_OVER
 
 
@@ -342,7 +342,7 @@ def test_a_goal_ends_with_the_place_where_its_way_was_closed(ride) -> None:
     drive = ride(Flatland(two_rooms(), START))
     drive.send(Pose2D(6.5, 4.5, 0.0))
     drive.step(20)
-    drive.navigator.senses.map = Flatland(two_rooms(0.2), START).map()
+    drive.navigator.inputs.map = Flatland(two_rooms(0.2), START).map()
     drive.step(4)
     status = drive.navigator.status(drive.now_ns)
     assert (status.state, status.reason) == ("failed", codes.NO_PATH)
@@ -353,9 +353,9 @@ def test_a_goal_ends_with_the_place_where_its_way_was_closed(ride) -> None:
 def test_a_goal_without_a_pose_or_with_the_latch_set_is_refused(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     params = SendGoal(pose=Pose2D(3.0, 3.0, 0.0))
-    drive.navigator.senses.base = BaseState(stamp_ns=0, mode="stopped")
+    drive.navigator.inputs.base = BaseState(stamp_ns=0, mode="stopped")
     assert refused(drive, params).code == codes.STOPPED
-    drive.navigator.senses.base = None
+    drive.navigator.inputs.base = None
     drive.pose_state = "lost"
     drive.step(2)
     assert refused(drive, params).code == codes.NOT_LOCALIZED
@@ -365,7 +365,7 @@ def test_a_goal_without_a_pose_or_with_the_latch_set_is_refused(ride) -> None:
 def test_what_is_missing_is_named(ride, missing: str) -> None:
     drive = ride(Flatland(empty_room(), START))
     attribute = {"tf/laser": "base_T_laser", "odom": "odometry"}.get(missing, missing)
-    setattr(drive.navigator.senses, attribute, None)
+    setattr(drive.navigator.inputs, attribute, None)
     refusal = refused(drive, SendGoal(pose=START))
     assert refusal.code == codes.NOT_READY
     assert refusal.details == {"missing": [missing]}
@@ -395,7 +395,7 @@ def test_the_frame_odom_needs_neither_map_nor_pose(ride) -> None:
     world = Flatland(empty_room(), START)
     world.set_truth(with_block(world.grid, 2.5, 2.5, 0.5, 1.0))
     drive = ride(world, PlannerConfig(frame="odom"))
-    assert drive.navigator.senses.missing(has_time=True) == []
+    assert drive.navigator.inputs.missing(has_time=True) == []
     goal = drive.world.odom_T_base @ Pose2D(4.0, 0.0, 0.0)
     drive.navigator.send(SendGoal(pose=goal), "x", drive.now_ns)
     assert drive.until_over().state == "arrived"
@@ -410,7 +410,7 @@ def test_another_map_ends_the_goal(ride) -> None:
     import msgspec
 
     other = msgspec.structs.replace(drive.world.map(), name="other")
-    drive.navigator.senses.map = other
+    drive.navigator.inputs.map = other
     drive.step(4)
     status = drive.navigator.status(drive.now_ns)
     assert (status.state, status.reason) == ("failed", codes.WRONG_MAP)
@@ -421,7 +421,7 @@ def test_a_jump_of_the_pose_by_metres_breaks_nothing(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     drive.send(Pose2D(6.5, 3.0, 0.0))
     drive.step(60)
-    senses = drive.navigator.senses
+    senses = drive.navigator.inputs
     import msgspec
 
     jumped = msgspec.structs.replace(

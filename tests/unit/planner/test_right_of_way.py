@@ -7,8 +7,8 @@ from support.flatland import empty_room, two_rooms, with_block
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
-from trolley_planner.others import NO_TRACK, Neighbour
-from trolley_planner.right_of_way import Claim, Own, Passages, must_step_aside, must_wait
+from trolley_planner.fleet.neighbours import NO_TRACK, Neighbour
+from trolley_planner.fleet.right_of_way import Claim, OwnRobot, Passages, must_step_aside, must_wait
 
 RADIUS_M = 0.2
 claims = st.builds(
@@ -31,8 +31,8 @@ def line(x1: float, y1: float, x2: float, y2: float) -> np.ndarray:
 
 def own(
     path: np.ndarray, name: str = "b", *, waited_s: float | None = None, stood_s: float = 0.0
-) -> Own:
-    return Own(name, (float(path[0, 0]), float(path[0, 1])), RADIUS_M, path, waited_s, stood_s)
+) -> OwnRobot:
+    return OwnRobot(name, (float(path[0, 0]), float(path[0, 1])), RADIUS_M, path, waited_s, stood_s)
 
 
 def other(path: np.ndarray, name: str = "a", *, waited_s: float | None = None) -> Neighbour:

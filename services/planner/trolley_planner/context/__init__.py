@@ -1,0 +1,1 @@
+"""What the planner plans with: costmaps, planners and the robot's motion."""

@@ -1,0 +1,141 @@
+"""Where the robot is, how it moves and what it may do: the input of each command."""
+
+from dataclasses import dataclass
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.context.costmap_manager import CostmapManager
+from trolley_planner.control.controller import Motion, limits_of
+from trolley_planner.control.rollout import Limits
+from trolley_planner.sensing.inputs import Inputs
+
+
+@dataclass(frozen=True, slots=True)
+class MotionStateParams:
+    """Where commands start from; by hand."""
+
+    unsure_mps: float = 0.15
+    """Highest speed while the localizer is unsure."""
+    most_elapsed_s: float = 0.1
+    """Longer gaps between commands than this count as this."""
+    spinning_mps: float = 0.15
+    """Highest speed during a spin."""
+    differs_mps: float = 0.15
+    """Wheels that differ by more than this"""
+    differs_radps: float = 0.5
+    """or this from the last command do not follow it."""
+
+
+MOTION = MotionStateParams()
+
+
+@dataclass(frozen=True, slots=True)
+class ControlInput:
+    """What a command is computed from.
+
+    Attributes:
+        now_ns: robot time.
+        motion: in `grid`, with the velocity that was commanded last.
+        steady: the pose in `grid` without the noise of the localizer, for the final approach.
+        odom_T_base: by the wheels alone.
+        limits: of the robot at the moment.
+        elapsed_s: since the last command.
+    """
+
+    now_ns: int
+    motion: Motion
+    steady: Pose2D
+    odom_T_base: Pose2D
+    limits: Limits
+    elapsed_s: float
+
+
+class MotionState:
+    """Puts inputs and the last command together.
+
+    Args:
+        config: of the planner.
+        inputs: the newest messages.
+        costmap_manager: knows where frame `grid` lies.
+    """
+
+    def __init__(
+        self, config: PlannerConfig, inputs: Inputs, costmap_manager: CostmapManager
+    ) -> None:
+        self._config = config
+        self._inputs = inputs
+        self._costmap_manager = costmap_manager
+        self._last_twist = Twist2D.zero()
+        self._commanded_ns: int | None = None
+
+    @property
+    def commanded_ns(self) -> int:
+        """Robot time of the last command, 0 while there is none."""
+        return self._commanded_ns or 0
+
+    def record_command(self, twist: Twist2D | None, now_ns: int) -> None:
+        """Record what was commanded, None for silence."""
+        self._commanded_ns = None if twist is None else now_ns
+        self._last_twist = Twist2D.zero() if twist is None else twist
+
+    def elapsed_s(self, now_ns: int) -> float:
+        """Return the time since the last command [s], as far as it matters."""
+        if self._commanded_ns is None:
+            return MOTION.most_elapsed_s
+        return min(max((now_ns - self._commanded_ns) * 1e-9, 0.0), MOTION.most_elapsed_s)
+
+    def motion(self) -> Motion | None:
+        """Return pose and velocity in `grid`, None while they are not known."""
+        here, context = self._inputs.base_pose(), self._costmap_manager.context
+        if here is None or context is None:
+            return None
+        return Motion(context.costmap.to_grid(here), self._velocity())
+
+    def control_input(
+        self, goal_speed: float | None, now_ns: int, elapsed_s: float
+    ) -> ControlInput | None:
+        """Return what a command is computed from, None while something of it is not known."""
+        motion, steady = self.motion(), self._inputs.base_pose(steady=True)
+        context, odometry = self._costmap_manager.context, self._inputs.odometry
+        if motion is None or steady is None or context is None or odometry is None:
+            return None
+        return ControlInput(
+            now_ns,
+            motion,
+            context.costmap.to_grid(steady),
+            odometry.pose,
+            self.limits(goal_speed),
+            elapsed_s,
+        )
+
+    def limits(self, goal_speed: float | None) -> Limits:
+        """Return what the robot may do now: the least of all limits but those of the place.
+
+        Raises:
+            Refused: the robot itself is not known.
+        """
+        config, robot = self._config, self._inputs.robot
+        if robot is None:
+            raise Refused(codes.NOT_READY)
+        speed = min(config.max_speed_mps, robot.max_speed)
+        if goal_speed is not None:
+            speed = min(speed, goal_speed)
+        if self._inputs.is_unsure:
+            speed = min(speed, MOTION.unsure_mps)
+        return limits_of(config, speed, robot.max_wz, robot.deceleration)
+
+    def turn_limits(self) -> Limits | None:
+        """Return what the robot may do while it turns in place, None while it is not known."""
+        is_known = self._inputs.robot is not None and self._costmap_manager.context is not None
+        return self.limits(MOTION.spinning_mps) if is_known else None
+
+    def _velocity(self) -> Twist2D:
+        """Return the velocity to start from: the last command, or the wheels' where they differ."""
+        measured, last = self._inputs.twist(), self._last_twist
+        return Twist2D(
+            last.vx if abs(measured.vx - last.vx) < MOTION.differs_mps else measured.vx,
+            0.0,
+            last.wz if abs(measured.wz - last.wz) < MOTION.differs_radps else measured.wz,
+        )

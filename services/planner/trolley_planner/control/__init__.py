@@ -1,0 +1,1 @@
+"""The local costmap, and the controllers that choose the velocity."""

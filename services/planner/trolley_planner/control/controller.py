@@ -1,0 +1,136 @@
+"""What all controllers have in common, and the braking check that none of them gets past."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.control.local_costmap import LocalCostmap
+from trolley_planner.control.proximity import would_meet_people, would_meet_robots
+from trolley_planner.control.rollout import DT_S, ROLLOUT, Limits, Target, stopping_clearance
+
+MAX_REVERSE = 0.25
+"""Highest speed backwards [m/s]: few lidars look that way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Where the robot is in `grid` and how it moves."""
+
+    pose: Pose2D
+    twist: Twist2D
+
+
+def limits_of(config: PlannerConfig, speed: float, turn: float, deceleration: float) -> Limits:
+    """Return what the robot may do at the moment.
+
+    Args:
+        config: the planner's own limits.
+        speed: highest speed now [m/s].
+        turn: highest turn rate of the base [rad/s].
+        deceleration: what the base brakes with [m/s^2].
+    """
+    return Limits(
+        max_speed=speed,
+        max_reverse=min(MAX_REVERSE, speed),
+        max_turn=min(config.max_turn_radps, turn),
+        acceleration=config.acceleration_mps2,
+        deceleration=min(deceleration, 1.5 * config.acceleration_mps2),
+        turn_acceleration=config.angular_acceleration_radps2,
+        slow_speed=min(config.slow_speed_mps, speed),
+        caution_m=config.caution_distance_m,
+        clearance_m=config.clearance_m,
+        dt=DT_S,
+    )
+
+
+class Controller(Protocol):
+    """Chooses the velocity that leads best along the cost-to-go of the local costmap."""
+
+    trajectory: NDArray[np.float32]
+    """(n, 3) x, y, yaw in `grid`: what the last command leads to, `DT_S` apart."""
+
+    def reset(self) -> None:
+        """Forget what was, as when the robot was driven by somebody else."""
+
+    def command(
+        self,
+        motion: Motion,
+        local_costmap: LocalCostmap,
+        limits: Limits,
+        target: Target,
+        elapsed_s: float,
+    ) -> Twist2D | None:
+        """Return the velocity to drive now, None if every motion would collide.
+
+        Args:
+            motion: of the robot, with the velocity that it has.
+            local_costmap: around it, leading along the path.
+            limits: of the robot.
+            target: where the path leads next.
+            elapsed_s: since the last command.
+        """
+        ...
+
+
+def limits_here(limits: Limits, local_costmap: LocalCostmap, pose: Pose2D) -> Limits:
+    """Return the limits at a place: nobody backs into what was never seen, or among people."""
+    is_clear = local_costmap.sees_behind(pose) and len(local_costmap.field.walkers) == 0
+    return limits if is_clear else limits._replace(max_reverse=0.0)
+
+
+def safe_command(
+    motion: Motion,
+    wanted: Twist2D,
+    local_costmap: LocalCostmap,
+    limits: Limits,
+    give_m: float = 0.0,
+) -> Twist2D:
+    """Return as much of a velocity as lets the robot stop before it touches anything or anybody.
+
+    A robot that stands too close already may still move away.
+
+    Args:
+        motion: of the robot.
+        wanted: velocity about to be commanded.
+        local_costmap: around it.
+        limits: braking and clearance.
+        give_m: how much closer it may come where it is too close already.
+    """
+    start, field = state_of(motion), local_costmap.field
+    if wanted.vx < 0.0 and not local_costmap.sees_behind(motion.pose):
+        wanted = Twist2D(0.0, 0.0, wanted.wz)
+    for share in (1.0, 0.75, 0.5, 0.25, 0.1):
+        start[3], start[4] = share * wanted.vx, share * wanted.wz
+        now, smallest = stopping_clearance(start, field, local_costmap.body, limits)
+        if would_meet_people(
+            start, field.walkers, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+        ):
+            continue
+        if would_meet_robots(
+            start, field.robots, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+        ):
+            continue
+        if smallest >= min(limits.clearance_m, now - give_m):
+            return wanted.scaled(share)
+    return Twist2D.zero()
+
+
+def first_step(motion: Motion, controls: NDArray[np.float64], elapsed_s: float) -> Twist2D:
+    """Return what to command now of a sequence (n, 2) of v, w, one for every `DT_S`.
+
+    Only a part of the first step has passed until the next command.
+    """
+    share = min(max(elapsed_s / DT_S, 0.2), 1.0)
+    v = motion.twist.vx + share * (float(controls[0, 0]) - motion.twist.vx)
+    w = motion.twist.wz + share * (float(controls[0, 1]) - motion.twist.wz)
+    return Twist2D(v, 0.0, w)
+
+
+def state_of(motion: Motion) -> NDArray[np.float64]:
+    """Return x, y, yaw, v, w as the kernels take them."""
+    pose, twist = motion.pose, motion.twist
+    return np.array([pose.x, pose.y, pose.yaw, twist.vx, twist.wz])

@@ -1,0 +1,405 @@
+"""The local costmap: exact distances around the robot, and the cost-to-go along the path."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import polygon_contains
+from trolley.gridmap.kernels import column_distances_into, distance_transform_into
+from trolley.jit import kernel
+from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
+from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
+from trolley_planner.costmap.inflation import (
+    LETHAL,
+    UNKNOWN,
+    WALL,
+    WEIGHT_UNIT,
+    inflation_table,
+    soften_disc,
+    weigh_into,
+)
+from trolley_planner.costmap.obstacle_layer import ObstacleGrid
+from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
+from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
+from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
+
+
+@dataclass(frozen=True, slots=True)
+class LocalCostmapParams:
+    """Cells and costs of the local costmap; all by hand."""
+
+    fine_m: float = 0.03
+    """Largest edge of a fine cell: the footprint is checked to a centimetre."""
+    finest_m: float = 0.015
+    """Edge of a fine cell where there are not too many of them."""
+    most_fine_cells: int = 350
+    """Most cells of that size along the edge of the local costmap."""
+    unreached_m: float = 100.0
+    """Cost-to-go of places from which no path leads on."""
+    edge_rise_m: float = 0.5
+    """Beside reached places the cost-to-go rises by this much from cell to cell,"""
+    edge_cells: int = 3
+    """over this many cells."""
+    border_cells: float = 0.02
+    """Points of the path this near to the border of two cells belong to both."""
+    escape_m: float = 0.3
+    """Within this radius around the robot lethal cells are passable,"""
+    escape_weight: int = 240
+    """at this weight."""
+    tight_weight: int = 80
+    """Weight of places with less than the usual clearance, where they may be passed at all."""
+    narrow_m: float = 0.08
+    """With less room than this beside the robot"""
+    narrow_factor: float = 3.0
+    """a metre of the path counts this much: getting on must be worth driving close to walls,
+    and backwards too."""
+
+
+LOCAL = LocalCostmapParams()
+TIGHT_CLEARANCE_M = 0.005
+"""Clearance in places that are passed only because there is no other path [m]."""
+BACK_STEPS_M = (0.05, 0.1, 0.15)
+"""To back up, the robot must know what is this far behind it [m]."""
+
+
+class LocalCostmap:
+    """A square of fine cells that moves with the robot; its arrays are made once.
+
+    Args:
+        costmap: what stands where.
+        footprint: of the robot.
+        config: costs.
+        half_m: from the robot to the local costmap's edge [m].
+    """
+
+    def __init__(
+        self, costmap: Costmap, footprint: Footprint, config: PlannerConfig, half_m: float
+    ) -> None:
+        self._costmap = costmap
+        edge_m = (
+            LOCAL.finest_m
+            if 2.0 * half_m / LOCAL.finest_m < LOCAL.most_fine_cells
+            else LOCAL.fine_m
+        )
+        self._parts = max(1, math.ceil(costmap.resolution_m / edge_m))
+        self.fine_m = costmap.resolution_m / self._parts
+        self._group = max(1, round(0.05 / self.fine_m))
+        self.coarse_m = self._group * self.fine_m
+        # A multiple of both kinds of cells.
+        unit = math.lcm(self._parts, self._group)
+        self._cells = unit * math.ceil(2.0 * half_m / self.fine_m / unit)
+        self._coarse_cells = self._cells // self._group
+        fine, coarse = (self._cells,) * 2, (self._coarse_cells,) * 2
+        self._mask = np.zeros(fine, dtype=np.uint8)
+        self._columns = np.zeros(fine, dtype=np.int32)
+        self._distance_m = np.zeros(fine, dtype=np.float32)
+        self._coarse_m = np.zeros(coarse, dtype=np.float32)
+        self._weights = np.zeros(coarse, dtype=np.uint8)
+        self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
+        self._cost_m = np.zeros(coarse, dtype=np.float32)
+        self._queue = make_queue(self._coarse_cells**2)
+        self._table = inflation_table(
+            footprint.inscribed_m + config.clearance_m,
+            config.inflation_falloff_m,
+            config.inflation_height,
+            TABLE_STEP_M,
+            WEIGHT_UNIT,
+        )
+        near = footprint.inscribed_m + np.array([TIGHT_CLEARANCE_M, config.clearance_m])
+        self._tight_table = self._table.copy()
+        first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
+        self._tight_table[first:last] = LOCAL.tight_weight
+        needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
+        self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
+        self._behind = _points_behind(footprint)
+        self._x = self._y = 0.0
+        self._robot_cell = 0
+        self._narrow_m = footprint.inscribed_m + LOCAL.narrow_m
+        self._price_of_path = 1.0
+        self._walkers, self._robots = NOBODY, NO_ROBOTS
+        self.body = footprint.body
+
+    def update_moving(self, now_ns: int) -> None:
+        """Move those who walk, and other robots, on to where they are now."""
+        self._walkers = self._costmap.moving.walkers_at(now_ns)
+        self._robots = self._costmap.moving.robots_at(now_ns)
+
+    def is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
+        """Say whether somebody walks, or another robot drives, this near to a place [m]."""
+        now = self._robots[:, 0]
+        moving = np.concatenate([self._walkers[:, [0, 1, 4]], now]) if len(now) else self._walkers
+        away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, -1]
+        return bool((away < within_m).any())
+
+    def update(self, x: float, y: float, is_tight: bool = False) -> None:
+        """Centre on a point of `grid` [m] and compute the distances there anew.
+
+        Args:
+            x: of the robot.
+            y: of the robot.
+            is_tight: whether the path may lead where there is less than the usual clearance.
+        """
+        resolution = self._costmap.resolution_m
+        half = self._cells // self._parts // 2
+        first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
+        self._x, self._y = first[1] * resolution, first[0] * resolution
+        obstacle_layer = self._costmap.obstacle_layer
+        fill_window(
+            self._mask,
+            self._costmap.kinds,
+            self._costmap.keepout,
+            obstacle_layer.grid,
+            first,
+            self._parts,
+            not self._costmap.unknown_is_free,
+            resolution,
+        )
+        fine_first = first[0] * self._parts, first[1] * self._parts
+        draw_echoes(self._mask, obstacle_layer.static_beams, fine_first, self.fine_m)
+        column_distances_into(self._columns, self._mask)
+        distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
+        coarsen_into(self._coarse_m, self._distance_m, self._group)
+        table = self._tight_table if is_tight else self._table
+        weigh_into(self._weights, self._coarse_m, table, TABLE_STEP_M)
+        self._weights[0] = self._weights[-1] = LETHAL
+        self._weights[:, 0] = self._weights[:, -1] = LETHAL
+        centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
+        self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
+        room_m = self._coarse_m.reshape(-1)[self._robot_cell]
+        is_narrow = is_tight or room_m < self._narrow_m
+        self._price_of_path = LOCAL.narrow_factor if is_narrow else 1.0
+        soften_disc(
+            self._weights,
+            self._coarse_m,
+            centre,
+            LOCAL.escape_m / self.coarse_m,
+            LOCAL.escape_weight,
+        )
+
+    def compute_cost_to_go(
+        self, points: NDArray[np.float64], remaining_m: NDArray[np.float64]
+    ) -> bool:
+        """Compute the cost-to-go towards these points of the path.
+
+        If something stands on the path only the points behind it count, so that the robot drives
+        around it; if there is no way around, those before it, and the answer is False.
+
+        Args:
+            points: (n, 2) in `grid` [m], in the order of the path, the first near the robot;
+                those outside the local costmap are left out.
+            remaining_m: (n,) cost of the path from each point on [m of free floor].
+        """
+        # A path along the border of two rows of cells counts for both.
+        points, remaining_m = np.repeat(points, 2, axis=0), np.repeat(remaining_m, 2)
+        beside = np.resize((-LOCAL.border_cells, LOCAL.border_cells), len(points))[:, None]
+        on_window = (points - (self._x, self._y)) / self.coarse_m + beside
+        cells = np.floor(on_window).astype(np.int32)
+        inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
+        cells = cells[inside]
+        price = self._price_of_path * self.cost_of_metre
+        prices = np.rint(remaining_m[inside] * price).astype(np.int32)
+        blocked = np.flatnonzero(self._weights[cells[:, 1], cells[:, 0]] == LETHAL)
+        flat = np.stack([cells[:, 1] * self._coarse_cells + cells[:, 0], prices], axis=1)
+        if blocked.size == 0:
+            return self._spread(flat)
+        if self._spread(flat[blocked[-1] + 1 :]):
+            return True
+        self._spread(flat[: blocked[0]])
+        return False
+
+    def _spread(self, seeds: NDArray[np.int32]) -> bool:
+        """Compute the cost-to-go to seeds (cell, cost); say whether the robot can reach one."""
+        ordered = np.ascontiguousarray(seeds[np.argsort(seeds[:, 1], kind="stable")])
+        size = self._coarse_cells
+        flat = self._weights.reshape(-1)
+        cost_to_go_into(self._costs, flat, self._queue, ordered, size, (-1, 0), 8)
+        costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, LOCAL.unreached_m)
+        slope_edges(self._cost_m, LOCAL.unreached_m, LOCAL.edge_rise_m, LOCAL.edge_cells)
+        return bool(self._costs[self._robot_cell] != UNREACHED)
+
+    def sees_behind(self, pose: Pose2D) -> bool:
+        """Say whether what the robot would back into is known, by the map or by the lidar.
+
+        Args:
+            pose: of the robot in `grid`.
+        """
+        costmap = self._costmap
+        cells = np.floor(pose.transform_points(self._behind) / costmap.resolution_m)
+        limit = np.array(costmap.shape)[::-1] - 1
+        cols, rows = np.clip(cells, 0, limit).astype(np.int64).T
+        known = costmap.kinds[rows, cols] != UNKNOWN
+        return bool((known | (costmap.obstacle_layer.grid.observed[rows, cols] != 0)).all())
+
+    @property
+    def cost_of_metre(self) -> float:
+        """Units of cost in one metre of free floor."""
+        return 2 * STEP * WEIGHT_UNIT / self.coarse_m
+
+    @property
+    def field(self) -> Field:
+        """What the kernels look up."""
+        costmap = self._costmap
+        limits = costmap.speed_limits if costmap.has_speed_limits else NO_LIMITS
+        return Field(
+            self._distance_m,
+            self._cost_m,
+            limits,
+            self._x,
+            self._y,
+            self.fine_m,
+            self.coarse_m,
+            costmap.resolution_m,
+            self._walkers,
+            self._robots,
+        )
+
+
+def _points_behind(footprint: Footprint) -> NDArray[np.float64]:
+    """Return points (n, 2) in `base_link` that the outline sweeps next when it backs up."""
+    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_STEPS_M]
+    points = np.concatenate(shifts)
+    return points[~polygon_contains(footprint.polygon, points)]
+
+
+@kernel
+def fill_window(
+    out_mask: NDArray[np.uint8],
+    kinds: NDArray[np.uint8],
+    keepout: NDArray[np.uint8],
+    grid: ObstacleGrid,
+    first: tuple[int, int],
+    parts: int,
+    unknown_blocks: bool,
+    resolution_m: float,
+) -> None:
+    """Write 1 where something stands: walls as whole cells, what was seen as the point seen.
+
+    Args:
+        out_mask: (rows * parts, cols * parts) fine cells, overwritten.
+        kinds: of the costmap's cells.
+        keepout: of the costmap's cells.
+        grid: what the lidar has seen.
+        first: row and column of the costmap at the local costmap's corner; may lie outside.
+        parts: fine cells in the edge of a cell of the costmap.
+        unknown_blocks: whether cells that nobody has seen count as something.
+        resolution_m: cell edge of the costmap [m].
+    """
+    rows, cols = kinds.shape
+    out_mask[:, :] = 0
+    fine_rows, fine_cols = out_mask.shape
+    scale = parts / resolution_m
+    for window_row in range(fine_rows // parts):
+        for window_col in range(fine_cols // parts):
+            row, col = first[0] + window_row, first[1] + window_col
+            if not (0 <= row < rows and 0 <= col < cols):
+                continue
+            unseen = kinds[row, col] == UNKNOWN and grid.observed[row, col] == 0
+            if kinds[row, col] == WALL or keepout[row, col] or (unknown_blocks and unseen):
+                for part_row in range(parts):
+                    for part_col in range(parts):
+                        out_mask[window_row * parts + part_row, window_col * parts + part_col] = 1
+            elif grid.evidence[row, col]:
+                fine_row = math.floor(grid.points[row, col, 1] * scale) - first[0] * parts
+                fine_col = math.floor(grid.points[row, col, 0] * scale) - first[1] * parts
+                # Rounding of the point may put it just outside its cell.
+                fine_row = min(max(fine_row, window_row * parts), (window_row + 1) * parts - 1)
+                fine_col = min(max(fine_col, window_col * parts), (window_col + 1) * parts - 1)
+                out_mask[fine_row, fine_col] = 1
+
+
+@kernel
+def draw_echoes(
+    out_mask: NDArray[np.uint8],
+    beams: NDArray[np.float64],
+    first: tuple[int, int],
+    fine_m: float,
+) -> None:
+    """Set the fine cells of the newest echoes, also of those that the map explains.
+
+    Args:
+        out_mask: (rows, cols) fine cells, changed in place.
+        beams: (n, 6) in `grid`, cut at mirrors and walls.
+        first: fine row and column of the local costmap's corner.
+        fine_m: edge of a fine cell [m].
+    """
+    for beam in range(beams.shape[0]):
+        echo = beams[beam, ECHO]
+        if echo <= 0.0 or beams[beam, CLEAR] <= 0.0:
+            continue
+        row = math.floor((beams[beam, Y] + echo * beams[beam, DY]) / fine_m) - first[0]
+        col = math.floor((beams[beam, X] + echo * beams[beam, DX]) / fine_m) - first[1]
+        if 0 <= row < out_mask.shape[0] and 0 <= col < out_mask.shape[1]:
+            out_mask[row, col] = 1
+
+
+@kernel
+def coarsen_into(out_m: NDArray[np.float32], distance_m: NDArray[np.float32], parts: int) -> None:
+    """Write the largest distance in each coarse cell.
+
+    Passages should not close where the footprint still fits; rollouts are checked exactly.
+
+    Args:
+        out_m: (rows, cols) coarse cells, overwritten.
+        distance_m: (rows * parts, cols * parts) fine cells.
+        parts: fine cells in the edge of a coarse cell.
+    """
+    rows, cols = out_m.shape
+    for row in range(rows):
+        for col in range(cols):
+            largest = np.float32(0.0)
+            for part_row in range(parts):
+                for part_col in range(parts):
+                    largest = max(
+                        largest, distance_m[row * parts + part_row, col * parts + part_col]
+                    )
+            out_m[row, col] = largest
+
+
+@kernel
+def costs_to_metres(
+    out_m: NDArray[np.float32], cost: NDArray[np.int32], metres: float, unreached_m: float
+) -> None:
+    """Write costs-to-go as metres of free floor.
+
+    Args:
+        out_m: (rows, cols), overwritten.
+        cost: (cells,) row-major.
+        metres: of one unit of cost.
+        unreached_m: where there is no path.
+    """
+    rows, cols = out_m.shape
+    for row in range(rows):
+        for col in range(cols):
+            value = cost[row * cols + col]
+            out_m[row, col] = unreached_m if value == UNREACHED else value * metres
+
+
+@kernel
+def slope_edges(cost_m: NDArray[np.float32], unreached_m: float, rise_m: float, width: int) -> None:
+    """Let the cost-to-go rise beside the cells that were reached, instead of jumping.
+
+    Between two cells it is interpolated; a jump would push the robot out of narrow passages.
+
+    Args:
+        cost_m: (rows, cols), changed in place; its outermost cells stay.
+        unreached_m: what the cells hold that were not reached.
+        rise_m: from cell to cell.
+        width: of the slope [cells].
+    """
+    rows, cols = cost_m.shape
+    limit = np.float32(unreached_m)
+    for _ in range(width):
+        before = cost_m.copy()
+        for row in range(1, rows - 1):
+            for col in range(1, cols - 1):
+                if before[row, col] < limit:
+                    continue
+                lowest = min(
+                    min(before[row - 1, col], before[row + 1, col]),
+                    min(before[row, col - 1], before[row, col + 1]),
+                )
+                cost_m[row, col] = min(limit, lowest + np.float32(rise_m))

@@ -1,0 +1,308 @@
+"""Proximity to people and other robots along the robot's motion.
+
+A person is a disc that keeps its velocity and grows with time. Other robots are a few discs each,
+with a place for every `ROBOT_DT_S` from now on; they may come some way short of where they mean to
+be. A state is x, y, yaw, v, w; everything is in frame `grid` [m].
+
+Source:
+    Fiorini, Shiller, Motion Planning in Dynamic Environments Using Velocity Obstacles (1998): what
+    counts is where both will be. Here along rollouts, and for some time only: people change their
+    minds.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_planner.costmap.footprint import Body
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
+
+
+class ProximityParams(NamedTuple):
+    """How close is too close to people and other robots; all by hand."""
+
+    spread_mps: float = 0.1
+    """A person's disc grows this fast: the farther ahead, the less sure where they will be,"""
+    most_spread_m: float = 0.15
+    """by this much at most [m]."""
+    robot_spread_mps: float = 0.05
+    """The same for a robot, which does what it says but for the error of its pose,"""
+    robot_most_spread_m: float = 0.1
+    """and its limit [m]."""
+    meet_m: float = 0.06
+    """A gap smaller than this counts as a collision [m],"""
+    sure_s: float = 1.2
+    """if it happens within this time; later much may change [s]."""
+    near_m: float = 0.4
+    """Gaps smaller than this cost, the more the smaller [m]."""
+    standing_mps: float = 0.05
+    """A robot slower than this cannot run into anybody [m/s],"""
+    leaving: float = -0.5
+    """nor can one that drives away from them: cosine of the angle between."""
+    brake_dt_s: float = 0.05
+    """Time step of the braking check [s]."""
+    longest_brake_s: float = 10.0
+    """The braking check ends after this time [s]."""
+    most_cost: float = 1.5
+    """Highest cost of one person, where touching costs 1: an overlap by half of `near_m`."""
+
+
+PROXIMITY = ProximityParams()
+
+
+@kernel
+def disc_gap(
+    outline: NDArray[np.float64],
+    inscribed_m: float,
+    away: tuple[float, float],
+    turned: tuple[float, float],
+    radius_m: float,
+) -> float:
+    """Return the gap between the robot's outline and a disc [m], negative where they overlap.
+
+    Args:
+        outline: (n, 2) points of its edge in `base_link`.
+        inscribed_m: radius of a circle within it.
+        away: from the robot's origin to the disc's centre.
+        turned: cosine and sine of the robot's heading.
+        radius_m: of the disc.
+    """
+    squared = away[0] * away[0] + away[1] * away[1]
+    if squared < inscribed_m * inscribed_m:
+        return math.sqrt(squared) - inscribed_m - radius_m
+    x, y = turned[0] * away[0] + turned[1] * away[1], turned[0] * away[1] - turned[1] * away[0]
+    nearest = math.inf
+    for index in range(outline.shape[0]):
+        dx, dy = outline[index, 0] - x, outline[index, 1] - y
+        nearest = min(nearest, dx * dx + dy * dy)
+    return math.sqrt(nearest) - radius_m
+
+
+@kernel
+def is_to_blame(v: float, away: tuple[float, float], turned: tuple[float, float]) -> bool:
+    """Say whether a robot at speed v has a part in a collision with what is `away` from it."""
+    if abs(v) < PROXIMITY.standing_mps:
+        return False
+    along = math.copysign(1.0, v) * (turned[0] * away[0] + turned[1] * away[1])
+    return along > PROXIMITY.leaving * math.hypot(away[0], away[1])
+
+
+@kernel
+def people_proximity_cost(
+    walkers: NDArray[np.float64],
+    body: tuple[NDArray[np.float64], float, float],
+    place: tuple[float, float],
+    turned: tuple[float, float],
+    v: float,
+    time_s: float,
+) -> float:
+    """Return the cost of being near people: 0 far away, 1 touching; infinite for a collision.
+
+    Args:
+        walkers: (n, 5) see `Field.walkers`.
+        body: points of the outline (n, 2), inscribed and circumscribed radius.
+        place: of the robot then.
+        turned: cosine and sine of its heading.
+        v: its speed.
+        time_s: from now.
+    """
+    outline, inscribed, circumscribed = body
+    spread = min(PROXIMITY.spread_mps * time_s, PROXIMITY.most_spread_m)
+    total = 0.0
+    for index in range(walkers.shape[0]):
+        away_x = walkers[index, 0] + time_s * walkers[index, 2] - place[0]
+        away_y = walkers[index, 1] + time_s * walkers[index, 3] - place[1]
+        radius = walkers[index, 4] + spread
+        reach = radius + PROXIMITY.near_m + circumscribed
+        if away_x * away_x + away_y * away_y >= reach * reach:
+            continue
+        away = away_x, away_y
+        gap = disc_gap(outline, inscribed, away, turned, radius)
+        if gap < PROXIMITY.meet_m and time_s <= PROXIMITY.sure_s and is_to_blame(v, away, turned):
+            return math.inf
+        if gap < PROXIMITY.near_m:
+            near = min(1.0 - gap / PROXIMITY.near_m, PROXIMITY.most_cost)
+            total += near * near
+    return total
+
+
+@kernel
+def brake_on(
+    state: tuple[float, float, float, float, float],
+    elapsed_s: float,
+    delay_s: float,
+    deceleration: float,
+) -> tuple[float, float, float, float, float]:
+    """Return a state `PROXIMITY.brake_dt_s` later, on its arc and braking once the delay is over.
+
+    Args:
+        state: x, y, yaw, v, w; it moves.
+        elapsed_s: until the end of this step.
+        delay_s: until the robot brakes.
+        deceleration: of the robot [m/s^2].
+    """
+    x, y, yaw, v, w = state
+    if elapsed_s > delay_s:
+        slower = max(0.0, abs(v) - deceleration * PROXIMITY.brake_dt_s)
+        w *= slower / abs(v)
+        v = math.copysign(slower, v)
+    middle, distance = yaw + 0.5 * PROXIMITY.brake_dt_s * w, v * PROXIMITY.brake_dt_s
+    return (
+        x + distance * math.cos(middle),
+        y + distance * math.sin(middle),
+        yaw + w * PROXIMITY.brake_dt_s,
+        v,
+        w,
+    )
+
+
+@kernel
+def runs_into(
+    body: Body, away: tuple[float, float], turned: tuple[float, float], radius_m: float, v: float
+) -> bool:
+    """Say whether a robot hits a disc, and is to blame for it.
+
+    Args:
+        body: the outline.
+        away: from the robot's origin to the disc's centre.
+        turned: cosine and sine of the robot's heading.
+        radius_m: of the disc.
+        v: the robot's speed.
+    """
+    reach = radius_m + PROXIMITY.meet_m + body.circumscribed_m
+    if away[0] * away[0] + away[1] * away[1] >= reach * reach:
+        return False
+    gap = disc_gap(body.edge_points, body.inscribed_m, away, turned, radius_m)
+    return gap < PROXIMITY.meet_m and is_to_blame(v, away, turned)
+
+
+@kernel
+def would_meet_people(
+    start: NDArray[np.float64],
+    walkers: NDArray[np.float64],
+    body: Body,
+    deceleration: float,
+    delay_s: float,
+) -> bool:
+    """Say whether a robot that brakes after a delay still hits people who walk on, or who stop.
+
+    Args:
+        start: (5,) with the velocity that is about to be commanded.
+        walkers: (n, 5) see `Field.walkers`.
+        body: the outline.
+        deceleration: of the robot [m/s^2].
+        delay_s: until it brakes.
+    """
+    if walkers.shape[0] == 0:
+        return False
+    state, elapsed = (start[0], start[1], start[2], start[3], start[4]), 0.0
+    while abs(state[3]) >= PROXIMITY.standing_mps and elapsed < PROXIMITY.longest_brake_s:
+        elapsed += PROXIMITY.brake_dt_s
+        state = brake_on(state, elapsed, delay_s, deceleration)
+        turned = math.cos(state[2]), math.sin(state[2])
+        for index in range(walkers.shape[0]):
+            for moves in (0.0, elapsed):
+                away = (
+                    walkers[index, 0] + moves * walkers[index, 2] - state[0],
+                    walkers[index, 1] + moves * walkers[index, 3] - state[1],
+                )
+                if runs_into(body, away, turned, walkers[index, 4], state[3]):
+                    return True
+    return False
+
+
+@kernel
+def robots_proximity_cost(
+    robots: NDArray[np.float64],
+    body: tuple[NDArray[np.float64], float, float],
+    place: tuple[float, float],
+    turned: tuple[float, float],
+    v: float,
+    time_s: float,
+) -> float:
+    """Return the cost of being near other robots, like `people_proximity_cost`.
+
+    Args:
+        robots: (n, steps, 3) x, y, radius, see `Field.robots`.
+        body: points of the outline (n, 2), inscribed and circumscribed radius.
+        place: of the robot then.
+        turned: cosine and sine of its heading.
+        v: its speed.
+        time_s: from now.
+    """
+    outline, inscribed, circumscribed = body
+    step = min(round(time_s / ROBOT_DT_S), robots.shape[1] - 1)
+    spread = min(PROXIMITY.robot_spread_mps * time_s, PROXIMITY.robot_most_spread_m)
+    nearest = PROXIMITY.near_m
+    for index in range(robots.shape[0]):
+        away = robots[index, step, 0] - place[0], robots[index, step, 1] - place[1]
+        radius = robots[index, step, 2] + spread
+        reach = radius + PROXIMITY.near_m + circumscribed
+        if away[0] * away[0] + away[1] * away[1] >= reach * reach:
+            continue
+        gap = disc_gap(outline, inscribed, away, turned, radius)
+        if gap < PROXIMITY.meet_m and time_s <= PROXIMITY.sure_s and is_to_blame(v, away, turned):
+            return math.inf
+        nearest = min(nearest, gap)
+    near = min(1.0 - nearest / PROXIMITY.near_m, PROXIMITY.most_cost)
+    return near * near
+
+
+@kernel
+def proximity_cost(
+    walkers: NDArray[np.float64],
+    robots: NDArray[np.float64],
+    body: tuple[NDArray[np.float64], float, float],
+    then: tuple[tuple[float, float], tuple[float, float], float],
+    v: float,
+) -> float:
+    """Return the cost of being near people and other robots.
+
+    Args:
+        walkers: (n, 5) see `Field.walkers`.
+        robots: (n, steps, 3) see `Field.robots`.
+        body: points of the outline (n, 2), inscribed and circumscribed radius.
+        then: place, cosine and sine of the heading, and the time from now [s].
+        v: its speed.
+    """
+    place, turned, time_s = then
+    near = people_proximity_cost(walkers, body, place, turned, v, time_s)
+    if robots.shape[0] > 0:
+        near += robots_proximity_cost(robots, body, place, turned, v, time_s)
+    return near
+
+
+@kernel
+def would_meet_robots(
+    start: NDArray[np.float64],
+    robots: NDArray[np.float64],
+    body: Body,
+    deceleration: float,
+    delay_s: float,
+) -> bool:
+    """Say whether a robot that brakes after a delay still hits another one, moving or stopping.
+
+    Args:
+        start: (5,) with the velocity that is about to be commanded.
+        robots: (n, steps, 3) see `Field.robots`.
+        body: the outline.
+        deceleration: of the robot [m/s^2].
+        delay_s: until it brakes.
+    """
+    if robots.shape[0] == 0:
+        return False
+    state, elapsed = (start[0], start[1], start[2], start[3], start[4]), 0.0
+    while abs(state[3]) >= PROXIMITY.standing_mps and elapsed < PROXIMITY.longest_brake_s:
+        elapsed += PROXIMITY.brake_dt_s
+        state = brake_on(state, elapsed, delay_s, deceleration)
+        turned = math.cos(state[2]), math.sin(state[2])
+        later = min(round(elapsed / ROBOT_DT_S), robots.shape[1] - 1)
+        for index in range(robots.shape[0]):
+            for step in (0, later):
+                away = robots[index, step, 0] - state[0], robots[index, step, 1] - state[1]
+                if runs_into(body, away, turned, robots[index, step, 2], state[3]):
+                    return True
+    return False

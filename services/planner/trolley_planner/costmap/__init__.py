@@ -1,0 +1,1 @@
+"""The costmap and its layers."""

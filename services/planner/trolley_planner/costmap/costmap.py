@@ -1,0 +1,333 @@
+"""The costmap: map, zones and what the lidar sees, and what it costs to pass near all that."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import distance_to_outline, polygon_contains
+from trolley.gridmap import GridMap
+from trolley.gridmap.distance import distance_transform
+from trolley.messages import Zone
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.inflation import (
+    LETHAL,
+    UNKNOWN,
+    WALL,
+    WEIGHT_UNIT,
+    CostmapLayers,
+    compose_into,
+    inflation_table,
+    weigh_into,
+)
+from trolley_planner.costmap.obstacle_layer import ObstacleLayer
+from trolley_planner.costmap.social_layer import SocialLayer
+from trolley_planner.costmap.static_layer import (
+    disc_mask,
+    draw_segments,
+    line_segments,
+    map_kinds,
+    mirror_polylines,
+    polygon_mask,
+    speed_limits,
+    zone_points,
+)
+from trolley_planner.people.moving_obstacles import MovingObstacles
+from trolley_planner.people.people_tracker import TrackedPerson, person_discs
+from trolley_planner.sensing.beams import Sweep
+
+
+@dataclass(frozen=True, slots=True)
+class CostmapParams:
+    """How the layers become weights; all by hand."""
+
+    padding_m: float = 0.02
+    """Added to the inscribed radius: cells round an obstacle's place to half their edge."""
+    tight_cells: float = 0.3
+    """What is seen lies in its cell up to this much farther away than the cell's centre."""
+    squeeze_weight: int = 60 * WEIGHT_UNIT
+    """Weight of cells where the robot fits only if all lies well in its cells."""
+    beside_m: float = 0.15
+    """A person nearer to the robot's outline than this is an obstacle as well."""
+    closed_s: float = 60.0
+    """A place where the robot did not get through is tried again after this time."""
+
+
+COSTMAP = CostmapParams()
+TABLE_STEP_M = 0.005
+
+
+class Costmap:
+    """One grid of everything that is in the way.
+
+    All arrays have the shape (rows, cols) and lie in frame `grid`; `frame_T_grid` places them in
+    the frame of the goals. Two sets of weights are kept: of the map and its zones alone, and
+    with what the lidar has seen, the latter brought up to date by `refresh` only where
+    something changed.
+
+    Args:
+        grid: the map; its origin is `frame_T_grid`.
+        footprint: of the robot.
+        config: ranges, tolerances and costs.
+        unknown_is_free: whether cells that nobody has seen may be passed.
+    """
+
+    def __init__(
+        self, grid: GridMap, footprint: Footprint, config: PlannerConfig, unknown_is_free: bool
+    ) -> None:
+        self.resolution_m = grid.resolution
+        self.frame_T_grid = grid.origin
+        self.footprint = footprint
+        self.unknown_is_free = unknown_is_free
+        self._map_kinds = map_kinds(grid.cells)
+        self._zones: list[Zone] = []
+        self._leaving: tuple[str, ...] = ()
+        self.shape = grid.rows, grid.cols
+        self.obstacle_layer = ObstacleLayer(self.shape, grid.resolution, config)
+        self._social_layer = SocialLayer(self.shape, grid.resolution, footprint.inscribed_m)
+        self.moving = MovingObstacles()
+        """People and other robots: they are not in the distances, but in the local costmap."""
+        self._closed = np.zeros(self.shape, dtype=np.uint8)
+        self._closed_until_ns: int | None = None
+        self._suspects = np.empty((0, 4))
+        self._table = inflation_table(
+            footprint.inscribed_m + COSTMAP.padding_m + 0.5 * grid.resolution,
+            config.inflation_falloff_m,
+            config.inflation_height,
+            TABLE_STEP_M,
+            WEIGHT_UNIT,
+        )
+        self._reach_m = self._table.shape[0] * TABLE_STEP_M
+        self.tight_m = footprint.inscribed_m - COSTMAP.tight_cells * grid.resolution
+        """Cells nearer than this to an obstacle cannot hold the footprint's centre."""
+        self.set_zones([])
+
+    def set_zones(self, zones: Sequence[Zone]) -> None:
+        """Replace the zones (points in the frame of the goals)."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        self._zones = list(zones)
+        self._mirrors = line_segments(mirror_polylines(zones), grid_T_frame)
+        self.kinds = self._map_kinds.copy()
+        draw_segments(self.kinds, self._mirrors, self.resolution_m, WALL)
+        self.walls = (self.kinds == WALL).astype(np.uint8)
+        """Set where a beam ends for certain."""
+        self.wall_distance_m = distance_transform(self.walls, self.resolution_m, self._reach_m)
+        self.speed_limits = speed_limits(self.shape, zones, grid_T_frame, self.resolution_m)
+        """Lowest speed of the zones over each cell [m/s], +inf where there is none."""
+        self.has_speed_limits = bool(np.isfinite(self.speed_limits).any())
+        self._leaving = ()
+        self._build()
+
+    def set_suspects(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
+        """Replace the lines on which mirrors are suspected: nothing seen behind them counts.
+
+        They lie on walls of the map and close no path that the map leaves open.
+
+        Args:
+            lines: points of each in the frame of the goals [m].
+        """
+        self._suspects = line_segments(lines, self.frame_T_grid.inverse())
+
+    def set_position(self, x: float, y: float) -> None:
+        """Update where the robot is: a keep-out zone around it may be crossed until it has left.
+
+        Args:
+            x: in the frame of the goals [m].
+            y: in the frame of the goals [m].
+        """
+        leaving = tuple(zone.name for zone in self.keepouts_at(x, y))
+        if leaving != self._leaving:
+            self._leaving = leaving
+            self._build()
+
+    def keepouts_at(self, x: float, y: float) -> list[Zone]:
+        """Return the keep-out zones that hold a point of the frame of the goals [m]."""
+        point = np.array([[x, y]])
+        return [
+            zone
+            for zone in self._zones
+            if zone.kind == "keepout" and polygon_contains(np.array(zone.points), point)[0]
+        ]
+
+    def add_scan(self, sweep: Sweep, now_ns: int) -> None:
+        """Clear and mark by one scan, whose poses are in the frame of the goals."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        in_grid = Sweep(
+            sweep.ranges_m,
+            sweep.shape,
+            grid_T_frame @ sweep.start,
+            grid_T_frame @ sweep.end,
+            sweep.body_laser,
+        )
+        lines = np.concatenate([self._mirrors, self._suspects])
+        self.obstacle_layer.update(in_grid, self.walls, self.wall_distance_m, lines, now_ns)
+        self.moving.update(
+            now_ns, self.obstacle_layer.beams, self.wall_distance_m, self.resolution_m
+        )
+        people = self.moving.people
+        outline = in_grid.end.transform_points(sweep.body_laser)
+        self.obstacle_layer.remove_people(
+            person_discs([one for one in people if _may_lift(one, outline)])
+        )
+        self._social_layer.update(people, self.obstacle_layer.grid)
+
+    def forget_old(self, now_ns: int) -> None:
+        """Forget what has been out of sight for too long, and open what was closed long ago."""
+        self.obstacle_layer.forget_old(now_ns)
+        if self._closed_until_ns is not None and now_ns > self._closed_until_ns:
+            self.reopen()
+
+    def forget_all(self) -> None:
+        """Forget everything that was seen or closed, as after a jump of the pose."""
+        self.moving.forget_people()
+        self.obstacle_layer.forget_all()
+        self._social_layer.update([], self.obstacle_layer.grid)
+        self.reopen()
+
+    def close(self, x_grid: float, y_grid: float, radius_m: float, now_ns: int) -> None:
+        """Close a circle [m] where the robot did not get through, though nothing is seen there."""
+        self._closed |= disc_mask(self.shape, (x_grid, y_grid), radius_m, self.resolution_m)
+        self._closed_until_ns = now_ns + round(COSTMAP.closed_s * 1e9)
+        self.obstacle_layer.mark_all_dirty()
+
+    def reopen(self) -> None:
+        """Open all that was closed."""
+        if self._closed_until_ns is not None:
+            self._closed_until_ns = None
+            self._closed[:] = 0
+            self.obstacle_layer.mark_all_dirty()
+
+    def refresh(self) -> bool:
+        """Bring distances and weights up to date where the lidar saw a change; True if it did."""
+        dirty = self.obstacle_layer.pop_dirty()
+        if dirty is None:
+            return False
+        rows, cols = self.shape
+        reach = int(self._reach_m / self.resolution_m) + 1
+        # Weights change within reach of what changed, and depend on what is within reach of there.
+        write = _grown(dirty, reach, rows, cols)
+        read = _grown(dirty, 2 * reach, rows, cols)
+        mask = np.empty((read[1] - read[0], read[3] - read[2]), dtype=np.uint8)
+        compose_into(mask, self._layers(), (read[0], read[2]), not self.unknown_is_free)
+        distance = distance_transform(mask, self.resolution_m, self._reach_m)
+        inner = distance[
+            write[0] - read[0] : write[1] - read[0], write[2] - read[2] : write[3] - read[2]
+        ]
+        self.distance_m[write[0] : write[1], write[2] : write[3]] = inner
+        weights = np.empty(inner.shape, dtype=np.uint8)
+        weigh_into(weights, np.ascontiguousarray(inner), self._table, TABLE_STEP_M)
+        walked = self._social_layer.weights[write[0] : write[1], write[2] : write[3]]
+        np.maximum(weights, walked, out=weights, where=weights != LETHAL)
+        self.weights[write[0] : write[1], write[2] : write[3]] = weights
+        self._close_border(self.weights)
+        return True
+
+    def squeeze_weights(
+        self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]
+    ) -> NDArray[np.uint8]:
+        """Return weights: expensive instead of lethal where the robot may just fit.
+
+        Args:
+            weights: (rows, cols).
+            distance_m: (rows, cols) that belongs to them.
+        """
+        may_fit = (weights == LETHAL) & (distance_m >= self.tight_m)
+        squeeze_weights = np.where(may_fit, np.uint8(COSTMAP.squeeze_weight), weights)
+        self._close_border(squeeze_weights)
+        return squeeze_weights
+
+    def costs(self) -> NDArray[np.int8]:
+        """Return (rows, cols) as on the wire.
+
+        100 something stands there, 99 too near for the centre, 0 to 98 falling with the
+        distance, -1 unknown.
+        """
+        extra = (self.weights.astype(np.float32) / WEIGHT_UNIT - 1.0).clip(0.0)
+        highest = max(float(self._table.max()) / WEIGHT_UNIT - 1.0, 1e-6)
+        costs = np.rint(98.0 * np.minimum(extra / highest, 1.0)).astype(np.int8)
+        costs[(self.kinds == UNKNOWN) & (self.obstacle_layer.grid.observed == 0)] = -1
+        costs[self.weights == LETHAL] = 99
+        costs[self.distance_m == 0.0] = 100
+        return costs
+
+    def to_grid(self, pose: Pose2D) -> Pose2D:
+        """Return a pose of the frame of the goals in frame `grid`."""
+        return self.frame_T_grid.inverse() @ pose
+
+    def contains(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of `grid` [m] lies on the costmap and not on its outermost cells."""
+        rows, cols = self.shape
+        edge = self.resolution_m
+        return edge <= x_grid < edge * (cols - 1) and edge <= y_grid < edge * (rows - 1)
+
+    def is_unknown(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether the map knows nothing of a point of `grid` [m] on the costmap."""
+        return bool(self.kinds[self._cell(x_grid, y_grid)] == UNKNOWN)
+
+    def is_wall(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of `grid` [m] on the costmap lies in a wall, mirror or pane."""
+        return bool(self.walls[self._cell(x_grid, y_grid)])
+
+    def _cell(self, x_grid: float, y_grid: float) -> tuple[int, int]:
+        return int(y_grid / self.resolution_m), int(x_grid / self.resolution_m)
+
+    def _layers(self) -> CostmapLayers:
+        grid = self.obstacle_layer.grid
+        return CostmapLayers(self.kinds, self.keepout, self._closed, grid.evidence, grid.observed)
+
+    def _build(self) -> None:
+        """Compute everything anew after the map or the zones changed."""
+        grid_T_frame = self.frame_T_grid.inverse()
+        self.keepout = np.zeros(self.shape, dtype=np.uint8)
+        leaving = np.zeros(self.shape, dtype=np.bool_)
+        for zone in self._zones:
+            if zone.kind == "keepout":
+                points = zone_points(zone, grid_T_frame)
+                mask = polygon_mask(self.shape, points, self.resolution_m)
+                if zone.name in self._leaving:
+                    leaving |= mask
+                else:
+                    self.keepout[mask] = 1
+        self.leaving = leaving if self._leaving else None
+        """Cells of keep-out zones that the robot is in and must leave, None if there are none."""
+        blocked = self.walls | self.keepout
+        if not self.unknown_is_free:
+            blocked |= (self.kinds == UNKNOWN).astype(np.uint8)
+        self.static_distance_m = distance_transform(blocked, self.resolution_m, self._reach_m)
+        """Distance to the nearest obstacle of map and zones, up to the inflation's reach [m]."""
+        self.static_weights = np.empty(self.shape, dtype=np.uint8)
+        """Weights by map and zones alone (units: `WEIGHT_UNIT`)."""
+        weigh_into(self.static_weights, self.static_distance_m, self._table, TABLE_STEP_M)
+        self._close_border(self.static_weights)
+        self.distance_m = self.static_distance_m.copy()
+        """The same with what the lidar has seen."""
+        self.weights = self.static_weights.copy()
+        """The same with what the lidar has seen."""
+        self.obstacle_layer.mark_all_dirty()
+        self.refresh()
+
+    def _close_border(self, weights: NDArray[np.uint8]) -> None:
+        """Make the outermost cells lethal: the search then needs no test for the grid's edge."""
+        weights[0, :] = weights[-1, :] = LETHAL
+        weights[:, 0] = weights[:, -1] = LETHAL
+
+
+def _may_lift(person: TrackedPerson, outline: NDArray[np.float64]) -> bool:
+    """Say whether a person is no obstacle: it is seen, and the robot does not turn into it."""
+    gap_m = float(distance_to_outline(outline, person.points).min())
+    return person.is_seen and gap_m > COSTMAP.beside_m
+
+
+def _grown(
+    box: tuple[int, int, int, int], by: int, rows: int, cols: int
+) -> tuple[int, int, int, int]:
+    """Return first and end row, first and end column of a box of cells grown on all sides."""
+    return (
+        max(box[0] - by, 0),
+        min(box[1] + 1 + by, rows),
+        max(box[2] - by, 0),
+        min(box[3] + 1 + by, cols),
+    )

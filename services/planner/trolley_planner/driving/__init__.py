@@ -1,0 +1,1 @@
+"""Driving to one goal: route, final approach, progress and recovery."""

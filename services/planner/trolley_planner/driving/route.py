@@ -1,0 +1,233 @@
+"""The path of a goal while it is driven: where the robot is on it, when it is planned anew."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.goals.goal import VIA_RADIUS_M
+from trolley_planner.paths.path import PlannedPath
+
+PASS_M = 0.8 * VIA_RADIUS_M
+"""Via points are taken as passed a little nearer than asked for: the pose may err."""
+
+
+@dataclass(frozen=True, slots=True)
+class RouteParams:
+    """When the path is replaced; all by hand."""
+
+    replan_blocked_s: float = 0.3
+    """Time between two plans while the path is blocked."""
+    detour_factor: float = 1.5
+    """A path is a detour if it is longer than this many times the old one"""
+    detour_m: float = 2.0
+    """and this much more."""
+    better_share: float = 0.9
+    """A new path is taken if it costs less than this share of the old one."""
+    strayed_m: float = 0.7
+    """Farther from its path than this the robot needs another."""
+    reach_m: float = 1.0
+    """The robot is looked for at most this far along the path since the last time."""
+    own_place_m: float = 0.4
+    """The path this near to the robot,"""
+    goal_place_m: float = 0.2
+    """and this near to the goal, may be tight and still be right."""
+    tight_ahead_m: float = 0.8
+    """This far before a tight place"""
+    tight_behind_m: float = 0.5
+    """and behind it the robot keeps the clearance that there is."""
+    horizon_m: float = 12.0
+    """Only obstacles this near along the path call for a new one."""
+
+
+ROUTE = RouteParams()
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """The part of the path that the controller steers by."""
+
+    first: int
+    last: int
+    target: Pose2D
+    is_goal: bool
+
+
+class Route:
+    """A path to the goal, kept as good as the costmap allows.
+
+    Args:
+        context: costmap and planner.
+        config: times.
+        targets: via points and the goal's position in `grid` [m], in their order.
+        path: the first plan.
+        changes: how often the goal's path was replaced before.
+    """
+
+    def __init__(
+        self,
+        context: PlanningContext,
+        config: PlannerConfig,
+        targets: list[Pose2D],
+        path: PlannedPath,
+        changes: int = 0,
+    ) -> None:
+        self._context = context
+        self._replan_ns = round(config.replan_s * 1e9)
+        self._targets = targets
+        self.path = path
+        self.index = 0
+        """Of the point of the path where the robot is."""
+        self.is_blocked = False
+        """Whether something stands on the path, and no way around it was found."""
+        self.narrow: list[tuple[float, float]] = []
+        """Where the only path was too narrow for the footprint, x, y in `grid` [m]."""
+        self._patience_ns = round(config.patience_s * 1e9)
+        self._blocked_since_ns: int | None = None
+        self.changes = changes
+        """How often the goal's path was replaced."""
+        self._planned_ns = 0
+        self._weights_changed = False
+
+    @property
+    def goal(self) -> Pose2D:
+        """The last target."""
+        return self._targets[-1]
+
+    @property
+    def vias_left(self) -> int:
+        """Via points that were not passed yet."""
+        return len(self._targets) - 1
+
+    def remaining_m(self, pose: Pose2D) -> float:
+        """Return how far it is to the goal along the path [m]."""
+        x, y = self.path.points[self.index]
+        off = math.hypot(pose.x - float(x), pose.y - float(y))
+        return off + float(self.path.remaining_m[self.index])
+
+    def update_position(self, pose: Pose2D) -> None:
+        """Advance along the path to where the robot is, past via points that it reached."""
+        while self.vias_left and pose.distance_to(self._targets[0]) < PASS_M:
+            self.index = max(self.index, self.path.vias[0])
+            self._targets.pop(0)
+            self.path = self.path.without_first_via()
+        nearest = self.path.nearest(pose.x, pose.y, self.index, ROUTE.reach_m)
+        self.index = min(nearest, self.path.vias[0]) if self.vias_left else nearest
+
+    def stretch(self, reach_m: float) -> Stretch:
+        """Return the part ahead that is at most `reach_m` long and leads to the next target."""
+        last = self.path.ahead(self.index, reach_m)
+        if self.vias_left:
+            last = min(last, self.path.vias[0])
+        return Stretch(self.index, last, self._targets[0], self.vias_left == 0)
+
+    def has_strayed(self, pose: Pose2D) -> bool:
+        """Say whether the robot is so far from the path that it needs another."""
+        x, y = self.path.points[self.index]
+        return math.hypot(pose.x - float(x), pose.y - float(y)) > ROUTE.strayed_m
+
+    def retarget(self, goal: Pose2D) -> None:
+        """Drive to a slightly different goal from now on."""
+        self._targets[-1] = goal
+
+    def replan_if_due(self, pose: Pose2D, now_ns: int, force: bool = False) -> None:
+        """Bring the costmap up to date; replace the path where it is blocked or can be better.
+
+        Args:
+            pose: of the robot in `grid`.
+            now_ns: robot time.
+            force: plan in any case.
+        """
+        self._weights_changed |= self._context.costmap.refresh()
+        is_cut = bool(self.blocked_points(1))
+        if is_cut and self._blocked_since_ns is None:
+            self._blocked_since_ns = now_ns
+        waited_ns = now_ns - self._planned_ns
+        if is_cut or self.has_strayed(pose):
+            due = waited_ns >= ROUTE.replan_blocked_s * 1e9
+        else:
+            self.is_blocked, self._blocked_since_ns = False, None
+            due = self._weights_changed and waited_ns >= self._replan_ns
+        if due or force:
+            self._planned_ns = now_ns
+            self._weights_changed = False
+            self._replan(pose, is_cut, now_ns, force)
+
+    @property
+    def is_tight_here(self) -> bool:
+        """Whether the robot is where it fits only with less clearance than usual, or nearly so."""
+        if not self.path.is_tight:
+            return False
+        left = float(self.path.remaining_m[self.index])
+        first = int(np.searchsorted(-self.path.remaining_m, -(left + ROUTE.tight_behind_m)))
+        return bool(self._lethal(first, self.path.ahead(self.index, ROUTE.tight_ahead_m)).any())
+
+    def blocked_points(self, limit: int = 20) -> list[tuple[float, float]]:
+        """Return points of the path ahead that something keeps the robot from [m in `grid`].
+
+        The robot's own place and the goal's are left out: they may be tight and still be right.
+        """
+        costmap = self._context.costmap
+        first = self.path.ahead(self.index, ROUTE.own_place_m)
+        left = float(self.path.remaining_m[self.index])
+        last = self.path.ahead(self.index, min(ROUTE.horizon_m, left - ROUTE.goal_place_m))
+        points = self.path.points[first : last + 1]
+        lethal = self._lethal(first, last)
+        if self.path.is_tight:
+            cols, rows = self._cells(first, last)
+            lethal &= costmap.distance_m[rows, cols] < costmap.tight_m
+        return [(float(x), float(y)) for x, y in points[lethal][:limit]]
+
+    def _lethal(self, first: int, last: int) -> NDArray[np.bool_]:
+        """Return for some points of the path whether they are too near to something."""
+        cols, rows = self._cells(first, last)
+        return self._context.costmap.weights[rows, cols] == LETHAL
+
+    def _cells(self, first: int, last: int) -> NDArray[np.int64]:
+        """Return columns and rows (2, n) of some points of the path."""
+        points = self.path.points[first : last + 1]
+        return np.floor(points / self._context.costmap.resolution_m).astype(np.int64).T
+
+    def _replan(self, pose: Pose2D, is_cut: bool, now_ns: int, force: bool) -> None:
+        """Look for a better path, or any if the present one is cut."""
+        costmap, planner = self._context.costmap, self._context.planner
+        start = (pose.x, pose.y)
+        targets = [(target.x, target.y) for target in self._targets]
+        found = planner.plan(start, targets, costmap.weights, costmap.distance_m)
+        self.narrow = planner.narrow if found is None else []
+        if found is None:
+            self.is_blocked = True
+            # It follows a blocked path as far as it can: from close by things may look different.
+            if force or self.has_strayed(pose):
+                optimistic = planner.plan(
+                    start, targets, planner.optimistic_weights(), costmap.static_distance_m
+                )
+                if optimistic is not None:
+                    self._replace(optimistic)
+            return
+        old_length = float(self.path.remaining_m[self.index])
+        is_detour = found.length_m > ROUTE.detour_factor * old_length + ROUTE.detour_m
+        blocked_since = now_ns if self._blocked_since_ns is None else self._blocked_since_ns
+        # Nor does it squeeze past who may step aside.
+        is_worse = is_detour or (found.is_tight and not self.path.is_tight)
+        if is_cut and is_worse and now_ns - blocked_since < self._patience_ns:
+            self.is_blocked = True
+            return
+        self.is_blocked = False
+        old_cost = planner.cost_of(self.path.points[self.index :], costmap.weights)
+        if (
+            force
+            or is_cut
+            or planner.cost_of(found.points, costmap.weights) < ROUTE.better_share * old_cost
+        ):
+            self._replace(found)
+
+    def _replace(self, path: PlannedPath) -> None:
+        self.path = path
+        self.index = 0
+        self.changes += 1

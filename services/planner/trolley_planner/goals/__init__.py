@@ -1,0 +1,1 @@
+"""Goals: what they are, whether they can be driven to, and what became of them."""

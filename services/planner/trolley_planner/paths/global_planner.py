@@ -1,0 +1,268 @@
+"""The global plan: cheapest path over the costmap, straightened and smoothed."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
+from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
+from trolley_planner.paths.footprint_check import CheckedPath, FootprintCheck
+from trolley_planner.paths.lines import polyline_cost, straighten
+from trolley_planner.paths.path import PlannedPath
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPlannerParams:
+    """What plans may cross, and at what cost; all by hand."""
+
+    escape_weight: int = 60 * WEIGHT_UNIT
+    """Weight of lethal cells from which the robot must find a way out."""
+    optimistic_weight: int = 30 * WEIGHT_UNIT
+    """Weight of what the lidar saw in the way, for a plan that hopes it will be gone."""
+    start_escape_m: float = 0.5
+    """Lethal cells this near to the start may be crossed,"""
+    goal_escape_m: float = 0.15
+    """and this near to the goal."""
+    seen_give_cells: float = 0.5
+    """Where there is no other way, obstacles seen may reach this far into the footprint,"""
+    map_give_cells: float = 0.15
+    """and those of the map this far."""
+    most_narrow_places: int = 8
+    """After this many places that prove too narrow there is no path."""
+    narrow_m: float = 0.12
+    """Least radius that is closed at such a place."""
+
+
+PLANNING = GlobalPlannerParams()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leg:
+    """The path to one target.
+
+    Attributes:
+        points: (n, 2) [m].
+        weights: (rows, cols) that it is made for: where start or target are too near to
+            something and the path must pass there, with the way out.
+        cost: in metres of free floor.
+    """
+
+    points: NDArray[np.float64]
+    weights: NDArray[np.uint8]
+    cost: float
+
+
+class GlobalPlanner:
+    """Plans on one costmap; keeps what it knows of the goal's cost-to-go from plan to plan.
+
+    All points are in frame `grid` [m].
+    """
+
+    def __init__(self, costmap: Costmap) -> None:
+        self._costmap = costmap
+        self._cost_to_go = CostToGo(costmap.shape)
+        self._footprint_check = FootprintCheck(costmap.footprint, costmap.resolution_m)
+        self.narrow: list[Point] = []
+        """Where the last plan found that the footprint does not get through."""
+
+    def plan(
+        self,
+        start: Point,
+        targets: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+    ) -> PlannedPath | None:
+        """Return the cheapest path through all targets, None if there is none.
+
+        Args:
+            start: where the robot is.
+            targets: via points in their order, then the goal.
+            weights: (rows, cols) of the costmap, with or without what the lidar has seen.
+            distance_m: (rows, cols) that belongs to them.
+        """
+        leaving = self._costmap.leaving
+        if leaving is not None:
+            # Expensive, so that the path leaves the zone as soon as it can, and does not cross it.
+            weights = np.where(
+                leaving & (weights != LETHAL), np.uint8(PLANNING.escape_weight), weights
+            )
+        self.narrow = []
+        ends = [start, *targets]
+        found = self._plan_fitting_path(ends, weights, distance_m, False)
+        # Where something stands on a target, the path is not too narrow: there is none.
+        if found is None and all(self._has_room(target, distance_m) for target in targets):
+            squeeze_weights = self._costmap.squeeze_weights(weights, distance_m)
+            found = self._plan_fitting_path(ends, squeeze_weights, distance_m, True)
+        return found
+
+    def _plan_fitting_path(
+        self,
+        ends: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+        is_tight: bool,
+    ) -> PlannedPath | None:
+        """Return the cheapest path along which the footprint fits, None if there is none.
+
+        Args:
+            ends: the start, then the targets.
+            weights: as in `plan`.
+            distance_m: as in `plan`.
+            is_tight: whether it may touch where that is only because of the size of the cells.
+        """
+        for _ in range(PLANNING.most_narrow_places):
+            found = self._plan_through(ends, weights, distance_m, is_tight)
+            if isinstance(found, PlannedPath) or found is None:
+                return found
+            self.narrow.append(found)
+            weights = weights.copy()
+            cells = found[0] / self._costmap.resolution_m, found[1] / self._costmap.resolution_m
+            radius_m = max(self._costmap.footprint.inscribed_m, PLANNING.narrow_m)
+            close_disc(weights, cells, radius_m / self._costmap.resolution_m)
+        return None
+
+    def too_narrow(
+        self,
+        start: Point,
+        targets: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+    ) -> list[Point]:
+        """Return where the robot does not get through along a path that is free but too narrow.
+
+        Args:
+            start: as in `plan`, which found no path with the same arguments a moment ago.
+            targets: as there.
+            weights: as there.
+            distance_m: as there.
+        """
+        if self.narrow:
+            return list(self.narrow)
+        squeeze_weights = np.where(
+            (weights == LETHAL) & (distance_m > 0.0), np.uint8(PLANNING.escape_weight), weights
+        )
+        squeeze_weights[0, :] = squeeze_weights[-1, :] = squeeze_weights[:, 0] = squeeze_weights[
+            :, -1
+        ] = LETHAL
+        found: list[Point] = []
+        for here, target in zip([start, *targets], targets, strict=False):
+            leg = self._leg(here, target, squeeze_weights, distance_m)
+            if leg is None:
+                return []
+            cells = np.floor(leg.points / self._costmap.resolution_m).astype(np.int64)
+            tight = weights[cells[:, 1], cells[:, 0]] == LETHAL
+            room_m = distance_m[cells[:, 1], cells[:, 0]]
+            for places in np.split(np.arange(len(tight)), np.flatnonzero(np.diff(tight)) + 1):
+                x, y = (float(value) for value in leg.points[places[np.argmin(room_m[places])]])
+                # The robot's own place and the target's may be tight and still be right.
+                is_end = math.dist((x, y), start) < PLANNING.start_escape_m or (x, y) == target
+                if tight[places[0]] and not is_end:
+                    found.append((x, y))
+        return found
+
+    def cost_of(self, points: NDArray[np.float64], weights: NDArray[np.uint8]) -> float:
+        """Return the cost of a path (n, 2) [m of free floor]; lethal cells are very expensive."""
+        cells = points / self._costmap.resolution_m
+        cost = polyline_cost(weights, cells, float(PLANNING.escape_weight))
+        return cost * self._costmap.resolution_m / WEIGHT_UNIT
+
+    def optimistic_weights(self) -> NDArray[np.uint8]:
+        """Return weights in which what the lidar saw in the way is expensive, but passable."""
+        costmap = self._costmap
+        passable = (costmap.weights == LETHAL) & (costmap.static_weights != LETHAL)
+        return np.where(passable, np.uint8(PLANNING.optimistic_weight), costmap.weights)
+
+    def _plan_through(
+        self,
+        ends: list[Point],
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+        is_tight: bool,
+    ) -> PlannedPath | Point | None:
+        """Return the path through all targets, or else where it is too narrow; None: no path."""
+        legs: list[NDArray[np.float64]] = []
+        cost = 0.0
+        for here, target in pairwise(ends):
+            leg = self._leg(here, target, weights, distance_m)
+            if leg is None:
+                return None
+            checked = self._check(leg, distance_m, is_tight)
+            if checked.narrow is not None:
+                return checked.narrow
+            legs.append(checked.points)
+            cost += leg.cost
+        return PlannedPath.join(legs, cost, is_tight)
+
+    def _check(self, leg: _Leg, distance_m: NDArray[np.float32], is_tight: bool) -> CheckedPath:
+        """Lead a leg through where the footprint fits."""
+        if not is_tight:
+            return self._footprint_check.check(leg.points, leg.weights, distance_m)
+        # Seen obstacles give way by fractions of cells, walls of the map are where they are.
+        checked = self._footprint_check.check(
+            leg.points, leg.weights, distance_m, PLANNING.seen_give_cells
+        )
+        if checked.narrow is not None:
+            return checked
+        walls_m = self._costmap.static_distance_m
+        return self._footprint_check.check(
+            checked.points, leg.weights, walls_m, PLANNING.map_give_cells
+        )
+
+    def _leg(
+        self,
+        start: Point,
+        target: Point,
+        weights: NDArray[np.uint8],
+        distance_m: NDArray[np.float32],
+    ) -> _Leg | None:
+        """Return the path between two points, None if there is none."""
+        start_cell, target_cell = self._cell(start), self._cell(target)
+        if start_cell is None or target_cell is None:
+            return None
+        scale = 1.0 / self._costmap.resolution_m
+        discs = (
+            np.array([[*start, PLANNING.start_escape_m], [*target, PLANNING.goal_escape_m]]) * scale
+        )
+        is_tight = weights.reshape(-1)[[start_cell, target_cell]] == LETHAL
+        found = None
+        # The robot squeezes through nothing where there is another path.
+        for reach in (is_tight, np.ones(2)):
+            discs[:, 2] = reach * (PLANNING.start_escape_m * scale, PLANNING.goal_escape_m * scale)
+            found = self._cost_to_go.cheapest_path(
+                start_cell, Terrain(weights, distance_m, discs, PLANNING.escape_weight)
+            )
+            if found is not None:
+                break
+        if found is None:
+            return None
+        cells, cost = found
+        cols = self._costmap.shape[1]
+        points = np.stack([cells % cols, cells // cols], axis=1).astype(np.float64) + 0.5
+        if len(cells) == 1:
+            points = np.repeat(points, 2, axis=0)
+        points[0], points[-1] = discs[0, :2], discs[1, :2]
+        metres = cost / COST_OF_CELL * self._costmap.resolution_m
+        if math.isinf(polyline_cost(weights, points, math.inf)):
+            weights = weights.copy()
+            for x, y, radius in discs:
+                soften_disc(weights, distance_m, (x, y), radius, PLANNING.escape_weight)
+        smooth_points = straighten(points, weights, scale) * self._costmap.resolution_m
+        return _Leg(smooth_points, weights, metres)
+
+    def _has_room(self, point: Point, distance_m: NDArray[np.float32]) -> bool:
+        """Say whether the footprint's centre may be at a point."""
+        cell = self._cell(point)
+        return cell is not None and float(distance_m.reshape(-1)[cell]) >= self._costmap.tight_m
+
+    def _cell(self, point: Point) -> int | None:
+        """Return the flat index of the cell under a point, None outside and on the border."""
+        if not self._costmap.contains(*point):
+            return None
+        scale = 1.0 / self._costmap.resolution_m
+        return int(point[1] * scale) * self._costmap.shape[1] + int(point[0] * scale)

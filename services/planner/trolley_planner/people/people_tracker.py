@@ -1,0 +1,322 @@
+"""Tracks people: segments of a scan that stand where beams passed a moment ago.
+
+Everything is in frame `grid` [m]. What merely comes into sight does not move: that place had not
+been seen to be free.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleTrackerParams:
+    """Who counts as moving; found by hand in simulated drives among people."""
+
+    sight_m: float = 3.5
+    """Only echoes this near to the lidar are tracked,"""
+    wall_m: float = 0.12
+    """and none this near to a wall of the map."""
+    gap_m: float = 0.3
+    """Echoes with gaps up to this are one segment,"""
+    largest_m: float = 1.0
+    """if it is not larger than this."""
+    leg_m: float = 0.25
+    """Two segments no larger than this, a leg,"""
+    stride_m: float = 0.5
+    """with up to this gap between them,"""
+    pair_m: float = 0.65
+    """are one person if they are no larger than this together."""
+    past_m: float = 0.15
+    """A beam that went on this far behind a place saw that it was free,"""
+    beside_rad: float = 0.025
+    """if those this far to both sides did so, too: edges of things jump from scan to scan."""
+    pause_s: float = 0.06
+    """Scans that follow sooner than this are skipped: little moves meanwhile."""
+    least_ago_s: float = 0.08
+    """The newest scan is compared with scans at least this old"""
+    most_ago_s: float = 0.45
+    """and at most this old."""
+    track_s: float = 0.6
+    """A velocity is measured over this time: legs swing."""
+    hidden_s: float = 1.0
+    """A person out of sight is taken to walk on for this long."""
+    slowest_mps: float = 0.25
+    """Slower is noise,"""
+    fastest_mps: float = 2.5
+    """and faster two different things."""
+    astray_m: float = 0.3
+    """A person with a known velocity is looked for this near to where it leads."""
+    depth_m: float = 0.06
+    """The lidar sees one side of a person, who is larger by this much"""
+    body_m: float = 0.22
+    """and no smaller than this."""
+    least_points: int = 2
+    """At least this many points of a segment,"""
+    least_share: float = 0.2
+    """and this share of them, must stand where it was free."""
+
+
+TRACKING = PeopleTrackerParams()
+
+
+Floats = NDArray[np.float64]
+
+
+class TrackedPerson(NamedTuple):
+    """A person, or anything else of that size that moves."""
+
+    points: Floats
+    """(n, 2) where the lidar sees it [m]."""
+    velocity: Floats
+    """(2,) [m/s]."""
+    is_seen: bool = True
+    """Whether the newest scan shows it; else it is where it must have gone."""
+
+
+def person_discs(people: Sequence[TrackedPerson]) -> Floats:
+    """Return people as discs: (n, 5) x, y [m], velocity [m/s], radius [m]."""
+    discs = np.empty((len(people), 5))
+    for index, person in enumerate(people):
+        middle = person.points.mean(axis=0)
+        spread = float(np.hypot(*(person.points - middle).T).max())
+        discs[index] = *middle, *person.velocity, max(spread + TRACKING.depth_m, TRACKING.body_m)
+    return discs
+
+
+class _View(NamedTuple):
+    """What is kept of a scan."""
+
+    stamp_ns: int
+    origin: Floats
+    """(2,) middle place of the lidar [m]."""
+    angles: Floats
+    """(n,) of the beams, rising [rad]."""
+    clear_m: Floats
+    """(n,) how far all beams about each saw that it was free."""
+    segments: list[Floats]
+    """(k, 2) points of each segment that is not on the map."""
+    tracks: list[Floats]
+    """(m, 3) for each segment where it was, oldest first: time since `stamp_ns` [s], x, y."""
+    origins: list[int]
+    """Index of each segment in the scan before, -1 if it is new."""
+
+
+class PeopleTracker:
+    """Compares each scan with those of the last tenths of a second."""
+
+    def __init__(self) -> None:
+        self._views: deque[_View] = deque(maxlen=8)
+        self._seen: list[TrackedPerson | None] = []
+        self._hidden: list[tuple[int, TrackedPerson]] = []
+
+    def reset(self) -> None:
+        """Forget all scans, as after a jump of the pose."""
+        self._views.clear()
+        self._seen, self._hidden = [], []
+
+    def update(
+        self, stamp_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+    ) -> list[TrackedPerson]:
+        """Return what moves.
+
+        Args:
+            stamp_ns: robot time.
+            beams: (n, 6) the newest scan, cut at mirrors and walls (columns: sensing.beams).
+            wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
+            edge_m: edge of these cells.
+        """
+        if len(beams) < 2:
+            return []
+        last = self._views[-1] if self._views else None
+        if last is not None and abs(stamp_ns - last.stamp_ns) < TRACKING.pause_s * 1e9:
+            return [_extrapolated(person, stamp_ns - last.stamp_ns) for person in self._found()]
+        view = _view_of(stamp_ns, beams, wall_distance_m, edge_m, last)
+        earlier = [one for one in self._views if _is_comparable(one, stamp_ns)]
+        self._views.append(view)
+        seen = [
+            _person(segment, track, None if origin >= 0 and self._seen[origin] else earlier)
+            for segment, track, origin in zip(view.segments, view.tracks, view.origins, strict=True)
+        ]
+        if last is not None:
+            self._hidden = self._now_hidden(view, last.stamp_ns)
+        self._seen = seen
+        return self._found()
+
+    def _found(self) -> list[TrackedPerson]:
+        seen = [person for person in self._seen if person is not None]
+        return seen + [person for _, person in self._hidden]
+
+    def _now_hidden(self, view: _View, last_ns: int) -> list[tuple[int, TrackedPerson]]:
+        """Return people where the newest scan does not look, and since when."""
+        lost = [
+            (last_ns, person)
+            for index, person in enumerate(self._seen)
+            if person is not None and index not in view.origins
+        ]
+        hidden: list[tuple[int, TrackedPerson]] = []
+        for since_ns, before in self._hidden + lost:
+            person = _extrapolated(before, view.stamp_ns - last_ns)
+            middle = person.points.mean(axis=0)
+            is_back = any(
+                math.dist(middle, segment.mean(axis=0)) < TRACKING.astray_m
+                for segment in view.segments
+            )
+            is_gone = view.stamp_ns - since_ns > TRACKING.hidden_s * 1e9
+            if not is_back and not is_gone and not _was_free(view, middle[None])[0]:
+                hidden.append((since_ns, person._replace(is_seen=False)))
+        return hidden
+
+
+def _extrapolated(person: TrackedPerson, time_ns: int) -> TrackedPerson:
+    return person._replace(points=person.points + time_ns * 1e-9 * person.velocity)
+
+
+def _is_comparable(view: _View, stamp_ns: int) -> bool:
+    return TRACKING.least_ago_s <= (stamp_ns - view.stamp_ns) * 1e-9 <= TRACKING.most_ago_s
+
+
+def _view_of(
+    stamp_ns: int,
+    beams: Floats,
+    wall_distance_m: NDArray[np.float32],
+    edge_m: float,
+    last: _View | None,
+) -> _View:
+    """Return what is kept of a scan."""
+    angles = np.unwrap(np.arctan2(beams[:, DY], beams[:, DX]))
+    width = max(
+        1, round(TRACKING.beside_rad * (len(beams) - 1) / max(float(angles[-1] - angles[0]), 1e-3))
+    )
+    padded = np.pad(beams[:, CLEAR], width, mode="edge")
+    clear_m = np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1).min(axis=1)
+    echo = beams[:, ECHO]
+    seen = beams[(echo > 0.0) & (echo < TRACKING.sight_m)]
+    points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
+    cells = np.floor(points / edge_m).astype(np.int64)
+    rows, cols = wall_distance_m.shape
+    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < cols) & (cells[:, 1] < rows)
+    points, cells = points[inside], cells[inside]
+    loose = points[wall_distance_m[cells[:, 1], cells[:, 0]] > TRACKING.wall_m]
+    origin = beams[:, [X, Y]].mean(axis=0)
+    segments = _segments(loose)
+    return _View(stamp_ns, origin, angles, clear_m, segments, *_tracks(stamp_ns, segments, last))
+
+
+def _tracks(
+    stamp_ns: int, segments: list[Floats], last: _View | None
+) -> tuple[list[Floats], list[int]]:
+    """Return the track of each segment, and which one of the last scan it continues."""
+    here = np.array([[0.0, *segment.mean(axis=0)] for segment in segments]).reshape(-1, 1, 3)
+    tracks, origins = list(here), [-1] * len(segments)
+    if last is None or not segments or not last.tracks:
+        return tracks, origins
+    elapsed_s = (stamp_ns - last.stamp_ns) * 1e-9
+    velocities = [_velocity(track) for track in last.tracks]
+    expected = np.array([track[-1, 1:] for track in last.tracks])
+    known = [velocity is not None for velocity in velocities]
+    expected += elapsed_s * np.array([[0.0, 0.0] if one is None else one for one in velocities])
+    reach = np.where(known, TRACKING.astray_m, TRACKING.fastest_mps * elapsed_s)
+    lengths = np.hypot(*np.moveaxis(here[:, 0, 1:] - expected[:, None], -1, 0))
+    for index in range(len(segments)):
+        origin = int(lengths[:, index].argmin())
+        # Another segment continues that track.
+        is_other = int(lengths[origin].argmin()) != index
+        if is_other or lengths[origin, index] > reach[origin]:
+            continue
+        before = last.tracks[origin] - (elapsed_s, 0.0, 0.0)
+        tracks[index] = np.concatenate([before[before[:, 0] >= -TRACKING.track_s], here[index]])
+        origins[index] = origin
+    return tracks, origins
+
+
+def _velocity(track: Floats) -> Floats | None:
+    """Return the velocity along a track, None if it is too short to say."""
+    if track[0, 0] > -TRACKING.least_ago_s:
+        return None
+    times = track[:, 0] - track[:, 0].mean()
+    return times @ track[:, 1:] / (times @ times)
+
+
+def _segments(points: Floats) -> list[Floats]:
+    """Return points (n, 2) in the order of the beams as segments (k, 2) of a person's size."""
+    if len(points) < TRACKING.least_points:
+        return []
+    gaps = np.hypot(*np.diff(points, axis=0).T)
+    segments = np.split(points, np.flatnonzero(gaps > TRACKING.gap_m) + 1)
+    # The scan begins and ends in the middle of something.
+    if len(segments) > 1 and math.dist(segments[0][0], segments[-1][-1]) <= TRACKING.gap_m:
+        segments[0] = np.concatenate([segments.pop(), segments[0]])
+    return [
+        segment for segment in _with_both_legs(segments) if _size(segment) <= TRACKING.largest_m
+    ]
+
+
+def _with_both_legs(segments: list[Floats]) -> list[Floats]:
+    """Return segments, joining those that may be the two legs of one person."""
+    joined: list[Floats] = []
+    legs: list[int] = []
+    for segment in segments:
+        if _size(segment) > TRACKING.leg_m:
+            joined.append(segment)
+            continue
+        # Between two legs something farther away may be seen.
+        for index in reversed(legs):
+            other = joined[index]
+            # Most are far from each other: two of their points show that at little cost.
+            if math.dist(other[0], segment[0]) > TRACKING.pair_m:
+                continue
+            both = np.concatenate([other, segment])
+            if _size(both) <= TRACKING.pair_m and _gap(other, segment) <= TRACKING.stride_m:
+                joined[index] = both
+                legs.remove(index)
+                break
+        else:
+            legs.append(len(joined))
+            joined.append(segment)
+    return joined
+
+
+def _gap(one: Floats, other: Floats) -> float:
+    return float(np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min())
+
+
+def _size(points: Floats) -> float:
+    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
+
+
+def _person(segment: Floats, track: Floats, earlier: list[_View] | None) -> TrackedPerson | None:
+    """Return a segment as a person; None if it stands, or may have been hidden before.
+
+    Args:
+        segment: (k, 2) its points.
+        track: where it has been.
+        earlier: scans to compare with; None for what is known to move.
+    """
+    least = max(TRACKING.least_points, TRACKING.least_share * len(segment))
+    if earlier is not None and not any(
+        np.count_nonzero(_was_free(before, segment)) >= least for before in earlier
+    ):
+        return None
+    velocity = _velocity(track)
+    if velocity is None or math.hypot(*velocity.tolist()) < TRACKING.slowest_mps:
+        return None
+    return TrackedPerson(segment, velocity)
+
+
+def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:
+    """Say of points (n, 2) whether beams of an earlier scan passed there."""
+    offset = points - view.origin
+    turned = (np.arctan2(offset[:, 1], offset[:, 0]) - view.angles[0]) % (2.0 * math.pi)
+    after = np.asarray(np.searchsorted(view.angles - view.angles[0], turned), dtype=np.int64)
+    last = len(view.angles) - 1
+    clear_m = np.minimum(view.clear_m[np.minimum(after, last)], view.clear_m[after - 1])
+    seen = (after > 0) & (after <= last) | (turned > 2.0 * math.pi - TRACKING.beside_rad)
+    return seen & (clear_m > np.hypot(offset[:, 0], offset[:, 1]) + TRACKING.past_m)

@@ -1,0 +1,172 @@
+"""The kept cost-to-go: never a wrong refusal, never a stale cost, about as good as the best."""
+
+import itertools
+import math
+
+import numpy as np
+from bench.planner.best_paths import grid_cost, taut_length
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.paths.cost_to_go import (
+    TILE,
+    Corridor,
+    CostToGo,
+    Terrain,
+    coarsen_weights_into,
+    retile,
+)
+from trolley_planner.paths.lines import polyline_cost, straighten
+from trolley_planner.paths.search import STEP, price_of_step
+
+ROWS, COLS = 37, 50
+PRICE = 240
+
+
+def blocks(rng: np.random.Generator, thin: bool) -> np.ndarray:
+    """Walls of one cell with gaps, or blocks, over weights that vary."""
+    weights = rng.integers(4, 30, (ROWS, COLS)).astype(np.uint8)
+    if rng.random() < 0.5:
+        weights[:] = 4
+    for _ in range(rng.integers(0, 14)):
+        row, col = rng.integers(0, ROWS), rng.integers(0, COLS)
+        size = rng.integers(1, 20, 2)
+        if thin:
+            size[rng.integers(2)] = 1
+        weights[row : row + size[0], col : col + size[1]] = LETHAL
+    weights[0] = weights[-1] = weights[:, 0] = weights[:, -1] = LETHAL
+    return weights
+
+
+def terrain(weights: np.ndarray, start: int, goal: int, radius: float = 0.0) -> Terrain:
+    places = [(cell % COLS + 0.5, cell // COLS + 0.5, radius) for cell in (start, goal)]
+    # Something stands in every other lethal cell.
+    distance = np.where((weights == LETHAL) & (np.indices(weights.shape).sum(0) % 2 == 0), 0, 1)
+    return Terrain(weights, distance.astype(np.float32), np.array(places), PRICE)
+
+
+def effective(land: Terrain) -> np.ndarray:
+    """The weights with the discs, cell by cell."""
+    weights = land.weights.copy()
+    for row in range(1, ROWS - 1):
+        for col in range(1, COLS - 1):
+            near = any(
+                math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius for x, y, radius in land.discs
+            )
+            if near and weights[row, col] == LETHAL and land.distance_m[row, col] > 0.0:
+                weights[row, col] = PRICE
+    return weights
+
+
+def check(field: CostToGo, land: Terrain, start: int, goal: int) -> None:
+    weights = effective(land)
+    found = field.cheapest_path(start, land)
+    best = math.inf
+    if weights.reshape(-1)[[start, goal]].all():
+        best = grid_cost(weights, start, goal)
+    assert (found is None) == math.isinf(best)
+    if found is None:
+        return
+    cells, cost = found
+    assert (int(cells[0]), int(cells[-1])) == (start, goal)
+    flat = weights.reshape(-1)
+    total = 0
+    for one, other in itertools.pairwise(cells):
+        row_step, col_step = other // COLS - one // COLS, other % COLS - one % COLS
+        price = price_of_step(flat, int(one), int(row_step), int(col_step), COLS)
+        assert price > 0
+        total += price
+    assert total <= cost
+    if land.discs[0, 2] == 0.0:
+        # By how much a tile's weight exceeds its best line, and a few cells for its size.
+        allowed = 1.01 if set(flat.tolist()) <= {LETHAL, 4} else 1.5
+        assert total / (2 * STEP) <= allowed * best + 6.0 * 4
+
+
+@settings(max_examples=80)
+@given(st.integers(0, 10_000), st.booleans(), st.sampled_from([0.0, 3.0, 8.0]))
+def test_changes_of_the_map_leave_no_stale_cost(seed, thin, radius) -> None:
+    rng = np.random.default_rng(seed)
+    weights = blocks(rng, thin)
+    free = np.flatnonzero(weights)
+    if free.size < 2:
+        return
+    start, goal = (int(cell) for cell in rng.choice(free, 2))
+    field = CostToGo((ROWS, COLS))
+    for _ in range(6):
+        check(field, terrain(weights, start, goal, radius), start, goal)
+        weights = weights.copy()
+        row, col = rng.integers(1, ROWS - 4), rng.integers(1, COLS - 4)
+        size = rng.integers(1, 8, 2)
+        part = weights[1:-1, 1:-1][row : row + size[0], col : col + size[1]]
+        part[:] = rng.choice([LETHAL, 4, 30] if weights.max() > 4 else [LETHAL, 4])
+        if rng.random() < 0.5:
+            start = int(rng.choice(free))
+
+
+@given(st.integers(0, 10_000))
+def test_where_the_way_is_not_touched_nothing_is_looked_for_anew(seed) -> None:
+    rng = np.random.default_rng(seed)
+    weights = np.full((ROWS, COLS), 4, np.uint8)
+    weights[0] = weights[-1] = weights[:, 0] = weights[:, -1] = LETHAL
+    wall = np.s_[20:30, int(rng.integers(5, 40))]
+    weights[wall] = LETHAL
+    start, goal = 3 * COLS + 3, 3 * COLS + 45
+    field = CostToGo((ROWS, COLS))
+    assert field.cheapest_path(start, terrain(weights, start, goal)) is not None
+    weights = weights.copy()
+    weights[20:30, 42] = LETHAL  # A wall that comes far away makes no way better.
+    check(field, terrain(weights, start + 4, goal), start + 4, goal)
+    assert field.searches == 1
+    weights[wall] = 4  # One that goes may.
+    check(field, terrain(weights, start + 4, goal), start + 4, goal)
+    assert field.searches == 2
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000))
+def test_over_free_floor_paths_are_as_short_as_can_be(seed) -> None:
+    rng = np.random.default_rng(seed)
+    weights = blocks(rng, False)
+    weights[weights != LETHAL] = 4
+    start, goal = (int(cell) for cell in rng.choice(np.flatnonzero(weights), 2))
+    found = CostToGo((ROWS, COLS)).cheapest_path(start, terrain(weights, start, goal))
+    if found is None or len(found[0]) < 20:
+        return
+    points = np.stack([found[0] % COLS, found[0] // COLS], axis=1).astype(np.float64) + 0.5
+    path = straighten(points, weights, 20.0)
+    assert math.isfinite(polyline_cost(weights, path, math.inf))
+    length = np.hypot(*np.diff(path, axis=0).T).sum()
+    best = taut_length(weights, tuple(points[0]), tuple(points[-1]))
+    # It keeps off the corners by up to half a cell.
+    assert best - 1e-3 <= length <= 1.02 * best + 2.5
+
+
+@given(st.integers(0, 10_000), st.integers(3, 30), st.integers(3, 30), st.floats(0.0, 1.0))
+def test_a_tile_is_as_passable_as_its_best_line(seed, rows, cols, share) -> None:
+    rng = np.random.default_rng(seed)
+    weights = rng.integers(4, 256, (rows, cols)).astype(np.uint8)
+    weights[rng.random((rows, cols)) < share] = LETHAL
+    coarse = np.empty((-(-rows // TILE) + 2, -(-cols // TILE) + 2), np.uint8)
+    coarsen_weights_into(coarse, weights)
+    whole = np.zeros((TILE * coarse.shape[0], TILE * coarse.shape[1]), np.uint8)
+    whole[TILE : TILE + rows, TILE : TILE + cols] = weights
+    for row in range(coarse.shape[0]):
+        for col in range(coarse.shape[1]):
+            tile = whole[TILE * row : TILE * (row + 1), TILE * col : TILE * (col + 1)].astype(int)
+            lines = [sum(line) for line in [*tile, *tile.T] if all(line)]
+            expected = (min(lines) + TILE // 2) // TILE if lines else LETHAL
+            if not lines and tile.any():
+                expected = tile[tile > 0].min()
+            assert coarse[row, col] == expected
+    # What is written for a few tiles is the same.
+    corridor = Corridor(
+        np.arange(coarse.size, dtype=np.int32).reshape(coarse.shape)[1:-1, 1:-1].reshape(-1),
+        np.ones(coarse.shape, np.uint8),
+        weights,
+        np.zeros((rows, cols), np.int32),
+    )
+    again = np.zeros_like(coarse)
+    retile(again, corridor, len(corridor.tiles))
+    np.testing.assert_array_equal(again, coarse)

@@ -1,0 +1,136 @@
+"""How near the robot comes to who walks: the compiled loops beside slow plain ones."""
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D, integrate_twist
+from trolley.geometry.polygon import distance_to_outline, polygon_contains
+from trolley_planner.control.controller import limits_of
+from trolley_planner.control.proximity import (
+    PROXIMITY,
+    disc_gap,
+    people_proximity_cost,
+    would_meet_people,
+)
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.people.moving_obstacles import NOBODY
+
+FOOTPRINT = Footprint.from_polygon([(0.3, 0.2), (-0.25, 0.2), (-0.25, -0.2), (0.3, -0.1)])
+BODY = FOOTPRINT.body
+LIMITS = limits_of(PlannerConfig(), 0.5, 1.5, 1.0)
+COARSE_M = 0.02
+"""The few points of the outline find a gap so well."""
+
+poses = st.builds(Pose2D, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-3.1, 3.1))
+walking = st.tuples(
+    st.floats(-2.0, 2.0),
+    st.floats(-2.0, 2.0),
+    st.floats(-1.5, 1.5),
+    st.floats(-1.5, 1.5),
+    st.floats(0.2, 0.4),
+)
+crowds = st.lists(walking, max_size=4).map(lambda found: np.array(found).reshape(-1, 5))
+
+
+def plain_gap(pose: Pose2D, x: float, y: float, radius: float) -> float:
+    """From the outline to a disc [m], negative where they overlap."""
+    local = pose.inverse().transform_points(np.array([[x, y]]))
+    gap = float(distance_to_outline(FOOTPRINT.polygon, local)[0])
+    return (-gap if polygon_contains(FOOTPRINT.polygon, local)[0] else gap) - radius
+
+
+def away_from(pose: Pose2D, x: float, y: float) -> tuple[float, float]:
+    return x - pose.x, y - pose.y
+
+
+def facing(pose: Pose2D) -> tuple[float, float]:
+    return math.cos(pose.yaw), math.sin(pose.yaw)
+
+
+@given(poses, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.2, 0.4))
+def test_the_gap_is_that_of_the_outline(pose: Pose2D, x: float, y: float, radius: float) -> None:
+    away, turned = away_from(pose, x, y), facing(pose)
+    found = disc_gap(BODY.edge_points, BODY.inscribed_m, away, turned, radius)
+    plain = plain_gap(pose, x, y, radius)
+    if plain + radius > 0.0:
+        assert plain - 1e-9 <= found <= plain + COARSE_M
+    else:  # who is within the outline overlaps in any case
+        assert found <= COARSE_M
+
+
+def is_to_blame(pose: Pose2D, v: float, x: float, y: float) -> bool:
+    """Whether the robot is no bystander: it moves, and not away from them."""
+    ahead = pose.inverse().transform_points(np.array([[x, y]]))[0]
+    cosine = math.copysign(1.0, v) * ahead[0] / max(math.hypot(*ahead), 1e-9)
+    return abs(v) >= PROXIMITY.standing_mps and cosine > PROXIMITY.leaving
+
+
+@settings(max_examples=300)
+@given(crowds, poses, st.sampled_from([-0.2, 0.0, 0.3]), st.floats(0.0, 3.0))
+def test_company_counts_everybody_where_they_are_then(
+    crowd: NDArray[np.float64], pose: Pose2D, v: float, time_s: float
+) -> None:
+    body = BODY.edge_points, BODY.inscribed_m, BODY.circumscribed_m
+    found = people_proximity_cost(crowd, body, (pose.x, pose.y), facing(pose), v, time_s)
+    low, high, hits, may_hit = 0.0, 0.0, False, False
+    for x, y, vx, vy, radius in crowd:
+        there = x + time_s * vx, y + time_s * vy
+        gap = plain_gap(
+            pose, *there, radius + min(PROXIMITY.spread_mps * time_s, PROXIMITY.most_spread_m)
+        )
+        blamed = time_s <= PROXIMITY.sure_s and is_to_blame(pose, v, *there)
+        may_hit |= blamed and gap < PROXIMITY.meet_m
+        hits |= blamed and -radius < gap < PROXIMITY.meet_m - COARSE_M
+        near, nearer = (
+            min(max(1.0 - one / PROXIMITY.near_m, 0.0), PROXIMITY.most_cost) ** 2
+            for one in (gap + COARSE_M, gap)
+        )
+        low, high = low + near, high + nearer
+    assert not hits or found == math.inf
+    assert may_hit or found < math.inf
+    # Within the outline a gap is counted from the circle in it, or from the edge.
+    if found < math.inf and all(
+        plain_gap(pose, x + time_s * vx, y + time_s * vy, 0.0) > 0.0 for x, y, vx, vy, _ in crowd
+    ):
+        assert low - 1e-6 <= found <= high + 1e-6
+
+
+@settings(max_examples=300)
+@given(crowds, st.floats(-0.25, 2.0), st.floats(-1.5, 1.5))
+def test_braking_for_somebody_is_seen_in_time(
+    crowd: NDArray[np.float64], v: float, w: float
+) -> None:
+    start = np.array([0.0, 0.0, 0.0, v, w])
+    found = would_meet_people(start, crowd, BODY, LIMITS.deceleration, 0.15)
+    pose, speed, meets, nearly = Pose2D(0.0, 0.0, 0.0), v, False, False
+    for step in range(1, 400):
+        if abs(speed) < PROXIMITY.standing_mps:
+            break
+        if 0.05 * step > 0.15:
+            slower = math.copysign(max(abs(speed) - 0.05 * LIMITS.deceleration, 0.0), speed)
+            w *= slower / speed
+            speed = slower
+        pose = integrate_twist(pose, Twist2D(speed, 0.0, w), 0.05)
+        for x, y, vx, vy, radius in crowd:
+            for time_s in (0.0, 0.05 * step):
+                there = x + time_s * vx, y + time_s * vy
+                gap = plain_gap(pose, *there, radius)
+                blamed = is_to_blame(pose, speed, *there)
+                meets |= blamed and -radius < gap < PROXIMITY.meet_m - COARSE_M
+                nearly |= is_to_blame(pose, speed, *there) and gap < PROXIMITY.meet_m + COARSE_M
+    assert found or not meets
+    assert nearly or not found
+
+
+def test_who_stands_or_leaves_meets_nobody() -> None:
+    ahead = np.array([[0.5, 0.0, -1.0, 0.0, 0.25]])
+    behind = np.array([[-0.45, 0.0, 1.0, 0.0, 0.25]])
+    assert would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), ahead, BODY, 0.9, 0.15)
+    assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), ahead, BODY, 0.9, 0.15)
+    assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), behind, BODY, 0.9, 0.15)
+    assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), NOBODY, BODY, 0.9, 0.15)

@@ -1,0 +1,60 @@
+"""The braking check that no command gets past."""
+
+import numpy as np
+from support.flatland import empty_room, with_block
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D, integrate_twist
+from trolley_planner.context.planning_context import PlanningContext, empty_grid
+from trolley_planner.control.controller import Motion, limits_of, safe_command
+from trolley_planner.costmap.footprint import Footprint
+
+CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
+FOOTPRINT = Footprint.from_polygon(CORNERS)
+CONFIG = PlannerConfig()
+LIMITS = limits_of(CONFIG, 0.5, 1.5, 1.0)
+
+
+def context_with_block() -> PlanningContext:
+    return PlanningContext(with_block(empty_room(), 3.0, 2.0, 0.5, 2.0), FOOTPRINT, CONFIG, 0.5)
+
+
+def test_a_safe_command_never_touches_whatever_was_wanted() -> None:
+    context = context_with_block()
+    rng = np.random.default_rng(5)
+    for _ in range(150):
+        pose = Pose2D(rng.uniform(2.3, 2.75), rng.uniform(2.0, 4.0), rng.uniform(-3.1, 3.1))
+        context.local_costmap.update(pose.x, pose.y)
+        if context.seen_clearance(pose, 1.0) < CONFIG.clearance_m:
+            continue
+        wanted = Twist2D(rng.uniform(-0.5, 0.5), 0.0, rng.uniform(-1.5, 1.5))
+        motion = Motion(pose, Twist2D.zero())
+        given = safe_command(motion, wanted, context.local_costmap, LIMITS)
+        # It drives on for the time that a command takes, and brakes along its arc.
+        reached, twist = integrate_twist(pose, given, 0.15), given
+        while twist.speed > 1e-3:
+            slower = max(0.0, twist.speed - 0.01 * LIMITS.deceleration) / twist.speed
+            twist = twist.scaled(slower)
+            reached = integrate_twist(reached, twist, 0.01)
+        assert context.seen_clearance(reached, 1.0) > 0.0
+        assert abs(given.vx) <= abs(wanted.vx)
+
+
+def test_away_from_an_obstacle_all_is_safe() -> None:
+    context = context_with_block()
+    pose = Pose2D(2.84, 3.0, 0.0)
+    context.local_costmap.update(pose.x, pose.y)
+    back = Twist2D(-0.1, 0.0, 0.0)
+    assert safe_command(Motion(pose, Twist2D.zero()), back, context.local_costmap, LIMITS) == back
+    ahead = Twist2D(0.1, 0.0, 0.0)
+    assert safe_command(Motion(pose, Twist2D.zero()), ahead, context.local_costmap, LIMITS).is_zero
+
+
+def test_nobody_backs_into_what_was_never_seen() -> None:
+    config = PlannerConfig(frame="odom")
+    context = PlanningContext(empty_grid(Pose2D.identity(), 6.0, 0.05), FOOTPRINT, config, 0.5)
+    motion, back = Motion(Pose2D(3.0, 3.0, 1.0), Twist2D.zero()), Twist2D(-0.1, 0.0, 0.3)
+    context.local_costmap.update(3.0, 3.0)
+    assert safe_command(motion, back, context.local_costmap, LIMITS) == Twist2D(0.0, 0.0, 0.3)
+    context.costmap.obstacle_layer.grid.observed[:] = 1
+    assert safe_command(motion, back, context.local_costmap, LIMITS) == back

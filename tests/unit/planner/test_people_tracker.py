@@ -1,0 +1,222 @@
+"""Tracking people, and standing before they are in the way."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.flatland import BEAMS, Flatland, empty_room, with_block
+
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap, distance_transform
+from trolley_planner.people.people_tracker import (
+    TRACKING,
+    PeopleTracker,
+    TrackedPerson,
+    person_discs,
+)
+
+STEP_S = 0.05
+
+
+def mover(x: float, y: float, vx: float, vy: float) -> list[TrackedPerson]:
+    """One thing of 0.2 m."""
+    points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])
+    return [TrackedPerson(points, np.array([vx, vy]))]
+
+
+class Watched:
+    """Keeps what a drive takes for moving."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.people: list[TrackedPerson] = []
+        look = PeopleTracker.update
+
+        def keep(
+            watch: PeopleTracker,
+            stamp_ns: int,
+            beams: NDArray[np.float64],
+            wall_distance_m: NDArray[np.float32],
+            edge_m: float,
+        ) -> list[TrackedPerson]:
+            found = look(watch, stamp_ns, beams, wall_distance_m, edge_m)
+            self.people += found
+            return found
+
+        monkeypatch.setattr(PeopleTracker, "update", keep)
+
+
+def test_what_stands_does_not_move_when_it_comes_into_sight(
+    ride, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = Watched(monkeypatch)
+    room = with_block(empty_room(), 3.0, 1.5, 0.2, 1.6)
+    world = Flatland(room, Pose2D(1.0, 2.0, 0.0))
+    # Hidden behind the block at first.
+    world.set_truth(with_block(with_block(room, 4.5, 1.8, 0.3, 0.3), 2.0, 4.0, 0.2, 0.2))
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 2.0, 0.0))
+    assert drive.until_over().state == "arrived"
+    assert not watched.people
+
+
+def with_person(room: GridMap, x: float, y: float) -> GridMap:
+    return with_block(room, x - 0.15, y - 0.15, 0.3, 0.3)
+
+
+def test_who_comes_is_not_taken_for_somebody_else_who_stands_there() -> None:
+    """Who was not there before comes from nowhere known, and not from a bystander's place."""
+    room = empty_room()
+    world = Flatland(room, Pose2D(4.0, 3.0, 0.0))
+    watch = PeopleTracker()
+    wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
+    found: list[TrackedPerson] = []
+    for step, y in enumerate([None, 4.1, 3.98]):
+        bystander = with_person(room, 4.6, 3.0)
+        world.set_truth(bystander if y is None else with_person(bystander, 4.6, y))
+        angles = 0.7 + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
+        ranges = world.ranges().astype(np.float64)
+        x, cos, sin = np.full(BEAMS, 4.05), np.cos(angles), np.sin(angles)
+        beams = np.stack([x, np.full(BEAMS, 3.0), cos, sin, ranges, ranges], axis=1)
+        found = watch.update(step * 100_000_000, beams, wall_distance_m, room.resolution)
+    assert [float(mover.velocity[1]) < -0.5 for mover in found] == [True]
+
+
+def test_two_who_pass_each_other_keep_their_own_ways() -> None:
+    room = empty_room()
+    world = Flatland(room, Pose2D(4.0, 3.0, 0.0))
+    watch = PeopleTracker()
+    wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
+    seen: list[list[float]] = []
+    for step in range(16):
+        # One comes down at 1.2 m/s, the other goes up at 0.9 m/s, half a metre farther away.
+        down, up = 4.0 - 0.12 * step, 2.2 + 0.09 * step
+        world.set_truth(with_person(with_person(room, 5.0, down), 5.5, up))
+        angles = 0.7 + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
+        ranges = world.ranges().astype(np.float64)
+        x, cos, sin = np.full(BEAMS, 4.05), np.cos(angles), np.sin(angles)
+        beams = np.stack([x, np.full(BEAMS, 3.0), cos, sin, ranges, ranges], axis=1)
+        found = watch.update(step * 100_000_000, beams, wall_distance_m, room.resolution)
+        for mover in found:
+            is_first = float(mover.points[:, 0].min()) < 5.2
+            seen.append([is_first, float(mover.velocity[1])])
+    first = [speed for is_first, speed in seen if is_first]
+    second = [speed for is_first, speed in seen if not is_first]
+    assert len(first) > 8
+    assert len(second) > 4
+    assert max(first) < -0.3
+    assert min(second) > 0.2
+
+
+def corridor(door_x: float) -> GridMap:
+    """A corridor of 1 m along y = 3 with a wide opening to the left at `door_x`."""
+    below = with_block(empty_room(), 0.1, 0.1, 6.0, 2.4)
+    before = with_block(below, 0.1, 3.5, door_x - 0.6, 0.3)
+    return with_block(before, door_x + 0.5, 3.5, 5.5 - door_x, 0.3)
+
+
+@pytest.mark.parametrize("speed", [1.0, 1.4])
+def test_who_runs_out_of_a_door_finds_the_robot_standing(
+    ride, speed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = Watched(monkeypatch)
+    door_x, late_s = 2.2, 3.3
+    room = corridor(door_x)
+    world = Flatland(room, Pose2D(1.0, 3.0, 0.0))
+    drive = ride(world)
+    drive.send(Pose2D(5.5, 3.0, 0.0))
+    fastest = 0.0
+    # All the time the walls are nearer than the person, who comes when the robot would be there.
+    for step in range(round((late_s + 1.5) / STEP_S)):
+        y = max(3.0 + speed * (late_s - step * STEP_S), 2.7)
+        if y < 5.5:
+            world.set_truth(with_person(room, door_x, y))
+        drive.step()
+        if math.hypot(world.pose.x - door_x, world.pose.y - y) < 0.35:
+            fastest = max(fastest, abs(world.twist.vx))
+    assert watched.people
+    assert world.touches == 0
+    assert fastest <= 0.02
+    world.set_truth(room)
+    assert drive.until_over().state == "arrived"
+
+
+ANGLES = np.arange(360) * (2.0 * math.pi / 360)
+NO_WALLS = np.full((200, 200), 9.0, dtype=np.float32)
+EDGE_M = 0.05
+
+
+def beams_to(
+    circles: list[tuple[float, float, float]], shown_to: float = 7.0
+) -> NDArray[np.float64]:
+    """Beams from (5, 5) that meet circles (x, y, radius), or end in a wall all round 2 m away.
+
+    Those at angles above `shown_to` are left out, as by a lidar that does not look there.
+    """
+    ways = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+    ranges = np.full(len(ANGLES), 2.0)
+    for x, y, radius in circles:
+        along = ways @ (x - 5.0, y - 5.0)
+        beside = (x - 5.0) ** 2 + (y - 5.0) ** 2 - along**2
+        meets = (along > 0.0) & (beside < radius**2)
+        ranges[meets] = np.minimum(ranges[meets], along[meets] - np.sqrt(radius**2 - beside[meets]))
+    here = np.full(len(ANGLES), 5.0)
+    return np.column_stack([here, here, ways, ranges, ranges])[shown_to > ANGLES]
+
+
+def legs(y: float) -> list[tuple[float, float, float]]:
+    """Of somebody at (6.2, y) who walks along y."""
+    swing = 0.15 * math.sin(2.0 * math.pi * y / 1.2)
+    return [(6.1, y + swing, 0.06), (6.3, y - swing, 0.06)]
+
+
+def test_two_legs_are_one_person_who_walks_evenly() -> None:
+    watch = PeopleTracker()
+    for step in range(25):
+        y = 4.2 + 0.08 * step
+        movers = watch.update(step * 100_000_000, beams_to(legs(y)), NO_WALLS, EDGE_M)
+        if step >= 6:
+            assert len(movers) == 1
+            x_mps, y_mps = movers[0].velocity
+            assert abs(float(x_mps)) < 0.4
+            assert 0.4 < float(y_mps) < 1.2
+            disc = person_discs(movers)[0]
+            assert math.hypot(disc[0] - 6.2, disc[1] - y) < 0.25
+
+
+def test_who_comes_out_of_sight_walks_on_for_a_while_where_nobody_looks() -> None:
+    watch = PeopleTracker()
+    shown_to = 0.8
+    times: list[float] = []
+    for step in range(40):
+        y = 5.0 + 0.1 * step
+        beams = beams_to([(5.8, y, 0.15)], shown_to)
+        movers = watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M)
+        is_hidden = math.atan2(y - 5.2, 0.8) > shown_to
+        if is_hidden and movers:
+            times.append(0.1 * step)
+            disc = person_discs(movers)[0]
+            assert math.hypot(disc[0] - 5.8, disc[1] - y) < 0.6
+    assert len(movers) == 0
+    assert 0.5 < times[-1] - times[0] < TRACKING.hidden_s + 0.15
+
+
+def test_nobody_is_left_where_the_lidar_sees_nobody() -> None:
+    watch = PeopleTracker()
+    for step in range(8):
+        circles = [(5.8, 4.6 + 0.1 * step, 0.15)]
+        assert bool(watch.update(step * 100_000_000, beams_to(circles), NO_WALLS, EDGE_M)) == (
+            step > 0
+        )
+    assert watch.update(800_000_000, beams_to([]), NO_WALLS, EDGE_M) == []
+
+
+def test_between_two_looks_who_walks_goes_on() -> None:
+    watch = PeopleTracker()
+    for step in range(6):
+        found = watch.update(
+            step * 100_000_000, beams_to([(5.8, 4.6 + 0.1 * step, 0.15)]), NO_WALLS, EDGE_M
+        )
+    (walker,) = found
+    (later,) = watch.update(540_000_000, beams_to([(5.8, 5.14, 0.15)]), NO_WALLS, EDGE_M)
+    np.testing.assert_allclose(later.points, walker.points + 0.04 * walker.velocity)
