@@ -37,7 +37,7 @@ from trolley.messages.request_params import MapNamed
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.drivers.world_file import load_world
 from trolley_base.service import BaseService
-from trolley_mapper.exploring import Explorer
+from trolley_mapper.explore.explorer import Explorer
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED
 from trolley_mapper.service import MapperService
 from trolley_planner.service import PlannerService

@@ -24,8 +24,8 @@ from recorded import CREATE3, FREIBURG, FREIBURG_RAW, Recording, read_recording
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import GridMap
-from trolley_mapper.core import Mapper
-from trolley_mapper.estimate import MapEstimate
+from trolley_mapper.slam.estimate import MapEstimate
+from trolley_mapper.slam.mapper import Mapper
 
 OUT = Path(__file__).with_name("out")
 

@@ -15,10 +15,10 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap, cast_rays, distance_transform
 from trolley.messages import GoalState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
-from trolley_mapper.errand import Cancel, Limits, Scene, Send, look
-from trolley_mapper.exploring import Explorer
-from trolley_mapper.floor import lay_floor
-from trolley_mapper.frontiers import Body
+from trolley_mapper.explore.exploration_goal import Cancel, Limits, Scene, Send, look
+from trolley_mapper.explore.explorer import Explorer
+from trolley_mapper.explore.frontiers import Body
+from trolley_mapper.explore.traversable_area import lay_floor
 from trolley_mapper.kernels.frontiers import FREE as FREE_KIND
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED, spread_into
 

@@ -17,10 +17,10 @@ from trolley.messages.request_params import (
     Yield,
 )
 from trolley.runtime.service import Later, answers, every
-from trolley_mapper.beginning import Beginning
-from trolley_mapper.exploration import Exploring
-from trolley_mapper.making import Making
-from trolley_mapper.map_files import write_map
+from trolley_mapper.edit.map_files import write_map
+from trolley_mapper.explore_service import Exploring
+from trolley_mapper.map_session import Making
+from trolley_mapper.preconditions import Beginning
 
 ANSWER_NS = 1_500_000_000
 """Local time after which a request is answered with how far it is."""
