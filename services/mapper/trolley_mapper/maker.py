@@ -18,7 +18,7 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import Yield
 from trolley.runtime.service import Watch, every
-from trolley.scan_input import Reject, ScanInput
+from trolley.scanning.front_end import Reject, ScanInput
 from trolley_mapper import kept as keeping
 from trolley_mapper import wording
 from trolley_mapper.kept import Kept
