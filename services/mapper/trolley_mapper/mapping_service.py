@@ -18,7 +18,7 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import Yield
 from trolley.runtime.service import Watch, every
-from trolley.scan_input import Reject, ScanInput
+from trolley.scanning.front_end import Reject, ScanInput
 from trolley_mapper import checkpoint as keeping
 from trolley_mapper.checkpoint import Kept
 from trolley_mapper.edit.editor import MapEditor

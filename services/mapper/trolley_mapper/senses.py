@@ -1,13 +1,13 @@
 """What the mapper hears of the robot while it maps; nothing is listened to while it is idle."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Odometry, Scan
-from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import Service
-from trolley.scan_input import ScanInput
+from trolley.scanning.front_end import Reject, ScanAssembler, ScanInput
 
 SILENT_S = 1.0
 
@@ -26,8 +26,7 @@ class Senses:
     def __init__(self, service: Service, heard: Callable[[], None]) -> None:
         self._service = service
         self._heard = heard
-        self._waiting = WaitingScan()
-        self._ready: list[ScanInput] = []
+        self._assembler = ScanAssembler()
         self.run_T_odom = Pose2D.identity()
         """From the odometry of the present run of base to the continued one."""
         self._newest: Pose2D | None = None
@@ -44,7 +43,7 @@ class Senses:
 
     def begin_epoch(self) -> None:
         """Take note that base began anew."""
-        self._waiting.forget()
+        self._assembler.clear()
         self._is_new_run = True
 
     def missing(self) -> list[str]:
@@ -71,9 +70,7 @@ class Senses:
         return None
 
     def _hear_scan(self, scan: Scan) -> None:
-        before = self._waiting.put(scan, self._service.monotonic_ns)
-        if before is not None:
-            self._complete(before)
+        self._assembler.add(scan, self._service.monotonic_ns)
         self._heard()
 
     def _hear_odometry(self, _: Odometry) -> None:
@@ -81,12 +78,15 @@ class Senses:
 
     def take(self) -> list[ScanInput]:
         """Return the scans that are complete by now, oldest first."""
-        rate = self._service.time_of(self._service.robot).rate
-        scan = self._waiting.take(self.odometry.history, self._service.monotonic_ns, rate)
-        if scan is not None:
-            self._complete(scan)
-        ready, self._ready = self._ready, []
-        return ready
+        service = self._service
+        rate = service.time_of(service.robot).rate
+        found = self._assembler.take(
+            self.odometry.history, self.laser.latest, service.monotonic_ns, rate
+        )
+        for reject in found:
+            if isinstance(reject, Reject):
+                service.count(f"scan/{reject.name.lower()}")
+        return [self._continue(scan) for scan in found if isinstance(scan, ScanInput)]
 
     def continued(self, odom_T_base: Pose2D) -> Pose2D:
         """Return odometry of the present run of base as the continuation of those before."""
@@ -97,21 +97,12 @@ class Senses:
         latest = self.odometry.latest
         return None if latest is None else self.continued(latest.pose)
 
-    def _complete(self, scan: Scan) -> None:
-        """Put a scan together with the odometry at its ends."""
-        laser = self.laser.latest
-        if laser is None or laser.parent != "base_link":
-            self._service.count("scan/no_laser_mounting")
-            return
-        first = pose_at(self.odometry.history, scan.stamp_ns)
-        last = pose_at(self.odometry.history, end_ns(scan))
-        if first is None or last is None:
-            self._service.count("scan/no_odometry")
-            return
+    def _continue(self, scan: ScanInput) -> ScanInput:
+        """Put a scan's odometry on as the continuation of the runs of base before."""
         if self._is_new_run and self._newest is not None:
-            self.run_T_odom = self._newest @ first.inverse()
+            self.run_T_odom = self._newest @ scan.odom_T_base.inverse()
         self._is_new_run = False
-        self._newest = self.continued(last)
-        self._ready.append(
-            ScanInput.of(scan, laser.pose, self.continued(first), self.continued(last))
+        self._newest = self.continued(scan.odom_T_base_end)
+        return replace(
+            scan, odom_T_base=self.continued(scan.odom_T_base), odom_T_base_end=self._newest
         )

@@ -1,4 +1,4 @@
-"""From ranges to points in `base_link`, and the direction of the surface at each of them."""
+"""The direction of the surface at each point of a scan, and which points to keep."""
 
 import math
 
@@ -17,57 +17,6 @@ _JUMP_M = 0.08
 # Root mean square distance from the line beyond which it is none: constant [m], per metre.
 _ROUGH_M = 0.02
 _ROUGH_SHARE = 0.004
-
-
-@kernel
-def project_scan(
-    out_points: NDArray[np.float64],
-    out_beams: NDArray[np.int32],
-    ranges: NDArray[np.float32],
-    angles: NDArray[np.float64],
-    limits: NDArray[np.float64],
-    base_T_laser: NDArray[np.float64],
-    motion: NDArray[np.float64],
-) -> int:
-    """Put the echoes into `base_link` at the scan's stamp, corrected for the motion since.
-
-    Args:
-        out_points: (n, 2) [m], its first rows are overwritten.
-        out_beams: (n,) number of the beam of each point, overwritten alike.
-        ranges: (n,) [m]; NaN, infinite, zero and negative values are left out.
-        angles: (2,) angle of beam 0 and step [rad] in `laser`.
-        limits: (2,) nearest and farthest echo to use [m].
-        base_T_laser: (3,) x, y [m], yaw [rad].
-        motion: (3,) pose of the base at the last beam in its frame at the stamp [m, m, rad].
-
-    Returns:
-        How many points there are.
-    """
-    count = 0
-    for i in range(ranges.size):
-        reach = np.float64(ranges[i])
-        if not (limits[0] <= reach <= limits[1]):
-            continue
-        share = i / max(ranges.size - 1, 1)
-        turned = share * motion[2]
-        cos = math.cos(turned)
-        sin = math.sin(turned)
-        heading = turned + base_T_laser[2] + angles[0] + i * angles[1]
-        out_points[count, 0] = (
-            share * motion[0]
-            + cos * base_T_laser[0]
-            - sin * base_T_laser[1]
-            + reach * math.cos(heading)
-        )
-        out_points[count, 1] = (
-            share * motion[1]
-            + sin * base_T_laser[0]
-            + cos * base_T_laser[1]
-            + reach * math.sin(heading)
-        )
-        out_beams[count] = i
-        count += 1
-    return count
 
 
 @kernel

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scan_input import Reject, ScanInput, problem_of
+from trolley.scanning.front_end import Reject, ScanInput, problem_of
 from trolley_mapper.odometry import OdometryScale
 from trolley_mapper.scan import Sweep, read_sweep
 from trolley_mapper.slam.anchors import Anchors

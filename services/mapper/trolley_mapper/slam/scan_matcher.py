@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, angle_difference
-from trolley.scan_input import ScanInput
+from trolley.scanning.front_end import ScanInput
 from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.scan import Sweep, read_sweep
