@@ -1,81 +1,49 @@
-"""Saved places on the map that is being made: they move with it when loops are closed."""
+"""Saved places follow the map that is being made: heard, and stored anew where they moved."""
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol
+from functools import partial
 
-from msgspec import structs
-
-from trolley.geometry import Pose2D, angle_difference
-from trolley.messages import SavedPose
-from trolley_mapper.slam.estimate import Anchor
-
-MOVED_M = 0.01
-MOVED_RAD = math.radians(0.5)
-"""A place is put right when it has moved by so much."""
+from trolley import requests, topics
+from trolley.codes import Refused
+from trolley.messages import SavedPose, SavedPoses
+from trolley.runtime.service import Service
+from trolley_mapper.map_session import MapSession
 
 
-class Anchors(Protocol):
-    """What ties poses to the map (the core's `Mapper`)."""
-
-    def anchor(self, map_T_pose: Pose2D) -> Anchor:
-        """Tie a pose to the map."""
-        ...
-
-    def moved(self, anchor: Anchor) -> Pose2D:
-        """Return where it lies now."""
-        ...
-
-
-class Places:
-    """The places of one map, each tied to it where it was when it was first seen there.
+class SavedPlaces:
+    """Keeps the stored places of one map where the map has them.
 
     Args:
-        anchors: of a run before, by the name of the place.
+        service: that hears and asks.
+        session: the map in the making.
     """
 
-    def __init__(self, anchors: Mapping[str, Anchor] | None = None) -> None:
-        self.anchors = dict(anchors or {})
-        self._stored: dict[str, SavedPose] = {}
+    def __init__(self, service: Service, session: MapSession) -> None:
+        self._service, self._session = service, session
+        self._watch = service.watch(topics.POSES, then=self.update)
 
-    def hear(self, poses: Iterable[SavedPose], map_name: str, core: Anchors) -> None:
-        """Take note of what is stored; a place that somebody has moved is tied anew."""
-        before = self._stored
-        self._stored = {one.name: one for one in poses if one.map == map_name}
-        for name in self.anchors.keys() - self._stored.keys():
-            del self.anchors[name]
-        for name, place in self._stored.items():
-            known = before.get(name)
-            was_moved = known is not None and _differ(known.pose, place.pose)
-            if name not in self.anchors or was_moved:
-                self.anchors[name] = core.anchor(place.pose)
+    def close(self) -> None:
+        """Follow no more."""
+        self._service.close_watch(self._watch)
 
-    def tie_anew(self, core: Anchors) -> None:
-        """Tie all places to the map as it is now."""
-        for name, place in self._stored.items():
-            self.anchors[name] = core.anchor(place.pose)
+    def update_from_latest(self) -> None:
+        """Take what was heard before there was a map to tie it to."""
+        if self._watch.latest is not None:
+            self.update(self._watch.latest)
 
-    def moved(self, core: Anchors, map_name: str | None = None) -> Sequence[SavedPose]:
-        """Return the places that lie elsewhere now, as they are to be stored.
+    def update(self, poses: SavedPoses) -> None:
+        """Tie the stored places to the map."""
+        session = self._session
+        if session.core is not None:
+            session.places.update(poses.poses, session.name, session.core)
 
-        What is returned counts as stored from now on.
+    def store_moved(self, map_name: str | None = None) -> None:
+        """Store the places that moved with the map; under another name of it if there is one."""
+        if self._session.core is None:
+            return
+        for place in self._session.places.moved(self._session.core, map_name):
+            self._service.request(requests.POSES_PUT, place, partial(self._stored, place.name))
 
-        Args:
-            core: knows where they are.
-            map_name: the map that they are to belong to, if not the one of before.
-        """
-        changed: list[SavedPose] = []
-        for name, place in self._stored.items():
-            pose = core.moved(self.anchors[name]).wrapped()
-            if not _differ(place.pose, pose):
-                pose = place.pose
-            right = structs.replace(place, pose=pose, map=map_name or place.map)
-            if right != place:
-                self._stored[name] = right
-                changed.append(right)
-        return changed
-
-
-def _differ(one: Pose2D, other: Pose2D) -> bool:
-    turned = abs(angle_difference(one.yaw, other.yaw))
-    return one.distance_to(other) > MOVED_M or turned > MOVED_RAD
+    def _stored(self, name: str, result: SavedPose | Refused) -> None:
+        if isinstance(result, Refused):
+            self._service.count("poses/not_put_right")
+            self._service.log.warning("A place was not put right", name=name, why=result.message)

@@ -30,7 +30,7 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import LoadMap, MapNamed
 from trolley_localizer.map_owner import MapOwner
-from trolley_mapper.edit import editor, map_edit
+from trolley_mapper.edit import editor, map_switch
 
 from .conftest import START, Stage, flat
 
@@ -200,7 +200,7 @@ def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
 ) -> None:
     params = EditMap(name="flat", ops=[Turn(angle=0.5)])
     with monkeypatch.context() as patch:
-        patch.setattr(editor.Following, "begin", lambda *_: None)
+        patch.setattr(editor.MapSwitch, "begin", lambda *_: None)
         assert home.ask(requests.MAP_EDIT, params).state == "working"
     assert home.zones[-1].zones == [RUG]
     home.bus.kill("mapper")
@@ -208,7 +208,7 @@ def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
     home.bus.run(3.0)
     wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
     np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
-    assert not list(home.folder.rglob(map_edit.PENDING_FILE))
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
 
 
 def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
@@ -230,7 +230,7 @@ def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
     assert (reply.state, reply.message) == ("saved", "Turned: flat is stored as version 2.")
     wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
     np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
-    assert not list(home.folder.rglob(map_edit.PENDING_FILE))
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
 
 
 def test_places_that_are_not_known_are_not_left_behind(home: Home) -> None:

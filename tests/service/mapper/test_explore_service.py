@@ -18,7 +18,7 @@ from trolley.messages import BaseState, MappingStatus, VelocityCommand
 from trolley.messages.request_params import ExploreMap, MapNamed, PauseMap, SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import every, on
-from trolley_mapper import mapping_service
+from trolley_mapper import checkpoint
 from trolley_mapper.service import MapperService
 from trolley_planner.service import PlannerService
 
@@ -181,7 +181,7 @@ def test_a_mapper_that_comes_back_drives_nowhere(stage: Stage) -> None:
 def test_a_mapper_that_comes_back_says_that_exploring_waits(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mapping_service, "KEEP_PERIOD_NS", 2_000_000_000)
+    monkeypatch.setattr(checkpoint, "PERIOD_NS", 2_000_000_000)
     stage.explore()
     stage.bus.run(4.0)
     assert stage.status.exploring == "exploring"

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from houses import draw_house, free_poses
-from perfect_robot import BODY, LIMITS, PerfectRobot, advance
+from perfect_robot import CLEARANCE, LIMITS, PerfectRobot, advance
 
 from trolley import codes
 from trolley.codes import Refused
@@ -15,8 +15,8 @@ from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.messages import BaseState, GoalState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
-from trolley_mapper.explore.exploration_goal import Cancel, Limits, Scene, Send
-from trolley_mapper.explore.explorer import MOST_FAILED, START_S, WAIT_S, Explorer
+from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scene, Send
+from trolley_mapper.explore.explorer import PARAMS, Explorer
 
 EDGE = 0.05
 START = Pose2D(1.0, 1.0, 0.0)
@@ -35,7 +35,7 @@ def two_rooms(open_at: float | None = 1.5) -> GridMap:
 
 
 def make_explorer(limits: Limits = LIMITS, *, sees_all_round: bool = True) -> Explorer:
-    return Explorer("run", BODY, limits, sees_all_round)
+    return Explorer("run", CLEARANCE, limits, sees_all_round)
 
 
 def explored(robot: PerfectRobot, limits: Limits = LIMITS) -> Explorer:
@@ -65,7 +65,7 @@ def test_houses_are_found_without_a_goal_that_is_too_near_to_anything(
     solid = house.cell_to_world(np.argwhere(house.cells != FREE))
     for goal in robot.goals[:-1]:
         assert goal.pose is not None
-        assert np.hypot(*(solid - goal.pose.as_array()[:2]).T).min() >= BODY.stands_m - EDGE
+        assert np.hypot(*(solid - goal.pose.as_array()[:2]).T).min() >= CLEARANCE.standing_m - EDGE
 
 
 def test_a_lidar_that_looks_ahead_only_is_turned_to_what_is_unknown() -> None:
@@ -160,8 +160,8 @@ def test_a_robot_that_does_not_get_on_says_so() -> None:
     robot = PerfectRobot(draw_house(10.0, 3), Pose2D(2.0, 2.0, 0.0), fails=lambda _: True)
     explorer = explored(robot)
     assert (explorer.state, explorer.reason) == ("paused", codes.BLOCKED)
-    assert "does not get on" in explorer.message
-    assert len(robot.goals) == MOST_FAILED
+    assert "cannot get anywhere" in explorer.message
+    assert len(robot.goals) == PARAMS.max_failed
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (60, 60)])
@@ -172,11 +172,11 @@ def test_a_map_that_shows_no_floor_is_waited_for_and_then_told(
     grid = GridMap("blank", EDGE, Pose2D.identity(), np.full(shape, value, np.int8))
     explorer = make_explorer()
     explorer.begin(None, None)
-    for second in range(round(START_S) + 3):
+    for second in range(round(PARAMS.start_s) + 3):
         pose = Pose2D(0.02, 0.02, 0.0)
         advance(explorer, Scene(grid, pose, False, False, (), pose), float(second))
     assert (explorer.state, explorer.reason) == ("paused", codes.IN_OBSTACLE)
-    assert explorer.wishes == []
+    assert explorer.take_actions() == []
 
 
 def test_a_robot_in_a_box_says_so() -> None:
@@ -218,18 +218,17 @@ def test_it_stands_until_it_is_told_to_go_on(reason: str) -> None:
     explorer.hear_goal(status("driving", goal="older"), 0.5)  # which ours replaces
     advance(explorer, robot.scene(), 1.0)
     explorer.hear_goal(status("driving"), 1.5)
-    explorer.wishes.clear()
+    explorer.take_actions()
     INTERRUPTIONS[reason](explorer)
     assert (explorer.state, explorer.reason) == ("paused", reason)
-    assert all(isinstance(wish, Cancel) for wish in explorer.wishes)
-    explorer.wishes.clear()
+    assert all(isinstance(action, Cancel) for action in explorer.take_actions())
     for second in range(2, 100):
         advance(explorer, robot.scene(), float(second))
-    assert explorer.wishes == []
+    assert explorer.take_actions() == []
     explorer.begin("living-room", "teleop")
     explorer.hear_base(base("teleop"))  # the hand that was on it before
     advance(explorer, robot.scene(), 101.0)
-    assert [type(wish) for wish in explorer.wishes] == [Send]
+    assert [type(action) for action in explorer.take_actions()] == [Send]
 
 
 def test_a_goal_of_ours_that_was_already_under_way_is_taken_back_when_paused() -> None:
@@ -237,9 +236,9 @@ def test_a_goal_of_ours_that_was_already_under_way_is_taken_back_when_paused() -
     explorer.begin(None, None)
     advance(explorer, robot.scene(), 1.0)
     explorer.pause(codes.PAUSED, "Paused.")
-    explorer.wishes.clear()
+    explorer.take_actions()
     explorer.hear_goal(status("driving"), 1.2)  # it was on its way to the planner
-    assert explorer.wishes == [Cancel("map-run-1")]
+    assert explorer.take_actions() == [Cancel("map-run-1")]
 
 
 @pytest.mark.parametrize(("lost", "after_s"), [(True, 8), (False, 35)])
@@ -254,20 +253,19 @@ def test_a_pose_that_is_doubted_for_long_pauses(lost: bool, after_s: int) -> Non
         explorer.hear_goal(status("driving"), float(second))
         advance(explorer, scene, float(second))
     assert explorer.state == "paused"
-    assert Cancel("map-run-1") in explorer.wishes
+    assert Cancel("map-run-1") in explorer.take_actions()
 
 
 def test_a_planner_that_is_not_ready_is_asked_again_for_a_while() -> None:
     robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
     explorer.begin(None, None)
     sent: list[str | None] = []
-    for second in range(round(WAIT_S) + 20):
+    for second in range(round(PARAMS.wait_s) + 20):
         advance(explorer, robot.scene(), float(second))
-        for wish in explorer.wishes:
-            if isinstance(wish, Send):
-                sent.append(wish.goal.id)
+        for action in explorer.take_actions():
+            if isinstance(action, Send):
+                sent.append(action.goal.id)
                 explorer.hear_refusal("map-run-1", Refused(codes.NOT_READY), float(second))
-        explorer.wishes.clear()
     assert len(sent) > 5
     assert set(sent) == {"map-run-1"}
     assert (explorer.state, explorer.reason) == ("paused", codes.NOT_READY)
@@ -277,17 +275,18 @@ def test_a_goal_that_takes_too_long_is_given_up() -> None:
     robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
     explorer.begin(None, None)
     advance(explorer, robot.scene(), 0.0)
-    explorer.wishes.clear()
+    explorer.take_actions()
+    actions: list[Action] = []
     for second in range(1, 200):
         explorer.hear_goal(status("driving"), float(second))
         advance(explorer, robot.scene(), float(second))
-        if explorer.wishes:
+        actions = explorer.take_actions()
+        if actions:
             break
-    assert explorer.wishes == [Cancel("map-run-1")]
-    explorer.wishes.clear()
+    assert actions == [Cancel("map-run-1")]
     explorer.hear_goal(status("canceled", codes.CANCELED), 201.0)
     advance(explorer, robot.scene(), 202.0)
-    assert [type(wish) for wish in explorer.wishes] == [Send]
+    assert [type(action) for action in explorer.take_actions()] == [Send]
 
 
 def test_nothing_left_to_see_from_the_start_is_the_end_of_it() -> None:

@@ -11,9 +11,9 @@ from trolley_mapper.kernels import correlate, lines
 from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.kernels.surfels import EXPLAINED
 from trolley_mapper.kernels.trace import trace_keyframe
-from trolley_mapper.scan import Sweep
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.local_map import LocalMap, without_noise
+from trolley_mapper.slam.sweep import Sweep
 
 
 def room(count: int = 240) -> Cloud:

@@ -13,7 +13,7 @@ from trolley.map_editing import apply
 from trolley.map_editing.apply import crop
 from trolley.messages.editing import Turn
 from trolley.worlds import folder
-from trolley_mapper.edit.map_alignment import match
+from trolley_mapper.edit.map_alignment import align_maps
 
 FLAT = load_map(folder() / "apartment.yaml")
 
@@ -30,7 +30,7 @@ def half(grid: GridMap, *, is_left: bool, overlap: float) -> GridMap:
 def test_a_map_that_was_turned_is_found_where_it_lies(angle: float) -> None:
     right = half(FLAT, is_left=False, overlap=1.0)
     turned, old_T_new = apply(right, Turn(angle=angle, about=(2.0, 1.0)))
-    found = match(half(FLAT, is_left=True, overlap=1.0), turned)
+    found = align_maps(half(FLAT, is_left=True, overlap=1.0), turned)
     assert found.this_T_other.distance_to(old_T_new) < 0.05
     assert abs(angle_difference(found.this_T_other.yaw, old_T_new.yaw)) < math.radians(0.4)
     assert found.agreeing_m > 3.0
@@ -42,7 +42,7 @@ def test_rooms_that_look_the_same_from_all_sides_are_ambiguous() -> None:
     cells[12:68, 12:68] = 0
     square = GridMap("square", 0.05, Pose2D.identity(), cells)
     with pytest.raises(Refused) as refused:
-        match(square, square)
+        align_maps(square, square)
     assert refused.value.code == codes.AMBIGUOUS
 
 
@@ -54,11 +54,11 @@ def test_another_house_does_not_fit() -> None:
         cells[row : row + 2, col : col + int(rng.integers(3, 10))] = 100
     odd = GridMap("odd", 0.05, Pose2D.identity(), cells)
     with pytest.raises(Refused) as refused:
-        match(FLAT, odd)
+        align_maps(FLAT, odd)
     assert refused.value.code in (codes.NO_MATCH, codes.AMBIGUOUS)
 
 
 def test_a_map_without_walls_is_refused() -> None:
     empty = GridMap("empty", 0.05, Pose2D.identity(), np.zeros((9, 9), np.int8))
     with pytest.raises(Refused, match="empty has no walls"):
-        match(FLAT, empty)
+        align_maps(FLAT, empty)

@@ -1,10 +1,10 @@
-"""Places that were saved on a map move with it."""
+"""AnchoredPlaces that were saved on a map move with it."""
 
 import pytest
 
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose
-from trolley_mapper.saved_places import Places
+from trolley_mapper.saved_places import AnchoredPlaces
 from trolley_mapper.slam.estimate import Anchor
 
 
@@ -26,7 +26,7 @@ def place(name: str = "sofa", x: float = 1.0, on: str = "home") -> SavedPose:
 
 
 def test_a_place_goes_where_its_part_of_the_map_goes() -> None:
-    core, places = Moving(), Places()
+    core, places = Moving(), AnchoredPlaces()
     places.hear([place(), place("away", on="other")], "home", core)
     assert places.moved(core) == []
     core.by = Pose2D(0.0, 0.5, 0.0)
@@ -40,7 +40,7 @@ def test_a_place_goes_where_its_part_of_the_map_goes() -> None:
 
 
 def test_a_hair_is_no_move() -> None:
-    core, places = Moving(), Places()
+    core, places = Moving(), AnchoredPlaces()
     places.hear([place()], "home", core)
     core.by = Pose2D(0.004, 0.0, 0.001)
     assert places.moved(core) == []
@@ -49,7 +49,7 @@ def test_a_hair_is_no_move() -> None:
 
 
 def test_what_a_person_moves_stays_where_it_was_put() -> None:
-    core, places = Moving(), Places()
+    core, places = Moving(), AnchoredPlaces()
     places.hear([place(x=1.0)], "home", core)
     core.by = Pose2D(0.0, 0.5, 0.0)
     places.hear([place(x=3.0)], "home", core)
@@ -57,7 +57,7 @@ def test_what_a_person_moves_stays_where_it_was_put() -> None:
 
 
 def test_what_was_deleted_is_not_brought_back() -> None:
-    core, places = Moving(), Places()
+    core, places = Moving(), AnchoredPlaces()
     places.hear([place()], "home", core)
     places.hear([], "home", core)
     core.by = Pose2D(0.0, 0.5, 0.0)
@@ -66,16 +66,16 @@ def test_what_was_deleted_is_not_brought_back() -> None:
 
 
 def test_anchors_outlive_the_process() -> None:
-    core, places = Moving(), Places()
+    core, places = Moving(), AnchoredPlaces()
     places.hear([place()], "home", core)
     core.by = Pose2D(0.0, 0.5, 0.0)
-    again = Places(places.anchors)
+    again = AnchoredPlaces(places.anchors)
     again.hear([place()], "home", core)
     assert again.moved(core)[0].pose.y == pytest.approx(0.5)
 
 
 def test_all_go_along_to_a_map_of_another_name() -> None:
-    core, places = Moving(), Places()
+    core, places = Moving(), AnchoredPlaces()
     places.hear([place(), place("desk", 2.0)], "home", core)
     assert {(one.name, one.map) for one in places.moved(core, "home2")} == {
         ("sofa", "home2"),

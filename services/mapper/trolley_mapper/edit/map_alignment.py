@@ -41,7 +41,7 @@ _FREE_PENALTY = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
+class Alignment:
     """Where the other map lies."""
 
     this_T_other: Pose2D
@@ -49,9 +49,6 @@ class Match:
     """Length of its walls that lie on walls of this map, about [m]."""
     share: float
     """Of its walls that lie where this map is known, how much lies on walls, 0 to 1."""
-
-
-_STEPS = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 
 
 class _Side:
@@ -74,7 +71,7 @@ class _Side:
         self.gaps = np.asarray(gaps, np.float32)
         self.free = (grid.cells >= 0) & ~walls & (self.gaps > _CONTRADICTS_M)
 
-    def look(self, points: Floats) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def sample(self, points: Floats) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Return the distance to a wall [m] under points of this map, and what is clearly free."""
         cells = self.grid.world_to_cell(points)
         inside = self.grid.contains_cell(cells)
@@ -84,7 +81,7 @@ class _Side:
         return gaps, free
 
 
-def match(this: GridMap, other: GridMap) -> Match:
+def align_maps(this: GridMap, other: GridMap) -> Alignment:
     """Say where another map lies on this one.
 
     Args:
@@ -152,7 +149,7 @@ def _field(here: _Side, low: Floats, coarse: float, shape: tuple[int, ...]) -> N
     """Return how much a wall at each place would agree: 1 on walls, below 0 on free floor."""
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     centres = low + coarse * (np.column_stack([cols.ravel(), rows.ravel()]) + 0.5)
-    gaps, free = here.look(centres)
+    gaps, free = here.sample(centres)
     near = np.exp(-0.5 * (gaps / max(_SIGMA_M, 0.7 * coarse)) ** 2)
     return (near - _FREE_PENALTY * free).astype(np.float32).reshape(shape)
 
@@ -160,9 +157,9 @@ def _field(here: _Side, low: Floats, coarse: float, shape: tuple[int, ...]) -> N
 def _score(here: _Side, there: _Side, middle: Pose2D, sigma_m: float = _SIGMA_M) -> float:
     """Return how much agrees less what contradicts [m of walls], both ways."""
     pose = middle @ there.middle.inverse()
-    gaps, free = here.look(pose.transform_points(there.points))
+    gaps, free = here.sample(pose.transform_points(there.points))
     agreeing = float(np.exp(-0.5 * (gaps / sigma_m) ** 2).sum()) * there.point_m
-    _, back = there.look(pose.inverse().transform_points(here.points))
+    _, back = there.sample(pose.inverse().transform_points(here.points))
     against = float(free.sum()) * there.point_m + float(back.sum()) * here.point_m
     return agreeing - _FREE_PENALTY * against
 
@@ -193,20 +190,20 @@ def _refined(
     return score, at
 
 
-def _is_purer(best: Match, rival: Match) -> bool:
+def _is_purer(best: Alignment, rival: Alignment) -> bool:
     """Say whether a rival has less in common but contradicts less: two rooms of one size, say."""
     return rival.share > best.share + _PURER and rival.agreeing_m > max(
         _MIN_AGREEING_M, _RIVAL_LENGTH * best.agreeing_m
     )
 
 
-def _judged(here: _Side, there: _Side, middle: Pose2D) -> Match:
+def _judged(here: _Side, there: _Side, middle: Pose2D) -> Alignment:
     pose = (middle @ there.middle.inverse()).wrapped()
-    gaps, free = here.look(pose.transform_points(there.points))
-    _, back = there.look(pose.inverse().transform_points(here.points))
+    gaps, free = here.sample(pose.transform_points(there.points))
+    _, back = there.sample(pose.inverse().transform_points(here.points))
     agreeing = float((gaps < _AGREES_M).sum()) * there.point_m
     against = float(free.sum()) * there.point_m + float(back.sum()) * here.point_m
-    return Match(pose, agreeing, agreeing / max(agreeing + against, 1e-9))
+    return Alignment(pose, agreeing, agreeing / max(agreeing + against, 1e-9))
 
 
 def _differ(a: Pose2D, b: Pose2D, share: float = 1.0) -> bool:

@@ -1,4 +1,4 @@
-"""What `map/edit` does to the files: read, change, store; and what has to follow on the robot.
+"""What `map/edit` does to the files: read, change, store; and what the robot must be told then.
 
 All of it touches the disk or takes its time: call it through `Service.work`.
 """
@@ -14,34 +14,17 @@ from msgspec import Struct
 
 from trolley import codes
 from trolley.codes import Refused
-from trolley.files import make_folder, write_atomically
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, GridMap, MapError, load_map
 from trolley.map_editing import apply, merge
 from trolley.messages import EditMap, MapEdited, Merge, SavedPose, TakeBack, Tour, Zone
-from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, zones_without
+from trolley_mapper.edit.map_switch import SwitchPlan, store_plan
+from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
 from trolley_mapper.edit.map_versions import Change, MapVersions, Version
 
-PENDING_FILE = "map_edit.json"
 MAX_SHOWN = 2000
+"""Wall points of a merged map that a preview shows."""
 Item = TypeVar("Item", SavedPose, Tour)
-
-
-class Follow(Struct, frozen=True, kw_only=True):
-    """What the robot's services are to be told after an edit; kept until they know."""
-
-    map: str
-    """The map to be loaded."""
-    of: str
-    """The map that the robot was on."""
-    version: int | None
-    """Of the map, from which it holds; None: whichever."""
-    old_T_new: Pose2D
-    zones: list[Zone] = []
-    """To be stored, as the places and tours: as they are to be, so that twice does no harm."""
-    zones_gone: list[str] = []
-    places: list[SavedPose] = []
-    tours: list[Tour] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,15 +53,15 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """What came of it, and what is to follow on the robot, if anything."""
+class Edited:
+    """What came of an edit, and what the robot must be told, if anything."""
 
     reply: MapEdited
-    follow: Follow | None = None
+    plan: SwitchPlan | None = None
 
 
-def edit(store: MapVersions, params: EditMap, situation: Situation) -> Outcome | Refused:
-    """Carry out a request; what is refused has changed nothing."""
+def edit(store: MapVersions, params: EditMap, situation: Situation) -> Edited | Refused:
+    """Carry out an edit; one that is refused has changed nothing."""
     try:
         return _Edit(store, params, situation).run()
     except Refused as refused:
@@ -98,7 +81,7 @@ class _Edit:
         self._said: list[str] = []
         self._reply = MapEdited(state="preview", name=self._target, message="")
 
-    def run(self) -> Outcome:
+    def run(self) -> Edited:
         """Do it."""
         ops = self._params.ops
         file = self._file(self._name)
@@ -110,7 +93,7 @@ class _Edit:
         for op in ops:
             if isinstance(op, Merge):
                 grid, come = self._merge(grid, op)
-                free = zones_without(come, {zone.name for zone in zones})
+                free = renamed_zones(come, {zone.name for zone in zones})
                 zones += free
                 added += [zone.name for zone in free]
                 continue
@@ -120,11 +103,11 @@ class _Edit:
             self._say(type(op).__name__)
         self._say_size(grid)
         if self._params.preview:
-            return Outcome(self._reply)
+            return Edited(self._reply)
         self._check_may_move(is_more=bool(added))
         return self._save(grid, zones, added)
 
-    def _save(self, grid: GridMap, zones: list[Zone], added: list[str]) -> Outcome:
+    def _save(self, grid: GridMap, zones: list[Zone], added: list[str]) -> Edited:
         is_new = self._target != self._name
         situation = self._situation
         change = Change(
@@ -136,22 +119,22 @@ class _Edit:
         )
         named = GridMap(self._target, grid.resolution, grid.origin, grid.cells)
         is_moved = is_new or self._old_T_new != Pose2D.identity() or bool(added)
-        follow = self._announce(
+        plan = self._store_plan(
             self._store.next_number(self._target), zones if is_moved else [], []
         )
         before = list(situation.zones) if not is_new else []
         version = self._store.save(named, change, before, zones if is_moved else None)
-        return Outcome(self._done(version, ""), follow)
+        return Edited(self._done(version, ""), plan)
 
-    def _take_back(self) -> Outcome:
+    def _take_back(self) -> Edited:
         if len(self._params.ops) > 1 or self._params.as_name is not None:
-            raise Refused(codes.BAD_REQUEST, "Undo stands alone.")
+            raise Refused(codes.BAD_REQUEST, "Undo cannot be combined with other changes.")
         now = self._store.newest(self._name)
         if now is None or (now.before is None and now.made_of is None):
             raise Refused(codes.BAD_REQUEST, f"There is nothing to undo on the map {self._name}.")
         self._old_T_new = now.before_T_this.inverse()
         if self._params.preview:
-            return Outcome(self._reply)
+            return Edited(self._reply)
         if now.before is None and now.made_of is not None:
             return self._back_to(now.made_of)
         self._check_may_move(is_more=bool(now.zones_added))
@@ -159,7 +142,7 @@ class _Edit:
         kept = [zone for zone in self._situation.zones if zone.name not in gone]
         zones = moved_zones(kept, self._old_T_new)
         is_moved = self._old_T_new != Pose2D.identity() or bool(gone)
-        follow = self._announce(
+        plan = self._store_plan(
             self._store.next_number(self._name), zones if is_moved else [], gone
         )
         try:
@@ -171,18 +154,18 @@ class _Edit:
             )
         except LookupError as error:
             raise Refused(
-                codes.BAD_REQUEST, f"The version before of {self._name} is not kept any more."
+                codes.BAD_REQUEST, f"The previous version of {self._name} is no longer kept."
             ) from error
-        return Outcome(self._done(version, "Undone"), follow)
+        return Edited(self._done(version, "Undone"), plan)
 
-    def _back_to(self, former: str) -> Outcome:
+    def _back_to(self, former: str) -> Edited:
         """Go back from a first version to the map that it was made of; both stay as they are."""
         self._file(former)
         self._target = former
         self._check_may_move(is_more=True)
-        follow = self._announce(None, [], [])
-        message = f"Undone: the robot is on the map {former} again; {self._name} is kept."
-        return Outcome(MapEdited(state="saved", name=former, message=message), follow)
+        plan = self._store_plan(None, [], [])
+        message = f"Undone: the robot is back on the map {former}; {self._name} is kept."
+        return Edited(MapEdited(state="saved", name=former, message=message), plan)
 
     # Checks.
 
@@ -200,13 +183,13 @@ class _Edit:
         if configured is not None and self._target == configured.stem:
             raise Refused(
                 codes.EXISTS,
-                f"The map {self._target} is the file that robot.toml names, which is left alone: "
-                f"store the changed map under another name.",
+                f"The map {self._target} is your original file, which is never overwritten: "
+                f"store the changed map under another name (`--as NAME`).",
                 name=self._target,
             )
         if self._target != self._name and self._store.file_of(self._target).exists():
             raise Refused(
-                codes.EXISTS, f"There is a map {self._target!r} already: take another name."
+                codes.EXISTS, f"The map {self._target!r} already exists; choose another name."
             )
 
     def _check_may_move(self, *, is_more: bool) -> None:
@@ -214,20 +197,20 @@ class _Edit:
         situation, is_turned = self._situation, self._old_T_new != Pose2D.identity()
         in_place = self._target == self._name
         if is_turned and situation.is_on and situation.is_driving:
-            raise Refused(codes.BUSY, "The robot is driving: its goal would lie elsewhere.")
+            raise Refused(codes.BUSY, "The robot is driving; its goal would move with the map.")
         if not in_place or not (is_turned or is_more):
             return
         if not situation.is_on:
             raise Refused(
                 codes.WRONG_MAP,
-                f"Load the map {self._name} first: its zones and places have to come along.",
+                f"Load the map {self._name} first, so that its zones and places change with it.",
             )
         others = _others_on(situation.state, self._name) if is_turned else []
         if others:
             raise Refused(
                 codes.EXISTS,
-                f"{', '.join(others)} would get lost, being on the map {self._name} too: store "
-                f"the changed map under another name.",
+                f"{', '.join(others)} would get lost: also on the map {self._name}. Store the "
+                f"changed map under another name.",
             )
 
     # Parts.
@@ -237,12 +220,12 @@ class _Edit:
         other = load_map(file, op.name)
         if op.pose is None:
             # SciPy is loaded when it is needed: the service is small while it does nothing.
-            from trolley_mapper.edit.map_alignment import match
+            from trolley_mapper.edit.map_alignment import align_maps
 
-            found = match(grid, other)
+            found = align_maps(grid, other)
             pose = found.this_T_other
             self._said.append(
-                f"merged {op.name} ({found.agreeing_m:.1f} m of its walls fit, {found.share:.0%})"
+                f"merged {op.name} ({found.agreeing_m:.1f} m of its walls match, {found.share:.0%})"
             )
         else:
             pose = op.pose
@@ -271,11 +254,13 @@ class _Edit:
                 raise Refused(codes.NOT_SAVED, why) from error
         return []
 
-    def _announce(self, version: int | None, zones: list[Zone], gone: list[str]) -> Follow | None:
-        """Write down what is to follow before the map is stored, so that it does in any case."""
+    def _store_plan(
+        self, version: int | None, zones: list[Zone], gone: list[str]
+    ) -> SwitchPlan | None:
+        """Write down what the robot must be told before the map is stored."""
         if not self._situation.is_on:
             return None
-        follow = Follow(
+        plan = SwitchPlan(
             map=self._target,
             of=self._name,
             version=version,
@@ -286,13 +271,12 @@ class _Edit:
             tours=self._tours(),
         )
         try:
-            make_folder(self._situation.state)
-            write_atomically(self._situation.state / PENDING_FILE, msgspec.json.encode(follow))
+            store_plan(self._situation.state, plan)
         except OSError as error:
             raise Refused(
-                codes.NOT_SAVED, f"It could not be written to disk: {error.strerror}."
+                codes.NOT_SAVED, f"The edit could not be written to disk: {error.strerror}."
             ) from error
-        return follow
+        return plan
 
     def _places(self) -> list[SavedPose]:
         """Return the places of the map as they are to be."""
@@ -334,13 +318,13 @@ class _Edit:
 
 
 def _known(items: tuple[Item, ...] | None) -> tuple[Item, ...]:
-    """Return places or tours; what is not known would stay behind, and lie elsewhere then.
+    """Return places or tours; those that are not known would stay behind, in the wrong place.
 
     Raises:
         Refused: `not_ready`.
     """
     if items is None:
-        why = "The saved places are not known, so they could not follow: tour does not answer."
+        why = "The saved places could not be moved along: the tour service does not answer."
         raise Refused(codes.NOT_READY, why)
     return items
 
@@ -360,26 +344,6 @@ class _ZoneFile(Struct, frozen=True, kw_only=True):
 
 class _LastPose(Struct, frozen=True, kw_only=True):
     map: str
-
-
-def pending(state: Path, store: MapVersions) -> Follow | None:
-    """Return what did not follow an edit before this run, None if there is nothing."""
-    file = state / PENDING_FILE
-    try:
-        follow = msgspec.json.decode(file.read_bytes(), type=Follow)
-    except (OSError, msgspec.DecodeError):
-        return None
-    now = store.newest(follow.map)
-    is_stored = follow.version is None or (now is not None and now.number == follow.version)
-    if not is_stored:  # the power failed before the map was
-        forget(state)
-        return None
-    return follow
-
-
-def forget(state: Path) -> None:
-    """Take note that everything has followed."""
-    (state / PENDING_FILE).unlink(missing_ok=True)
 
 
 def _others_on(state: Path, name: str) -> list[str]:

@@ -25,8 +25,8 @@ def moved_zones(zones: Iterable[Zone], old_T_new: Pose2D) -> list[Zone]:
     ]
 
 
-def zones_without(zones: Iterable[Zone], taken: Set[str]) -> list[Zone]:
-    """Return zones under names that are free: a taken one gets a number."""
+def renamed_zones(zones: Iterable[Zone], taken: Set[str]) -> list[Zone]:
+    """Return zones under names that are not taken: a taken one gets a number."""
     names = set(taken)
     found: list[Zone] = []
     for zone in zones:

@@ -237,6 +237,27 @@ class MapVersions:
             return Version(number=otherwise)
 
 
+def write_map(folder: Path, name: str, grid: GridMap, zones: Sequence[Zone] = ()) -> str | None:
+    """Write a finished map; one that was there under this name is kept as a former version.
+
+    Args:
+        folder: `<state>/maps`.
+        name: of the map.
+        grid: the map.
+        zones: of a map that has none yet, taken over by whoever loads it first.
+
+    Returns:
+        Why it could not be written, in a sentence; None when it is.
+    """
+    versions = MapVersions(folder)
+    try:
+        what = "mapped" if versions.newest(name) is None else "extended"
+        versions.save(replace(grid, name=name), Change(what=what), seeds=list(zones) or None)
+    except MapError as error:
+        return f"The map could not be written: {error}."
+    return None
+
+
 def _own_image(file: Path) -> Path | None:
     """Return the image under the map's plain name that an earlier version of ours left, if any.
 

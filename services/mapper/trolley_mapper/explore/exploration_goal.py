@@ -1,4 +1,4 @@
-"""What an explorer sees, what it may do, and what it wishes."""
+"""What an explorer knows of a moment, what it may do, and what it decides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,8 +7,13 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages import Zone
 from trolley.messages.request_params import SendGoal
-from trolley_mapper.explore.frontiers import Body, Frontier, Outlook, look_out
-from trolley_mapper.explore.traversable_area import Floor, lay_floor
+from trolley_mapper.explore.frontiers import (
+    Clearance,
+    Frontier,
+    FrontierReport,
+    find_frontiers,
+)
+from trolley_mapper.explore.traversable_area import TraversableArea, lay_out_area
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,14 +21,14 @@ class Limits:
     """What must not be exceeded, whatever glass doors seem to show."""
 
     radius_m: float
-    """No farther from home than this."""
+    """No farther from home than this [m]."""
     area_m2: float
-    """Enough floor for any house."""
+    """Enough floor for any house [m^2]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What there is to be seen at one moment."""
+    """Map and robot at one moment."""
 
     grid: GridMap
     """The map as it is now."""
@@ -40,18 +45,18 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
-    """What a look at the map has shown."""
+class Survey:
+    """What there is left to explore at one moment."""
 
-    floor: Floor
-    outlook: Outlook
+    area: TraversableArea
+    report: FrontierReport
 
 
-def look(scene: Scene, body: Body, limits: Limits) -> Sight:
-    """Look at the map, which takes some hundredths of a second."""
+def survey(scene: Scene, clearance: Clearance, limits: Limits) -> Survey:
+    """Find all frontiers, which takes some hundredths of a second."""
     within = scene.home, limits.radius_m
-    floor = lay_floor(scene.grid, scene.zones, scene.pose, body.passes_m, within)
-    return Sight(floor, look_out(floor, scene.pose, body))
+    area = lay_out_area(scene.grid, scene.zones, scene.pose, clearance.passing_m, within)
+    return Survey(area, find_frontiers(area, scene.pose, clearance))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,24 +73,26 @@ class Cancel:
     goal_id: str
 
 
-Wish = Send | Cancel
+Action = Send | Cancel
 
 
 @dataclass(slots=True)
-class Errand:
+class ExplorationGoal:
     """A goal that was sent."""
 
     goal: SendGoal
-    target: Frontier | None
-    """None: home."""
+    frontier: Frontier | None
+    """What it is to show; None: the way home."""
     sent_s: float
+    """When it was chosen, robot time [s]."""
     limit_s: float
+    """How long it may take [s]."""
     area_m2: float
-    """Floor that was known when it was chosen."""
+    """Floor that was known when it was chosen [m^2]."""
     heard_s: float
-    """When it was sent last, or something was heard of it."""
+    """When it was sent last, or something was heard of it, robot time [s]."""
 
     @property
     def id(self) -> str:
-        """The goal's."""
+        """The goal's id."""
         return self.goal.id or ""

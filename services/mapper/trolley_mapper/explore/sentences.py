@@ -2,10 +2,10 @@
 
 from trolley import codes
 
-BEGINS = "The robot explores by itself."
+BEGINS = "The robot is exploring."
 AT_HOME = "It is back where it began."
 TOO_LONG = "It took too long."
-SHUT_IN = "Exploring is paused: the robot is shut in, there is no room to drive anywhere."
+SHUT_IN = "Exploring is paused: the robot is boxed in and has no room to drive anywhere."
 PAUSES = {
     codes.STOPPED: "Exploring is paused: the robot was stopped; resume it, then exploring.",
     codes.TAKEN_OVER: "Exploring is paused: somebody else drives the robot; tell it to go on.",
@@ -19,33 +19,33 @@ PAUSES = {
 """Why exploring was paused, by its code."""
 
 
-def explores(area_m2: float, num_frontiers: int) -> str:
-    """What it is doing."""
-    return f"{BEGINS[:-1]}: {area_m2:.0f} m² so far, {_places(num_frontiers)} to look at."
+def exploring(area_m2: float, num_frontiers: int) -> str:
+    """Say what it is doing."""
+    return f"{BEGINS[:-1]}: {area_m2:.0f} m² so far, {_places(num_frontiers)} left to look at."
 
 
 def going_home(area_m2: float, num_missed: int) -> str:
-    """What it says on its way back."""
-    return f"{_found(area_m2, num_missed)}. It drives back to where it began."
+    """Say that it is on its way back."""
+    return f"{_found(area_m2, num_missed)}. It is driving back to where it began."
 
 
 def explored(area_m2: float, num_missed: int, home: str) -> str:
-    """What came of it; `home` is a sentence of its own."""
+    """Say what came of it; `home` is a sentence of its own."""
     return f"{_found(area_m2, num_missed)}. {home}"
 
 
 def not_home(why: str) -> str:
-    """Why it is not back."""
+    """Say why it is not back."""
     return f"It could not drive back to where it began: {_lowered(why)}"
 
 
 def stuck(why: str) -> str:
-    """Why it gave up for now."""
-    return f"Exploring is paused: the robot does not get on. {why}".rstrip()
+    """Say why it gave up for now."""
+    return f"Exploring is paused: the robot cannot get anywhere. {why}".rstrip()
 
 
 def paused(why: str) -> str:
-    """Why it does not go on."""
+    """Say why it does not go on."""
     return f"Exploring is paused: {_lowered(why)}"
 
 

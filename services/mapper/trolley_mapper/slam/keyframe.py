@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley_mapper.kernels.layout import Cloud
-from trolley_mapper.scan import Sweep
+from trolley_mapper.slam.sweep import Sweep
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from trolley_mapper.kernels import correlate, surfels
 from trolley_mapper.kernels.align import accumulate, align
 from trolley_mapper.kernels.layout import Cloud, Matching, Surfels
-from trolley_mapper.scan import Sweep
 from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.sweep import Sweep
 
 # Edge of the cells that surfels are averaged in [m].
 CELL_M = 0.1

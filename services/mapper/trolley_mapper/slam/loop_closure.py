@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.gridmap import GridMap
 from trolley_mapper.kernels.layout import Cloud
-from trolley_mapper.scan import Sweep
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import Atlas
 from trolley_mapper.slam.local_map import LocalMap
@@ -26,6 +25,7 @@ from trolley_mapper.slam.pose_graph import (
     to_frame,
 )
 from trolley_mapper.slam.scan_matcher import Verdict, judge
+from trolley_mapper.slam.sweep import Sweep
 
 # Keyframes of the way just driven that are looked for together, and of the place to look in.
 _QUERY_WAY_M = 2.0

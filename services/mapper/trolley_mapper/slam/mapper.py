@@ -13,8 +13,6 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.scanning.front_end import Reject, ScanInput, problem_of
-from trolley_mapper.odometry import OdometryScale
-from trolley_mapper.scan import Sweep, read_sweep
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.edges import next_edge, ties
 from trolley_mapper.slam.estimate import Anchor, MapEstimate
@@ -23,11 +21,13 @@ from trolley_mapper.slam.keyframe_store import Atlas
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.loop_closure import Closure, LoopJob
 from trolley_mapper.slam.occupancy_grid import Occupancy, draw_all
+from trolley_mapper.slam.odometry_scale import OdometryScale
 from trolley_mapper.slam.pose_graph import between, compose, to_frame
 from trolley_mapper.slam.prior_map import prior_keyframe
 from trolley_mapper.slam.relocalization import RelocationJob
 from trolley_mapper.slam.scan_matcher import Fit, Tracker
 from trolley_mapper.slam.serialization import State, unpack
+from trolley_mapper.slam.sweep import Sweep, read_sweep
 from trolley_mapper.slam.tracking_state import Trust
 
 # A wheeled indoor robot is slower; a longer step is a reset or a fault of the odometry [m/s, m].

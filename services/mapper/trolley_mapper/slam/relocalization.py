@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_mapper.scan import Sweep
 from trolley_mapper.slam.keyframe_store import Atlas
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.scan_matcher import judge
+from trolley_mapper.slam.sweep import Sweep
 
 _LEAST_SCORE = 0.55
 _GOOD_MATCH = 0.85

@@ -10,10 +10,10 @@ from trolley.geometry import Pose2D, angle_difference
 from trolley.scanning.front_end import ScanInput
 from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
-from trolley_mapper.scan import Sweep, read_sweep
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.pose_graph import between, compose, inverse
 from trolley_mapper.slam.slip_detector import Slipping
+from trolley_mapper.slam.sweep import Sweep, read_sweep
 
 # Odometry between two scans: deviation whatever it says, and as a share of what it says.
 _STILL_M = 0.01

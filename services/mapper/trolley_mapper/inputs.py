@@ -10,9 +10,10 @@ from trolley.runtime.service import Service
 from trolley.scanning.front_end import Reject, ScanAssembler, ScanInput
 
 SILENT_S = 1.0
+"""A sensor that sent nothing for this long is silent [s]."""
 
 
-class Senses:
+class RobotInputs:
     """Scans with the odometry that belongs to them.
 
     A new run of base begins its odometry at zero, but the robot has not moved: what comes here is
