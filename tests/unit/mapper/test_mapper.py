@@ -11,8 +11,8 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, distance_transform
 from trolley.scanning.front_end import Reject
 from trolley_mapper.slam.mapper import Mapper
+from trolley_mapper.slam.sentences import SLIPS
 from trolley_mapper.slam.serialization import pack
-from trolley_mapper.slam.slip_detector import SLIPS
 
 from .conftest import START, Drive
 

@@ -8,24 +8,26 @@ from hypothesis import strategies as st
 from trolley.geometry import Pose2D
 from trolley_mapper.slam.pose_graph import (
     LOOP,
-    NEAR,
-    NEXT,
+    ODOMETRY,
+    SCAN_MATCH,
     Edge,
     averaged,
     between,
     chained,
     compose,
+    inverted,
     make_problem,
     optimise,
     squared_errors,
-    turned_round,
 )
 
 numbers = st.floats(-5.0, 5.0)
 poses = st.builds(lambda x, y, a: np.array([x, y, a]), numbers, numbers, st.floats(-3.1, 3.1))
 
 
-def edge(first: int, second: int, step: np.ndarray, kind: int = NEXT, dev: float = 0.02) -> Edge:
+def edge(
+    first: int, second: int, step: np.ndarray, kind: int = ODOMETRY, dev: float = 0.02
+) -> Edge:
     return Edge(first, second, step, np.diag([dev**-2, dev**-2, (0.5 * dev) ** -2]), kind)
 
 
@@ -40,7 +42,7 @@ def test_arrays_compose_as_poses_do(a: np.ndarray, b: np.ndarray) -> None:
 @given(step=poses)
 def test_an_edge_turned_round_twice_is_the_same(step: np.ndarray) -> None:
     one = edge(1, 2, step)
-    again = turned_round(turned_round(one))
+    again = inverted(inverted(one))
     assert np.allclose(again.step, one.step)
     assert np.allclose(again.information, one.information, rtol=1e-6)
 
@@ -51,7 +53,7 @@ def test_an_edge_turned_round_errs_as_much(a: np.ndarray, b: np.ndarray, shift: 
     one = edge(0, 1, off)
     rows = {0: 0, 1: 1}
     there = squared_errors(np.array([a, b]), make_problem([one], rows))
-    back = squared_errors(np.array([a, b]), make_problem([turned_round(one)], rows))
+    back = squared_errors(np.array([a, b]), make_problem([inverted(one)], rows))
     assert back == pytest.approx(there, rel=0.02, abs=1e-9)
 
 
@@ -94,7 +96,7 @@ def test_a_false_loop_among_true_ones_fades() -> None:
     truth = circle(60)
     start, edges = drifted(truth, np.random.default_rng(4))
     edges += [edge(0, k, between(truth[0], truth[k]), LOOP) for k in (50, 55, 59)]
-    edges += [edge(k, k + 3, between(truth[k], truth[k + 3]), NEAR) for k in range(0, 57, 3)]
+    edges += [edge(k, k + 3, between(truth[k], truth[k + 3]), SCAN_MATCH) for k in range(0, 57, 3)]
     edges.append(edge(10, 40, np.array([0.5, 0.0, 0.0]), LOOP))
     found = optimise(start, make_problem(edges, {k: k for k in range(60)}), [0])
     assert np.hypot(*(found - truth)[:, :2].T).max() < 0.3

@@ -1,22 +1,32 @@
 """The direction of the surface at each point of a scan, and which points to keep."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
 
-# A point and its neighbours within this distance show which way the surface looks [m].
-_REACH_M = 0.12
-# Where beams lie farther apart than that: within so many gaps between beams.
-_REACH_GAPS = 3.5
-# Neighbours farther apart than so many gaps (a wall seen at 14 degrees) belong to two things.
-_JUMP_GAPS = 4.0
-_JUMP_M = 0.08
-# Root mean square distance from the line beyond which it is none: constant [m], per metre.
-_ROUGH_M = 0.02
-_ROUGH_SHARE = 0.004
+
+class NormalParams(NamedTuple):
+    """Which neighbours of a point show the direction of its surface. Set by hand."""
+
+    reach: float = 0.12
+    """Those within this distance [m]."""
+    reach_gaps: float = 3.5
+    """Or within this many gaps between beams, where beams lie farther apart."""
+    jump: float = 0.08
+    """Neighbours farther apart than this belong to two things [m]."""
+    jump_gaps: float = 4.0
+    """Or farther apart than this many gaps: a wall seen at 14 degrees."""
+    rough: float = 0.02
+    """Root mean square distance from the line beyond which it is none [m]."""
+    rough_share: float = 0.004
+    """What is added to it for each metre of range."""
+
+
+NORMAL = NormalParams()
 
 
 @kernel
@@ -24,8 +34,8 @@ def _run_end(
     points: NDArray[np.float64], beams: NDArray[np.int32], at: int, step: int, gap: float
 ) -> int:
     """Return the last point of the surface around `at` in one direction."""
-    reach = max(_REACH_M, _REACH_GAPS * gap)
-    jump = max(_JUMP_M, _JUMP_GAPS * gap)
+    reach = max(NORMAL.reach, NORMAL.reach_gaps * gap)
+    jump = max(NORMAL.jump, NORMAL.jump_gaps * gap)
     last = at
     following = at + step
     while 0 <= following < beams.size and abs(beams[following] - beams[last]) <= 2:
@@ -95,7 +105,7 @@ def fit_normals(
         root = math.sqrt(max(0.25 * (xx - yy) * (xx - yy) + xy * xy, 0.0))
         small = max(half_trace - root, 0.0) / count
         large = (half_trace + root) / count
-        rough = _ROUGH_M + _ROUGH_SHARE * reach
+        rough = NORMAL.rough + NORMAL.rough_share * reach
         if small > rough * rough or large < 6.0 * small:
             continue
         along = 0.5 * math.atan2(2.0 * xy, xx - yy)

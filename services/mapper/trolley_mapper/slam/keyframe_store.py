@@ -3,18 +3,35 @@
 import heapq
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley_mapper.slam.keyframe import Keyframe
-from trolley_mapper.slam.pose_graph import Edge, averaged, between, chained, compose, turned_round
-
-# Drift between two keyframes that see the same is at least that of so long a way [m].
-_LEAST_COST_M = 0.15
+from trolley_mapper.slam.pose_graph import Edge, averaged, between, chained, compose, inverted
 
 
-class Atlas:
+@dataclass(frozen=True, slots=True)
+class KeyframeStoreParams:
+    """How keyframes nearby are chosen. Set by hand."""
+
+    min_edge_m: float = 0.15
+    """An edge counts as this long at least: two keyframes that see the same drift, too [m]."""
+    alike_distance_m: float = 2.0
+    """Keyframes alike are looked for within this distance along edges [m]."""
+    turn_m: float = 0.3
+    """A keyframe that looks another way shows less of what is seen from here [m/rad]."""
+    apart_turn_m: float = 0.5
+    """Keyframes are apart by their headings, too [m/rad]."""
+    min_apart_m: float = 0.2
+    """Chosen keyframes lie at least this far apart [m]."""
+
+
+PARAMS = KeyframeStoreParams()
+
+
+class KeyframeStore:
     """All keyframes in the order in which they were taken."""
 
     def __init__(self) -> None:
@@ -37,9 +54,9 @@ class Atlas:
         """The keyframe taken last."""
         return self.keyframes[-1]
 
-    def copy(self) -> "Atlas":
+    def copy(self) -> "KeyframeStore":
         """Return one that can be changed apart; the keyframes never change."""
-        other = Atlas()
+        other = KeyframeStore()
         other.keyframes, other.rows = list(self.keyframes), dict(self.rows)
         other.poses, other.edges = self.poses.copy(), list(self.edges)
         other._neighbours = {number: dict(near) for number, near in self._neighbours.items()}
@@ -73,7 +90,7 @@ class Atlas:
         self.edges.append(edge)
         # A map made before is as large as it is: its origin lies anywhere.
         length = 0.0 if edge.first == self.prior else math.hypot(edge.step[0], edge.step[1])
-        cost = max(length, _LEAST_COST_M)
+        cost = max(length, PARAMS.min_edge_m)
         for one, other in ((edge.first, edge.second), (edge.second, edge.first)):
             near = self._neighbours[one]
             near[other] = min(cost, near.get(other, math.inf))
@@ -93,16 +110,16 @@ class Atlas:
     def dissolve(self, number: int) -> None:
         """Forget a keyframe, but keep what its edges say of the others.
 
-        All others are tied to the one that it was tied to best (a star in place of the clique of
-        a full marginalisation, so that the number of edges does not grow).
+        All its neighbours get edges from the one that its best edge leads to: a star in place of
+        the clique of a full marginalisation, so that the number of edges does not grow.
         """
         own = [e for e in self.edges if number in (e.first, e.second)]
-        away = [e if e.first == number else turned_round(e) for e in own]
+        away = [e if e.first == number else inverted(e) for e in own]
         if len(away) > 1:
             hub = max(away, key=lambda e: float(np.linalg.det(e.information)))
             for edge in away:
                 if edge.second != hub.second:
-                    self._merge(chained(turned_round(hub), edge))
+                    self._merge(chained(inverted(hub), edge))
         self.remove([number])
 
     def _merge(self, edge: Edge) -> None:
@@ -112,13 +129,17 @@ class Atlas:
                 self.edges[row] = averaged(other, edge)
                 return
             if (other.second, other.first) == (edge.first, edge.second):
-                self.edges[row] = averaged(other, turned_round(edge))
+                self.edges[row] = averaged(other, inverted(edge))
                 return
-        self.link(edge if edge.first < edge.second else turned_round(edge))
+        self.link(edge if edge.first < edge.second else inverted(edge))
 
     def alike(self, away_m: float, turned_rad: float) -> list[int]:
         """Return the keyframes, the newest among them, that lie that near to the newest."""
-        near = [n for n in self.ways_from(self.newest.number, 2.0) if n != self.prior]
+        near = [
+            n
+            for n in self.distances_from(self.newest.number, PARAMS.alike_distance_m)
+            if n != self.prior
+        ]
         steps = between(self.poses[-1], self.poses[[self.rows[n] for n in near]])
         is_near = np.hypot(steps[:, 0], steps[:, 1]) < away_m
         is_alike = is_near & (np.abs(steps[:, 2]) < turned_rad)
@@ -131,7 +152,7 @@ class Atlas:
             away[0] = math.inf
         return self.keyframes[int(np.argmin(away))].number
 
-    def move_to(self, other: "Atlas") -> tuple[NDArray[np.float64], list[Keyframe]]:
+    def move_to(self, other: "KeyframeStore") -> tuple[NDArray[np.float64], list[Keyframe]]:
         """Take over the poses of an optimised copy; keyframes added since move along.
 
         Returns:
@@ -148,27 +169,29 @@ class Atlas:
             self.poses[self.rows[number]] = other.pose(number)
         return correction, later
 
-    def ways_from(self, number: int, limit_m: float) -> dict[int, float]:
+    def distances_from(self, number: int, limit_m: float) -> dict[int, float]:
         """Return how far other keyframes are along edges [m], as far as `limit_m`."""
-        ways: dict[int, float] = {}
+        distances: dict[int, float] = {}
         queue = [(0.0, number)]
         while queue:
-            way, at = heapq.heappop(queue)
-            if at in ways:
+            distance_m, at = heapq.heappop(queue)
+            if at in distances:
                 continue
-            ways[at] = way
+            distances[at] = distance_m
             for other, cost in self._neighbours[at].items():
-                if other not in ways and way + cost <= limit_m:
-                    heapq.heappush(queue, (way + cost, other))
-        return ways
+                if other not in distances and distance_m + cost <= limit_m:
+                    heapq.heappush(queue, (distance_m + cost, other))
+        return distances
 
-    def around(self, number: int, pose: NDArray[np.float64], way_m: float, most: int) -> list[int]:
-        """Choose keyframes near a pose (3,) that are tied to one within a way [m]."""
-        ways = self.ways_from(number, way_m)
+    def around(
+        self, number: int, pose: NDArray[np.float64], distance_m: float, most: int
+    ) -> list[int]:
+        """Choose keyframes near a pose (3,) within a distance along edges from one [m]."""
+        distances = self.distances_from(number, distance_m)
         always = [number]
-        if self.prior is not None and self.prior in ways and number != self.prior:
+        if self.prior is not None and self.prior in distances and number != self.prior:
             always.append(self.prior)
-        return self.choose_near(ways, pose, most, always)
+        return self.choose_near(distances, pose, most, always)
 
     def choose_near(
         self,
@@ -190,8 +213,7 @@ class Atlas:
             return sorted(always)
         poses = self.poses[[self.rows[number] for number in some]]
         steps = between(pose, poses)
-        # A keyframe that looks another way shows less of what is seen from here.
-        far = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
+        far = np.hypot(steps[:, 0], steps[:, 1]) + PARAMS.turn_m * np.abs(steps[:, 2])
         order: list[int] = np.argsort(far).tolist()
         chosen: list[int] = list(always)
         kept = [self.pose(number) for number in always if number != self.prior]
@@ -201,7 +223,8 @@ class Atlas:
             if some[row] in chosen:
                 continue
             apart = between(poses[row][None], np.array(kept).reshape(-1, 3))
-            if np.any(np.hypot(apart[:, 0], apart[:, 1]) + 0.5 * np.abs(apart[:, 2]) < 0.2):
+            away = np.hypot(apart[:, 0], apart[:, 1]) + PARAMS.apart_turn_m * np.abs(apart[:, 2])
+            if np.any(away < PARAMS.min_apart_m):
                 continue
             chosen.append(some[row])
             kept.append(poses[row])

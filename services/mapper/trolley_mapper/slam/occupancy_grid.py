@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +12,30 @@ from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley_mapper.kernels.trace import trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
 
-# Log-odds in hundredths. A cell is a wall from two keyframes' ends on (0.65 is OCCUPIED_FROM), and
-# as long as at least one beam in four ends there. As long as there is but one, its ends are all the
-# walls there are.
-_RISE = 60
-_FALL = 20
-_WALL_FROM = 62
-_LIMIT = 600
-_MARGIN_CELLS = 40
+
+@dataclass(frozen=True, slots=True)
+class OccupancyParams:
+    """Log-odds in hundredths, and what follows from them (Thrun 2005, table 9.1). Set by hand."""
+
+    rise: int = 60
+    """Of a cell where a beam ends."""
+    fall: int = 20
+    """Of a cell that a beam passes."""
+    wall_from: int = 62
+    """A cell is a wall from two keyframes' ends on (0.65 is OCCUPIED_FROM), as long as at least
+    one beam in four ends there. While there is but one keyframe, its ends are all the walls."""
+    limit: int = 600
+    """Of any cell at most."""
+    margin_cells: int = 40
+    """Cells that are added on each side when the grid must grow."""
+
+
+PARAMS = OccupancyParams()
+
 NAME = "map"
 
 
-class Occupancy:
+class LogOddsGrid:
     """A grid that grows; its cells lie on multiples of the resolution in `map`.
 
     Args:
@@ -61,7 +74,7 @@ class Occupancy:
             keyframe.points,
             keyframe.normals,
             (pose, keyframe.laser),
-            (self._mark, _RISE, _FALL, _LIMIT),
+            (self._mark, PARAMS.rise, PARAMS.fall, PARAMS.limit),
         )
 
     def grid(self) -> GridMap:
@@ -75,7 +88,7 @@ class Occupancy:
         odds = self._log_odds[part]
         cells = np.full(odds.shape, UNKNOWN, np.int8)
         cells[odds < 0] = FREE
-        cells[odds >= (_RISE if self._mark == 1 else _WALL_FROM)] = OCCUPIED
+        cells[odds >= (PARAMS.rise if self._mark == 1 else PARAMS.wall_from)] = OCCUPIED
         corner = (self._origin + np.array([cols[0], rows[0]])) * self._resolution
         return GridMap(
             NAME, self._resolution, Pose2D(float(corner[0]), float(corner[1]), 0.0), cells
@@ -89,7 +102,7 @@ class Occupancy:
         end = self._origin + np.array([cols, rows])
         if rows and (first >= self._origin).all() and (last <= end).all():
             return
-        first, last = first - _MARGIN_CELLS, last + _MARGIN_CELLS
+        first, last = first - PARAMS.margin_cells, last + PARAMS.margin_cells
         if rows:
             first, last = np.minimum(first, self._origin), np.maximum(last, end)
         width, height = last - first
@@ -111,20 +124,20 @@ class Occupancy:
         y = (self._origin[1] + np.arange(rows) + 0.5) * self._resolution
         centres = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
         values = prior.values_at(centres).reshape(rows, cols)
-        self._log_odds[prior_walls(values)] = 3 * _RISE
-        self._log_odds[(values >= 0) & ~prior_walls(values)] = -6 * _FALL
+        self._log_odds[prior_walls(values)] = 3 * PARAMS.rise
+        self._log_odds[(values >= 0) & ~prior_walls(values)] = -6 * PARAMS.fall
         self._mark += 1
         self._marks[values >= 0] = self._mark
 
 
-def draw_all(
+def draw_keyframes(
     resolution: float,
     prior: GridMap | None,
     keyframes: Sequence[Keyframe],
     poses: NDArray[np.float64],
-) -> Occupancy:
+) -> LogOddsGrid:
     """Draw keyframes at their map_T_base (n, 3), over a map made before if there is one."""
-    occupancy = Occupancy(resolution, prior)
+    occupancy = LogOddsGrid(resolution, prior)
     for one, pose in zip(keyframes, poses, strict=True):
         occupancy.add(one, pose)
     return occupancy

@@ -1,42 +1,53 @@
-"""How much the wheels exaggerate: learnt where scans show the way, used where they do not."""
+"""By how much odometry errs: learnt where scans show the motion, used where they do not."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 
-# What is believed before the first metre: scales of 1 with such a deviation, as if measured on ways
-# and turns with an error of so much [m, rad].
-_SCALE_DEV = 0.06
-_ERRORS = (0.012, 0.012)
-# A measurement counts by that factor after each later one, so that some 200 count.
-_FADING = 0.995
-# Ways and turns too short to tell [m, rad], and disagreement that is slip and no wrong scale.
-_LEAST_WAY_M = 0.1
-_LEAST_TURN_RAD = 0.1
-_SLIP_SHARE = 0.15
-# Ways that bend more than that are left out: their chord says little of their length [rad].
-_STRAIGHT_RAD = 0.4
-# The scan must show way and turn at least so well (1/m^2, 1/rad^2).
-_LEAST_INFORMATION = (2500.0, 2500.0)
+
+@dataclass(frozen=True, slots=True)
+class OdometryScaleParams:
+    """What is believed, and from when on. Found with bench/mapper.py."""
+
+    scale_dev: float = 0.06
+    """Standard deviation of the scales before the first metre."""
+    errors: tuple[float, float] = (0.012, 0.012)
+    """Error of a measured distance and turn [m, rad]."""
+    fading: float = 0.995
+    """A measurement counts by this factor after each later one, so that some 200 count."""
+    min_distance_m: float = 0.1
+    """Shorter distances are no measurement [m]."""
+    min_turn_rad: float = 0.1
+    """Smaller turns are no measurement [rad]."""
+    slip_share: float = 0.15
+    """Disagreement by more than this is slip and no wrong scale."""
+    max_bend_rad: float = 0.4
+    """Paths that bend more are left out: their chord says little of their length [rad]."""
+    min_information: tuple[float, float] = (2500.0, 2500.0)
+    """The scan must show distance and turn at least this well [1/m^2, 1/rad^2]."""
+
+
+PARAMS = OdometryScaleParams()
 
 
 class OdometryScale:
-    """Scales of way and turn by which odometry is to be multiplied."""
+    """Scales of distance and turn by which odometry is to be multiplied."""
 
     def __init__(self) -> None:
-        self.way = 1.0
+        self.distance = 1.0
         self.turn = 1.0
         self._raw = Pose2D.identity()
-        doubt = np.square(_ERRORS) / _SCALE_DEV**2
+        doubt = np.square(PARAMS.errors) / PARAMS.scale_dev**2
         self._products, self._squares = doubt.copy(), doubt.copy()
 
     def correct(self, step: Pose2D) -> Pose2D:
         """Return a step as it was probably driven."""
         self._raw = self._raw @ step
-        return Pose2D(self.way * step.x, self.way * step.y, self.turn * step.yaw)
+        return Pose2D(self.distance * step.x, self.distance * step.y, self.turn * step.yaw)
 
     def restart(self) -> None:
         """Begin to measure anew, from a pose that is known."""
@@ -51,18 +62,22 @@ class OdometryScale:
         """
         raw = self._raw
         self.restart()
-        told, way = math.hypot(raw.x, raw.y), math.hypot(moved[0], moved[1])
-        if information[2, 2] >= _LEAST_INFORMATION[1] and abs(raw.yaw) >= _LEAST_TURN_RAD:
+        reported, driven = math.hypot(raw.x, raw.y), math.hypot(moved[0], moved[1])
+        if information[2, 2] >= PARAMS.min_information[1] and abs(raw.yaw) >= PARAMS.min_turn_rad:
             self._add(1, float(moved[2]), raw.yaw)
-        is_straight = abs(moved[2]) < _STRAIGHT_RAD and moved[0] * raw.x > 0.0
-        if information[0, 0] >= _LEAST_INFORMATION[0] and told >= _LEAST_WAY_M and is_straight:
-            self._add(0, way, told)
-        self.way, self.turn = (self._products / self._squares).tolist()
+        is_straight = abs(moved[2]) < PARAMS.max_bend_rad and moved[0] * raw.x > 0.0
+        if (
+            information[0, 0] >= PARAMS.min_information[0]
+            and reported >= PARAMS.min_distance_m
+            and is_straight
+        ):
+            self._add(0, driven, reported)
+        self.distance, self.turn = (self._products / self._squares).tolist()
 
-    def _add(self, which: int, driven: float, told: float) -> None:
-        """Add a measurement of the way (0) or the turn (1), unless the wheels slipped."""
-        expected = (self.way, self.turn)[which] * told
-        if abs(driven - expected) > _SLIP_SHARE * abs(told):
+    def _add(self, which: int, driven: float, reported: float) -> None:
+        """Add a measurement of the distance (0) or the turn (1), unless the wheels slipped."""
+        expected = (self.distance, self.turn)[which] * reported
+        if abs(driven - expected) > PARAMS.slip_share * abs(reported):
             return
-        self._products[which] = _FADING * self._products[which] + driven * told
-        self._squares[which] = _FADING * self._squares[which] + told * told
+        self._products[which] = PARAMS.fading * self._products[which] + driven * reported
+        self._squares[which] = PARAMS.fading * self._squares[which] + reported * reported

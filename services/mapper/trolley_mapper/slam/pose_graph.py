@@ -7,6 +7,7 @@ Source:
 
 import importlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,16 +19,29 @@ from trolley.geometry import wrap_angles
 _sparse: Any = importlib.import_module("scipy.sparse")
 _solvers: Any = importlib.import_module("scipy.sparse.linalg")
 
-NEXT = 0
-NEAR = 1
+ODOMETRY = 0
+"""Kind of an edge to the next keyframe: odometry and scan match together."""
+SCAN_MATCH = 1
+"""Kind of an edge to a keyframe that was matched at the same time."""
 LOOP = 2
+"""Kind of an edge that closes a loop."""
 
-# Squared error beyond which a loop begins to count less (phi of the source).
-_PHI = 10.0
-_MAX_STEPS = 30
-_DAMPING = 1e-6
-# Averaging makes nothing surer than this: a deviation of 2 mm or mrad.
-_MOST_INFORMATION = 2.5e5
+
+@dataclass(frozen=True, slots=True)
+class PoseGraphParams:
+    """How the graph is optimised."""
+
+    phi: float = 10.0
+    """Squared error beyond which a loop begins to count less (Agarwal 2013, Phi), set by hand."""
+    max_iterations: int = 30
+    """Damped Gauss-Newton steps at most."""
+    min_damping: float = 1e-6
+    """Share of the diagonal that is added to it (Levenberg, Marquardt)."""
+    max_information: float = 2.5e5
+    """Averaging makes nothing surer than this: a deviation of 2 mm or mrad."""
+
+
+PARAMS = PoseGraphParams()
 
 
 class Edge(NamedTuple):
@@ -38,7 +52,7 @@ class Edge(NamedTuple):
         second: number of the keyframe it leads to.
         step: (3,) first_T_second, x, y [m], yaw [rad].
         information: (3, 3) inverse covariance, in the frame of `second`.
-        kind: NEXT (with odometry), NEAR (seen at the same time) or LOOP.
+        kind: ODOMETRY, SCAN_MATCH or LOOP.
     """
 
     first: int
@@ -82,7 +96,7 @@ def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.inv(matrix), np.float64)
 
 
-def turned_round(edge: Edge) -> Edge:
+def inverted(edge: Edge) -> Edge:
     """Return the same measurement seen from its second keyframe."""
     back = between(edge.step, np.zeros(3))
     # An error d in the frame of `second` is one of -(turned d + lever) in that of `first`.
@@ -96,7 +110,7 @@ def chained(one: Edge, other: Edge) -> Edge:
     carry = _lever(between(other.step, np.zeros(3)))
     covariance = carry @ inverse(one.information) @ carry.T
     information = inverse(covariance + inverse(other.information))
-    kind = NEXT if one.kind == other.kind == NEXT else NEAR
+    kind = ODOMETRY if one.kind == other.kind == ODOMETRY else SCAN_MATCH
     return Edge(one.first, other.second, compose(one.step, other.step), information, kind)
 
 
@@ -106,7 +120,9 @@ def averaged(one: Edge, other: Edge) -> Edge:
     away = between(one.step, other.step)
     step = compose(one.step, inverse(together) @ other.information @ away)
     largest = float(np.linalg.eigvalsh(together)[-1])
-    return one._replace(step=step, information=together * min(1.0, _MOST_INFORMATION / largest))
+    return one._replace(
+        step=step, information=together * min(1.0, PARAMS.max_information / largest)
+    )
 
 
 def _lever(step: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -150,7 +166,7 @@ def squared_errors(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.f
 
 def scales(chi2: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
     """Return the weight (m,) of each edge: less than 1 for loops that fit badly."""
-    s = np.minimum(1.0, 2.0 * _PHI / (_PHI + chi2))
+    s = np.minimum(1.0, 2.0 * PARAMS.phi / (PARAMS.phi + chi2))
     return np.where(problem.kind == LOOP, s * s, 1.0)
 
 
@@ -182,9 +198,9 @@ def _descend(
     poses: NDArray[np.float64], problem: Problem, column: NDArray[np.int64], robust: bool
 ) -> NDArray[np.float64]:
     """Take damped Gauss-Newton steps until nothing moves."""
-    damping = _DAMPING
+    damping = PARAMS.min_damping
     chi2 = squared_errors(poses, problem)
-    for _ in range(_MAX_STEPS):
+    for _ in range(PARAMS.max_iterations):
         weights = scales(chi2, problem) if robust else np.ones(len(chi2))
         delta = _step(poses, problem, column, weights, damping)
         moved = poses.copy()
@@ -195,7 +211,7 @@ def _descend(
             damping = max(damping * 100.0, 1e-4)
             continue
         poses, chi2 = moved, moved_chi2
-        damping = max(damping * 0.1, _DAMPING)
+        damping = max(damping * 0.1, PARAMS.min_damping)
         if np.abs(delta).max() < 1e-4:
             break
     return poses

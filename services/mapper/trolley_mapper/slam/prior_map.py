@@ -7,10 +7,10 @@ from trolley.gridmap import GridMap
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.occupancy_grid import prior_walls
 
-# Walls within so many cells show which way the surface looks.
-_WINDOW = 3
-# Of the free cells one in so many along each axis is kept.
-_FREE_EVERY = 2
+WINDOW_CELLS = 3
+"""Walls within this many cells show which way the surface faces."""
+FREE_EVERY = 2
+"""Of the free cells one in this many along each axis is kept."""
 
 
 def prior_keyframe(number: int, grid: GridMap) -> Keyframe:
@@ -27,7 +27,7 @@ def prior_keyframe(number: int, grid: GridMap) -> Keyframe:
         ]
     )
     thin = np.zeros_like(free)
-    thin[::_FREE_EVERY, ::_FREE_EVERY] = True
+    thin[::FREE_EVERY, ::FREE_EVERY] = True
     floor = np.column_stack(np.nonzero(free & ~_beside(walls) & thin))
     return Keyframe(
         number,
@@ -56,7 +56,7 @@ def _normals(
     free: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
     """Return unit normals (n, 2) x, y of wall cells towards free ones; zero where unclear."""
-    size = _WINDOW
+    size = WINDOW_CELLS
     padded_edge, padded_free = np.pad(edge, size), np.pad(free, size)
     sums = np.zeros((6, len(rows)))
     towards = np.zeros((len(rows), 2))

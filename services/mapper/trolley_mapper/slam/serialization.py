@@ -12,12 +12,12 @@ from trolley.gridmap import GridMap
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.estimate import Anchor
 from trolley_mapper.slam.keyframe import Keyframe
-from trolley_mapper.slam.keyframe_store import Atlas
+from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.pose_graph import Edge
 from trolley_mapper.slam.prior_map import prior_keyframe
 
 _FORMAT = "trolley-mapper-1"
-_TURNS = 32767.0 / np.pi
+_STEPS_PER_RAD = 32767.0 / np.pi
 
 
 class StoredPrior(Struct, frozen=True):
@@ -68,7 +68,7 @@ class StoredState(Struct, frozen=True):
 class State(Struct, frozen=True):
     """What was stored, in the forms that the mapper works with."""
 
-    atlas: Atlas
+    store: KeyframeStore
     anchors: Anchors
     prior: GridMap | None
     pose: Pose2D
@@ -78,13 +78,13 @@ class State(Struct, frozen=True):
 
 def pack(state: State) -> bytes:
     """Return a state as compressed bytes."""
-    prior, atlas = state.prior, state.atlas
+    prior, store = state.prior, state.store
     stored = StoredState(
         _FORMAT,
         state.next_number,
         state.pose,
-        _pack_keyframes(atlas),
-        _pack_edges(atlas.edges),
+        _pack_keyframes(store),
+        _pack_edges(store.edges),
         sorted(state.anchors.used),
         {n: (a.keyframe, a.keyframe_T_pose) for n, a in state.anchors.successors.items()},
         None
@@ -126,13 +126,13 @@ def _revive(stored: StoredState) -> State:
     )  # fmt: skip
 
 
-def _pack_keyframes(atlas: Atlas) -> StoredKeyframes:
-    rows = [row for row, one in enumerate(atlas.keyframes) if not one.is_prior]
-    some = [atlas.keyframes[row] for row in rows]
+def _pack_keyframes(store: KeyframeStore) -> StoredKeyframes:
+    rows = [row for row, one in enumerate(store.keyframes) if not one.is_prior]
+    some = [store.keyframes[row] for row in rows]
     points = np.vstack([np.zeros((1, 2), np.float32), *(one.points for one in some)])[1:]
     normals = np.vstack([np.zeros((1, 2), np.float32), *(one.normals for one in some)])[1:]
     step = max(float(np.abs(points).max(initial=0.0)) / 32767.0, 1e-4)
-    angles = np.round(np.arctan2(normals[:, 1], normals[:, 0]) * _TURNS)
+    angles = np.round(np.arctan2(normals[:, 1], normals[:, 0]) * _STEPS_PER_RAD)
     # The angle 0 stands for no normal; a normal at exactly 0 becomes the next step.
     angles = np.where(np.any(normals != 0.0, axis=1), np.where(angles == 0, 1, angles), 0)
     return StoredKeyframes(
@@ -143,7 +143,7 @@ def _pack_keyframes(atlas: Atlas) -> StoredKeyframes:
         np.round(points / step).astype("<i2").tobytes(),
         angles.astype("<i2").tobytes(),
         np.array([one.laser for one in some], "<f4").tobytes(),
-        atlas.poses[rows].astype("<f8").tobytes(),
+        store.poses[rows].astype("<f8").tobytes(),
     )
 
 
@@ -154,14 +154,14 @@ def _pack_edges(edges: list[Edge]) -> StoredEdges:
     return StoredEdges(ends.tobytes(), steps.tobytes(), information.tobytes())
 
 
-def _unpack_atlas(stored: StoredState, prior: GridMap | None) -> Atlas:
-    atlas, kept = Atlas(), stored.keyframes
+def _unpack_atlas(stored: StoredState, prior: GridMap | None) -> KeyframeStore:
+    store, kept = KeyframeStore(), stored.keyframes
     if prior is not None:
-        atlas.add(prior_keyframe(0, prior), np.zeros(3), [])
+        store.add(prior_keyframe(0, prior), np.zeros(3), [])
     count = sum(kept.sizes)
     points = np.frombuffer(kept.points, "<i2").reshape(count, 2).astype(np.float32)
     angles = np.frombuffer(kept.angles, "<i2").astype(np.float64)
-    normals = np.column_stack([np.cos(angles / _TURNS), np.sin(angles / _TURNS)])
+    normals = np.column_stack([np.cos(angles / _STEPS_PER_RAD), np.sin(angles / _STEPS_PER_RAD)])
     normals[angles == 0] = 0.0
     lasers = np.frombuffer(kept.lasers, "<f4").reshape(-1, 2).copy()
     poses = np.frombuffer(kept.poses, "<f8").reshape(-1, 3)
@@ -175,10 +175,10 @@ def _unpack_atlas(stored: StoredState, prior: GridMap | None) -> Atlas:
             normals[part].astype(np.float32),
             lasers[row],
         )
-        atlas.add(one, poses[row], [])
+        store.add(one, poses[row], [])
     for edge in _unpack_edges(stored.edges):
-        atlas.link(edge)
-    return atlas
+        store.link(edge)
+    return store
 
 
 def _unpack_edges(stored: StoredEdges) -> list[Edge]:

@@ -11,8 +11,8 @@ from trolley.scanning.front_end import FrontEndParams, ScanInput
 from trolley_mapper.kernels import lines as kernels
 from trolley_mapper.kernels.layout import Cloud
 
-# Neighbouring points of a scan nearer to each other than this tell the same [m].
 SPACING_M = 0.025
+"""Neighbouring points of a scan nearer to each other than this tell the same [m]."""
 
 FRONT_END = FrontEndParams(
     least_range_m=1e-3,

@@ -1,73 +1,77 @@
 """Whether the pose may be believed, and so whether the map may grow."""
 
 import math
+from dataclasses import dataclass
 
+from trolley_mapper.slam import sentences
 from trolley_mapper.slam.estimate import State
-from trolley_mapper.slam.scan_matcher import Verdict
-
-# A pause of the lidar is no proof against the pose: it counts as a bad match of at most [s].
-_LONGEST_STEP_S = 0.3
-# A lost robot is somewhere else: what fits no better where it was is chance.
-_FOUND_MATCH = 0.85
-# A place that was found anew is believed after so long a way without a bad match [m].
-_PROOF_M = 0.4
+from trolley_mapper.slam.scan_matcher import MatchQuality
 
 
-class Trust:
-    """Mapping, unsure or lost, by how well the scans fit.
+@dataclass(frozen=True, slots=True)
+class TrackingParams:
+    """What it takes to believe a pose. Set by hand."""
 
-    Args:
-        lost_after_s: time without a good match after which the robot is lost [s].
-    """
+    max_step_s: float = 0.3
+    """A pause of the lidar proves nothing: it counts as a bad match for at most this long [s]."""
+    found_match: float = 0.85
+    """A lost robot is somewhere else: what fits no better than this where it was is chance."""
+    proof_m: float = 0.4
+    """A pose that was given or found is believed after this distance without a bad match [m]."""
 
-    def __init__(self, lost_after_s: float) -> None:
-        self._lost_after_s = lost_after_s
-        self._bad_s = 0.0
-        self._proof_m = math.inf
-        self.state: State = "mapping"
 
-    def doubt(self, is_lost: bool) -> None:
-        """Ask for proof of a pose that was told or found, or say that there is none."""
-        self._bad_s, self._proof_m = 0.0, 0.0
-        self.state = "lost" if is_lost else "unsure"
+PARAMS = TrackingParams()
 
-    def look(self, verdict: Verdict, elapsed_s: float, way_m: float) -> State:
-        """Draw the consequences of a match.
+
+@dataclass(frozen=True, slots=True)
+class TrackingState:
+    """Mapping, unsure or lost, with what led there; each scan leads to the next state."""
+
+    name: State = "mapping"
+    bad_s: float = 0.0
+    """Time without a good match [s]."""
+    proof_m: float = math.inf
+    """Distance driven without a bad match since the pose was given or found [m]."""
+
+    @classmethod
+    def unproven(cls) -> "TrackingState":
+        """A pose was given or found, and must be proven."""
+        return cls("unsure", proof_m=0.0)
+
+    @classmethod
+    def lost(cls) -> "TrackingState":
+        """There is no pose to prove."""
+        return cls("lost", proof_m=0.0)
+
+    def after(
+        self, quality: MatchQuality, elapsed_s: float, distance_m: float, lost_after_s: float
+    ) -> "TrackingState":
+        """Return the state after a match.
 
         Args:
-            verdict: how good it is.
+            quality: of the match.
             elapsed_s: time since the one before [s].
-            way_m: driven since then [m].
+            distance_m: driven since then [m].
+            lost_after_s: time without a good match after which the robot is lost [s].
         """
-        if self.state == "lost" and verdict.match < _FOUND_MATCH:
-            return self.state
-        if verdict.is_good or (verdict.is_new and self.state == "mapping"):
-            self._bad_s = 0.0
-            self._proof_m = 0.0 if self.state == "lost" else self._proof_m + way_m
-            self.state = "mapping" if self._proof_m >= _PROOF_M else "unsure"
-            return self.state
-        self._bad_s += min(elapsed_s, _LONGEST_STEP_S)
-        if self.state != "lost":
-            # What was found anew and fails at once was the wrong place.
-            is_lost = self._bad_s > self._lost_after_s or self._proof_m < _PROOF_M
-            self.state = "lost" if is_lost else "unsure"
-        return self.state
+        was_lost = self.name == "lost"
+        if was_lost and quality.match < PARAMS.found_match:
+            return self
+        if quality.is_good or (quality.is_new and self.name == "mapping"):
+            proof_m = 0.0 if was_lost else self.proof_m + distance_m
+            is_proven = proof_m >= PARAMS.proof_m
+            return TrackingState("mapping" if is_proven else "unsure", 0.0, proof_m)
+        bad_s = self.bad_s + min(elapsed_s, PARAMS.max_step_s)
+        # A pose that was found and fails at once was the wrong one.
+        is_lost = was_lost or bad_s > lost_after_s or self.proof_m < PARAMS.proof_m
+        return TrackingState("lost" if is_lost else "unsure", bad_s, self.proof_m)
 
-    def may_grow(self, verdict: Verdict, is_joined: bool) -> bool:
-        """Say whether a scan may become part of the map.
-
-        Args:
-            verdict: how good its match is.
-            is_joined: whether the odometry leads from the newest keyframe to here.
-        """
-        fits = verdict.is_good or (verdict.is_new and is_joined)
-        return fits and self.state == "mapping"
+    @property
+    def is_lost(self) -> bool:
+        """Whether the robot must be searched for."""
+        return self.name == "lost"
 
     @property
     def message(self) -> str:
         """What is the matter, in one sentence; empty when all is well."""
-        if self.state == "lost":
-            return "the scan does not fit the map made so far: lost, the map does not grow"
-        if self.state == "unsure":
-            return "checking the pose: drive on a little, then the map grows on"
-        return ""
+        return {"mapping": "", "unsure": sentences.UNSURE, "lost": sentences.LOST}[self.name]
