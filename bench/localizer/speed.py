@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
+from trolley.scanning.deskew import Points
 from trolley_localizer.field import MAX_DISTANCE_M, LikelihoodField, build_field
-from trolley_localizer.kernels.layout import Points
 from trolley_localizer.motion import split_step
 from trolley_localizer.particles import ParticleFilter
 

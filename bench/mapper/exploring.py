@@ -25,7 +25,7 @@ from bench.harness.drives import make_config
 from bench.harness.figures import table
 from bench.harness.houses import draw_house, free_poses
 from bench.harness.wandering import APARTMENT, START, write_world
-from bench.mapper.perfect_robot import BODY, LIMITS, REACH_M, PerfectRobot, wanted_floor, way_from
+from bench.mapper.perfect_robot import CLEARANCE, LIMITS, REACH_M, PerfectRobot, wanted_floor, way_from
 from numpy.typing import NDArray
 
 from trolley import requests, topics
@@ -37,7 +37,7 @@ from trolley.messages.request_params import MapNamed
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_base.world.world_file import load_world
-from trolley_mapper.exploring import Explorer
+from trolley_mapper.explore.explorer import Explorer
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED
 from trolley_mapper.service import MapperService
 from trolley_planner.service import PlannerService
@@ -114,7 +114,7 @@ def judged(
 
 def perfect(house: GridMap, start: Pose2D) -> Outcome:
     """Let the perfect robot explore a house."""
-    robot, explorer = PerfectRobot(house, start), Explorer("perfect", BODY, LIMITS)
+    robot, explorer = PerfectRobot(house, start), Explorer("perfect", CLEARANCE, LIMITS)
     began_s = time.process_time()
     robot.explore(explorer)
     return Outcome(
@@ -132,7 +132,9 @@ def perfect(house: GridMap, start: Pose2D) -> Outcome:
 def scripted_way(house: GridMap, start: Pose2D, seed: int) -> float:
     """Length of a short tour from which all floor is seen, by who knows the house [m]."""
     wanted, edge = wanted_floor(house, start), house.resolution
-    passable = (distance_transform(1 - house.free_mask(), edge) >= BODY.passes_m).astype(np.uint8)
+    passable = (distance_transform(1 - house.free_mask(), edge) >= CLEARANCE.passing_m).astype(
+        np.uint8
+    )
     within = (way_from(house, passable, start) != UNREACHED) & (passable != 0)
     cells = np.argwhere(within)
     rng = np.random.default_rng(seed)

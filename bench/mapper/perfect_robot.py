@@ -15,14 +15,14 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap, cast_rays, distance_transform
 from trolley.messages import GoalState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
-from trolley_mapper.errand import Cancel, Limits, Scene, Send, look
-from trolley_mapper.exploring import Explorer
-from trolley_mapper.floor import lay_floor
-from trolley_mapper.frontiers import Body
+from trolley_mapper.explore.exploration_goal import Cancel, Limits, Scene, Send, survey
+from trolley_mapper.explore.explorer import Explorer
+from trolley_mapper.explore.frontiers import Clearance
+from trolley_mapper.explore.traversable_area import lay_out_area
 from trolley_mapper.kernels.frontiers import FREE as FREE_KIND
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED, spread_into
 
-BODY = Body(passes_m=0.17, stands_m=0.30)
+CLEARANCE = Clearance(passing_m=0.17, standing_m=0.30)
 """Of a robot of 0.30 x 0.24 m."""
 LIMITS = Limits(radius_m=30.0, area_m2=500.0)
 BEAMS, REACH_M = 360, 8.0
@@ -30,9 +30,11 @@ SPEED_MPS, TICK_S = 0.4, 0.5
 
 
 def advance(explorer: Explorer, scene: Scene, now_s: float) -> None:
-    """Let an explorer look and choose."""
-    sight = look(scene, explorer.body, explorer.limits) if explorer.wants_look(now_s) else None
-    explorer.step(scene, sight, now_s)
+    """Let an explorer survey the map and choose."""
+    seen = (
+        survey(scene, explorer.clearance, explorer.limits) if explorer.wants_survey(now_s) else None
+    )
+    explorer.step(scene, seen, now_s)
 
 
 class PerfectRobot:
@@ -101,32 +103,31 @@ class PerfectRobot:
         explorer.begin(None, None)
         while explorer.is_under_way and self.now_s < limit_s:
             advance(explorer, self.scene(), self.now_s)
-            wishes, explorer.wishes = explorer.wishes, []
-            for wish in wishes:
-                self._obey(wish, explorer)
+            for action in explorer.take_actions():
+                self._obey(action, explorer)
             self._drive(explorer)
             self.now_s += TICK_S
 
-    def _obey(self, wish: Send | Cancel, explorer: Explorer) -> None:
-        if isinstance(wish, Cancel):
+    def _obey(self, action: Send | Cancel, explorer: Explorer) -> None:
+        if isinstance(action, Cancel):
             self._goal = None
             return
-        self.goals.append(wish.goal)
-        assert wish.goal.pose is not None
-        assert wish.goal.id is not None
-        path = self._plan(wish.goal.pose)
+        self.goals.append(action.goal)
+        assert action.goal.pose is not None
+        assert action.goal.id is not None
+        path = self._plan(action.goal.pose)
         if path is None:
-            explorer.hear_refusal(wish.goal.id, Refused(codes.NO_PATH), self.now_s)
+            explorer.hear_refusal(action.goal.id, Refused(codes.NO_PATH), self.now_s)
         else:
-            self._goal, self._path = wish.goal, path
+            self._goal, self._path = action.goal, path
             self._say(explorer, "driving")
 
     def _plan(self, goal: Pose2D) -> list[Pose2D] | None:
         """The way over what is known, cell by cell."""
-        floor = lay_floor(self.grid, self.zones, self.pose, 0.2, (self.home, 1000.0))
+        floor = lay_out_area(self.grid, self.zones, self.pose, 0.2, (self.home, 1000.0))
         rows, cols = floor.kinds.shape
         room = distance_transform((floor.kinds != FREE_KIND).astype(np.uint8), floor.resolution)
-        passable = (room >= BODY.passes_m - 0.03).astype(np.uint8)
+        passable = (room >= CLEARANCE.passing_m - 0.03).astype(np.uint8)
         cost, seed = np.empty((rows, cols), np.int32), np.empty((rows, cols), np.int32)
         x, y = floor.in_cells(goal)
         if not (0 <= x < cols and 0 <= y < rows) or not passable[int(y), int(x)]:
@@ -189,7 +190,9 @@ class PerfectRobot:
 def wanted_floor(truth: GridMap, start: Pose2D) -> NDArray[np.bool_]:
     """The floor within 1 m of where a robot can get, (rows, cols)."""
     free = truth.free_mask()
-    passable = (distance_transform(1 - free, truth.resolution) >= BODY.passes_m).astype(np.uint8)
+    passable = (distance_transform(1 - free, truth.resolution) >= CLEARANCE.passing_m).astype(
+        np.uint8
+    )
     near = way_from(truth, passable, start)
     seed = np.empty_like(near)
     reached = np.flatnonzero(near != UNREACHED).astype(np.int32)

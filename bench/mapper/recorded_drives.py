@@ -25,8 +25,8 @@ from PIL import Image
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import GridMap
-from trolley_mapper.core import Mapper
-from trolley_mapper.estimate import MapEstimate
+from trolley_mapper.slam.estimate import MapEstimate
+from trolley_mapper.slam.mapper import Mapper
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ from trolley.gridmap import GridMap, distance_transform
 from trolley.gridmap.kernels import cast_ray
 from trolley.jit import kernel
 from trolley_base.world.spec import LidarSpec
-from trolley_mapper.core import Mapper
-from trolley_mapper.estimate import MapEstimate
+from trolley_mapper.slam.estimate import MapEstimate
+from trolley_mapper.slam.mapper import Mapper
 
 # A wall that was met by fewer beams than this was not seen.
 SEEN_TIMES = 10

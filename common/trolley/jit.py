@@ -101,8 +101,12 @@ class KernelFiles:
             except OSError:
                 continue
             payload = content[_DIGEST_BYTES:]
-            if hashlib.sha256(payload).digest() == content[:_DIGEST_BYTES]:
+            if hashlib.sha256(payload).digest() != content[:_DIGEST_BYTES]:
+                continue
+            try:
                 return pickle.loads(payload)
+            except (AttributeError, ImportError):
+                continue  # it was made for a NamedTuple that has moved to another module since
         return None
 
     def save(self, key: tuple[Any, ...], data: object) -> None:

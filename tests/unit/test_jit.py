@@ -1,5 +1,6 @@
 """Compiled code on disk: shared, never stale, and never in the way."""
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -101,6 +102,14 @@ def test_damaged_code_is_compiled_again(tree: Path) -> None:
         file.write_bytes(damage)
     assert run(tree) == "float 9.0 0\n"
     assert run(tree) == "float 9.0 1\n"
+
+
+def test_code_that_names_a_class_of_an_older_version_is_compiled_again(tree: Path) -> None:
+    run(tree)
+    payload = b"ctrolley.jit\nMovedElsewhere\n."
+    for file in compiled(tree.parent):
+        file.write_bytes(hashlib.sha256(payload).digest() + payload)
+    assert run(tree) == "float 9.0 0\n"
 
 
 @pytest.mark.slow

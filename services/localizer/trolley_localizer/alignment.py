@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
+from trolley.scanning.deskew import Points
 from trolley_localizer.field import LikelihoodField
-from trolley_localizer.kernels.layout import Points
 from trolley_localizer.motion import split_step
 from trolley_localizer.particles import ParticleFilter, lower_root
 from trolley_localizer.scan import BeamSet

@@ -13,21 +13,18 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scan_input import Reject, ScanInput, problem_of
+from trolley.scanning.front_end import Reject, ScanInput, motion_since, problem_of
 from trolley_localizer.alignment import Follower
 from trolley_localizer.changes import Change, Changes
 from trolley_localizer.estimate import CandidatePose, Estimate
 from trolley_localizer.field import build_field, make_lines, sane_covariance
 from trolley_localizer.hypotheses import Hypotheses, Hypothesis, Rivals
 from trolley_localizer.judge import Evidence, Judge, State
-from trolley_localizer.scan import BeamSet, read_beams
+from trolley_localizer.scan import FRONT_END, BeamSet, read_beams
 from trolley_localizer.search import Place, SearchJob, SearchMap, is_near
 from trolley_localizer.suspicion import Suspicion
 from trolley_localizer.verify import Support, Verifier
 
-# A wheeled indoor robot is slower; a longer step is a reset or a fault of the odometry [m/s, m].
-FASTEST_MPS = 4.0
-LONGEST_JUMP_M = 0.5
 # How far off a pose set by hand may be: standard deviations [m, rad].
 SET_DEV_M = 0.4
 SET_DEV_RAD = 0.25
@@ -187,7 +184,8 @@ class Localizer:
         reject = problem_of(scan, None if self._last is None else self._last.stamp_ns)
         if reject is not None:
             return reject
-        step, elapsed_s = self._step_since_last(scan)
+        motion = motion_since(self._last, scan, FRONT_END)
+        step, elapsed_s = motion.step, motion.elapsed_s
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
         self._since_search_s += elapsed_s
@@ -200,16 +198,6 @@ class Localizer:
         if self._is_searching:
             return self._searching_estimate(scan, beams, "searching")
         return self._follow_step(scan, beams, elapsed_s)
-
-    def _step_since_last(self, scan: ScanInput) -> tuple[Pose2D, float]:
-        """Return the odometry step and the time [s] since the scan before."""
-        if self._last is None:
-            return Pose2D.identity(), 0.0
-        step = self._last.odom_T_base.inverse() @ scan.odom_T_base
-        elapsed_s = (scan.stamp_ns - self._last.stamp_ns) * 1e-9
-        if math.hypot(step.x, step.y) > LONGEST_JUMP_M + FASTEST_MPS * elapsed_s:
-            return Pose2D.identity(), elapsed_s
-        return step, elapsed_s
 
     def _follow_step(self, scan: ScanInput, beams: BeamSet, elapsed_s: float) -> Estimate:
         """Align the estimate with a scan and judge it."""

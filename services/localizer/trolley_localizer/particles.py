@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
+from trolley.scanning.deskew import Points
 from trolley_localizer.field import LikelihoodField
-from trolley_localizer.kernels.layout import Cloud, Points
+from trolley_localizer.kernels.layout import Cloud
 from trolley_localizer.kernels.motion import move_particles, scatter_particles
 from trolley_localizer.kernels.resample import (
     count_bins,

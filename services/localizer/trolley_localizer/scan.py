@@ -5,15 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.scan_input import ScanInput
-from trolley_localizer.kernels import beams as kernels
-from trolley_localizer.kernels.layout import Points
+from trolley.scanning.deskew import Points, deskew, is_blind
+from trolley.scanning.front_end import FrontEndParams, ScanInput
+from trolley_localizer.kernels.beams import NOT_ON_MAP, UNUSED
 
-# Shorter beams end near any wall that the robot stands at: they tell little of where it is [m].
-_TELLING_M = 0.5
-# A scan with fewer telling beams, or a smaller share of them, says nothing (a covered lidar).
-_MIN_TELLING = 15
-_MIN_TELLING_SHARE = 0.1
+FRONT_END = FrontEndParams(
+    # The nearest float32 above 0, so that "invalid" is below the limit.
+    least_range_m=1e-6,
+    usable_range_share=1.0,
+    telling_range_m=0.5,
+    min_telling_share=0.1,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,26 +59,9 @@ class BeamSet:
 
 
 def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:
-    """Project a scan into `base_link`, in cells of `resolution` [m]."""
-    ranges = np.require(scan.ranges, np.float32, ["C", "W"])
-    count = ranges.size
-    end = Points(np.empty(count), np.empty(count))
-    start = Points(np.empty(count), np.empty(count))
-    used = np.empty(count, np.uint8)
-    # The nearest float32 above 0, so that "invalid" is below the limit.
-    nearest = max(scan.range_min, 1e-6)
-    kernels.project_beams(
-        end,
-        start,
-        used,
-        ranges,
-        np.array([scan.angle_min, scan.angle_increment]),
-        np.array([nearest, min(scan.range_max, max_range_m), resolution]),
-        scan.base_T_laser.as_array(),
-        (scan.odom_T_base.inverse() @ scan.odom_T_base_end).as_array(),
-    )
-    classes = np.where(used == 1, kernels.NOT_ON_MAP, kernels.UNUSED).astype(np.uint8)
-    index = np.flatnonzero(used)
-    telling = int(np.count_nonzero(ranges[index] > _TELLING_M))
-    is_blind = telling < max(_MIN_TELLING, _MIN_TELLING_SHARE * index.size)
-    return BeamSet(end, start, classes, index, is_blind)
+    """Deskew a scan into `base_link`, in cells of `resolution` [m]."""
+    seen = deskew(scan, FRONT_END, max_range_m, resolution)
+    classes = np.full(scan.ranges.size, UNUSED, np.uint8)
+    classes[seen.echoes] = NOT_ON_MAP
+    blind = is_blind(scan.ranges[seen.echoes], FRONT_END)
+    return BeamSet(seen.ends, seen.starts, classes, seen.echoes, blind)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.scanning.deskew import Points
 from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import search as kernels
-from trolley_localizer.kernels.layout import Points
 from trolley_localizer.scan import BeamSet
 from trolley_localizer.verify import Support, Verifier
 

@@ -20,9 +20,8 @@ from trolley.messages import (
     Suspects,
 )
 from trolley.messages.request_params import Nothing, SetPose
-from trolley.odometry import WaitingScan, end_ns, pose_at
 from trolley.runtime.service import answers, every, on
-from trolley.scan_input import Reject, ScanInput
+from trolley.scanning.front_end import Reject, ScanAssembler, ScanInput
 from trolley_localizer.change_owner import ChangeOwner
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
@@ -55,7 +54,7 @@ class LocalizerService(ChangeOwner):
     def __init__(self, config: RobotConfig) -> None:
         super().__init__(config)
         self._latest = unknown_pose(0, None, "no map is loaded yet")
-        self._waiting = WaitingScan()
+        self._assembler = ScanAssembler()
         self._saved: LastPose | None = None
         self._saved_ns = 0
         self._beams_ns = -BEAMS_PERIOD_NS
@@ -88,7 +87,7 @@ class LocalizerService(ChangeOwner):
 
     def epoch_began(self) -> None:
         """Forget the odometry of base's run before; the robot itself has not moved."""
-        self._waiting.forget()
+        self._assembler.clear()
         if self._localizer is not None:
             self._localizer.restart_odometry()
 
@@ -99,9 +98,7 @@ class LocalizerService(ChangeOwner):
         """Locate by a scan as soon as the odometry of its last beam is there."""
         if self.is_yielding:
             return
-        before = self._waiting.put(scan, self.monotonic_ns)
-        if before is not None:
-            self._locate(before)
+        self._assembler.add(scan, self.monotonic_ns)
         self._locate_if_due()
 
     def _odometry_came(self, _: Odometry) -> None:
@@ -111,25 +108,17 @@ class LocalizerService(ChangeOwner):
     def _locate_if_due(self) -> None:
         """Locate by the scan that waits, if its odometry is there or does not come."""
         rate = self.time_of(self.robot).rate
-        scan = self._waiting.take(self._odometry.history, self.monotonic_ns, rate)
-        if scan is not None:
+        history, laser = self._odometry.history, self._laser.latest
+        for scan in self._assembler.take(history, laser, self.monotonic_ns, rate):
             self._locate(scan)
 
-    def _locate(self, scan: Scan) -> None:
+    def _locate(self, scan: ScanInput | Reject) -> None:
         """Step the localizer and publish what it says."""
-        localizer, laser = self._localizer, self._laser.latest
+        localizer = self._localizer
         if localizer is None:
             self.count("scan/no_map")
             return
-        if laser is None or laser.parent != "base_link":
-            self.count("scan/no_laser_mounting")
-            return
-        first = pose_at(self._odometry.history, scan.stamp_ns)
-        last = pose_at(self._odometry.history, end_ns(scan))
-        if first is None or last is None:
-            self.count("scan/no_odometry")
-            return
-        result = localizer.step(ScanInput.of(scan, laser.pose, first, last))
+        result = scan if isinstance(scan, Reject) else localizer.step(scan)
         if isinstance(result, Reject):
             self.count(f"scan/{result.name.lower()}")
             return
@@ -244,7 +233,7 @@ class LocalizerService(ChangeOwner):
     def gave_way(self) -> None:
         """Let no scan wait."""
         super().gave_way()
-        self._waiting.forget()
+        self._assembler.clear()
         self._save_pose()
         self.save_changes()
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
+from trolley.scanning.deskew import Points
 from trolley_localizer.field import LikelihoodField
-from trolley_localizer.kernels.layout import Points
 from trolley_localizer.kernels.refine import refine_pose
 from trolley_localizer.kernels.weights import score_pose
 from trolley_localizer.motion import move_covariance, step_covariance

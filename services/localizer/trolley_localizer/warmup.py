@@ -5,7 +5,7 @@ import numpy as np
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scan_input import ScanInput
+from trolley.scanning.front_end import ScanInput
 from trolley_localizer.changes import Changes
 from trolley_localizer.core import Localizer
 from trolley_localizer.field import LikelihoodField

@@ -7,9 +7,9 @@ import numpy as np
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scan_input import ScanInput
-from trolley_mapper import exploring_warmup
-from trolley_mapper.core import Mapper
+from trolley.scanning.front_end import ScanInput
+from trolley_mapper.explore import warmup
+from trolley_mapper.slam.mapper import Mapper
 
 _BEAMS = 120
 _FAR = Pose2D(30.0, 0.0, 0.0)
@@ -40,7 +40,7 @@ def warm_up() -> None:
         job = extended.take_job()
         if job is not None:
             extended.finish(job.run())
-    exploring_warmup.warm_up()
+    warmup.warm_up()
 
 
 def _scan(number: int, x: float) -> ScanInput:

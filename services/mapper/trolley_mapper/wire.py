@@ -4,7 +4,7 @@ import math
 
 from trolley import messages as m
 from trolley.geometry import Pose2D
-from trolley_mapper.estimate import MapEstimate
+from trolley_mapper.slam.estimate import MapEstimate
 
 
 def pose_message(estimate: MapEstimate, map_name: str) -> m.PoseEstimate:

@@ -11,8 +11,8 @@ from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import MapError
 from trolley.messages.request_params import MapNamed, SaveMap
-from trolley_mapper import kept
-from trolley_mapper.versions import MapVersions
+from trolley_mapper import checkpoint
+from trolley_mapper.edit.map_versions import MapVersions
 
 from .conftest import Stage
 
@@ -53,7 +53,7 @@ def test_wheels_that_slip_are_told_of(stage: Stage) -> None:
 def test_a_mapper_that_is_stopped_keeps_its_map_at_once(stage: Stage) -> None:
     stage.map(seconds=2.0)
     stage.bus.nodes.pop("mapper").close()
-    assert (stage.bus.state / "trolley" / kept.FILE).exists()
+    assert (stage.bus.state / "trolley" / checkpoint.FILE).exists()
 
 
 def test_the_localizer_takes_over_from_a_mapper_that_is_gone(stage: Stage) -> None:
@@ -126,7 +126,7 @@ def test_a_disk_that_is_full_while_mapping_is_said(
     health = stage.bus.record(topics.HEALTH, "mapper")
     stage.map(seconds=2.0)
     with monkeypatch.context() as patched:
-        patched.setattr(kept, "write_atomically", fail)
+        patched.setattr(checkpoint, "write_atomically", fail)
         stage.bus.run(KEPT_S)
     assert health[-1].state == "degraded"
     assert "No space left" in stage.status.message
@@ -183,7 +183,7 @@ def test_a_new_run_of_base_does_not_tear_the_map(stage: Stage) -> None:
 def test_a_broken_working_file_is_kept_aside_and_said(stage: Stage) -> None:
     stage.map(seconds=2.0)
     stage.bus.nodes.pop("mapper").close()
-    file = stage.bus.state / "trolley" / kept.FILE
+    file = stage.bus.state / "trolley" / checkpoint.FILE
     file.write_bytes(file.read_bytes()[:-100])
     stage.begin("mapper")
     stage.bus.run(0.5)

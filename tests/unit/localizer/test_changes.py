@@ -12,7 +12,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.map_editing import apply
 from trolley.map_editing.proposals import ops_of
-from trolley.scan_input import ScanInput
+from trolley.scanning.front_end import ScanInput
 from trolley_localizer.change_store import from_file, to_file, unpack
 from trolley_localizer.changes import Change, Changes
 from trolley_localizer.field import build_field

@@ -9,7 +9,7 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
-from trolley.scan_input import Reject
+from trolley.scanning.front_end import Reject
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.kernels.beams import BEHIND_MIRROR, EXPLAINED, NOT_ON_MAP, UNUSED

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley.geometry.kernels import solve_spd
+from trolley.scanning.deskew import Points
 from trolley_localizer.kernels import beams as beam_kernels
 from trolley_localizer.kernels.elementary import exp_below_zero, sin_cos
-from trolley_localizer.kernels.layout import Cloud, Lines, Points
+from trolley_localizer.kernels.layout import Cloud, Lines
 from trolley_localizer.kernels.motion import move_particles, scatter_particles
 from trolley_localizer.kernels.random import normal
 from trolley_localizer.kernels.refine import refine_pose

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
-from trolley.scan_input import ScanInput
+from trolley.scanning.front_end import ScanInput
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.field import build_field

@@ -9,9 +9,9 @@ import pytest
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
-from trolley.scan_input import ScanInput
-from trolley_mapper.core import Mapper
-from trolley_mapper.estimate import MapEstimate
+from trolley.scanning.front_end import ScanInput
+from trolley_mapper.slam.estimate import MapEstimate
+from trolley_mapper.slam.mapper import Mapper
 
 BEAMS = 180
 RANGE_MAX = 8.0

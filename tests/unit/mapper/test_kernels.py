@@ -11,9 +11,9 @@ from trolley_mapper.kernels import correlate, lines
 from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.kernels.surfels import EXPLAINED
 from trolley_mapper.kernels.trace import trace_keyframe
-from trolley_mapper.keyframe import Keyframe
-from trolley_mapper.local_map import LocalMap, without_noise
-from trolley_mapper.scan import Sweep
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.local_map import LocalMap, without_noise
+from trolley_mapper.slam.sweep import Sweep
 
 
 def room(count: int = 240) -> Cloud:
@@ -23,13 +23,9 @@ def room(count: int = 240) -> Cloud:
         x = np.where(np.cos(angles) > 0.0, 3.5, -2.5) / np.cos(angles)
         y = np.where(np.sin(angles) > 0.0, 2.2, -1.8) / np.sin(angles)
     ranges = np.minimum(x, y).astype(np.float32)
-    points, beams = np.empty((count, 2)), np.empty(count, np.int32)
-    found = lines.project_scan(
-        points, beams, ranges, np.array([-math.pi, 2.0 * math.pi / count]), np.array([0.1, 9.0]),
-        np.zeros(3), np.zeros(3),
-    )  # fmt: skip
-    assert found == count
+    points = (ranges * np.stack([np.cos(angles), np.sin(angles)])).T.copy()
     normals = np.empty((count, 2))
+    beams = np.arange(count, dtype=np.int32)
     lines.fit_normals(normals, points, beams, np.zeros(2), 2.0 * math.pi / count)
     return Cloud(points, normals)
 

@@ -7,7 +7,7 @@ import numpy as np
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, load_map
 from trolley.messages import Zone
-from trolley_mapper.map_files import write_map
+from trolley_mapper.edit.map_versions import write_map
 
 
 def grid(width: int) -> GridMap:

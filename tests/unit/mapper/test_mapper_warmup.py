@@ -10,7 +10,7 @@ import gc
 from numba.core.registry import CPUDispatcher
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
-from trolley_mapper.core import Mapper
+from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.warmup import warm_up
 
 def ready():

@@ -1,4 +1,4 @@
-"""From ranges to end points, and what the map makes of each beam."""
+"""What the map makes of each beam."""
 
 import math
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_localizer.kernels.layout import Lines, Points
+from trolley.scanning.deskew import Points
+from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.kernels.weights import sample_field
 
 # From BEHIND_MIRROR on a beam says nothing of the map.
@@ -15,52 +16,6 @@ NOT_ON_MAP = 1
 BEHIND_MIRROR = 2
 SUSPECTED = 3
 UNUSED = 4
-
-
-@kernel
-def project_beams(
-    out_end: Points,
-    out_start: Points,
-    out_used: NDArray[np.uint8],
-    ranges: NDArray[np.float32],
-    angles: NDArray[np.float64],
-    limits: NDArray[np.float64],
-    base_T_laser: NDArray[np.float64],
-    motion: NDArray[np.float64],
-) -> None:
-    """Put the beams into `base_link` at the scan's stamp, corrected for the motion since.
-
-    Args:
-        out_end: (n,) end points, overwritten; zero where unused [cells].
-        out_start: (n,) where the laser was, overwritten [cells].
-        out_used: (n,), overwritten: 1 where the beam has an echo within the limits.
-        ranges: (n,) [m]; NaN, infinite, zero and negative values are unused.
-        angles: (2,) angle of beam 0 and step [rad] in `laser`.
-        limits: (3,) nearest and farthest echo to use [m], and cell edge [m].
-        base_T_laser: (3,) x, y [m], yaw [rad].
-        motion: (3,) pose of the base at the last beam in its frame at the stamp [m, m, rad].
-    """
-    count = ranges.size
-    scale = 1.0 / limits[2]
-    for i in range(count):
-        share = i / max(count - 1, 1)
-        turned = share * motion[2]
-        cos = math.cos(turned)
-        sin = math.sin(turned)
-        start_x = share * motion[0] + cos * base_T_laser[0] - sin * base_T_laser[1]
-        start_y = share * motion[1] + sin * base_T_laser[0] + cos * base_T_laser[1]
-        out_start.x[i] = scale * start_x
-        out_start.y[i] = scale * start_y
-        reach = np.float64(ranges[i])
-        if not (limits[0] <= reach <= limits[1]):
-            out_used[i] = 0
-            out_end.x[i] = 0.0
-            out_end.y[i] = 0.0
-            continue
-        heading = turned + base_T_laser[2] + angles[0] + i * angles[1]
-        out_used[i] = 1
-        out_end.x[i] = scale * (start_x + reach * math.cos(heading))
-        out_end.y[i] = scale * (start_y + reach * math.sin(heading))
 
 
 @kernel

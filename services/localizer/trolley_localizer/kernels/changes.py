@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from trolley.gridmap import OCCUPIED_FROM
 from trolley.jit import kernel
+from trolley.scanning.deskew import Points
 from trolley_localizer.kernels.beams import EXPLAINED, NOT_ON_MAP
-from trolley_localizer.kernels.layout import Points
 from trolley_localizer.kernels.reflection import IMAGE, MIRRORED
 
 TILE = 16

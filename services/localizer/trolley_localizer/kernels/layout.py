@@ -6,18 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Points(NamedTuple):
-    """Beam end points in `base_link` at the scan's stamp, in cells.
-
-    Attributes:
-        x: (n,) float64, forward.
-        y: (n,) float64, to the left.
-    """
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-
-
 class Cloud(NamedTuple):
     """Particles in frame `grid`.
 

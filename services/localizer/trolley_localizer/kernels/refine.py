@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry.kernels import solve_spd
 from trolley.jit import kernel
-from trolley_localizer.kernels.layout import Points
+from trolley.scanning.deskew import Points
 
 _MAX_SHIFT = 2.0
 _MAX_TURN = 0.1

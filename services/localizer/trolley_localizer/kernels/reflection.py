@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
+from trolley.scanning.deskew import Points
 from trolley_localizer.kernels.beams import BEHIND_MIRROR, UNUSED
-from trolley_localizer.kernels.layout import Points
 from trolley_localizer.kernels.weights import sample_field
 
 NOTHING = 0

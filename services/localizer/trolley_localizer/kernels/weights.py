@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
+from trolley.scanning.deskew import Points
 from trolley_localizer.kernels.elementary import sin_cos
-from trolley_localizer.kernels.layout import Cloud, Points
+from trolley_localizer.kernels.layout import Cloud
 
 # End points are computed in whole blocks: those left over would run one by one.
 _BLOCK = 32

@@ -1,19 +1,29 @@
 """Point-to-line alignment of a scan with surfels by Gauss-Newton steps."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry.kernels import solve_spd
 from trolley.jit import kernel
-from trolley_mapper.kernels.layout import Cloud, Matching, Surfels
+from trolley_mapper.kernels.layout import AlignmentParams, Cloud, Surfels
 from trolley_mapper.kernels.surfels import PARTNERS, nearest_surfel
 
-_MAX_SHIFT_M = 0.3
-_MAX_TURN_RAD = 0.15
-# A point without a direction of its own may have found the wrong side of a corner.
-_WITHOUT_NORMAL = 0.3
+
+class StepParams(NamedTuple):
+    """Limits of a Gauss-Newton step. Set by hand."""
+
+    max_shift: float = 0.3
+    """Of one step [m]."""
+    max_turn: float = 0.15
+    """Of one step [rad]."""
+    without_normal: float = 0.3
+    """Weight of a point without a direction of its own: it may be on the other side of a corner."""
+
+
+STEP = StepParams()
 
 
 @kernel
@@ -60,7 +70,7 @@ def accumulate(
         robust = 1.0 / (1.0 + (off / width) * (off / width))
         weight = gain * robust * robust
         if nx == 0.0 and ny == 0.0:
-            weight *= _WITHOUT_NORMAL
+            weight *= STEP.without_normal
         turn = my * tx - mx * ty
         k = surfels.owner[at] if apart else 0
         out_count[k] += 1
@@ -87,7 +97,7 @@ def align(
     cloud: Cloud,
     prior: NDArray[np.float64],
     prior_information: NDArray[np.float64],
-    matching: Matching,
+    params: AlignmentParams,
 ) -> int:
     """Move a pose to where the scan's points lie on the surfels and the prior agrees, too.
 
@@ -98,7 +108,7 @@ def align(
         cloud: the scan.
         prior: (3,) expected pose, e.g. from odometry.
         prior_information: (3, 3) its inverse covariance in `map`.
-        matching: see there.
+        params: see there.
 
     Returns:
         How many points have a partner in the end.
@@ -114,10 +124,10 @@ def align(
     slope = np.zeros(3)
     delta = np.zeros(3)
     offset = np.zeros(3)
-    reach = matching.first_reach
-    for _ in range(matching.iterations):
-        width = max(matching.width, 0.3 * reach)
-        accumulate(hessian, gradient, count, surfels, cloud, pose, (reach, width, matching.gain))
+    reach = params.first_reach
+    for _ in range(params.iterations):
+        width = max(params.width, 0.3 * reach)
+        accumulate(hessian, gradient, count, surfels, cloud, pose, (reach, width, params.gain))
         for a in range(3):
             offset[a] = pose[a] - prior[a]
         offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)
@@ -131,11 +141,11 @@ def align(
             break
         length = math.hypot(delta[0], delta[1])
         shrink = min(
-            1.0, _MAX_SHIFT_M / max(length, 1e-9), _MAX_TURN_RAD / max(abs(delta[2]), 1e-9)
+            1.0, STEP.max_shift / max(length, 1e-9), STEP.max_turn / max(abs(delta[2]), 1e-9)
         )
         for a in range(3):
             pose[a] -= shrink * delta[a]
-        if reach <= matching.last_reach and length < 2e-4 and abs(delta[2]) < 5e-5:
+        if reach <= params.last_reach and length < 2e-4 and abs(delta[2]) < 5e-5:
             break
-        reach = max(0.6 * reach, matching.last_reach)
+        reach = max(0.6 * reach, params.last_reach)
     return count[0]

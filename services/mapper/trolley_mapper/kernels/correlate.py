@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_mapper.kernels.layout import Cloud, Surfels
 
-# Surfaces are drawn apart by the side that they are seen from, in so many layers: the back of a
-# wall must not be laid over its front. A layer takes what faces within 75 degrees of its middle,
-# so that points, which go to the nearest middle, may err in their direction by 30.
 LAYERS = 4
-_SAME_SIDE = 0.25
+"""Surfaces are drawn in layers by the side that they are seen from: the back of a wall must not be
+laid over its front."""
+IN_LAYER = 0.25
+"""A layer takes what faces within 75 degrees of its middle (a cosine), so that points, which go to
+the nearest middle, may err in their direction by 30."""
 
 
 @kernel
@@ -49,7 +50,7 @@ def draw_likelihood(
         for layer in range(LAYERS):
             turn = layer * 0.5 * math.pi
             facing = surfels.normal[i, 0] * math.cos(turn) + surfels.normal[i, 1] * math.sin(turn)
-            if facing < _SAME_SIDE:
+            if facing < IN_LAYER:
                 continue
             for row in range(max(at_row - half, 0), min(at_row + half + 1, rows)):
                 for col in range(max(at_col - half, 0), min(at_col + half + 1, cols)):

@@ -42,7 +42,7 @@ class Cloud(NamedTuple):
     normals: NDArray[np.float64]
 
 
-class Matching(NamedTuple):
+class AlignmentParams(NamedTuple):
     """How a scan is compared with surfels.
 
     Attributes:

@@ -1,73 +1,32 @@
-"""From ranges to points in `base_link`, and the direction of the surface at each of them."""
+"""The direction of the surface at each point of a scan, and which points to keep."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
 
-# A point and its neighbours within this distance show which way the surface looks [m].
-_REACH_M = 0.12
-# Where beams lie farther apart than that: within so many gaps between beams.
-_REACH_GAPS = 3.5
-# Neighbours farther apart than so many gaps (a wall seen at 14 degrees) belong to two things.
-_JUMP_GAPS = 4.0
-_JUMP_M = 0.08
-# Root mean square distance from the line beyond which it is none: constant [m], per metre.
-_ROUGH_M = 0.02
-_ROUGH_SHARE = 0.004
+
+class NormalParams(NamedTuple):
+    """Which neighbours of a point show the direction of its surface. Set by hand."""
+
+    reach: float = 0.12
+    """Those within this distance [m]."""
+    reach_gaps: float = 3.5
+    """Or within this many gaps between beams, where beams lie farther apart."""
+    jump: float = 0.08
+    """Neighbours farther apart than this belong to two things [m]."""
+    jump_gaps: float = 4.0
+    """Or farther apart than this many gaps: a wall seen at 14 degrees."""
+    rough: float = 0.02
+    """Root mean square distance from the line beyond which it is none [m]."""
+    rough_share: float = 0.004
+    """What is added to it for each metre of range."""
 
 
-@kernel
-def project_scan(
-    out_points: NDArray[np.float64],
-    out_beams: NDArray[np.int32],
-    ranges: NDArray[np.float32],
-    angles: NDArray[np.float64],
-    limits: NDArray[np.float64],
-    base_T_laser: NDArray[np.float64],
-    motion: NDArray[np.float64],
-) -> int:
-    """Put the echoes into `base_link` at the scan's stamp, corrected for the motion since.
-
-    Args:
-        out_points: (n, 2) [m], its first rows are overwritten.
-        out_beams: (n,) number of the beam of each point, overwritten alike.
-        ranges: (n,) [m]; NaN, infinite, zero and negative values are left out.
-        angles: (2,) angle of beam 0 and step [rad] in `laser`.
-        limits: (2,) nearest and farthest echo to use [m].
-        base_T_laser: (3,) x, y [m], yaw [rad].
-        motion: (3,) pose of the base at the last beam in its frame at the stamp [m, m, rad].
-
-    Returns:
-        How many points there are.
-    """
-    count = 0
-    for i in range(ranges.size):
-        reach = np.float64(ranges[i])
-        if not (limits[0] <= reach <= limits[1]):
-            continue
-        share = i / max(ranges.size - 1, 1)
-        turned = share * motion[2]
-        cos = math.cos(turned)
-        sin = math.sin(turned)
-        heading = turned + base_T_laser[2] + angles[0] + i * angles[1]
-        out_points[count, 0] = (
-            share * motion[0]
-            + cos * base_T_laser[0]
-            - sin * base_T_laser[1]
-            + reach * math.cos(heading)
-        )
-        out_points[count, 1] = (
-            share * motion[1]
-            + sin * base_T_laser[0]
-            + cos * base_T_laser[1]
-            + reach * math.sin(heading)
-        )
-        out_beams[count] = i
-        count += 1
-    return count
+NORMAL = NormalParams()
 
 
 @kernel
@@ -75,8 +34,8 @@ def _run_end(
     points: NDArray[np.float64], beams: NDArray[np.int32], at: int, step: int, gap: float
 ) -> int:
     """Return the last point of the surface around `at` in one direction."""
-    reach = max(_REACH_M, _REACH_GAPS * gap)
-    jump = max(_JUMP_M, _JUMP_GAPS * gap)
+    reach = max(NORMAL.reach, NORMAL.reach_gaps * gap)
+    jump = max(NORMAL.jump, NORMAL.jump_gaps * gap)
     last = at
     following = at + step
     while 0 <= following < beams.size and abs(beams[following] - beams[last]) <= 2:
@@ -146,7 +105,7 @@ def fit_normals(
         root = math.sqrt(max(0.25 * (xx - yy) * (xx - yy) + xy * xy, 0.0))
         small = max(half_trace - root, 0.0) / count
         large = (half_trace + root) / count
-        rough = _ROUGH_M + _ROUGH_SHARE * reach
+        rough = NORMAL.rough + NORMAL.rough_share * reach
         if small > rough * rough or large < 6.0 * small:
             continue
         along = 0.5 * math.atan2(2.0 * xy, xx - yy)

@@ -13,13 +13,14 @@ UNKNOWN = 1
 IN_FREE_SPACE = 2
 THROUGH_SURFACE = 3
 
-# Normals whose product exceeds this belong to the same side of one surface, to be averaged, to be
-# aligned, or not to speak against it.
-_SAME_SIDE = 0.75
+SAME_SIDE = 0.75
+"""Points whose normals have a greater product are of one surface, and averaged."""
 PARTNERS = 0.6
+"""A point is aligned with a surfel if the product of their normals is greater."""
 NOT_BEHIND = 0.0
-# A beam that goes on behind a surface by less than this does not contradict it [m].
-_MARGIN_M = 0.3
+"""A surfel explains a point if the product of their normals is greater."""
+MARGIN_M = 0.3
+"""A beam that goes on behind a surface by less than this does not contradict it [m]."""
 
 
 @kernel
@@ -69,7 +70,7 @@ def add_surfels(
         while at >= 0:
             length = math.hypot(surfels.normal[at, 0], surfels.normal[at, 1])
             product = nx * surfels.normal[at, 0] + ny * surfels.normal[at, 1]
-            if product > _SAME_SIDE * length:
+            if product > SAME_SIDE * length:
                 break
             at = surfels.following[at]
         if at >= 0:
@@ -198,7 +199,7 @@ def _meets_surface(
     dx = to_x - from_x
     dy = to_y - from_y
     length = math.hypot(dx, dy)
-    steps = math.floor((length - _MARGIN_M) * scale)
+    steps = math.floor((length - MARGIN_M) * scale)
     for k in range(2, steps):
         share = k / (scale * length)
         col = math.floor((from_x + share * dx - surfels.frame[0]) * scale)

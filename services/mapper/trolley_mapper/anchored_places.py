@@ -1,0 +1,81 @@
+"""Saved places on the map that is being made: they move with it when loops are closed."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Protocol
+
+from msgspec import structs
+
+from trolley.geometry import Pose2D, angle_difference
+from trolley.messages import SavedPose
+from trolley_mapper.slam.estimate import Anchor
+
+MOVED_M = 0.01
+MOVED_RAD = math.radians(0.5)
+"""A place is put right when it has moved by so much."""
+
+
+class MapAnchoring(Protocol):
+    """What ties poses to the map (the core's `Mapper`)."""
+
+    def anchor(self, map_T_pose: Pose2D) -> Anchor:
+        """Tie a pose to the map."""
+        ...
+
+    def moved(self, anchor: Anchor) -> Pose2D:
+        """Return where it lies now."""
+        ...
+
+
+class AnchoredPlaces:
+    """The places of one map, each tied to it where it was when it was first seen there.
+
+    Args:
+        anchors: of a run before, by the name of the place.
+    """
+
+    def __init__(self, anchors: Mapping[str, Anchor] | None = None) -> None:
+        self.anchors = dict(anchors or {})
+        self._stored: dict[str, SavedPose] = {}
+
+    def update(self, poses: Iterable[SavedPose], map_name: str, core: MapAnchoring) -> None:
+        """Take note of what is stored; a place that somebody has moved is tied anew."""
+        before = self._stored
+        self._stored = {one.name: one for one in poses if one.map == map_name}
+        for name in self.anchors.keys() - self._stored.keys():
+            del self.anchors[name]
+        for name, place in self._stored.items():
+            known = before.get(name)
+            was_moved = known is not None and _differ(known.pose, place.pose)
+            if name not in self.anchors or was_moved:
+                self.anchors[name] = core.anchor(place.pose)
+
+    def tie_anew(self, core: MapAnchoring) -> None:
+        """Tie all places to the map as it is now."""
+        for name, place in self._stored.items():
+            self.anchors[name] = core.anchor(place.pose)
+
+    def moved(self, core: MapAnchoring, map_name: str | None = None) -> Sequence[SavedPose]:
+        """Return the places that lie elsewhere now, as they are to be stored.
+
+        What is returned counts as stored from now on.
+
+        Args:
+            core: knows where they are.
+            map_name: the map that they are to belong to, if not the one of before.
+        """
+        changed: list[SavedPose] = []
+        for name, place in self._stored.items():
+            pose = core.moved(self.anchors[name]).wrapped()
+            if not _differ(place.pose, pose):
+                pose = place.pose
+            right = structs.replace(place, pose=pose, map=map_name or place.map)
+            if right != place:
+                self._stored[name] = right
+                changed.append(right)
+        return changed
+
+
+def _differ(one: Pose2D, other: Pose2D) -> bool:
+    turned = abs(angle_difference(one.yaw, other.yaw))
+    return one.distance_to(other) > MOVED_M or turned > MOVED_RAD

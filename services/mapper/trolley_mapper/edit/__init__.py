@@ -1,0 +1,1 @@
+"""Changing stored maps, and letting the robot switch to what has changed."""

@@ -1,0 +1,213 @@
+"""Where one map lies on another: their walls laid over each other in every way that there is.
+
+Source:
+    Carpin, Fast and Accurate Map Merging for Multi-Robot Systems (2008): maps are merged by
+    correlation; and Olson, Real-Time Correlative Scan Matching (2009): coarse to fine.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft as untyped_fft  # pyright: ignore[reportMissingTypeStubs]
+from scipy import ndimage as untyped_ndimage  # pyright: ignore[reportMissingTypeStubs]
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.geometry import Pose2D, angle_difference
+from trolley.gridmap import OCCUPIED_FROM, GridMap
+
+# SciPy's own types are those of its dispatch, not of what it returns.
+fft, ndimage = cast("Any", untyped_fft), cast("Any", untyped_ndimage)
+Floats = NDArray[np.float64]
+
+_MAX_POINTS = 3000
+_COARSE_CELLS = 320
+_MIN_COARSE_M = 0.1
+_PER_ANGLE, _REFINED = 2, 24
+# A wall agrees with one that is so near, and contradicts free floor so far from any wall [m].
+_AGREES_M, _CONTRADICTS_M = 0.12, 0.25
+_SIGMA_M, _FINE_SIGMA_M = 0.1, 0.03
+_MIN_AGREEING_M = 3.0
+_MIN_SHARE = 0.8
+# Another placement of more than this share of the best one's score makes it ambiguous.
+_RIVAL = 0.8
+_PURER, _RIVAL_LENGTH = 0.03, 0.2
+_SAME_M, _SAME_RAD = 0.5, math.radians(10.0)
+# A wall across a free floor says more against a placement than a wall on a wall says for it.
+_FREE_PENALTY = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Where the other map lies."""
+
+    this_T_other: Pose2D
+    agreeing_m: float
+    """Length of its walls that lie on walls of this map, about [m]."""
+    share: float
+    """Of its walls that lie where this map is known, how much lies on walls, 0 to 1."""
+
+
+class _Side:
+    """One of the two maps: points of its walls, and how far each place is from them."""
+
+    def __init__(self, grid: GridMap) -> None:
+        walls = grid.cells >= OCCUPIED_FROM
+        found = np.argwhere(walls & ~ndimage.binary_erosion(walls))
+        if not len(found):
+            raise Refused(codes.BAD_REQUEST, f"The map {grid.name} has no walls to compare.")
+        count = min(len(found), _MAX_POINTS)
+        chosen = found[np.linspace(0, len(found) - 1, count).astype(np.int64)]
+        self.points: Floats = grid.cell_to_world(chosen)
+        middle = self.points.mean(axis=0)
+        self.middle = Pose2D(float(middle[0]), float(middle[1]), 0.0)
+        self.radius = max(1.0, float(np.hypot(*(self.points - middle).T).max()))
+        self.point_m = grid.resolution * len(found) / count
+        self.grid = grid
+        gaps = ndimage.distance_transform_edt(~walls, sampling=grid.resolution)
+        self.gaps = np.asarray(gaps, np.float32)
+        self.free = (grid.cells >= 0) & ~walls & (self.gaps > _CONTRADICTS_M)
+
+    def sample(self, points: Floats) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return the distance to a wall [m] under points of this map, and what is clearly free."""
+        cells = self.grid.world_to_cell(points)
+        inside = self.grid.contains_cell(cells)
+        gaps, free = np.full(len(points), 9.0, np.float32), np.zeros(len(points), np.bool_)
+        rows, cols = cells[inside].T
+        gaps[inside], free[inside] = self.gaps[rows, cols], self.free[rows, cols]
+        return gaps, free
+
+
+def align_maps(this: GridMap, other: GridMap) -> Alignment:
+    """Say where another map lies on this one.
+
+    Args:
+        this: the map that stays.
+        other: the one to be placed; the two must have a few metres of walls in common.
+
+    Raises:
+        Refused: `no_match` where the walls fit nowhere, `ambiguous` where they fit in several ways.
+    """
+    here, there = _Side(this), _Side(other)
+    # Placements are those of the other map's middle, so that a turn alone moves them little.
+    refined = [_refined(here, there, middle) for middle in _candidates(here, there)]
+    ranked = sorted(refined, key=lambda one: -one[0])
+    if not ranked or ranked[0][0] <= 0.0:
+        raise Refused(codes.NO_MATCH)
+    score, middle = ranked[0]
+    _, fine = _refined(here, there, middle, _FINE_SIGMA_M)
+    best = _judged(here, there, fine)
+    if best.agreeing_m < _MIN_AGREEING_M or best.share < _MIN_SHARE:
+        raise Refused(codes.NO_MATCH)
+    rivals = [rival for rival in ranked[1:] if _differ(rival[1], middle)]
+    if any(
+        rival_score > _RIVAL * score or _is_purer(best, _judged(here, there, rival))
+        for rival_score, rival in rivals
+    ):
+        raise Refused(codes.AMBIGUOUS)
+    return best
+
+
+def _candidates(here: _Side, there: _Side) -> list[Pose2D]:
+    """Return the placements that fit best on a coarse grid, at all angles."""
+    centred = there.middle.inverse().transform_points(there.points)
+    radius = there.radius
+    low, high = here.points.min(axis=0), here.points.max(axis=0)
+    coarse = max(_MIN_COARSE_M, float((high - low).max()) / _COARSE_CELLS, radius / _COARSE_CELLS)
+    low = low - 2.0 * radius - 4.0 * coarse  # room for the other map on each side
+    shape = tuple(
+        fft.next_fast_len(int(n), real=True)
+        for n in np.ceil((high + 2.0 * radius - low) / coarse)[::-1] + 8
+    )
+    field = fft.rfft2(_field(here, low, coarse, shape), workers=1)
+    found: list[tuple[float, Pose2D]] = []
+    step = min(max(1.5 * coarse / max(radius, coarse), math.radians(1.0)), math.radians(6.0))
+    for angle in np.arange(0.0, 2.0 * math.pi, step).tolist():
+        turned = Pose2D(0.0, 0.0, angle).transform_points(centred)
+        start = turned.min(axis=0)
+        stamp = np.zeros(shape, np.float32)
+        cols, rows = np.floor((turned - start) / coarse).astype(np.int64).T
+        np.add.at(stamp, (rows, cols), 1.0)
+        fits = fft.irfft2(field * np.conj(fft.rfft2(stamp)), s=shape, workers=1)
+        for _ in range(_PER_ANGLE):
+            row, col = (int(one) for one in np.unravel_index(int(np.argmax(fits)), shape))
+            shift = low + coarse * np.array([col, row]) - start
+            found.append((float(fits[row, col]), Pose2D(float(shift[0]), float(shift[1]), angle)))
+            fits[max(0, row - 4) : row + 5, max(0, col - 4) : col + 5] = -np.inf
+    found.sort(key=lambda one: -one[0])
+    chosen: list[Pose2D] = []
+    for _, pose in found:
+        if len(chosen) < _REFINED and all(_differ(pose, one, 0.4) for one in chosen):
+            chosen.append(pose)
+    return chosen
+
+
+def _field(here: _Side, low: Floats, coarse: float, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return how much a wall at each place would agree: 1 on walls, below 0 on free floor."""
+    rows, cols = np.mgrid[: shape[0], : shape[1]]
+    centres = low + coarse * (np.column_stack([cols.ravel(), rows.ravel()]) + 0.5)
+    gaps, free = here.sample(centres)
+    near = np.exp(-0.5 * (gaps / max(_SIGMA_M, 0.7 * coarse)) ** 2)
+    return (near - _FREE_PENALTY * free).astype(np.float32).reshape(shape)
+
+
+def _score(here: _Side, there: _Side, middle: Pose2D, sigma_m: float = _SIGMA_M) -> float:
+    """Return how much agrees less what contradicts [m of walls], both ways."""
+    pose = middle @ there.middle.inverse()
+    gaps, free = here.sample(pose.transform_points(there.points))
+    agreeing = float(np.exp(-0.5 * (gaps / sigma_m) ** 2).sum()) * there.point_m
+    _, back = there.sample(pose.inverse().transform_points(here.points))
+    against = float(free.sum()) * there.point_m + float(back.sum()) * here.point_m
+    return agreeing - _FREE_PENALTY * against
+
+
+def _refined(
+    here: _Side, there: _Side, start: Pose2D, sigma_m: float = _SIGMA_M
+) -> tuple[float, Pose2D]:
+    """Climb from a placement to the best one near by."""
+    at, score, step_m = start, _score(here, there, start, sigma_m), 2.0 * sigma_m
+    while step_m > 0.004:
+        tries = [
+            Pose2D(at.x + dx * step_m, at.y + dy * step_m, at.yaw + turn * step_m / there.radius)
+            for dx, dy, turn in (
+                (1, 0, 0),
+                (-1, 0, 0),
+                (0, 1, 0),
+                (0, -1, 0),
+                (0, 0, 1),
+                (0, 0, -1),
+            )
+        ]
+        scores = [_score(here, there, one, sigma_m) for one in tries]
+        best = int(np.argmax(scores))
+        if scores[best] > score:
+            at, score = tries[best], scores[best]
+        else:
+            step_m *= 0.5
+    return score, at
+
+
+def _is_purer(best: Alignment, rival: Alignment) -> bool:
+    """Say whether a rival has less in common but contradicts less: two rooms of one size, say."""
+    return rival.share > best.share + _PURER and rival.agreeing_m > max(
+        _MIN_AGREEING_M, _RIVAL_LENGTH * best.agreeing_m
+    )
+
+
+def _judged(here: _Side, there: _Side, middle: Pose2D) -> Alignment:
+    pose = (middle @ there.middle.inverse()).wrapped()
+    gaps, free = here.sample(pose.transform_points(there.points))
+    _, back = there.sample(pose.inverse().transform_points(here.points))
+    agreeing = float((gaps < _AGREES_M).sum()) * there.point_m
+    against = float(free.sum()) * there.point_m + float(back.sum()) * here.point_m
+    return Alignment(pose, agreeing, agreeing / max(agreeing + against, 1e-9))
+
+
+def _differ(a: Pose2D, b: Pose2D, share: float = 1.0) -> bool:
+    return (
+        a.distance_to(b) > share * _SAME_M
+        or abs(angle_difference(a.yaw, b.yaw)) > share * _SAME_RAD
+    )

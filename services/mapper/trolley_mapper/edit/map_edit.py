@@ -1,0 +1,359 @@
+"""What `map/edit` does to the files: read, change, store; and what the robot must be told then.
+
+All of it touches the disk or takes its time: call it through `Service.work`.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Struct
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.gridmap import OCCUPIED_FROM, GridMap, MapError, load_map
+from trolley.map_editing import apply, merge
+from trolley.messages import EditMap, MapEdited, Merge, SavedPose, TakeBack, Tour, Zone
+from trolley_mapper.edit.map_switch import SwitchPlan, store_plan
+from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
+from trolley_mapper.edit.map_versions import Change, MapVersions, Version
+
+MAX_SHOWN = 2000
+"""Wall points of a merged map that a preview shows."""
+Item = TypeVar("Item", SavedPose, Tour)
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What an edit has to know of the robot.
+
+    Attributes:
+        configured: the YAML file of `[map] file`, which is never written.
+        is_on: whether the robot is on the map.
+        is_driving: whether a goal is under way.
+        zones: of the map, where the robot is on it.
+        places: all saved ones; None where the tour service does not answer.
+        tours: all of them, likewise.
+        state: the robot's state folder.
+        now: UTC, ISO 8601.
+    """
+
+    configured: Path | None
+    is_on: bool
+    is_driving: bool
+    zones: tuple[Zone, ...]
+    places: tuple[SavedPose, ...] | None
+    tours: tuple[Tour, ...] | None
+    state: Path
+    now: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Edited:
+    """What came of an edit, and what the robot must be told, if anything."""
+
+    reply: MapEdited
+    plan: SwitchPlan | None = None
+
+
+def edit(store: MapVersions, params: EditMap, situation: Situation) -> Edited | Refused:
+    """Carry out an edit; one that is refused has changed nothing."""
+    try:
+        return _Edit(store, params, situation).run()
+    except Refused as refused:
+        return refused
+    except MapError as error:
+        return Refused(codes.NOT_SAVED, f"{str(error)[:1].upper()}{str(error)[1:]}.")
+
+
+class _Edit:
+    """One request."""
+
+    def __init__(self, store: MapVersions, params: EditMap, situation: Situation) -> None:
+        self._store, self._params, self._situation = store, params, situation
+        self._name = params.name
+        self._target = params.as_name or params.name
+        self._old_T_new = Pose2D.identity()
+        self._said: list[str] = []
+        self._reply = MapEdited(state="preview", name=self._target, message="")
+
+    def run(self) -> Edited:
+        """Do it."""
+        ops = self._params.ops
+        file = self._file(self._name)
+        if any(isinstance(op, TakeBack) for op in ops):
+            return self._take_back()
+        self._check_target()
+        grid, zones = load_map(file, self._name), self._zones(self._name, file)
+        added: list[str] = []
+        for op in ops:
+            if isinstance(op, Merge):
+                grid, come = self._merge(grid, op)
+                free = renamed_zones(come, {zone.name for zone in zones})
+                zones += free
+                added += [zone.name for zone in free]
+                continue
+            grid, step = apply(grid, op)
+            self._old_T_new = self._old_T_new @ step
+            zones = moved_zones(zones, step)
+            self._say(type(op).__name__)
+        self._say_size(grid)
+        if self._params.preview:
+            return Edited(self._reply)
+        self._check_may_move(is_more=bool(added))
+        return self._save(grid, zones, added)
+
+    def _save(self, grid: GridMap, zones: list[Zone], added: list[str]) -> Edited:
+        is_new = self._target != self._name
+        situation = self._situation
+        change = Change(
+            what=", ".join(self._said),
+            old_T_new=self._old_T_new,
+            made_of=self._name if is_new else None,
+            zones_added=added,
+            saved_at=situation.now,
+        )
+        named = GridMap(self._target, grid.resolution, grid.origin, grid.cells)
+        is_moved = is_new or self._old_T_new != Pose2D.identity() or bool(added)
+        plan = self._store_plan(
+            self._store.next_number(self._target), zones if is_moved else [], []
+        )
+        before = list(situation.zones) if not is_new else []
+        version = self._store.save(named, change, before, zones if is_moved else None)
+        return Edited(self._done(version, ""), plan)
+
+    def _take_back(self) -> Edited:
+        if len(self._params.ops) > 1 or self._params.as_name is not None:
+            raise Refused(codes.BAD_REQUEST, "Undo cannot be combined with other changes.")
+        now = self._store.newest(self._name)
+        if now is None or (now.before is None and now.made_of is None):
+            raise Refused(codes.BAD_REQUEST, f"There is nothing to undo on the map {self._name}.")
+        self._old_T_new = now.before_T_this.inverse()
+        if self._params.preview:
+            return Edited(self._reply)
+        if now.before is None and now.made_of is not None:
+            return self._back_to(now.made_of)
+        self._check_may_move(is_more=bool(now.zones_added))
+        gone = [zone.name for zone in self._situation.zones if zone.name in now.zones_added]
+        kept = [zone for zone in self._situation.zones if zone.name not in gone]
+        zones = moved_zones(kept, self._old_T_new)
+        is_moved = self._old_T_new != Pose2D.identity() or bool(gone)
+        plan = self._store_plan(
+            self._store.next_number(self._name), zones if is_moved else [], gone
+        )
+        try:
+            version = self._store.take_back(
+                self._name,
+                list(self._situation.zones),
+                zones if is_moved else None,
+                self._situation.now,
+            )
+        except LookupError as error:
+            raise Refused(
+                codes.BAD_REQUEST, f"The previous version of {self._name} is no longer kept."
+            ) from error
+        return Edited(self._done(version, "Undone"), plan)
+
+    def _back_to(self, former: str) -> Edited:
+        """Go back from a first version to the map that it was made of; both stay as they are."""
+        self._file(former)
+        self._target = former
+        self._check_may_move(is_more=True)
+        plan = self._store_plan(None, [], [])
+        message = f"Undone: the robot is back on the map {former}; {self._name} is kept."
+        return Edited(MapEdited(state="saved", name=former, message=message), plan)
+
+    # Checks.
+
+    def _file(self, name: str) -> Path:
+        configured = self._situation.configured
+        file = self._store.file_of(name)
+        if configured is not None and configured.stem == name:
+            file = configured
+        if not file.exists():
+            raise Refused(codes.UNKNOWN_NAME, f"There is no map {name!r}.", name=name)
+        return file
+
+    def _check_target(self) -> None:
+        configured = self._situation.configured
+        if configured is not None and self._target == configured.stem:
+            raise Refused(
+                codes.EXISTS,
+                f"The map {self._target} is your original file, which is never overwritten: "
+                f"store the changed map under another name (`--as NAME`).",
+                name=self._target,
+            )
+        if self._target != self._name and self._store.file_of(self._target).exists():
+            raise Refused(
+                codes.EXISTS, f"The map {self._target!r} already exists; choose another name."
+            )
+
+    def _check_may_move(self, *, is_more: bool) -> None:
+        """Refuse what would leave zones, places or a robot where they do not belong any more."""
+        situation, is_turned = self._situation, self._old_T_new != Pose2D.identity()
+        in_place = self._target == self._name
+        if is_turned and situation.is_on and situation.is_driving:
+            raise Refused(codes.BUSY, "The robot is driving; its goal would move with the map.")
+        if not in_place or not (is_turned or is_more):
+            return
+        if not situation.is_on:
+            raise Refused(
+                codes.WRONG_MAP,
+                f"Load the map {self._name} first, so that its zones and places change with it.",
+            )
+        others = _others_on(situation.state, self._name) if is_turned else []
+        if others:
+            raise Refused(
+                codes.EXISTS,
+                f"{', '.join(others)} would get lost: also on the map {self._name}. Store the "
+                f"changed map under another name.",
+            )
+
+    # Parts.
+
+    def _merge(self, grid: GridMap, op: Merge) -> tuple[GridMap, list[Zone]]:
+        file = self._file(op.name)
+        other = load_map(file, op.name)
+        if op.pose is None:
+            # SciPy is loaded when it is needed: the service is small while it does nothing.
+            from trolley_mapper.edit.map_alignment import align_maps
+
+            found = align_maps(grid, other)
+            pose = found.this_T_other
+            self._said.append(
+                f"merged {op.name} ({found.agreeing_m:.1f} m of its walls match, {found.share:.0%})"
+            )
+        else:
+            pose = op.pose
+            self._said.append(f"merged {op.name}")
+        walls = other.cell_to_world(np.argwhere(other.cells >= OCCUPIED_FROM))
+        shown = walls[:: max(1, -(-len(walls) // MAX_SHOWN))]
+        points = [(float(x), float(y)) for x, y in pose.transform_points(shown)]
+        self._reply = msgspec.structs.replace(self._reply, placed=pose, walls=points)
+        zones = moved_zones(self._zones(op.name, file), pose.inverse())
+        return merge(grid, other, pose), zones
+
+    def _zones(self, name: str, file: Path) -> list[Zone]:
+        """Return the zones of a map: those that the robot has, else those beside its file."""
+        if self._situation.is_on and name == self._name:
+            return list(self._situation.zones)
+        for path in (
+            self._situation.state / "zones" / f"{name}.toml",
+            file.with_name(f"{file.stem}.zones.toml"),
+        ):
+            try:
+                return msgspec.convert(tomllib.loads(path.read_text("utf-8")), _ZoneFile).zones
+            except FileNotFoundError:
+                continue
+            except (OSError, ValueError, msgspec.ValidationError, RecursionError) as error:
+                why = f"The zones of {name} cannot be read: {error}."
+                raise Refused(codes.NOT_SAVED, why) from error
+        return []
+
+    def _store_plan(
+        self, version: int | None, zones: list[Zone], gone: list[str]
+    ) -> SwitchPlan | None:
+        """Write down what the robot must be told before the map is stored."""
+        if not self._situation.is_on:
+            return None
+        plan = SwitchPlan(
+            map=self._target,
+            of=self._name,
+            version=version,
+            old_T_new=self._old_T_new,
+            zones=zones,
+            zones_gone=gone,
+            places=self._places(),
+            tours=self._tours(),
+        )
+        try:
+            store_plan(self._situation.state, plan)
+        except OSError as error:
+            raise Refused(
+                codes.NOT_SAVED, f"The edit could not be written to disk: {error.strerror}."
+            ) from error
+        return plan
+
+    def _places(self) -> list[SavedPose]:
+        """Return the places of the map as they are to be."""
+        step, target = self._old_T_new, self._target
+        if target == self._name and step == Pose2D.identity():
+            return []
+        known = _known(self._situation.places)
+        mine = (place for place in known if place.map == self._name)
+        return [moved_place(place, target, step) for place in mine]
+
+    def _tours(self) -> list[Tour]:
+        """Return the tours that have poses of their own, as they are to be."""
+        if self._old_T_new == Pose2D.identity():
+            return []
+        known = _known(self._situation.tours)
+        moved = [(tour, moved_tour(tour, self._old_T_new)) for tour in known]
+        return [after for before, after in moved if after != before]
+
+    def _say(self, what: str) -> None:
+        words = _WORDS.get(what, what)
+        if words not in self._said:
+            self._said.append(words)
+
+    def _say_size(self, grid: GridMap) -> None:
+        width, height = grid.size_m
+        text = ", ".join(self._said)
+        self._reply = msgspec.structs.replace(
+            self._reply, message=f"{text[:1].upper()}{text[1:]}.", width=width, height=height
+        )
+
+    def _done(self, version: Version, word: str) -> MapEdited:
+        message = f"{word or self._reply.message.rstrip('.')}: {self._target} is stored as version "
+        return msgspec.structs.replace(
+            self._reply,
+            state="saved",
+            version=version.number,
+            message=f"{message}{version.number}.",
+        )
+
+
+def _known(items: tuple[Item, ...] | None) -> tuple[Item, ...]:
+    """Return places or tours; those that are not known would stay behind, in the wrong place.
+
+    Raises:
+        Refused: `not_ready`.
+    """
+    if items is None:
+        why = "The saved places could not be moved along: the tour service does not answer."
+        raise Refused(codes.NOT_READY, why)
+    return items
+
+
+_WORDS = {
+    "EraseArea": "erased",
+    "EraseStroke": "erased",
+    "DrawWall": "drew a wall",
+    "Turn": "turned",
+    "Crop": "cropped",
+}
+
+
+class _ZoneFile(Struct, frozen=True, kw_only=True):
+    zones: list[Zone]
+
+
+class _LastPose(Struct, frozen=True, kw_only=True):
+    map: str
+
+
+def _others_on(state: Path, name: str) -> list[str]:
+    """Return the other robots of this host that were last on a map."""
+    found: list[str] = []
+    for file in sorted(state.parent.glob("*/last_pose.toml")):
+        try:
+            last = msgspec.convert(tomllib.loads(file.read_text("utf-8")), _LastPose)
+        except (OSError, ValueError, msgspec.ValidationError):
+            continue
+        if file.parent != state and last.map == name:
+            found.append(file.parent.name)
+    return found

@@ -1,0 +1,184 @@
+"""Switching the robot to a map that was changed: the map first, then what lies on it."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.files import make_folder, write_atomically
+from trolley.geometry import Pose2D
+from trolley.messages import PoseEstimate, SavedPose, Tour, Zone, Zones
+from trolley.messages.request_params import LoadMap, Named
+from trolley.runtime.service import Service
+from trolley_mapper.edit.map_versions import MapVersions
+
+PLAN_FILE = "map_edit.json"
+"""The plan's name in the robot's state folder, until it is carried out."""
+LOAD_NS = 60_000_000_000
+"""Local time after which a map counts as not loaded."""
+MAX_TRIES = 5
+"""A service counts as not there after so many requests without an answer."""
+KNOWN = ("localized", "unsure")
+"""States of a pose that the new map's localization can start from."""
+NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
+"""Refusals of a pose, not of the map."""
+LATE = (codes.TIMEOUT, codes.NOT_READY)
+"""Refusals that may pass."""
+
+
+class SwitchPlan(Struct, frozen=True, kw_only=True):
+    """What the robot's services are to be told after an edit; stored until they know.
+
+    Zones, places and tours are given as they are to be, so that telling twice does no harm.
+    """
+
+    map: str
+    """The map to be loaded."""
+    of: str
+    """The map that the robot was on."""
+    version: int | None
+    """Of the map, from which it holds; None: whichever."""
+    old_T_new: Pose2D
+    """Maps points of the new map to the old one."""
+    zones: list[Zone] = []
+    """To be stored."""
+    zones_gone: list[str] = []
+    """To be deleted."""
+    places: list[SavedPose] = []
+    """To be stored."""
+    tours: list[Tour] = []
+    """To be stored."""
+
+
+def store_plan(state: Path, plan: SwitchPlan) -> None:
+    """Write a plan down before the map is stored, so that it is carried out in any case.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    make_folder(state)
+    write_atomically(state / PLAN_FILE, msgspec.json.encode(plan))
+
+
+def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | None:
+    """Return the plan that the last run did not carry out, None if there is none."""
+    file = state / PLAN_FILE
+    try:
+        plan = msgspec.json.decode(file.read_bytes(), type=SwitchPlan)
+    except (OSError, msgspec.DecodeError):
+        return None
+    now = versions.newest(plan.map)
+    is_stored = plan.version is None or (now is not None and now.number == plan.version)
+    if not is_stored:  # the power failed before the map was
+        forget_plan(state)
+        return None
+    return plan
+
+
+def forget_plan(state: Path) -> None:
+    """Delete the plan: it is carried out."""
+    (state / PLAN_FILE).unlink(missing_ok=True)
+
+
+class MapSwitch:
+    """Tells localizer and tour of a changed map, one request after the other.
+
+    On a small computer the localizer reads a map for longer than it may take to answer. Zones that
+    came before it has would be those of the map before.
+
+    Args:
+        service: that asks.
+        plan: what they are to be told.
+        done: called at the end, with what did not go through, in a sentence; empty if all did.
+    """
+
+    def __init__(self, service: Service, plan: SwitchPlan, done: Callable[[str], None]) -> None:
+        self._service, self._plan, self._done = service, plan, done
+        self._problems: list[str] = []
+        self._todo: list[tuple[requests.Request[Any, Any], Any]] = []
+        self._num_tries = 0
+        self._zones_before: Zones | None = None
+        self._waits_until_ns: int | None = None
+
+    def begin(self, estimate: PoseEstimate | None = None) -> None:
+        """Begin: with where the robot is now, or unknown to us after a restart."""
+        plan = self._plan
+        pose = None
+        moves = plan.of != plan.map or plan.old_T_new != Pose2D.identity()
+        if moves and estimate is not None and estimate.pose and estimate.state in KNOWN:
+            pose = plan.old_T_new.inverse() @ estimate.pose
+        self._todo += [(requests.ZONES_DELETE, Named(name=name)) for name in plan.zones_gone]
+        self._todo += [(requests.ZONES_PUT, zone) for zone in plan.zones]
+        self._todo += [(requests.POSES_PUT, place) for place in plan.places]
+        self._todo += [(requests.TOURS_PUT, tour) for tour in plan.tours]
+        self._service.get(topics.ZONES, then=partial(self._load, pose))
+
+    def check_loaded(self) -> None:
+        """See whether a map that was long in loading is there; to be called now and then."""
+        if self._waits_until_ns is not None:
+            self._service.get(topics.ZONES, then=self._hear_zones)
+
+    # The map.
+
+    def _load(self, pose: Pose2D | None, found: dict[tuple[str, ...], Zones]) -> None:
+        self._zones_before = found.get(())
+        self._ask_to_load(pose)
+
+    def _ask_to_load(self, pose: Pose2D | None) -> None:
+        params = LoadMap(name=self._plan.map, pose=pose)
+        self._service.request(requests.MAP_LOAD, params, partial(self._loaded, pose))
+
+    def _loaded(self, pose: Pose2D | None, result: object) -> None:
+        if not isinstance(result, Refused):
+            self._next()
+        elif result.code == codes.TIMEOUT:
+            self._waits_until_ns = self._service.monotonic_ns + LOAD_NS
+        elif result.code in NO_ROOM and pose is not None:
+            self._problems.append("on the new map the robot would stand in an obstacle.")
+            self._ask_to_load(None)
+        else:
+            self._problems.append(result.message)
+            self._next()
+
+    def _hear_zones(self, found: dict[tuple[str, ...], Zones]) -> None:
+        """A localizer that has loaded the map publishes its zones."""
+        if self._waits_until_ns is None:
+            return
+        zones = found.get(())
+        if zones is not None and zones.map == self._plan.map and zones != self._zones_before:
+            self._waits_until_ns = None
+            self._next()
+        elif self._service.monotonic_ns > self._waits_until_ns:
+            self._waits_until_ns = None
+            self._problems.append(f"the localizer has not loaded {self._plan.map}.")
+            self._next()
+
+    # What lies on it.
+
+    def _next(self) -> None:
+        if self._todo:
+            request, params = self._todo[0]
+            self._service.request(request, params, self._answered)
+            return
+        if not self._problems:
+            self._service.work(partial(forget_plan, self._service.state.path))
+        for problem in self._problems:
+            self._service.log.error("A change of the map did not go through", why=problem)
+        self._done(self._problems[0] if self._problems else "")
+
+    def _answered(self, result: object) -> None:
+        self._num_tries += 1
+        is_refused = isinstance(result, Refused)
+        if is_refused and result.code in LATE and self._num_tries < MAX_TRIES:
+            self._next()
+            return
+        if is_refused and result.code != codes.UNKNOWN_NAME:
+            self._problems.append(result.message)
+        self._num_tries = 0
+        self._todo.pop(0)
+        self._next()

@@ -1,0 +1,1 @@
+"""Exploring: which frontier to drive to next, until the map is complete."""

@@ -1,0 +1,98 @@
+"""What an explorer knows of a moment, what it may do, and what it decides."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley.messages import Zone
+from trolley.messages.request_params import SendGoal
+from trolley_mapper.explore.frontiers import (
+    Clearance,
+    Frontier,
+    FrontierReport,
+    find_frontiers,
+)
+from trolley_mapper.explore.traversable_area import TraversableArea, lay_out_area
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What must not be exceeded, whatever glass doors seem to show."""
+
+    radius_m: float
+    """No farther from home than this [m]."""
+    area_m2: float
+    """Enough floor for any house [m^2]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Map and robot at one moment."""
+
+    grid: GridMap
+    """The map as it is now."""
+    pose: Pose2D
+    """map_T_base."""
+    is_lost: bool
+    """Whether the mapper does not know where the robot is."""
+    is_unsure: bool
+    """Whether it doubts it."""
+    zones: Sequence[Zone]
+    """Those of the map that is being extended, and those that people have drawn."""
+    home: Pose2D
+    """Where to drive in the end: map_T_base."""
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What there is left to explore at one moment."""
+
+    area: TraversableArea
+    report: FrontierReport
+
+
+def survey(scene: Scene, clearance: Clearance, limits: Limits) -> Survey:
+    """Find all frontiers, which takes some hundredths of a second."""
+    within = scene.home, limits.radius_m
+    area = lay_out_area(scene.grid, scene.zones, scene.pose, clearance.passing_m, within)
+    return Survey(area, find_frontiers(area, scene.pose, clearance))
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Send a goal to the planner."""
+
+    goal: SendGoal
+
+
+@dataclass(frozen=True, slots=True)
+class Cancel:
+    """Cancel a goal of ours at the planner."""
+
+    goal_id: str
+
+
+Action = Send | Cancel
+
+
+@dataclass(slots=True)
+class ExplorationGoal:
+    """A goal that was sent."""
+
+    goal: SendGoal
+    frontier: Frontier | None
+    """What it is to show; None: the way home."""
+    sent_s: float
+    """When it was chosen, robot time [s]."""
+    limit_s: float
+    """How long it may take [s]."""
+    area_m2: float
+    """Floor that was known when it was chosen [m^2]."""
+    heard_s: float
+    """When it was sent last, or something was heard of it, robot time [s]."""
+
+    @property
+    def id(self) -> str:
+        """The goal's id."""
+        return self.goal.id or ""

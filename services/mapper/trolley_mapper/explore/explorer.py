@@ -1,0 +1,434 @@
+"""Exploring: which goal to send next, so that a map is completed without a driver.
+
+A state machine without clock or wire. It sees the map as it grows, hears the planner, the base and
+people, and leaves actions for its service to carry out. The robot drives to a frontier, the border
+between known floor and the unknown; when it can reach no more of them, it drives back to where it
+began.
+
+Source:
+    Yamauchi, A Frontier-Based Approach for Autonomous Exploration (1997); the choice by what a
+    goal shows for its distance: González-Baños, Latombe (2002), Navigation Strategies for Exploring
+    Indoor Environments, section 4.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.messages import BaseState, GoalStatus
+from trolley.messages.request_params import SendGoal
+from trolley_mapper.explore import sentences
+from trolley_mapper.explore.exploration_goal import (
+    Action,
+    Cancel,
+    ExplorationGoal,
+    Limits,
+    Scene,
+    Send,
+    Survey,
+)
+from trolley_mapper.explore.frontiers import (
+    Clearance,
+    Frontier,
+    FrontierReport,
+    path_length_to,
+)
+from trolley_mapper.explore.traversable_area import TraversableArea
+from trolley_mapper.explore.visited_frontiers import SAME_M, VisitedFrontiers
+
+PLANNER = "planner"
+"""Source of the commands that follow from our own goals."""
+ACTIVE = ("planning", "driving", "recovering")
+"""States of a goal that moves the robot."""
+WAITS = (codes.NOT_READY, codes.TIMEOUT, codes.NOT_LOCALIZED)
+"""Refusals that may pass: the goal is sent again."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExplorerParams:
+    """When to choose anew, and when to give up. Set by hand, and tried in bench/exploring.py."""
+
+    survey_period_s: float = 2.0
+    """Time between two surveys of the map while a goal is driven to [s]."""
+    better: float = 2.0
+    """Another frontier replaces the one that is driven to if it is worth this many times more."""
+    better_growth_m2: float = 0.5
+    """And only after this much new floor was found since the last choice [m^2]."""
+    growth_m2: float = 0.5
+    """A goal that adds less floor than this is barren [m^2]."""
+    max_barren: int = 12
+    """Exploring ends after this many barren goals in a row."""
+    max_failed: int = 5
+    """After this many failed goals in a row it is the robot that is stuck, not the places."""
+    goal_s: float = 40.0
+    """Time that any goal may take [s]."""
+    goal_s_per_m: float = 12.0
+    """Time that it may take besides for each metre of its path [s/m]."""
+    answer_s: float = 5.0
+    """A goal that nothing was heard of for this long is sent again [s]."""
+    wait_s: float = 60.0
+    """Time to wait for a planner, or for a pose [s]."""
+    start_s: float = 15.0
+    """Time within which the map must show somewhere to go [s]."""
+    min_area_m2: float = 1.0
+    """With less floor than this after `start_s` the robot is boxed in [m^2]."""
+    lost_s: float = 5.0
+    """A pose that is lost for longer pauses exploring [s]."""
+    unsure_s: float = 30.0
+    """A pose that is unsure for longer pauses exploring [s]."""
+    xy_tolerance_m: float = 0.15
+    """Position tolerance of the goals [m]."""
+    yaw_tolerance_rad: float = 0.3
+    """Heading tolerance of the goals, if the lidar must be turned to the frontier [rad]."""
+    any_yaw_rad: float = 3.2
+    """Heading tolerance for a lidar that sees all round [rad]."""
+    home_m: float = 20.0
+    """Length that the path home counts as where none is known [m]."""
+
+
+PARAMS = ExplorerParams()
+
+State = Literal["exploring", "homing", "paused", "done"]
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far exploring has come."""
+
+    area_m2: float = 0.0
+    """Floor that is known by now [m^2]."""
+    best_area_m2: float = 0.0
+    """Floor that was known when a goal last added any [m^2]."""
+    num_sent: int = 0
+    num_barren: int = 0
+    """Goals since then."""
+    num_failed_in_row: int = 0
+    num_unreachable: int = 0
+    """Wide frontiers without a path to them, once no other is left."""
+    has_failed_home: bool = False
+
+    def update(self, area_m2: float) -> None:
+        """Take in how much floor there is."""
+        self.area_m2 = area_m2
+        if area_m2 > self.best_area_m2 + PARAMS.growth_m2:
+            self.best_area_m2 = area_m2
+            self.num_barren = 0
+
+
+@dataclass(slots=True)
+class Others:
+    """Who else has a say in where the robot drives, as it was when exploring set off."""
+
+    source: str | None = None
+    """Who drives the robot."""
+    goal: str | None = None
+    """The planner's goal that ours replaces."""
+
+
+class Explorer:
+    """Explores once, from where it is made until `done`.
+
+    Args:
+        run: what its goals are called by, `[a-z0-9]{1,12}`.
+        clearance: that the robot needs.
+        limits: how far and how much.
+        sees_all_round: whether its lidar does; else it must turn to what it wants to see.
+    """
+
+    def __init__(
+        self, run: str, clearance: Clearance, limits: Limits, sees_all_round: bool = True
+    ) -> None:
+        self.state: State = "exploring"
+        self.reason = ""
+        self.message = sentences.BEGINS
+        self.clearance, self.limits = clearance, limits
+        self._run, self._sees_all_round = run, sees_all_round
+        self._visited = VisitedFrontiers()
+        self._goal: ExplorationGoal | None = None
+        self._progress = Progress()
+        self._others = Others()
+        self._surveyed_s: float | None = None
+        # Since when something lasts [s], by what it is.
+        self._since: dict[str, float] = {}
+        self._actions: list[Action] = []
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether it sends goals."""
+        return self.state in ("exploring", "homing")
+
+    @property
+    def area_m2(self) -> float:
+        """Floor that is known by now [m^2]."""
+        return self._progress.area_m2
+
+    def take_actions(self) -> list[Action]:
+        """Return what is to be done now, in order."""
+        actions, self._actions = self._actions, []
+        return actions
+
+    @property
+    def num_missed(self) -> int:
+        """Number of places that could not be reached."""
+        return self._visited.num_failed + self._progress.num_unreachable
+
+    # People.
+    def begin(self, goal_before: str | None, source: str | None) -> None:
+        """Set off, or go on after a pause.
+
+        Args:
+            goal_before: the planner's present goal, which will be replaced.
+            source: who drives the robot just now.
+        """
+        self._others.goal, self._others.source = goal_before, source
+        self._since.clear()
+        self._progress.num_failed_in_row = 0
+        self._goal = None
+        self._surveyed_s = None
+        self._set("exploring", "", sentences.BEGINS)
+
+    def pause(self, reason: str, message: str) -> None:
+        """Stop the robot until `begin`."""
+        if self.is_under_way:
+            if self._goal is not None:
+                self._actions.append(Cancel(self._goal.id))
+                self._goal = None
+            self._set("paused", reason, message)
+
+    # The base.
+    def hear_base(self, base: BaseState) -> None:
+        """A stop or a hand on the robot pauses."""
+        taken = base.source not in (None, PLANNER) and base.source != self._others.source
+        self._others.source = base.source
+        if base.mode == "stopped":
+            self._pause_for(codes.STOPPED)
+        elif taken:
+            self._pause_for(codes.TAKEN_OVER)
+
+    def epoch_began(self) -> None:
+        """A restart of the base pauses."""
+        self._pause_for(codes.RESTARTED)
+
+    # The planner.
+    def hear_refusal(self, goal_id: str, refused: Refused, now_s: float) -> None:
+        """React to a goal that the planner refuses."""
+        goal = self._goal
+        if goal is None or goal_id != goal.id:
+            return
+        if refused.code in WAITS:
+            goal.heard_s = now_s  # and it is sent again
+            if self._lasts("refused", now_s) > PARAMS.wait_s:
+                self._goal = None
+                self.pause(refused.code, sentences.paused(refused.message))
+        elif refused.code == codes.STOPPED:
+            self._pause_for(codes.STOPPED)
+        else:
+            self._fail(refused.code, refused.message)
+
+    def hear_goal(self, status: GoalStatus, now_s: float) -> None:
+        """React to what the planner says of its goal."""
+        goal = self._goal
+        if goal is not None and status.id == goal.id:
+            goal.heard_s = now_s
+            self._since.pop("refused", None)
+            self._hear_own(goal, status)
+        elif status.id is None or status.state not in ACTIVE:
+            return
+        elif status.id.startswith(f"map-{self._run}-"):
+            if not self.is_under_way:
+                self._actions.append(Cancel(status.id))
+        elif status.id != self._others.goal:
+            self._others.goal = status.id
+            self._pause_for(codes.OTHER_GOAL)
+
+    def _hear_own(self, goal: ExplorationGoal, status: GoalStatus) -> None:
+        match status.state:
+            case "arrived":
+                self._arrive(goal)
+            case "failed":
+                self._fail(status.reason, status.message)
+            case "paused":
+                self._pause_for(status.reason or codes.PAUSED)
+            case "canceled":
+                self._goal = None
+                replaced = status.reason == codes.REPLACED
+                self._pause_for(codes.OTHER_GOAL if replaced else codes.CANCELED)
+            case _:
+                pass
+
+    def _arrive(self, goal: ExplorationGoal) -> None:
+        self._progress.num_failed_in_row = 0
+        self._goal = None
+        if goal.frontier is None:
+            self._finish(sentences.AT_HOME)
+        else:
+            self._visited.find_or_add(goal.frontier.x, goal.frontier.y).arrivals += 1
+
+    def _fail(self, code: str, why: str) -> None:
+        """Note that a goal failed; where all of them do, the robot itself is stuck."""
+        goal, self._goal = self._goal, None
+        if goal is None:
+            return
+        self._progress.num_failed_in_row += 1
+        if goal.frontier is not None:
+            self._visited.find_or_add(goal.frontier.x, goal.frontier.y).failures += 1
+            if self._progress.num_failed_in_row >= PARAMS.max_failed:
+                self.pause(code, sentences.stuck(why))
+        elif self._progress.has_failed_home:
+            self._finish(sentences.not_home(why))
+        else:
+            self._progress.has_failed_home = True
+
+    def _pause_for(self, reason: str) -> None:
+        """Pause for a reason of this program's or of the planner's."""
+        said = sentences.PAUSES.get(reason)
+        self.pause(reason, said or sentences.paused(codes.SENTENCES.get(reason, reason)))
+
+    # The map.
+    def wants_survey(self, now_s: float) -> bool:
+        """Whether `step` needs to see the map now (robot time [s])."""
+        if not self.is_under_way:
+            return False
+        is_due = self._surveyed_s is None or now_s - self._surveyed_s >= PARAMS.survey_period_s
+        return self._goal is None or (is_due and self._goal.frontier is not None)
+
+    def step(self, scene: Scene, survey: Survey | None, now_s: float) -> None:
+        """Choose where to drive, or go on.
+
+        Args:
+            scene: map and robot now.
+            survey: what is left to explore, if it was wanted.
+            now_s: robot time [s].
+        """
+        if not self.is_under_way or self._is_lost(scene, now_s):
+            return
+        goal = self._goal
+        if survey is not None:
+            self._surveyed_s = now_s
+            self._progress.update(survey.report.area_m2)
+        if goal is None:
+            if survey is not None:
+                self._choose(scene, survey, now_s)
+        elif now_s - goal.sent_s > goal.limit_s:
+            self._actions.append(Cancel(goal.id))
+            self._fail(codes.TIMEOUT, sentences.TOO_LONG)
+        elif now_s - goal.heard_s > PARAMS.answer_s:
+            goal.heard_s = now_s
+            self._actions.append(Send(goal.goal))
+        elif survey is not None:
+            self._reconsider(goal, scene, survey, now_s)
+
+    def _is_lost(self, scene: Scene, now_s: float) -> bool:
+        """Pause once the robot has been lost or unsure for too long; say whether it is lost."""
+        for what, is_so, limit_s in (
+            (codes.LOST, scene.is_lost, PARAMS.lost_s),
+            (codes.NOT_CONVERGED, scene.is_unsure, PARAMS.unsure_s),
+        ):
+            if not is_so:
+                self._since.pop(what, None)
+            elif self._lasts(what, now_s) > limit_s:
+                self._pause_for(what)
+        return scene.is_lost or not self.is_under_way
+
+    def _choose(self, scene: Scene, survey: Survey, now_s: float) -> None:
+        """Send the best goal, or turn home."""
+        report = survey.report
+        if self.state == "homing":
+            self._go_home(survey.area, scene, now_s)
+            return
+        best = self._best(report)
+        if not report.can_move or (best is None and self._progress.num_sent == 0):
+            if self._lasts("shut in", now_s) <= PARAMS.start_s:
+                return  # the map has only begun
+            if not report.can_move or self.area_m2 < PARAMS.min_area_m2:
+                self.pause(codes.IN_OBSTACLE, sentences.SHUT_IN)
+                return
+        self._since.pop("shut in", None)
+        is_enough = report.area_m2 >= self.limits.area_m2
+        if best is None or is_enough or self._progress.num_barren >= PARAMS.max_barren:
+            self._progress.num_unreachable = self._count_unreachable(report)
+            self._set("homing", "", sentences.going_home(self.area_m2, self.num_missed))
+            self._go_home(survey.area, scene, now_s)
+        else:
+            self._send(best.goal, best, best.distance_m, now_s)
+            self._set("exploring", "", sentences.exploring(self.area_m2, len(report.frontiers)))
+
+    def _count_unreachable(self, report: FrontierReport) -> int:
+        """Return how many wide frontiers there is no path to, those left out that were tried."""
+        places = VisitedFrontiers()
+        for x, y in report.unreachable:
+            if self._visited.find(x, y) is None:
+                places.find_or_add(x, y)
+        return len(places)
+
+    def _best(self, report: FrontierReport) -> Frontier | None:
+        """Return the frontier that is worth most; those that failed come last, and only once."""
+        fresh: list[Frontier] = []
+        again: list[Frontier] = []
+        for one in report.frontiers:
+            entry = self._visited.find(one.x, one.y)
+            if entry is None or (not entry.is_given_up and entry.failures == 0):
+                fresh.append(one)
+            elif not entry.is_given_up:
+                again.append(one)
+        return max(fresh or again, key=lambda one: one.worth, default=None)
+
+    def _reconsider(
+        self, goal: ExplorationGoal, scene: Scene, survey: Survey, now_s: float
+    ) -> None:
+        """Turn to another frontier where this one has vanished, or one that is far better."""
+        report, frontier = survey.report, goal.frontier
+        if frontier is None:
+            return
+        left = [one for one in report.frontiers if _apart(one, frontier) <= SAME_M]
+        best = self._best(report)
+        if not left:
+            self._progress.num_failed_in_row = 0
+            self._goal = None  # the next goal replaces this one
+            self._choose(scene, survey, now_s)
+            return
+        now = max(left, key=lambda one: one.worth)
+        has_grown = report.area_m2 > goal.area_m2 + PARAMS.better_growth_m2
+        if best is not None and has_grown and best.worth > PARAMS.better * now.worth:
+            self._send(best.goal, best, best.distance_m, now_s)
+
+    def _go_home(self, area: TraversableArea, scene: Scene, now_s: float) -> None:
+        distance_m = path_length_to(area, scene.pose, scene.home, self.clearance)
+        self._send(scene.home, None, PARAMS.home_m if distance_m is None else distance_m, now_s)
+
+    def _send(
+        self, pose: Pose2D, frontier: Frontier | None, distance_m: float, now_s: float
+    ) -> None:
+        self._progress.num_sent += 1
+        self._progress.num_barren += frontier is not None
+        goal = SendGoal(
+            id=f"map-{self._run}-{self._progress.num_sent}",
+            pose=pose.wrapped(),
+            frame="map",
+            xy_tolerance=PARAMS.xy_tolerance_m,
+            yaw_tolerance=self._yaw_tolerance(frontier),
+        )
+        limit_s = PARAMS.goal_s + PARAMS.goal_s_per_m * distance_m
+        self._goal = ExplorationGoal(goal, frontier, now_s, limit_s, self.area_m2, now_s)
+        self._actions.append(Send(goal))
+
+    def _yaw_tolerance(self, frontier: Frontier | None) -> float:
+        is_free = frontier is not None and self._sees_all_round
+        return PARAMS.any_yaw_rad if is_free else PARAMS.yaw_tolerance_rad
+
+    def _finish(self, home: str) -> None:
+        self._goal = None
+        self._set("done", "", sentences.explored(self.area_m2, self.num_missed, home))
+
+    def _lasts(self, what: str, now_s: float) -> float:
+        """Return for how long something lasts [s], which begins now if it did not before."""
+        return now_s - self._since.setdefault(what, now_s)
+
+    def _set(self, state: State, reason: str, message: str) -> None:
+        self.state, self.reason, self.message = state, reason, message
+
+
+def _apart(one: Frontier, other: Frontier) -> float:
+    return Pose2D(one.x, one.y, 0.0).distance_to(Pose2D(other.x, other.y, 0.0))

@@ -1,0 +1,250 @@
+"""Where the known floor ends: frontiers that a robot can drive to, and what each is worth."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley.gridmap import distance_transform
+from trolley.gridmap.kernels import spread_over
+from trolley_mapper.explore.traversable_area import TraversableArea
+from trolley_mapper.kernels.frontiers import (
+    FREE,
+    STRAIGHT,
+    UNKNOWN,
+    UNREACHED,
+    edge_into,
+    spread_into,
+    unseen_from,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FrontierParams:
+    """How goals are found for frontiers, and compared. Set by hand."""
+
+    max_distance_m: float = 2.0
+    """From a goal to the frontier that it belongs to, at most [m]."""
+    view_m: float = 3.0
+    """Unknown floor within this distance of a goal counts as what it would show [m]."""
+    num_rays: int = 90
+    """Rays that are cast for that, all round."""
+    num_goals: int = 8
+    """Goals that are compared for each frontier."""
+    max_step_aside_m: float = 0.6
+    """A path begins this far away at most where the robot stands too near to something [m]."""
+
+
+PARAMS = FrontierParams()
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """How much room the robot's centre needs.
+
+    Attributes:
+        passing_m: from whatever it drives past [m].
+        standing_m: from whatever is round its goals [m].
+    """
+
+    passing_m: float
+    standing_m: float
+
+    @property
+    def width_m(self) -> float:
+        """The narrowest that matters: what is unknown there cannot be driven into."""
+        return 2.0 * self.passing_m
+
+
+@dataclass(frozen=True, slots=True)
+class Frontier:
+    """A piece of the border between free and unknown floor, and the best place to look from."""
+
+    x: float
+    """A place on it, in the map [m]."""
+    y: float
+    goal: Pose2D
+    """map_T_base, with the unknown ahead."""
+    distance_m: float
+    """Length of the path to the goal [m]."""
+    gain_m2: float
+    """Unknown floor that the goal would show at most [m^2]."""
+
+    @property
+    def worth(self) -> float:
+        """What it shows for its distance: the greater the better.
+
+        Distance weighs more: going for the greatest gain makes the robot drive half as far again,
+        since it must come back for what it left behind (bench/exploring.py).
+        """
+        return math.sqrt(self.gain_m2) / (self.distance_m + 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class FrontierReport:
+    """What is left to explore from where the robot is."""
+
+    frontiers: list[Frontier]
+    """Those that can be reached."""
+    unreachable: list[tuple[float, float]]
+    """Places in the map [m] where wide frontiers cannot be reached."""
+    area_m2: float
+    """Free floor connected with where the robot is [m^2]."""
+    can_move: bool
+    """Whether there is any floor near the robot that is wide enough for it."""
+
+
+def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) -> FrontierReport:
+    """Find the frontiers, and a goal for each that can be reached.
+
+    Args:
+        area: as far as it is known.
+        here: map_T_base.
+        clearance: that the robot needs.
+    """
+    room_m = distance_transform((area.kinds != FREE).astype(np.uint8), area.resolution)
+    passable = (room_m >= clearance.passing_m).astype(np.uint8)
+    cost, seed = _empty(area), _empty(area)
+    start = _nearest_passable(area, here, passable)
+    spread_into(cost, seed, passable, start, UNREACHED // 2)
+    stands = np.flatnonzero((cost != UNREACHED) & (room_m >= clearance.standing_m)).astype(np.int32)
+    near, goal = _empty(area), _empty(area)
+    free = (area.kinds == FREE).astype(np.uint8)
+    spread_into(near, goal, free, stands, _steps(area, PARAMS.max_distance_m))
+    frontiers: list[Frontier] = []
+    unreachable: list[tuple[float, float]] = []
+    for cells in _frontier_cells(area, free, clearance.width_m):
+        places = np.unique(goal.ravel()[cells])
+        places = places[places >= 0]
+        if places.size:
+            found = _best_goal(area, cells, near, goal, cost)
+            if found.gain_m2 >= clearance.width_m**2:
+                frontiers.append(found)
+        elif len(cells) * area.resolution >= 2.0 * clearance.width_m:
+            at = area.place(int(cells[len(cells) // 2]))
+            unreachable.append((at.x, at.y))
+    return FrontierReport(
+        frontiers, unreachable, _connected_area(area, free, here), bool(start.size)
+    )
+
+
+def path_length_to(
+    area: TraversableArea, here: Pose2D, there: Pose2D, clearance: Clearance
+) -> float | None:
+    """Return the length of the path to a place [m], None if there is none."""
+    room_m = distance_transform((area.kinds != FREE).astype(np.uint8), area.resolution)
+    passable = (room_m >= clearance.passing_m).astype(np.uint8)
+    cost, seed = _empty(area), _empty(area)
+    spread_into(cost, seed, passable, _nearest_passable(area, here, passable), UNREACHED // 2)
+    ends = _nearest_passable(area, there, passable)
+    reached = int(cost.ravel()[ends].min()) if ends.size else UNREACHED
+    return None if reached == UNREACHED else reached * area.resolution / STRAIGHT
+
+
+def _empty(area: TraversableArea) -> NDArray[np.int32]:
+    return np.empty(area.kinds.shape, np.int32)
+
+
+def _steps(area: TraversableArea, distance_m: float) -> int:
+    return round(STRAIGHT * distance_m / area.resolution)
+
+
+def _cell_of(area: TraversableArea, pose: Pose2D) -> int | None:
+    """Return the number of the cell that a pose of the map lies in, None off the area."""
+    rows, cols = area.kinds.shape
+    x, y = area.in_cells(pose)
+    return math.floor(y) * cols + math.floor(x) if 0 <= x < cols and 0 <= y < rows else None
+
+
+def _nearest_passable(
+    area: TraversableArea, here: Pose2D, passable: NDArray[np.uint8]
+) -> NDArray[np.int32]:
+    """Return the passable cell nearest to the robot over free floor; none if it is boxed in."""
+    cell = _cell_of(area, here)
+    if cell is None:
+        return np.empty(0, np.int32)
+    cost, seed = _empty(area), _empty(area)
+    free = (area.kinds == FREE).astype(np.uint8)
+    spread_into(cost, seed, free, np.array([cell], np.int32), _steps(area, PARAMS.max_step_aside_m))
+    reached = np.flatnonzero((cost != UNREACHED) & (passable != 0))
+    if not reached.size:
+        return np.empty(0, np.int32)
+    return reached[[int(np.argmin(cost.ravel()[reached]))]].astype(np.int32)
+
+
+def _frontier_cells(
+    area: TraversableArea, free: NDArray[np.uint8], width_m: float
+) -> list[NDArray[np.intp]]:
+    """Return the cells of each frontier that is not narrower than the robot, as their numbers."""
+    unknown = (area.kinds == UNKNOWN).astype(np.uint8)
+    label = _empty(area)
+    count = spread_over(label, unknown, unknown, 1)
+    # Specks between beams and under furniture: the robot would not fit in.
+    sizes = np.bincount(label.ravel(), minlength=count + 1)
+    small = sizes * area.resolution**2 < width_m**2
+    small[0] = True
+    # What lies off the edge of the area's margin is unknown as well, so no group that touches it
+    # is small.
+    for border in (label[0], label[-1], label[:, 0], label[:, -1]):
+        small[border[border > 0]] = False
+    unknown[small[label]] = 0
+    edge = np.empty_like(free)
+    edge_into(edge, free, unknown)
+    groups = spread_over(label, edge, edge, 1)
+    order = np.argsort(label.ravel(), kind="stable")
+    bounds = np.searchsorted(label.ravel()[order], np.arange(1, groups + 2))
+    pieces = [order[bounds[k] : bounds[k + 1]] for k in range(groups)]
+    return [one for one in pieces if _extent(area, one) * area.resolution >= width_m]
+
+
+def _extent(area: TraversableArea, cells: NDArray[np.intp]) -> float:
+    """Return the length of the diagonal of the box round some cells [cells]."""
+    rows, cols = np.divmod(cells, area.kinds.shape[1])
+    return math.hypot(int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1)
+
+
+def _best_goal(
+    area: TraversableArea,
+    cells: NDArray[np.intp],
+    near: NDArray[np.int32],
+    goal: NDArray[np.int32],
+    cost: NDArray[np.int32],
+) -> Frontier:
+    """Return a frontier with the best of a few goals spread along it."""
+    reached = cells[goal.ravel()[cells] >= 0]
+    tried = reached[
+        np.unique(np.linspace(0, len(reached) - 1, PARAMS.num_goals).round().astype(int))
+    ]
+    closest = reached[[int(np.argmin(near.ravel()[reached]))]]
+    found: dict[int, Frontier] = {}
+    for cell in np.concatenate([closest, tried]):
+        place = int(goal.ravel()[cell])
+        if place not in found:
+            found[place] = _frontier(area, int(cell), place, int(cost.ravel()[place]))
+    return max(found.values(), key=lambda one: one.worth)
+
+
+def _frontier(area: TraversableArea, cell: int, place: int, cost: int) -> Frontier:
+    """Return a frontier with one goal; both are numbers of cells."""
+    row, col = divmod(place, area.kinds.shape[1])
+    gain, along_x, along_y = unseen_from(
+        area.kinds, col + 0.5, row + 0.5, PARAMS.view_m / area.resolution, PARAMS.num_rays
+    )
+    at = area.place(cell)
+    distance_m = cost * area.resolution / STRAIGHT
+    toward = math.atan2(along_y, along_x)
+    goal = area.place(place, toward)
+    return Frontier(at.x, at.y, goal, distance_m, gain * area.resolution**2)
+
+
+def _connected_area(area: TraversableArea, free: NDArray[np.uint8], here: Pose2D) -> float:
+    """Return the free floor connected with where the robot is [m^2]."""
+    cell = _cell_of(area, here)
+    if cell is None:
+        return 0.0
+    label = _empty(area)
+    spread_over(label, free, free, 1)
+    group = label.ravel()[cell]
+    return 0.0 if group == 0 else float(np.count_nonzero(label == group)) * area.resolution**2

@@ -1,0 +1,62 @@
+"""Sentences for people about exploring."""
+
+from trolley import codes
+
+BEGINS = "The robot is exploring."
+AT_HOME = "It is back where it began."
+TOO_LONG = "It took too long."
+SHUT_IN = "Exploring is paused: the robot is boxed in and has no room to drive anywhere."
+PAUSES = {
+    codes.STOPPED: "Exploring is paused: the robot was stopped; resume it, then exploring.",
+    codes.TAKEN_OVER: "Exploring is paused: somebody else drives the robot; tell it to go on.",
+    codes.RESTARTED: "Exploring is paused: the robot was restarted; tell it to go on.",
+    codes.OTHER_GOAL: "Exploring is paused: somebody sent the robot elsewhere; tell it to go on.",
+    codes.CANCELED: "Exploring is paused: its goal was canceled; tell it to go on.",
+    codes.PAUSED: "Exploring is paused; tell it to go on.",
+    codes.LOST: "Exploring is paused: the robot does not know where it is on the new map.",
+    codes.NOT_CONVERGED: "Exploring is paused: the robot is not sure where it is on the new map.",
+}
+"""Why exploring was paused, by its code."""
+
+
+def exploring(area_m2: float, num_frontiers: int) -> str:
+    """Say what it is doing."""
+    return f"{BEGINS[:-1]}: {area_m2:.0f} m² so far, {_places(num_frontiers)} left to look at."
+
+
+def going_home(area_m2: float, num_missed: int) -> str:
+    """Say that it is on its way back."""
+    return f"{_found(area_m2, num_missed)}. It is driving back to where it began."
+
+
+def explored(area_m2: float, num_missed: int, home: str) -> str:
+    """Say what came of it; `home` is a sentence of its own."""
+    return f"{_found(area_m2, num_missed)}. {home}"
+
+
+def not_home(why: str) -> str:
+    """Say why it is not back."""
+    return f"It could not drive back to where it began: {_lowered(why)}"
+
+
+def stuck(why: str) -> str:
+    """Say why it gave up for now."""
+    return f"Exploring is paused: the robot cannot get anywhere. {why}".rstrip()
+
+
+def paused(why: str) -> str:
+    """Say why it does not go on."""
+    return f"Exploring is paused: {_lowered(why)}"
+
+
+def _found(area_m2: float, num_missed: int) -> str:
+    missed = f", {_places(num_missed)} could not be reached" if num_missed else ""
+    return f"Explored: {area_m2:.0f} m²{missed}"
+
+
+def _places(count: int) -> str:
+    return "1 place" if count == 1 else f"{count} places"
+
+
+def _lowered(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:]

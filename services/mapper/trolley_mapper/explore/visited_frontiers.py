@@ -1,0 +1,60 @@
+"""What came of the frontiers that a robot drove to, so that it does not try one for ever."""
+
+import math
+from dataclasses import dataclass
+
+SAME_M = 0.6
+"""Frontiers nearer to each other than this are one place [m]."""
+MAX_ARRIVALS = 2
+"""A frontier that is still there after the robot has stood before it so often stays unknown."""
+MAX_FAILURES = 2
+"""A frontier that could not be reached so often is not tried again."""
+
+
+@dataclass(slots=True)
+class Visits:
+    """What came of the goals at one place."""
+
+    x: float
+    """In the map [m]."""
+    y: float
+    """In the map [m]."""
+    arrivals: int = 0
+    failures: int = 0
+
+    @property
+    def is_given_up(self) -> bool:
+        """Whether it is not tried any more."""
+        return self.arrivals >= MAX_ARRIVALS or self.failures >= MAX_FAILURES
+
+
+class VisitedFrontiers:
+    """The places that goals were sent to and that did not simply vanish when the robot came."""
+
+    def __init__(self) -> None:
+        self._places: list[Visits] = []
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def find(self, x: float, y: float) -> Visits | None:
+        """Return what is known of a place in the map [m]."""
+        nearest = min(self._places, key=lambda one: _distance(one, x, y), default=None)
+        return nearest if nearest is not None and _distance(nearest, x, y) <= SAME_M else None
+
+    def find_or_add(self, x: float, y: float) -> Visits:
+        """Return what is known of a place in the map [m], as yet nothing if it is new."""
+        visits = self.find(x, y)
+        if visits is None:
+            visits = Visits(x, y)
+            self._places.append(visits)
+        return visits
+
+    @property
+    def num_failed(self) -> int:
+        """Number of places that could not be reached."""
+        return sum(one.failures > 0 and one.arrivals == 0 for one in self._places)
+
+
+def _distance(visits: Visits, x: float, y: float) -> float:
+    return math.hypot(visits.x - x, visits.y - y)

@@ -1,0 +1,176 @@
+"""Saving a map, and handing it over to the localizer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from trolley import codes, requests
+from trolley.codes import Refused
+from trolley.config import RobotConfig
+from trolley.geometry import Pose2D
+from trolley.messages import MapInfo, MappingStatus, PoseEstimate
+from trolley.messages.request_params import LoadMap, SaveMap, Yield
+from trolley.runtime.service import Later, Service, answers, every
+from trolley_mapper.edit.map_versions import write_map
+from trolley_mapper.map_names import check_name_is_free, configured_name
+from trolley_mapper.map_session import MapSession
+from trolley_mapper.mapping import Mapping
+
+ANSWER_NS = 1_500_000_000
+"""Local time after which a request to save is answered with `saving`."""
+LOAD_NS = 15_000_000_000
+"""Local time after which the localizer is asked again to load the map."""
+MAX_UNHEARD = 10
+"""The localizer counts as not running after so many requests without an answer."""
+
+
+class Handover:
+    """Asks the localizer to take over a saved map, again and again until it has.
+
+    Args:
+        service: that asks.
+        name: of the map.
+        pose: where the robot is on it, map_T_base.
+        done: called at the end, with what came of it in a sentence.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        name: str,
+        pose: Callable[[], Pose2D | None],
+        done: Callable[[str], None],
+    ) -> None:
+        self._service, self._name, self._pose, self._done = service, name, pose, done
+        self._is_asking = False
+        self._num_unheard = 0
+        self._gives_pose = True
+        self._load_again_ns = 0
+
+    def ask(self) -> None:
+        """Ask the localizer whether it may load the map; called once a second."""
+        if not self._is_asking:
+            self._is_asking = True
+            params = Yield(hand_over=self._name)
+            self._service.request(requests.LOCALIZER_YIELD, params, self._yielded)
+
+    def _yielded(self, result: PoseEstimate | Refused) -> None:
+        self._is_asking = False
+        if isinstance(result, Refused):
+            if result.code == codes.NOT_CURRENT:
+                self._taken_over()
+            else:
+                self._unheard()
+            return
+        self._num_unheard = 0
+        if self._service.monotonic_ns < self._load_again_ns:
+            return  # it is loading
+        self._is_asking = True
+        self._load_again_ns = self._service.monotonic_ns + LOAD_NS
+        params = LoadMap(name=self._name, pose=self._pose() if self._gives_pose else None)
+        self._service.request(requests.MAP_LOAD, params, self._loaded)
+
+    def _loaded(self, result: MapInfo | Refused) -> None:
+        self._is_asking = False
+        if isinstance(result, MapInfo):
+            self._taken_over()
+        elif result.code in (codes.OUTSIDE_MAP, codes.IN_OBSTACLE):
+            self._gives_pose = False  # then the localizer searches the map
+            self._load_again_ns = 0
+        elif result.code == codes.NOT_READY:
+            self._load_again_ns = 0
+            self._unheard()
+        elif result.code != codes.TIMEOUT:  # a large map takes longer than an answer may
+            self._service.log.error(
+                "The localizer cannot use the map", map=self._name, why=result.message
+            )
+            self._service.request(requests.LOCALIZER_YIELD, Yield(on=False), lambda _: None)
+            self._done(f"The map {self._name} is saved, but cannot be used: {result.message}")
+
+    def _unheard(self) -> None:
+        self._num_unheard += 1
+        if self._num_unheard >= MAX_UNHEARD:
+            self._done(f"The map {self._name} is saved; the localizer is not running.")
+
+    def _taken_over(self) -> None:
+        self._service.log.info("The localizer has taken over", map=self._name)
+        self._done(f"The map {self._name} is saved and in use.")
+
+
+@dataclass(frozen=True, slots=True)
+class _PendingReply:
+    """Who waits for a save, and until when on the local clock."""
+
+    reply: Later[MappingStatus]
+    until_ns: int
+
+
+class MapSaver:
+    """Answers `map/save`: writes the map, and lets the localizer take over on it.
+
+    Args:
+        service: that it belongs to.
+        config: of the robot.
+        mapping: which has the map.
+    """
+
+    def __init__(self, service: Service, config: RobotConfig, mapping: Mapping) -> None:
+        self._service, self._config, self._mapping = service, config, mapping
+        self._pending: _PendingReply | None = None
+        self._handover: Handover | None = None
+
+    @answers(requests.MAP_SAVE)
+    def save(self, params: SaveMap) -> Later[MappingStatus]:
+        """Write the map."""
+        session = self._mapping.check_may_change()
+        name = params.name or session.name
+        if name != session.extends or name == configured_name(self._config):
+            check_name_is_free(self._service.maps.path, self._config, name)
+        core = session.core
+        if core is None or (core.num_keyframes == 0 and session.extends is None):
+            raise Refused(codes.NOT_READY, "Nothing has been mapped yet.")
+        zones = session.zones if name != session.extends else ()
+        write = partial(write_map, self._service.maps.path, name, core.grid(), zones)
+        self._mapping.begin_saving()
+        reply: Later[MappingStatus] = self._service.later()
+        self._pending = _PendingReply(reply, self._service.monotonic_ns + ANSWER_NS)
+        self._service.work(write, partial(self._written, session, name))
+        self._mapping.publish_status()
+        return reply
+
+    @every(0.1, clock="local")
+    def _answer_in_time(self) -> None:
+        """Answer who has waited long enough for a save."""
+        if self._pending is not None and self._service.monotonic_ns > self._pending.until_ns:
+            self._answer()
+
+    @every(1.0, clock="local")
+    def _hand_over(self) -> None:
+        """Ask the localizer to take over, until it has."""
+        if self._handover is not None:
+            self._handover.ask()
+
+    def _written(self, session: MapSession, name: str, problem: str | None) -> None:
+        if self._mapping.session is not session:
+            return
+        if problem is not None:
+            self._service.log.error(problem, map=name)
+            if self._pending is not None:
+                self._pending.reply.refuse(Refused(codes.NOT_SAVED, problem))
+            self._pending = None
+            self._mapping.saving_failed(problem)
+            return
+        self._service.log.info("Map saved", map=name)
+        self._mapping.saved(session, name)
+        self._handover = Handover(self._service, name, self._mapping.pose_now, self._handed_over)
+        self._answer()
+        self._handover.ask()
+
+    def _handed_over(self, note: str) -> None:
+        self._handover = None
+        self._mapping.end(note)
+
+    def _answer(self) -> None:
+        if self._pending is not None:
+            self._pending.reply.reply(self._mapping.publish_status())
+        self._pending = None

@@ -1,0 +1,167 @@
+"""One map while it is being made: the SLAM core, the places on it, and what goes with both."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from msgspec import structs
+
+from trolley.config import MapperConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley.gridmap.wire import map_message
+from trolley.messages import OccupancyGrid, Zone
+from trolley.scanning.front_end import Reject, ScanInput
+from trolley_mapper.anchored_places import AnchoredPlaces
+from trolley_mapper.checkpoint import Checkpoint
+from trolley_mapper.slam.estimate import MapEstimate
+
+if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
+    from trolley_mapper.explore.explorer import Explorer
+    from trolley_mapper.slam.mapper import Mapper
+
+LONGEST_GAP_S = 10.0
+"""A longer robot time between two scans counts as this much time of mapping."""
+
+
+class MapSession:
+    """A map in the making; its core is made with the first scan, or comes from a checkpoint.
+
+    Args:
+        config: of the core.
+        name: of the map.
+        extends: the map that it continues, if any.
+    """
+
+    def __init__(self, config: MapperConfig, name: str, extends: str | None = None) -> None:
+        self.name = name
+        self.extends = extends
+        self.zones: Sequence[Zone] = ()
+        self.core: Mapper | None = None
+        self.explorer: Explorer | None = None
+        self.places = AnchoredPlaces()
+        self.estimate: MapEstimate | None = None
+        self.seconds = 0.0
+        self.loops = 0
+        self._config = config
+        self._prior: tuple[GridMap, Pose2D] | None = None
+        self._starts_paused = False
+
+    def extend(self, prior: GridMap, map_T_odom: Pose2D, zones: Sequence[Zone]) -> None:
+        """Continue a map: its grid, where the odometry began on it, and its zones."""
+        self._prior, self.zones = (prior, map_T_odom), zones
+
+    @classmethod
+    def restore(cls, config: MapperConfig, checkpoint: Checkpoint) -> "MapSession":
+        """Continue from a checkpoint (takes long: the core is imported).
+
+        Raises:
+            ValueError: the core's bytes are damaged.
+        """
+        from trolley_mapper.slam.mapper import Mapper
+
+        session = cls(config, checkpoint.name, checkpoint.extends)
+        session.zones = checkpoint.zones
+        session.places = AnchoredPlaces(checkpoint.anchors)
+        session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
+        session.core = Mapper.from_bytes(config, checkpoint.core)
+        if checkpoint.is_paused:
+            session.core.pause()
+        return session
+
+    def step(self, scan: ScanInput) -> MapEstimate | Reject:
+        """Take a scan into account."""
+        if self.core is None:
+            self.core = self._make_core(scan)
+        estimate = self.core.step(scan)
+        if isinstance(estimate, Reject):
+            return estimate
+        before, self.estimate = self.estimate, estimate
+        if before is not None and not self.core.is_paused:
+            self.seconds += min((estimate.stamp_ns - before.stamp_ns) * 1e-9, LONGEST_GAP_S)
+        self.loops += estimate.closed_loop
+        return estimate
+
+    def _make_core(self, scan: ScanInput) -> "Mapper":
+        from trolley_mapper.slam.mapper import Mapper
+
+        if self._prior is None:
+            core = Mapper(self._config)
+        else:
+            prior, map_T_odom = self._prior
+            core = Mapper(self._config, map_T_odom @ scan.odom_T_base, prior)
+        if self._starts_paused:
+            core.pause()
+        return core
+
+    def explore_with(self, explorer: "Explorer") -> None:
+        """Let an explorer choose where the robot drives."""
+        self.explorer = explorer
+
+    @property
+    def is_exploring(self) -> bool:
+        """Whether the robot is driving to frontiers, or back."""
+        return self.explorer is not None and self.explorer.is_under_way
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the map does not grow."""
+        return self._starts_paused if self.core is None else self.core.is_paused
+
+    def pause(self, *, is_on: bool) -> None:
+        """Stop the map from growing, or let it grow again."""
+        self._starts_paused = is_on
+        if self.core is not None and self.core.is_paused != is_on:
+            if is_on:
+                self.core.pause()
+            else:
+                self.core.resume()
+        if self.estimate is not None:  # its message may be about the pause before
+            self.estimate = replace(self.estimate, message="")
+
+    def undo(self, seconds: float) -> bool:
+        """Remove what was mapped in the last seconds; False where nothing of the map is left."""
+        if self.core is None:
+            return False
+        left = self.core.undo(seconds)
+        self.places.tie_anew(self.core)
+        self.seconds = max(0.0, self.seconds - seconds)
+        return left is not None
+
+    def rename(self, name: str) -> None:
+        """Give the map the name under which it was saved."""
+        self.name = name
+
+    @property
+    def revision(self) -> tuple[object, ...]:
+        """Differs from the one of before whenever a checkpoint would."""
+        core = self.core
+        grown = (0, 0) if core is None else (core.version, core.num_keyframes)
+        return (self, *grown, self.is_paused, self.is_exploring)
+
+    def checkpoint(self) -> Callable[[], Checkpoint] | None:
+        """Return what makes a checkpoint of the map as it is now; None while there is nothing.
+
+        That takes long for a large map: call it aside.
+        """
+        if self.core is None:
+            return None
+        from trolley_mapper.slam.serialization import pack
+
+        snapshot = self.core.snapshot()
+        checkpoint = Checkpoint(
+            name=self.name,
+            extends=self.extends,
+            zones=list(self.zones),
+            anchors=dict(self.places.anchors),
+            seconds=self.seconds,
+            loops=self.loops,
+            is_paused=self.core.is_paused,
+            is_exploring=self.is_exploring,
+            core=b"",
+        )
+        return lambda: structs.replace(checkpoint, core=pack(snapshot))
+
+    def map_message(self, stamp_ns: int) -> OccupancyGrid | None:
+        """Return the map as it is now."""
+        return None if self.core is None else map_message(stamp_ns, self.core.grid(), self.name)

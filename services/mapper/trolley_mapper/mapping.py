@@ -1,0 +1,336 @@
+"""The map session at work: scans in; pose, map, saved places and status out."""
+
+import importlib
+from collections.abc import Callable
+from functools import partial
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.config import RobotConfig
+from trolley.geometry import Pose2D
+from trolley.messages import MappingState, MappingStatus, PoseEstimate, Zones
+from trolley.messages.request_params import Nothing, UndoMap, Yield
+from trolley.runtime.service import Service, answers, every
+from trolley.scanning.front_end import Reject, ScanInput
+from trolley_mapper import checkpoint as checkpoints
+from trolley_mapper.checkpoint import Checkpoint, Checkpointer
+from trolley_mapper.explore import sentences
+from trolley_mapper.inputs import RobotInputs
+from trolley_mapper.map_session import MapSession
+from trolley_mapper.saved_places import SavedPlaces
+from trolley_mapper.wire import odom_transform, pose_message
+
+_ENVELOPE_BYTES = 4096
+"""Of the largest message, left for what stands beside the cells."""
+_NOTHING_PUBLISHED = -1
+
+
+class Mapping:
+    """Makes one map at a time, in place of the localizer.
+
+    Args:
+        service: that it belongs to.
+        config: of the robot.
+        on_end: called when a map is finished or given up, while everything still runs.
+    """
+
+    def __init__(self, service: Service, config: RobotConfig, on_end: Callable[[], None]) -> None:
+        self.phase: MappingState = "idle"
+        self.session: MapSession | None = None
+        self.inputs: RobotInputs | None = None
+        self._service, self._config, self._on_end = service, config, on_end
+        self._checkpointer = Checkpointer(service)
+        self._places: SavedPlaces | None = None
+        self._published_version = _NOTHING_PUBLISHED
+        # Said as long as nothing is the matter.
+        self._note = ""
+
+    # Life.
+
+    def start(self) -> None:
+        """Continue the map of the run before, if it was not finished."""
+        self.publish_status()
+        self._service.work(partial(checkpoints.read, self._service.state.path), self._resume)
+
+    def _resume(self, checkpoint: Checkpoint | str | None) -> None:
+        if isinstance(checkpoint, str):
+            self._service.log.error(checkpoint)
+            self.announce(checkpoint)
+        elif checkpoint is not None:
+            self._service.log.info("Continuing a map", map=checkpoint.name)
+            note = f"Continuing the map {checkpoint.name}."
+            if checkpoint.is_exploring:
+                note += f" {sentences.PAUSES[codes.RESTARTED]}"
+            session = MapSession(self._config.mapper, checkpoint.name)
+            self.begin(session, note)
+            self.load(session, checkpoint)
+
+    def save_checkpoint(self) -> None:
+        """Write the map as it is now to disk, so that a new process can continue it."""
+        session = self.session
+        is_growing = self.phase in ("mapping", "paused")
+        if session is not None and session.core is not None and is_growing:
+            self._checkpointer.save(session.revision, session.checkpoint)
+
+    def epoch_began(self) -> None:
+        """Take note that the odometry begins anew; the robot itself has not moved."""
+        if self.inputs is not None:
+            self.inputs.begin_epoch()
+
+    def check_idle(self) -> None:
+        """Raise `Refused` while a map is being made or handed over."""
+        if self.session is not None:
+            raise Refused(codes.MAPPING)
+
+    def check_may_change(self) -> MapSession:
+        """Return the map in the making.
+
+        Raises:
+            Refused: `not_mapping`, or `not_ready` while it is being saved.
+        """
+        if self.session is None:
+            raise Refused(codes.NOT_MAPPING)
+        if self.phase == "saving":
+            raise Refused(codes.NOT_READY, "The map is being saved.")
+        return self.session
+
+    # Beginning and end.
+
+    def listen(self) -> None:
+        """Hear lidar and odometry from now on."""
+        if self.inputs is None:
+            self.inputs = RobotInputs(self._service, self._process_scans)
+
+    def stop_listening(self) -> None:
+        """Hear nothing any more."""
+        if self.inputs is not None:
+            self.inputs.close()
+            self.inputs = None
+
+    def begin(self, session: MapSession, note: str = "") -> MappingStatus:
+        """Make this map from now on; `load` follows."""
+        self.session, self.phase, self._note = session, "starting", note
+        self.listen()
+        return self.publish_status()
+
+    def load(self, session: MapSession, checkpoint: Checkpoint | None = None) -> None:
+        """Get ready to map, then take the shared topics from the localizer.
+
+        The imports hold up the service's own thread for seconds: who waits for an answer must
+        have it before.
+        """
+        self._service.work(partial(_load, self._config, checkpoint), partial(self._loaded, session))
+
+    def _loaded(self, session: MapSession, result: MapSession | ValueError | None) -> None:
+        if self.session is not session:
+            return  # canceled meanwhile
+        if isinstance(result, ValueError):
+            why = checkpoints.put_aside(self._service.state.path)
+            self._service.log.error(why, because=str(result))
+            self.end(why)
+            return
+        self.session = result or session
+        self._service.request(
+            requests.LOCALIZER_YIELD, Yield(), partial(self._take_topics, self.session)
+        )
+
+    def _take_topics(self, session: MapSession, _result: PoseEstimate | Refused) -> None:
+        """Own the shared topics; a localizer that does not answer owns nothing either."""
+        if self.session is not session:
+            return
+        self.phase = "paused" if session.is_paused else "mapping"
+        self._published_version = _NOTHING_PUBLISHED
+        self._checkpointer.restart()
+        self._places = SavedPlaces(self._service, session)
+        zones = Zones(stamp_ns=self._service.stamp_ns, map=session.name, zones=list(session.zones))
+        self._service.publish(topics.ZONES, zones)
+        self._service.log.info("Mapping", map=session.name, extends=session.extends or "nothing")
+        self.publish_status()
+
+    def end(self, note: str) -> MappingStatus:
+        """Give the shared topics back and make no map any more."""
+        self._on_end()
+        self.stop_listening()
+        if self._places is not None:
+            self._places.close()
+        for topic in (topics.MAP, topics.ZONES, topics.POSE):
+            self._service.withdraw(topic)
+        self._service.withdraw(topics.TF, "odom")
+        self.session = self._places = None
+        self.phase, self._note = "idle", note
+        self._checkpointer.discard()
+        return self.publish_status()
+
+    # What people ask for.
+
+    def pause(self, *, is_on: bool) -> MappingStatus:
+        """Stop the map from growing, or let it grow again."""
+        self.check_may_change().pause(is_on=is_on)
+        if self.phase in ("mapping", "paused"):
+            self.phase = "paused" if is_on else "mapping"
+        return self.announce("")
+
+    @answers(requests.MAP_UNDO)
+    def undo(self, params: UndoMap) -> MappingStatus:
+        """Remove what was mapped last."""
+        session = self.check_may_change()
+        is_left = session.undo(params.seconds)
+        if is_left:
+            return self.announce("")
+        if session.extends:
+            return self.announce("Everything that was added to the map has been removed.")
+        return self.announce("Everything has been removed but where the map began.")
+
+    @answers(requests.MAP_CANCEL)
+    def cancel(self, _: Nothing) -> MappingStatus:
+        """Discard the map; the localizer goes back to the previous one."""
+        session = self.check_may_change()
+        self._service.log.info("The map was canceled", map=session.name)
+        self._service.request(requests.LOCALIZER_YIELD, Yield(on=False), lambda _: None)
+        if session.extends:
+            return self.end(f"What was added to the map {session.name} was discarded.")
+        return self.end(f"The map {session.name} was discarded.")
+
+    def begin_saving(self) -> None:
+        """Let the map rest while it is written and handed over."""
+        self.phase = "saving"
+
+    def saving_failed(self, problem: str) -> MappingStatus:
+        """Continue after the map could not be written."""
+        paused = self.session is not None and self.session.is_paused
+        self.phase = "paused" if paused else "mapping"
+        return self.announce(problem)
+
+    def saved(self, session: MapSession, name: str) -> None:
+        """Move the session and its places over to the name that the map was saved under."""
+        if self._places is not None:
+            self._places.store_moved(name)
+        session.rename(name)
+        self._note = f"The map {name} is saved; the localizer takes over."
+
+    # Scans.
+
+    @every(0.05)
+    def _process_late_scans(self) -> None:
+        """Let no scan wait for odometry that does not come."""
+        self._process_scans()
+
+    def _process_scans(self) -> None:
+        """Take the scans that are complete by now."""
+        if self.inputs is None:
+            return
+        for scan in self.inputs.take():
+            if self.session is not None and self.phase in ("mapping", "paused", "saving"):
+                self._process(scan, self.session, self.inputs)
+
+    def _process(self, scan: ScanInput, session: MapSession, inputs: RobotInputs) -> None:
+        estimate = session.step(scan)
+        if isinstance(estimate, Reject):
+            self._service.count(f"scan/{estimate.name.lower()}")
+            return
+        if estimate.state != "lost":
+            transform = odom_transform(estimate.stamp_ns, estimate.map_T_odom @ inputs.run_T_odom)
+            self._service.publish(topics.TF, transform, "odom")
+        self._service.publish(topics.POSE, pose_message(estimate, session.name))
+        if self._published_version == _NOTHING_PUBLISHED:
+            if self._places is not None:
+                self._places.update_from_latest()
+            self._publish_map(session)
+        job = None if session.core is None else session.core.take_job()
+        if session.core is not None and job is not None:
+            self._service.work(job.run, session.core.finish)
+
+    # Each second.
+
+    @every(1.0, clock="local")
+    def _tick(self) -> None:
+        """Renew the lease of the shared topics, and publish what has changed."""
+        if self.session is not None and self.phase in ("mapping", "paused"):
+            self._service.request(requests.LOCALIZER_YIELD, Yield(), lambda _: None)
+            self._publish_map(self.session)
+            if self._places is not None:
+                self._places.store_moved()
+            if self._checkpointer.is_due:
+                self.save_checkpoint()
+        if self.phase != "idle":
+            self.publish_status()
+
+    def _publish_map(self, session: MapSession) -> None:
+        """Publish the map if it has changed."""
+        if session.core is None or session.core.version == self._published_version:
+            return
+        self._published_version = session.core.version
+        message = session.map_message(self._service.stamp_ns)
+        if message is None or len(message.cells) + _ENVELOPE_BYTES > topics.MAP.max_bytes:
+            self._note = "The map has become too large to be shown; save it."
+            return
+        self._service.publish(topics.MAP, message)
+
+    # Status.
+
+    def announce(self, note: str) -> MappingStatus:
+        """Publish the status with something to say as long as nothing is the matter."""
+        self._note = note
+        return self.publish_status()
+
+    def publish_status(self) -> MappingStatus:
+        """Publish what is being done."""
+        status = self.status()
+        self._service.publish(topics.MAPPING, status)
+        return status
+
+    def status(self) -> MappingStatus:
+        """Return what is being done."""
+        session = self.session
+        core = None if session is None else session.core
+        explorer = None if session is None else session.explorer
+        return MappingStatus(
+            stamp_ns=self._service.stamp_ns,
+            state=self.phase,
+            name=None if session is None else session.name,
+            extends=None if session is None else session.extends,
+            message=self._message(),
+            seconds=0.0 if session is None else round(session.seconds, 1),
+            scans=0 if core is None else core.num_keyframes,
+            loops=0 if session is None else session.loops,
+            exploring="off" if explorer is None else explorer.state,
+            area=0.0 if explorer is None else round(explorer.area_m2, 1),
+        )
+
+    def _message(self) -> str:
+        if self._checkpointer.problem:
+            return self._checkpointer.problem
+        if self.phase not in ("mapping", "paused") or self.inputs is None or self.session is None:
+            return self._note
+        silent = self.inputs.silent()
+        if silent is not None:
+            return silent
+        estimate, explorer = self.session.estimate, self.session.explorer
+        matter = "" if estimate is None or self.phase == "paused" else estimate.message
+        if matter:
+            matter = f"{matter[:1].upper()}{matter[1:].rstrip('.')}."
+        rest = self._note if explorer is None else explorer.message or self._note
+        return f"{matter} {rest}".strip()
+
+    def pose_now(self) -> Pose2D | None:
+        """Return map_T_base by the newest odometry."""
+        if self.session is None or self.session.estimate is None:
+            return None
+        newest = None if self.inputs is None else self.inputs.newest()
+        if newest is None:
+            return self.session.estimate.pose
+        return (self.session.estimate.map_T_odom @ newest).wrapped()
+
+
+def _load(config: RobotConfig, checkpoint: Checkpoint | None) -> MapSession | ValueError | None:
+    """Import and compile what mapping needs (aside: it takes seconds), and restore a map."""
+    from trolley_mapper.warmup import warm_up
+
+    warm_up()
+    importlib.import_module("trolley_mapper.slam.mapper")
+    if checkpoint is None:
+        return None
+    try:
+        return MapSession.restore(config.mapper, checkpoint)
+    except ValueError as error:
+        return error

@@ -1,0 +1,172 @@
+"""Beginning a map: what must be known before, and the requests that wait for it."""
+
+from collections.abc import Callable, Sequence
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.config import RobotConfig
+from trolley.gridmap.wire import grid_of
+from trolley.messages import MappingStatus, OccupancyGrid, PoseEstimate, Transform, Zones
+from trolley.messages.request_params import MapNamed
+from trolley.runtime.service import Later, Service, answers, every
+from trolley_mapper.map_names import check_name_is_free
+from trolley_mapper.map_session import MapSession
+from trolley_mapper.mapping import Mapping
+
+ANSWER_NS = 1_500_000_000
+"""Local time after which a request to begin is refused for what is still missing."""
+
+
+class Preconditions:
+    """What a map to be extended must have: the localizer's map, zones and pose on it.
+
+    Args:
+        service: that asks for them.
+        extends: the map that the robot must be on; None: a new map needs nothing.
+    """
+
+    def __init__(self, service: Service, extends: str | None) -> None:
+        self._extends = extends
+        self._map: OccupancyGrid | None = None
+        self._zones: Zones | None = None
+        self._pose: PoseEstimate | None = None
+        self._correction: Transform | None = None
+        if extends is not None:
+            service.get(topics.MAP, then=self._hear_map)
+            service.get(topics.ZONES, then=self._hear_zones)
+            service.get(topics.POSE, then=self._hear_pose)
+            service.get(topics.TF, "odom", then=self._hear_correction)
+
+    def missing(self) -> list[str]:
+        """Return the names of what the localizer has not sent yet."""
+        if self._extends is None:
+            return []
+        needed = (("map", self._map), ("zones", self._zones), ("pose", self._pose))
+        return [name for name, known in needed if known is None]
+
+    def check(self, missing: Sequence[str]) -> None:
+        """Refuse to begin if anything is missing, or the robot is not where it must be.
+
+        Args:
+            missing: names of what has not come in time.
+
+        Raises:
+            Refused: `not_ready`, `wrong_map` or `not_localized`.
+        """
+        if missing:
+            raise Refused(
+                codes.NOT_READY,
+                f"Mapping cannot start yet: nothing received on {', '.join(missing)}.",
+                missing=missing,
+            )
+        if self._extends is None:
+            return
+        if self._map is None or self._map.name != self._extends:
+            on = "no map" if self._map is None else f"the map {self._map.name}"
+            raise Refused(codes.WRONG_MAP, f"The robot is on {on}; load {self._extends} first.")
+        is_localized = self._pose is not None and self._pose.state == "localized"
+        if not is_localized or self._correction is None:
+            raise Refused(codes.NOT_LOCALIZED)
+
+    def apply(self, session: MapSession) -> None:
+        """Let a session continue the map, after `check`."""
+        if self._map is not None and self._correction is not None:
+            zones = [] if self._zones is None else self._zones.zones
+            session.extend(grid_of(self._map), self._correction.pose, zones)
+
+    def _hear_map(self, found: dict[tuple[str, ...], OccupancyGrid]) -> None:
+        self._map = found.get(())
+
+    def _hear_zones(self, found: dict[tuple[str, ...], Zones]) -> None:
+        self._zones = found.get(())
+
+    def _hear_pose(self, found: dict[tuple[str, ...], PoseEstimate]) -> None:
+        self._pose = found.get(())
+
+    def _hear_correction(self, found: dict[tuple[str, ...], Transform]) -> None:
+        self._correction = found.get(("odom",))
+
+
+class PendingStart:
+    """A request to begin a map that waits for its preconditions.
+
+    Args:
+        service: that was asked.
+        session: what is to be begun.
+        explores: whether the robot is to explore then.
+    """
+
+    def __init__(self, service: Service, session: MapSession, *, explores: bool) -> None:
+        self.session, self.explores = session, explores
+        self.preconditions = Preconditions(service, session.extends)
+        self.reply: Later[MappingStatus] = service.later()
+        self.until_ns = service.monotonic_ns + ANSWER_NS
+
+
+class MapStarter:
+    """Answers `map/new` and `map/extend`.
+
+    Args:
+        service: that it belongs to.
+        config: of the robot.
+        mapping: which makes the map.
+        is_editing: whether a stored map is being changed.
+        explore: called when a map has begun, with whether the robot is to explore.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        config: RobotConfig,
+        mapping: Mapping,
+        is_editing: Callable[[], bool],
+        explore: Callable[[bool], None],
+    ) -> None:
+        self._service, self._config, self._mapping = service, config, mapping
+        self._is_editing, self._explore = is_editing, explore
+        self._pending: PendingStart | None = None
+
+    @answers(requests.MAP_NEW)
+    def begin_new(self, params: MapNamed) -> Later[MappingStatus]:
+        """Begin a map where the robot stands."""
+        check_name_is_free(self._service.maps.path, self._config, params.name)
+        return self._begin(MapSession(self._config.mapper, params.name), params)
+
+    @answers(requests.MAP_EXTEND)
+    def extend(self, params: MapNamed) -> Later[MappingStatus]:
+        """Continue the map that the robot is on."""
+        return self._begin(MapSession(self._config.mapper, params.name, params.name), params)
+
+    def _begin(self, session: MapSession, params: MapNamed) -> Later[MappingStatus]:
+        current = self._mapping.session
+        if current is not None or self._pending is not None:
+            which = f"The map {current.name}" if current is not None else "A map"
+            raise Refused(codes.MAPPING, f"{which} is being made; save or cancel it first.")
+        if self._is_editing():
+            raise Refused(codes.NOT_READY, "A map is being edited; try again when that is done.")
+        pending = PendingStart(self._service, session, explores=params.explore)
+        self._mapping.listen()
+        self._pending = pending
+        self._try_to_begin()
+        return pending.reply
+
+    @every(0.1, clock="local")
+    def _try_to_begin(self) -> None:
+        """Begin once everything that is needed has come."""
+        pending, inputs = self._pending, self._mapping.inputs
+        if pending is None or inputs is None:
+            return
+        missing = [*inputs.missing(), *pending.preconditions.missing()]
+        if missing and self._service.monotonic_ns < pending.until_ns:
+            return
+        self._pending = None
+        try:
+            pending.preconditions.check(missing)
+        except Refused as refused:
+            self._mapping.stop_listening()
+            pending.reply.refuse(refused)
+            return
+        pending.preconditions.apply(pending.session)
+        self._explore(pending.explores)
+        pending.reply.reply(self._mapping.begin(pending.session))
+        self._mapping.load(pending.session)

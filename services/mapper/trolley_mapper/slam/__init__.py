@@ -1,0 +1,1 @@
+"""Scan matching, keyframes, loop closures and the pose graph: scans in, poses and a map out."""

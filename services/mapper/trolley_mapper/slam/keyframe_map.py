@@ -1,0 +1,159 @@
+"""The map itself: keyframes, poses that are tied to them, and the grid drawn from them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley_mapper.slam.anchors import Anchors
+from trolley_mapper.slam.estimate import Anchor
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_keyframes
+from trolley_mapper.slam.pose_graph import Edge
+from trolley_mapper.slam.prior_map import prior_keyframe
+from trolley_mapper.slam.serialization import State
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeMapParams:
+    """When keyframes are redundant. Set by hand."""
+
+    same_place: float = 1.2
+    """Keyframes nearer than this share of the distance between keyframes show the same."""
+
+
+PARAMS = KeyframeMapParams()
+
+
+class KeyframeMap:
+    """Keyframes with their poses and edges, and what follows from them.
+
+    Args:
+        config: of the mapper.
+        prior: a map made before, which stays where it is.
+    """
+
+    def __init__(self, config: MapperConfig, prior: GridMap | None = None) -> None:
+        self.prior = prior
+        self.store = KeyframeStore()
+        self.anchors = Anchors()
+        self.next_number = 0
+        """Of the next keyframe."""
+        self.version = 0
+        """Changes whenever `grid` would return something else."""
+        self._config = config
+        self._occupancy = LogOddsGrid(config.resolution_m, prior)
+        self._grid: tuple[int, GridMap] | None = None
+        if prior is not None:
+            self.store.add(prior_keyframe(self.next_number, prior), np.zeros(3), [])
+            self.next_number += 1
+            self.version += 1
+
+    @classmethod
+    def restore(cls, config: MapperConfig, state: State) -> "KeyframeMap":
+        """Make the map that was stored."""
+        restored = cls(config)
+        restored.prior, restored.store, restored.anchors = state.prior, state.store, state.anchors
+        restored.next_number, restored.version = state.next_number, 1
+        restored._draw()
+        return restored
+
+    def snapshot(self, pose: Pose2D, num_loops: int) -> State:
+        """Return a copy of all that is needed to restore it; cheap."""
+        store, anchors = self.store.copy(), self.anchors.copy()
+        return State(store, anchors, self.prior, pose, self.next_number, num_loops)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing yet to compare a scan with."""
+        return len(self.store) == 0
+
+    @property
+    def num_keyframes(self) -> int:
+        """Number of scans that the map is made of."""
+        return len(self.store) - (self.store.prior is not None)
+
+    @property
+    def num_bytes(self) -> int:
+        """Bytes of keyframes, graph and grids, about."""
+        return self.store.num_bytes + self._occupancy.num_bytes
+
+    def grid(self) -> GridMap:
+        """Return the occupancy grid; cheap as long as `version` is the same."""
+        if self._grid is None or self._grid[0] != self.version:
+            self._grid = (self.version, self._occupancy.grid())
+        return self._grid[1]
+
+    # The map grows and shrinks.
+
+    def add(self, keyframe: Keyframe, pose: NDArray[np.float64], edges: Sequence[Edge]) -> None:
+        """Add a keyframe taken at map_T_base (3,); drop one where many show the same."""
+        self.store.add(keyframe, pose, edges)
+        self._occupancy.add(keyframe, pose)
+        self.next_number += 1
+        self.version += 1
+        self._drop_redundant()
+
+    def _drop_redundant(self) -> None:
+        """Drop a keyframe where many show the same, so that time alone costs no memory."""
+        config = self._config
+        alike = self.store.alike(
+            PARAMS.same_place * config.keyframe_distance_m,
+            PARAMS.same_place * config.keyframe_turn_rad,
+        )
+        if len(alike) > config.keyframes_per_place:
+            # The oldest hold the map in place, the newest show what has changed.
+            dropped = alike[len(alike) // 2]
+            self.anchors.forget(self.store, [dropped])
+            self.store.dissolve(dropped)
+
+    def rows_since(self, stamp_ns: int) -> list[int]:
+        """Return the rows of the keyframes taken since; the first stays: the map begins there."""
+        keyframes = self.store.keyframes
+        return [row for row, one in enumerate(keyframes) if row > 0 and one.stamp_ns >= stamp_ns]
+
+    def remove(self, rows: Sequence[int]) -> None:
+        """Remove keyframes, given by their rows, and draw the map anew."""
+        numbers = [self.store.keyframes[row].number for row in rows]
+        self.anchors.forget(self.store, numbers)
+        self.store.remove(numbers)
+        self._draw()
+        self.version += 1
+
+    def take_over(
+        self, optimised: KeyframeStore, occupancy: LogOddsGrid, loops: Sequence[Edge]
+    ) -> NDArray[np.float64]:
+        """Take over poses and grid of an optimised copy, with the loops that it was made of.
+
+        Returns:
+            The motion (3,) of the newest keyframes, new_map_T_old_map.
+        """
+        for edge in loops:
+            self.store.link(edge)
+        correction, later = self.store.move_to(optimised)
+        self._occupancy = occupancy
+        for one in later:
+            self._occupancy.add(one, self.store.pose(one.number))
+        self.version += 1
+        return correction
+
+    def _draw(self) -> None:
+        store = self.store
+        self._occupancy = draw_keyframes(
+            self._config.resolution_m, self.prior, store.keyframes, store.poses
+        )
+
+    # Poses that move with it.
+
+    def anchor(self, map_T_pose: Pose2D, hint: int | None) -> Anchor:
+        """Tie a pose to the nearest keyframe; to `hint` where that is as good."""
+        return self.anchors.tie(self.store, map_T_pose, hint)
+
+    def moved(self, anchor: Anchor) -> Pose2D:
+        """Return where an anchored pose lies on the map now: map_T_pose."""
+        return self.anchors.place(self.store, anchor)

@@ -1,0 +1,269 @@
+"""The surfaces near the robot, put together from some keyframes."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley_mapper.kernels import correlate, surfels
+from trolley_mapper.kernels.align import accumulate, align
+from trolley_mapper.kernels.layout import AlignmentParams, Cloud, Surfels
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.pose_graph import between
+from trolley_mapper.slam.sweep import Sweep
+
+
+@dataclass(frozen=True, slots=True)
+class LocalMapParams:
+    """How scans are compared with surfaces. Found with bench/mapper.py where not said otherwise."""
+
+    cell_m: float = 0.1
+    """Edge of the cells that surfels are averaged in [m]."""
+    sigma_m: float = 0.03
+    """Standard deviation of a point from its surface [m]."""
+    independent_points: float = 60.0
+    """A scan counts as this many independent points."""
+    width_m: float = 0.05
+    """Residual at which a point counts half, about [m]."""
+    last_reach_m: float = 0.12
+    """In the end points have partners within this distance [m]."""
+    max_iterations: int = 25
+    """Gauss-Newton steps of an alignment at most."""
+    normal_noise: float = 0.01
+    """Share of the information that is noise."""
+    turn_m: float = 3.0
+    """A turn by 1 rad counts as a distance of this [m]."""
+    near_m: float = 0.08
+    """A point this near to a surface is explained by it [m]."""
+    fine_cell_m: float = 0.05
+    """Cell edge of the grid for correlative matching [m]."""
+    blur_m: float = 0.07
+    """Standard deviation of a point in that grid [m]."""
+    num_levels: int = 5
+    """Levels of its pyramid."""
+    search_points: int = 180
+    """Points of a scan that are searched with, about."""
+    free_beams: int = 120
+    """Beams of each keyframe that mark free space, about."""
+    prior_times: int = 3
+    """The floor of a map made before counts as seen by this many keyframes (by hand)."""
+
+
+PARAMS = LocalMapParams()
+
+
+class LocalMap:
+    """Surfels within a square, of the keyframes given.
+
+    Args:
+        keyframes: those that agree with each other, the oldest first.
+        poses: (k, 3) map_T_base of each.
+        centre: (2,) x, y [m] of the square in `map`.
+        reach_m: half its edge [m].
+    """
+
+    def __init__(
+        self,
+        keyframes: Sequence[Keyframe],
+        poses: NDArray[np.float64],
+        centre: NDArray[np.float64],
+        reach_m: float,
+    ) -> None:
+        self.keyframes = keyframes
+        self.poses = poses
+        cells = math.ceil(2.0 * reach_m / PARAMS.cell_m)
+        self._reach_m = reach_m
+        capacity = max(sum(len(one.points) for one in keyframes), 1)
+        self.surfels = Surfels(
+            np.empty((capacity, 2)),
+            np.empty((capacity, 2)),
+            np.empty(capacity),
+            np.empty(capacity, np.int32),
+            np.empty(capacity, np.int32),
+            np.empty((cells, cells), np.int32),
+            np.empty((cells, cells), np.uint8),
+            np.array([centre[0] - reach_m, centre[1] - reach_m, 1.0 / PARAMS.cell_m]),
+        )
+        surfels.clear_surfels(self.surfels)
+        self.count = 0
+        for owner, (one, pose) in enumerate(zip(keyframes, poses, strict=True)):
+            self.count = surfels.add_surfels(
+                self.surfels, self.count, one.points, one.normals, pose, owner
+            )
+            if one.floor is not None:
+                surfels.mark_floor(self.surfels, one.floor, PARAMS.prior_times)
+                continue
+            every = max(len(one.points) // PARAMS.free_beams, 1)
+            surfels.mark_free(self.surfels, one.points, one.laser, pose, every)
+        surfels.normalise_surfels(self.surfels, self.count)
+        self._levels: NDArray[np.uint8] | None = None
+        self._fine_frame = np.empty(3)
+
+    def align(
+        self,
+        start: NDArray[np.float64],
+        cloud: Cloud,
+        prior: NDArray[np.float64],
+        prior_information: NDArray[np.float64],
+        first_reach_m: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Align a scan from a start pose (3,), with a prior (3,), (3, 3).
+
+        Returns:
+            The pose (3,) and the information (3, 3) from the scan alone, both in `map`.
+        """
+        pose, information = start.copy(), np.zeros((3, 3))
+        params = AlignmentParams(
+            first_reach_m,
+            PARAMS.last_reach_m,
+            PARAMS.width_m,
+            gain_of(len(cloud.points)),
+            PARAMS.max_iterations,
+        )
+        align(pose, information, self.surfels, cloud, prior, prior_information, params)
+        return pose, without_noise(information)
+
+    def contributions(
+        self, pose: NDArray[np.float64], cloud: Cloud
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Say what each keyframe contributes to the alignment of a scan.
+
+        Returns:
+            (k, 3, 3) information in `map`, and (k,) number of points.
+        """
+        count = len(self.keyframes)
+        if count == 1:  # the kernel sums over all where there is room for one
+            count = 2
+        hessian, number = np.empty((count, 3, 3)), np.empty(count, np.int64)
+        accumulate(
+            hessian,
+            np.empty((count, 3)),
+            number,
+            self.surfels,
+            cloud,
+            pose,
+            (PARAMS.last_reach_m, PARAMS.width_m, gain_of(len(cloud.points))),
+        )
+        kept = np.array([without_noise(one) for one in hessian[: len(self.keyframes)]])
+        return kept, number[: len(self.keyframes)]
+
+    def classify(
+        self, pose: NDArray[np.float64], sweep: Sweep, near_m: float = PARAMS.near_m
+    ) -> NDArray[np.uint8]:
+        """Return what the surfaces and the free space make of each point (n,) of a scan."""
+        classes = np.empty(len(sweep.cloud.points), np.uint8)
+        surfels.classify_points(classes, self.surfels, sweep.cloud, sweep.laser, pose, near_m)
+        return classes
+
+    def correlate(
+        self,
+        cloud: Cloud,
+        around: NDArray[np.float64],
+        window: tuple[float, float],
+        least: float,
+        pull: float,
+    ) -> tuple[NDArray[np.float64], float] | None:
+        """Search a window of poses for the one from which the scan fits best.
+
+        Args:
+            cloud: the scan.
+            around: (3,) the middle of the window, map_T_base.
+            window: half its edge [m] and half its range of headings [rad].
+            least: scores below this are not looked for, 0 ... 1.
+            pull: how much a pose in the window's corner must be better than one in its middle.
+
+        Returns:
+            The pose (3,) to about a cell, and its score; None if there is none.
+        """
+        levels = self._pyramid()
+        every = max(len(cloud.points) // PARAMS.search_points, 1)
+        some = Cloud(*(np.ascontiguousarray(one[::every]) for one in cloud))
+        points = some.points
+        far = float(np.quantile(np.hypot(*points.T), 0.8)) if len(points) else 1.0
+        step = PARAMS.fine_cell_m / max(far, 1.0)
+        turns = min(math.ceil(window[1] / step), math.ceil(math.pi / step))
+        yaws = around[2] + np.linspace(-window[1], window[1], 2 * turns + 1)
+        cells = np.empty((len(yaws), len(points), 3), np.int32)
+        correlate.turn_cloud(cells, some, yaws, self._fine_frame, around[:2])
+        best = np.empty(4)
+        half = max(math.ceil(window[0] / PARAMS.fine_cell_m), 1)
+        heading = correlate.find_best_shift(best, levels, cells, half, least, pull)
+        if heading < 0:
+            return None
+        shift = np.array([best[2] * PARAMS.fine_cell_m, best[1] * PARAMS.fine_cell_m, 0.0])
+        pose = np.array([around[0], around[1], yaws[heading]]) + shift
+        return pose, float(best[0])
+
+    def _pyramid(self) -> NDArray[np.uint8]:
+        """Return the grids for correlative matching, drawn when first needed."""
+        if self._levels is None:
+            place = self.surfels.place[: self.count]
+            low = place.min(axis=0) - 0.5 if self.count else np.zeros(2)
+            high = place.max(axis=0) + 0.5 if self.count else np.ones(2)
+            cols, rows = np.ceil((high - low) / PARAMS.fine_cell_m).astype(int)
+            self._fine_frame = np.array([low[0], low[1], 1.0 / PARAMS.fine_cell_m])
+            self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS, rows, cols), np.uint8)
+            correlate.draw_likelihood(
+                self._levels[0], self.surfels, self.count, self._fine_frame, PARAMS.blur_m
+            )
+            correlate.fill_pyramid(self._levels)
+        return self._levels
+
+
+class Neighbourhood:
+    """The local map round the robot, put together anew when the robot has moved on.
+
+    Args:
+        config: of the mapper.
+    """
+
+    def __init__(self, config: MapperConfig) -> None:
+        self._config = config
+        self._local: LocalMap | None = None
+        self._centre = np.zeros(3)
+
+    def invalidate(self) -> None:
+        """Put it together anew at the next chance: keyframes have come, gone or moved."""
+        self._local = None
+
+    def around(
+        self, store: KeyframeStore, pose: NDArray[np.float64], newest: int | None
+    ) -> LocalMap:
+        """Return the surfaces near a pose (3,).
+
+        Args:
+            store: the keyframes.
+            pose: map_T_base.
+            newest: the keyframe that the robot came from; None: the nearest.
+        """
+        config = self._config
+        away = between(self._centre, pose)
+        has_moved = math.hypot(away[0], away[1]) > 2.0 * config.keyframe_distance_m
+        if self._local is None or has_moved:
+            start = store.nearest(pose) if newest is None else newest
+            numbers = store.around(start, pose, config.local_way_m, config.local_keyframes)
+            keyframes = [store.keyframes[store.rows[n]] for n in numbers]
+            poses = np.array([store.pose(n) for n in numbers])
+            self._local = LocalMap(keyframes, poses, pose[:2], config.local_reach_m)
+            self._centre = pose.copy()
+        return self._local
+
+
+def without_noise(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return information (3, 3) without what noise in the surfaces' directions feigns.
+
+    Along a straight wall nothing can be told; normals that are off by some degrees seem to.
+    """
+    scale = np.array([1.0, 1.0, 1.0 / PARAMS.turn_m])
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    values = np.maximum(values - PARAMS.normal_noise * values.sum(), 0.0)
+    return (vectors * values) @ vectors.T / np.outer(scale, scale)
+
+
+def gain_of(points: int) -> float:
+    """Return the information of one point of a scan [1/m^2]: neighbours err together."""
+    return min(1.0, PARAMS.independent_points / max(points, 1)) / PARAMS.sigma_m**2

@@ -1,0 +1,285 @@
+"""Loop closures: finding old keyframes that see the same, and believing only what holds."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley.gridmap import GridMap
+from trolley_mapper.kernels.layout import Cloud
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.local_map import LocalMap
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_keyframes
+from trolley_mapper.slam.pose_graph import (
+    LOOP,
+    Edge,
+    between,
+    compose,
+    make_problem,
+    optimise,
+    squared_errors,
+    to_frame,
+)
+from trolley_mapper.slam.scan_matcher import MatchQuality, judge
+from trolley_mapper.slam.sweep import Sweep
+
+
+@dataclass(frozen=True, slots=True)
+class LoopParams:
+    """Where loops are looked for, and which are believed. Found with bench/mapper.py."""
+
+    query_distance_m: float = 2.0
+    """Keyframes within this distance along edges are looked for together [m]."""
+    max_query: int = 5
+    """And at most this many."""
+    place_distance_m: float = 5.0
+    """An old place is made of keyframes within this distance along edges [m]."""
+    max_place: int = 20
+    """And of at most this many."""
+    max_places: int = 3
+    """Old places that are tried for each keyframe."""
+    apart_m: float = 3.0
+    """They lie at least this far apart [m]."""
+    overlap_m: float = 2.5
+    """Places farther than the window and this cannot show the same [m]."""
+    window_rad_per_m: float = 0.006
+    """Growth of the window with the distance driven [rad/m]."""
+    window_m: float = 0.5
+    """Half the search window after no distance [m]."""
+    window_rad: float = 0.2
+    """Half its range of headings after no distance [rad]."""
+    max_window_m: float = 8.0
+    """Half the window at most [m]."""
+    min_score: float = 0.5
+    """The search looks for no lower score, 0 ... 1."""
+    pull: float = 0.05
+    """How much better a pose in the window's corner must be than one in its middle."""
+    min_match: float = 0.85
+    """Share of the points in known space that a closure explains."""
+    min_explained: float = 0.45
+    """Share of all points that it explains."""
+    agree_m: float = 0.15
+    """Two closures agree if one leads to the other within this [m]."""
+    agree_rad: float = 0.04
+    """And within this [rad]."""
+    agree_distance_m: float = 6.0
+    """And if their ends lie this near to each other [m]."""
+    max_strain: float = 250.0
+    """A closure that is believed raises the squared error of all edges by no more than this: right
+    ones raised it by up to 90 after bad odometry, wrong ones by 700."""
+
+
+PARAMS = LoopParams()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Closure:
+    """A place that was recognised, not yet believed: an edge from the old to the new keyframe."""
+
+    edge: Edge
+    quality: MatchQuality
+
+
+@dataclass(eq=False)
+class LoopJob:
+    """Search of loops for the newest keyframe, and optimisation when there are any.
+
+    Attributes:
+        store: a copy, changed by the job.
+        pending: closures found before that wait for one that agrees.
+        config: settings.
+        prior: the map that is extended, if one is.
+        found: closures found now.
+        accepted: edges of those that are believed now.
+        occupancy: the map drawn anew, if anything has moved.
+    """
+
+    store: KeyframeStore
+    pending: list[Closure]
+    config: MapperConfig
+    prior: GridMap | None
+    found: list[Closure] = field(default_factory=list[Closure])
+    accepted: list[Edge] = field(default_factory=list[Edge])
+    occupancy: LogOddsGrid | None = None
+
+    def run(self) -> "LoopJob":
+        """Search, check, optimise and draw; returns itself."""
+        search = LoopSearch(self.store, self.config)
+        query = self.store.newest.number
+        for place in search.places(query):
+            closure = search.close(query, place)
+            if closure is not None:
+                self.found.append(closure)
+        self._believe()
+        if self.accepted:
+            self._optimise()
+        return self
+
+    def _believe(self) -> None:
+        """Accept closures that agree with each other."""
+        accepted: list[Edge] = []
+        for new in self.found:
+            for old in self.pending:
+                if old.edge.second == new.edge.second or not agree(self.store, old.edge, new.edge):
+                    continue
+                for closure in (old, new):
+                    if all(closure.edge is not edge for edge in accepted):
+                        accepted.append(closure.edge)
+        self.accepted = accepted
+
+    def _optimise(self) -> None:
+        """Move all keyframes to where they fit together, and draw the map anew.
+
+        Loops that the edges between their ends can hardly be stretched to are not believed.
+        """
+        relax(self.store, is_robust=False)
+        strain = total_error(self.store)
+        apart = self.store.copy()
+        for edge in self.accepted:
+            self.store.link(edge)
+        relax(self.store, is_robust=False)
+        strain = total_error(self.store) - strain
+        if strain > PARAMS.max_strain * len(self.accepted):
+            self.store, self.accepted = apart, []
+            return
+        relax(self.store)
+        self.occupancy = draw_keyframes(
+            self.config.resolution_m, self.prior, self.store.keyframes, self.store.poses
+        )
+
+
+def total_error(store: KeyframeStore) -> float:
+    """Return the sum of the squared errors of all edges; loops count for little more than phi."""
+    problem = make_problem(store.edges, store.rows)
+    chi2 = squared_errors(store.poses, problem)
+    return float(np.minimum(chi2, PARAMS.max_strain).sum())
+
+
+def relax(store: KeyframeStore, is_robust: bool = True) -> None:
+    """Optimise all poses of an store; the first stays."""
+    problem = make_problem(store.edges, store.rows)
+    store.poses = optimise(store.poses, problem, [0], is_robust)
+
+
+def agree(store: KeyframeStore, one: Edge, other: Edge) -> bool:
+    """Say whether two closures lead to the same, if the edges between their ends are right."""
+    news = between(store.pose(one.second), store.pose(other.second))
+    olds = between(store.pose(one.first), store.pose(other.first))
+    if (
+        math.hypot(news[0], news[1]) > PARAMS.agree_distance_m
+        or math.hypot(olds[0], olds[1]) > PARAMS.agree_distance_m
+    ):
+        return False
+    round_one = compose(one.step, news)
+    round_other = compose(olds, other.step)
+    miss = between(round_one, round_other)
+    return bool(math.hypot(miss[0], miss[1]) < PARAMS.agree_m and abs(miss[2]) < PARAMS.agree_rad)
+
+
+class LoopSearch:
+    """Looks for old places that a keyframe shows, too."""
+
+    def __init__(self, store: KeyframeStore, config: MapperConfig) -> None:
+        self._store = store
+        self._config = config
+
+    def places(self, query: int) -> list[tuple[int, float]]:
+        """Return keyframes in the middle of places to try, and the distance driven since [m]."""
+        store = self._store
+        near = store.distances_from(query, self._config.local_way_m)
+        distances = store.distances_from(query, math.inf)
+        pose = store.pose(query)
+        away = np.hypot(*(store.poses[:, :2] - pose[:2]).T)
+        chosen: list[tuple[int, float]] = []
+        if store.prior is not None and store.prior not in near:
+            chosen.append((store.prior, distances.get(store.prior, math.inf)))
+        order: list[int] = np.argsort(away).tolist()
+        for row in order:
+            number = store.keyframes[row].number
+            distance_m = distances.get(number, math.inf)
+            if number in near or number >= query or number == store.prior:
+                continue
+            if away[row] > self._window(distance_m)[0] + PARAMS.overlap_m:
+                continue
+            here = store.poses[row, :2]
+            if any(
+                n != store.prior and np.hypot(*(store.pose(n)[:2] - here)) < PARAMS.apart_m
+                for n, _ in chosen
+            ):
+                continue
+            chosen.append((number, distance_m))
+            if len(chosen) == PARAMS.max_places:
+                break
+        return chosen
+
+    def _window(self, distance_m: float) -> tuple[float, float]:
+        """Return how far off a pose may be after a distance [m, rad]."""
+        distance_m = min(distance_m, 1e3)
+        return (
+            min(PARAMS.window_m + self._config.drift_share * distance_m, PARAMS.max_window_m),
+            min(PARAMS.window_rad + PARAMS.window_rad_per_m * distance_m, math.pi),
+        )
+
+    def close(self, query: int, place: tuple[int, float]) -> Closure | None:
+        """Try to find what a keyframe shows at an old place."""
+        store = self._store
+        number, distance_m = place
+        near = store.distances_from(query, self._config.local_way_m)
+        around = [n for n in store.distances_from(number, PARAMS.place_distance_m) if n not in near]
+        chosen = store.choose_near(around, store.pose(query), PARAMS.max_place, [number])
+        centre = store.pose(query if number == store.prior else number)[:2]
+        local = self._local(chosen, centre)
+        sweep = self._query_sweep(query)
+        predicted = store.pose(query)
+        found = local.correlate(
+            sweep.cloud, predicted, self._window(distance_m), PARAMS.min_score, PARAMS.pull
+        )
+        if found is None:
+            return None
+        pose, _ = local.align(found[0], sweep.cloud, found[0], np.diag([1.0, 1.0, 1.0]), 0.3)
+        # Beams of the others come from elsewhere: only the newest can show what contradicts.
+        own = store.keyframes[store.rows[query]]
+        seen = Sweep(own.cloud(), own.laser.astype(np.float64), False)
+        quality = judge(local, pose, seen, by_side=True)
+        if quality.match < PARAMS.min_match or quality.explained < PARAMS.min_explained:
+            return None
+        hessians, counts = local.contributions(pose, sweep.cloud)
+        best = int(np.argmax(counts))
+        first = chosen[best]
+        edge = Edge(
+            first,
+            query,
+            between(store.pose(first), pose),
+            to_frame(hessians.sum(axis=0), float(pose[2])) + np.diag([1.0, 1.0, 1.0]),
+            LOOP,
+        )
+        return Closure(edge, quality)
+
+    def _local(self, numbers: Sequence[int], centre: NDArray[np.float64]) -> LocalMap:
+        store = self._store
+        keyframes = [store.keyframes[store.rows[n]] for n in numbers]
+        poses = np.array([store.pose(n) for n in numbers])
+        return LocalMap(keyframes, poses, centre, self._config.local_reach_m)
+
+    def _query_sweep(self, query: int) -> Sweep:
+        """Return what the last few keyframes saw, as seen from the newest."""
+        store = self._store
+        distances = store.distances_from(query, PARAMS.query_distance_m)
+        recent = sorted((n for n in distances if n <= query), reverse=True)[: PARAMS.max_query]
+        points: list[NDArray[np.float64]] = []
+        normals: list[NDArray[np.float64]] = []
+        for number in recent:
+            one: Keyframe = store.keyframes[store.rows[number]]
+            cloud = one.cloud()
+            step = between(store.pose(query), store.pose(number))
+            cos, sin = math.cos(step[2]), math.sin(step[2])
+            turn = np.array([[cos, sin], [-sin, cos]])
+            every = max(len(cloud.points) * len(recent) // 600, 1)
+            points.append(cloud.points[::every] @ turn + step[:2])
+            normals.append(cloud.normals[::every] @ turn)
+        laser = store.keyframes[store.rows[query]].laser.astype(np.float64)
+        return Sweep(Cloud(np.vstack(points), np.vstack(normals)), laser, is_blind=False)

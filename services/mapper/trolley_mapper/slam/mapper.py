@@ -1,0 +1,348 @@
+"""SLAM without wire, clock and files: scans and odometry in, poses and a map out.
+
+With each scan: predict from odometry, match the scan, judge the match, add a keyframe. Aside: close
+loops and optimise, or relocalize a lost robot.
+
+Frames: `map` (fixed by the first keyframe, or by the map that is extended), `odom`, `base_link`.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley.scanning.front_end import Motion, Reject, ScanInput, motion_since, problem_of
+from trolley_mapper.slam import sentences
+from trolley_mapper.slam.back_end import BackEnd, MapJob, Observation
+from trolley_mapper.slam.edges import odometry_edge, scan_match_edges
+from trolley_mapper.slam.estimate import Anchor, MapEstimate
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.keyframe_map import KeyframeMap
+from trolley_mapper.slam.local_map import LocalMap, Neighbourhood
+from trolley_mapper.slam.loop_closure import LoopJob
+from trolley_mapper.slam.motion_model import motion_covariance
+from trolley_mapper.slam.odometry_scale import OdometryScale
+from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
+from trolley_mapper.slam.relocalization import RelocalizationJob
+from trolley_mapper.slam.scan_matcher import MatchQuality, ScanMatch, ScanMatcher
+from trolley_mapper.slam.serialization import State, unpack
+from trolley_mapper.slam.sweep import FRONT_END, Sweep, read_sweep
+from trolley_mapper.slam.tracking_state import TrackingState
+
+
+@dataclass(frozen=True, slots=True)
+class MapperParams:
+    """How far off a pose may be that does not come from a scan. Set by hand."""
+
+    origin_devs: tuple[float, float] = (0.001, 0.001)
+    """Of the pose that a new map begins at [m, rad]."""
+    jump_devs: tuple[float, float] = (0.3, 0.3)
+    """After a jump of the odometry [m, rad]."""
+    given_devs: tuple[float, float] = (0.2, 0.15)
+    """Of a start pose on an existing map [m, rad]."""
+    found_devs: tuple[float, float] = (0.1, 0.05)
+    """Of a pose that relocalization has found [m, rad]."""
+    slip_patience: float = 2.0
+    """While wheels slip, a keyframe waits for this many times the usual distance."""
+
+
+PARAMS = MapperParams()
+
+
+class Mapper:
+    """Makes a map from scans and odometry.
+
+    Heavy work is handed out: after each call of `step` ask `take_job`, run the job anywhere (it
+    touches nothing of the mapper), and give it back to `finish` from the thread that calls `step`.
+
+    Args:
+        config: settings.
+        start: map_T_base at the first scan; None: the origin, or with a prior a search on it.
+        prior: an existing map to extend.
+    """
+
+    def __init__(
+        self, config: MapperConfig, start: Pose2D | None = None, prior: GridMap | None = None
+    ) -> None:
+        self.num_loops = 0
+        self._config = config
+        self._map = KeyframeMap(config, prior)
+        self._matcher = ScanMatcher(config.max_range_m)
+        self._odometry_scale = OdometryScale()
+        self._tracking = TrackingState()
+        self._neighbourhood = Neighbourhood(config)
+        self._back_end = BackEnd(config)
+        self._latest: Observation | None = None
+        # Covariance (3, 3) of the odometry since the newest keyframe; None where the two are not
+        # connected.
+        self._odometry_covariance: NDArray[np.float64] | None = None
+        self._is_paused = False
+        self._closed_loop = False
+        self._matcher.reset((start or Pose2D.identity()).as_array(), PARAMS.origin_devs)
+        if prior is not None:
+            self._tracking = TrackingState.unproven() if start is not None else TrackingState.lost()
+            self._matcher.reset(self._matcher.pose, PARAMS.given_devs)
+
+    # One scan.
+
+    def step(self, scan: ScanInput) -> MapEstimate | Reject:
+        """Take one scan and its odometry into account."""
+        reject = problem_of(scan, None if self._latest is None else self._latest.scan.stamp_ns)
+        if reject is not None:
+            return reject
+        motion = self._predict(scan)
+        sweep = read_sweep(scan, self._config.max_range_m)
+        self._latest = Observation(scan, sweep)
+        if sweep.is_blind:
+            return self._estimate(scan, 0.0, sentences.BLIND)
+        if self._map.is_empty:
+            self._add_keyframe(scan, sweep)
+            return self._estimate(scan, 1.0, "")
+        match = self._matcher.correct(self._local_map(), sweep, scan)
+        self._judge(match.quality, motion)
+        if self._may_grow(match.quality) and self._has_moved():
+            self._add_keyframe(scan, match.sweep, match)
+        return self._estimate(scan, match.quality.match, self._message())
+
+    def _predict(self, scan: ScanInput) -> Motion:
+        """Follow the odometry since the scan before."""
+        if self._latest is None:
+            return Motion(Pose2D.identity(), 0.0)
+        motion = motion_since(self._latest.scan, scan, FRONT_END)
+        if motion.is_jump:
+            self._matcher.loosen(PARAMS.jump_devs)
+            dev_m, dev_rad = PARAMS.jump_devs
+            self._add_odometry(np.diag(np.square([dev_m, dev_m, dev_rad])))
+        step = self._odometry_scale.correct(motion.step)
+        self._matcher.predict(step)
+        self._add_odometry(motion_covariance(_distance_m(motion.step), abs(step.yaw)))
+        self._back_end.time_passed(motion.elapsed_s)
+        return motion
+
+    def _judge(self, quality: MatchQuality, motion: Motion) -> None:
+        """Draw the consequences of a match for whether the pose is believed."""
+        self._tracking = self._tracking.after(
+            quality, motion.elapsed_s, _distance_m(motion.step), self._config.lost_after_s
+        )
+        if self._tracking.is_lost:
+            self._odometry_covariance = None
+
+    def _may_grow(self, quality: MatchQuality) -> bool:
+        """Say whether a scan may become part of the map."""
+        fits = quality.is_good or (quality.is_new and self._is_connected)
+        return fits and self._tracking.name == "mapping" and not self._is_paused
+
+    def _has_moved(self) -> bool:
+        """Say whether the robot has moved enough since the newest keyframe."""
+        if not self._is_connected:
+            return True
+        step = between(self._map.store.poses[-1], self._matcher.pose)
+        share = max(
+            math.hypot(step[0], step[1]) / self._config.keyframe_distance_m,
+            abs(step[2]) / self._config.keyframe_turn_rad,
+        )
+        # While wheels slip, the motion during the scan is not known either: wait, if not for long.
+        return share >= (PARAMS.slip_patience if self._matcher.is_slipping else 1.0)
+
+    def _message(self) -> str:
+        """What is the matter, in one sentence; empty when all is well."""
+        if self._tracking.message:
+            return self._tracking.message
+        return sentences.PAUSED if self._is_paused else self._matcher.slip.message
+
+    def _estimate(self, scan: ScanInput, match: float, message: str) -> MapEstimate:
+        """Say where the robot is."""
+        pose = Pose2D.from_array(self._matcher.pose)
+        closed, self._closed_loop = self._closed_loop, False
+        return MapEstimate(
+            stamp_ns=scan.stamp_ns,
+            pose=pose,
+            covariance=self._matcher.covariance.copy(),
+            match=match,
+            state=self._tracking.name,
+            message=message,
+            map_T_odom=pose @ scan.odom_T_base.inverse(),
+            closed_loop=closed,
+        )
+
+    # The map grows.
+
+    def _add_keyframe(self, scan: ScanInput, sweep: Sweep, match: ScanMatch | None = None) -> None:
+        """Add a scan to the map, with edges to what it was matched with and driven from."""
+        pose, number = self._matcher.pose, self._map.next_number
+        edges = self._edges(number, match)
+        self._map.add(Keyframe.of(number, scan.stamp_ns, sweep), pose, edges)
+        self._odometry_scale.restart()
+        self._odometry_covariance = np.zeros((3, 3))
+        self._neighbourhood.invalidate()
+        self._back_end.keyframe_added()
+
+    def _edges(self, number: int, match: ScanMatch | None) -> list[Edge]:
+        """Return the edges of a new keyframe; its match teaches the odometry's scale, too."""
+        store, pose, odometry = self._map.store, self._matcher.pose, self._odometry_covariance
+        previous = None if odometry is None else store.newest.number
+        edges: list[Edge] = []
+        matched = np.zeros((3, 3))
+        if match is not None and match.quality.is_good:
+            cloud = match.sweep.cloud
+            edges, matched = scan_match_edges(number, self._local_map(), pose, cloud, previous)
+            if previous is not None:
+                moved = between(store.poses[-1], pose)
+                self._odometry_scale.learn(moved, to_frame(match.information, float(pose[2])))
+        if previous is not None and odometry is not None:
+            poses = (store.poses[-1], pose)
+            edges.append(odometry_edge((previous, number), poses, odometry, matched))
+        return edges
+
+    def _add_odometry(self, covariance: NDArray[np.float64]) -> None:
+        """Let the odometry since the newest keyframe be less sure."""
+        if self._odometry_covariance is not None:
+            self._odometry_covariance = self._odometry_covariance + covariance
+
+    @property
+    def _is_connected(self) -> bool:
+        """Whether odometry leads from the newest keyframe to the robot without a break."""
+        return self._odometry_covariance is not None
+
+    def _local_map(self) -> LocalMap:
+        """Return the surfaces near the robot."""
+        store, pose = self._map.store, self._matcher.pose
+        newest = store.newest.number if self._is_connected else None
+        return self._neighbourhood.around(store, pose, newest)
+
+    # Heavy work.
+
+    def take_job(self) -> MapJob | None:
+        """Return work to do now, or None. Give it back to `finish` when it is done."""
+        if self._latest is None:
+            return None
+        return self._back_end.next_job(self._map, self._latest, is_lost=self._tracking.is_lost)
+
+    def finish(self, job: MapJob) -> None:
+        """Take the outcome of a job into account."""
+        if not self._back_end.finish(job, self._map.store):
+            return
+        if isinstance(job, RelocalizationJob):
+            self._take_found_pose(job)
+        else:
+            self._take_loops(job)
+
+    def _take_found_pose(self, job: RelocalizationJob) -> None:
+        """Go on from where a lost robot was found."""
+        if job.found is None or self._latest is None or not self._tracking.is_lost:
+            return
+        step = job.odom_T_base.inverse() @ self._latest.scan.odom_T_base
+        self._matcher.reset(compose(job.found, step.as_array()), PARAMS.found_devs)
+        self._tracking = TrackingState.unproven()
+        self._neighbourhood.invalidate()
+
+    def _take_loops(self, job: LoopJob) -> None:
+        """Take over loop closures, and the poses and the grid that follow from them."""
+        if job.occupancy is None:
+            return
+        loops = [edge for edge in job.accepted if self._map.store.has(edge)]
+        correction = self._map.take_over(job.store, job.occupancy, loops)
+        self._matcher.move(correction)
+        self._neighbourhood.invalidate()
+        self.num_loops += len(loops)
+        self._closed_loop = True
+
+    # What people ask for.
+
+    def grid(self) -> GridMap:
+        """Return the map as it is now; cheap as long as `version` is the same."""
+        return self._map.grid()
+
+    @property
+    def version(self) -> int:
+        """A number that changes whenever `grid` would return something else."""
+        return self._map.version
+
+    def anchor(self, map_T_pose: Pose2D) -> Anchor:
+        """Tie a pose to the nearest keyframe."""
+        newest = self._map.store.newest.number if self._is_connected else None
+        return self._map.anchor(map_T_pose, newest)
+
+    def moved(self, anchor: Anchor) -> Pose2D:
+        """Return where an anchored pose lies on the map now: map_T_pose."""
+        return self._map.moved(anchor)
+
+    def undo(self, seconds: float) -> Pose2D | None:
+        """Remove what was mapped in the last seconds of robot time; tracking goes on.
+
+        The first keyframe stays: it is where the map begins.
+
+        Returns:
+            map_T_base of the newest keyframe that is left; None when there is none.
+        """
+        if self._map.is_empty or self._latest is None:
+            return None
+        rows = self._map.rows_since(self._latest.scan.stamp_ns - round(seconds * 1e9))
+        if rows:
+            self._remove(rows)
+        store = self._map.store
+        return None if store.newest.is_prior else Pose2D.from_array(store.poses[-1])
+
+    def _remove(self, rows: list[int]) -> None:
+        """Remove keyframes, given by their rows."""
+        poses = self._map.store.poses
+        for step in between(poses[rows[:-1]], poses[rows[1:]]):
+            self._add_odometry(motion_covariance(math.hypot(step[0], step[1]), abs(step[2])))
+        self._map.remove(rows)
+        if self._map.store.newest.is_prior:
+            self._odometry_covariance = None
+        self._back_end.keyframes_removed(self._map.store)
+        self._neighbourhood.invalidate()
+
+    def pause(self) -> None:
+        """Stop the map from growing; the pose is tracked on it as long as the scans fit."""
+        self._is_paused = True
+
+    def resume(self) -> None:
+        """Let the map grow again."""
+        self._is_paused = False
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the map does not grow."""
+        return self._is_paused
+
+    @property
+    def num_keyframes(self) -> int:
+        """Number of scans that the map is made of."""
+        return self._map.num_keyframes
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of keyframes, graph and grids, about."""
+        return self._map.num_bytes
+
+    def snapshot(self) -> State:
+        """Return a copy of all that is needed to go on after a restart; cheap: pack it aside."""
+        return self._map.snapshot(Pose2D.from_array(self._matcher.pose), self.num_loops)
+
+    @classmethod
+    def from_bytes(cls, config: MapperConfig, data: bytes) -> Self:
+        """Make a mapper that goes on where `snapshot` was called.
+
+        The robot is taken to stand where it stood then; the first scans check it.
+
+        Raises:
+            ValueError: the bytes are none of a mapper, or damaged.
+        """
+        state = unpack(data)
+        mapper = cls(config, state.pose)
+        mapper._map, mapper.num_loops = KeyframeMap.restore(config, state), state.num_loops
+        if not mapper._map.is_empty:
+            mapper._matcher.reset(state.pose.as_array(), PARAMS.given_devs)
+            mapper._tracking = TrackingState.unproven()
+        return mapper
+
+
+def _distance_m(step: Pose2D) -> float:
+    return math.hypot(step.x, step.y)

@@ -1,0 +1,148 @@
+"""The occupancy grid: which cells are walls, which are free, drawn from keyframes."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
+from trolley_mapper.kernels.trace import trace_keyframe
+from trolley_mapper.slam.keyframe import Keyframe
+
+
+@dataclass(frozen=True, slots=True)
+class OccupancyParams:
+    """Log-odds in hundredths, and what follows from them (Thrun 2005, table 9.1). Set by hand."""
+
+    rise: int = 60
+    """Of a cell where a beam ends."""
+    fall: int = 20
+    """Of a cell that a beam passes."""
+    wall_from: int = 62
+    """A cell is a wall from two keyframes' ends on (0.65 is OCCUPIED_FROM), as long as at least
+    one beam in four ends there. While there is but one keyframe, its ends are all the walls."""
+    limit: int = 600
+    """Of any cell at most."""
+    margin_cells: int = 40
+    """Cells that are added on each side when the grid must grow."""
+
+
+PARAMS = OccupancyParams()
+
+NAME = "map"
+
+
+class LogOddsGrid:
+    """A grid that grows; its cells lie on multiples of the resolution in `map`.
+
+    Args:
+        resolution: cell edge [m].
+        prior: a map to begin with; its cells count as seen several times.
+    """
+
+    def __init__(self, resolution: float, prior: GridMap | None = None) -> None:
+        self._resolution = resolution
+        self._origin = np.zeros(2, np.int64)
+        self._log_odds = np.zeros((0, 0), np.int16)
+        self._marks = np.zeros((0, 0), np.int32)
+        self._mark = 0
+        if prior is not None:
+            self._draw_prior(prior)
+
+    @property
+    def num_bytes(self) -> int:
+        """Bytes of the cells."""
+        return self._log_odds.nbytes + self._marks.nbytes
+
+    def add(self, keyframe: Keyframe, pose: NDArray[np.float64]) -> None:
+        """Draw a keyframe as seen from map_T_base (3,)."""
+        if len(keyframe.points) == 0 or keyframe.is_prior:
+            return
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        turn = np.array([[cos, -sin], [sin, cos]])
+        ends = keyframe.points @ turn.T + pose[:2]
+        self._grow(np.minimum(ends.min(axis=0), pose[:2]), np.maximum(ends.max(axis=0), pose[:2]))
+        self._mark += 1
+        corner = self._origin * self._resolution
+        trace_keyframe(
+            self._log_odds,
+            self._marks,
+            np.array([corner[0], corner[1], 1.0 / self._resolution]),
+            keyframe.points,
+            keyframe.normals,
+            (pose, keyframe.laser),
+            (self._mark, PARAMS.rise, PARAMS.fall, PARAMS.limit),
+        )
+
+    def grid(self) -> GridMap:
+        """Return walls, free floor and what is not known, cut to what was seen."""
+        seen = self._marks != 0
+        rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+        if rows.size == 0:
+            cells = np.full((1, 1), UNKNOWN, np.int8)
+            return GridMap(NAME, self._resolution, Pose2D.identity(), cells)
+        part = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        odds = self._log_odds[part]
+        cells = np.full(odds.shape, UNKNOWN, np.int8)
+        cells[odds < 0] = FREE
+        cells[odds >= (PARAMS.rise if self._mark == 1 else PARAMS.wall_from)] = OCCUPIED
+        corner = (self._origin + np.array([cols[0], rows[0]])) * self._resolution
+        return GridMap(
+            NAME, self._resolution, Pose2D(float(corner[0]), float(corner[1]), 0.0), cells
+        )
+
+    def _grow(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
+        """Make room for a rectangle [m] in `map`."""
+        first = np.floor(low / self._resolution).astype(np.int64) - 2
+        last = np.floor(high / self._resolution).astype(np.int64) + 3
+        rows, cols = self._log_odds.shape
+        end = self._origin + np.array([cols, rows])
+        if rows and (first >= self._origin).all() and (last <= end).all():
+            return
+        first, last = first - PARAMS.margin_cells, last + PARAMS.margin_cells
+        if rows:
+            first, last = np.minimum(first, self._origin), np.maximum(last, end)
+        width, height = last - first
+        at = self._origin - first
+        for name in ("_log_odds", "_marks"):
+            old = getattr(self, name)
+            new = np.zeros((height, width), old.dtype)
+            if rows:
+                new[at[1] : at[1] + rows, at[0] : at[0] + cols] = old
+            setattr(self, name, new)
+        self._origin = first
+
+    def _draw_prior(self, prior: GridMap) -> None:
+        """Take over the cells of a map, which may be turned and of another resolution."""
+        corners = prior.corners()
+        self._grow(corners.min(axis=0), corners.max(axis=0))
+        rows, cols = self._log_odds.shape
+        x = (self._origin[0] + np.arange(cols) + 0.5) * self._resolution
+        y = (self._origin[1] + np.arange(rows) + 0.5) * self._resolution
+        centres = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
+        values = prior.values_at(centres).reshape(rows, cols)
+        self._log_odds[prior_walls(values)] = 3 * PARAMS.rise
+        self._log_odds[(values >= 0) & ~prior_walls(values)] = -6 * PARAMS.fall
+        self._mark += 1
+        self._marks[values >= 0] = self._mark
+
+
+def draw_keyframes(
+    resolution: float,
+    prior: GridMap | None,
+    keyframes: Sequence[Keyframe],
+    poses: NDArray[np.float64],
+) -> LogOddsGrid:
+    """Draw keyframes at their map_T_base (n, 3), over a map made before if there is one."""
+    occupancy = LogOddsGrid(resolution, prior)
+    for one, pose in zip(keyframes, poses, strict=True):
+        occupancy.add(one, pose)
+    return occupancy
+
+
+def prior_walls(values: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Say which cells of a given map are walls."""
+    return values >= 65

@@ -1,0 +1,83 @@
+"""By how much odometry errs: learnt where scans show the motion, used where they do not."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryScaleParams:
+    """What is believed, and from when on. Found with bench/mapper.py."""
+
+    scale_dev: float = 0.06
+    """Standard deviation of the scales before the first metre."""
+    errors: tuple[float, float] = (0.012, 0.012)
+    """Error of a measured distance and turn [m, rad]."""
+    fading: float = 0.995
+    """A measurement counts by this factor after each later one, so that some 200 count."""
+    min_distance_m: float = 0.1
+    """Shorter distances are no measurement [m]."""
+    min_turn_rad: float = 0.1
+    """Smaller turns are no measurement [rad]."""
+    slip_share: float = 0.15
+    """Disagreement by more than this is slip and no wrong scale."""
+    max_bend_rad: float = 0.4
+    """Paths that bend more are left out: their chord says little of their length [rad]."""
+    min_information: tuple[float, float] = (2500.0, 2500.0)
+    """The scan must show distance and turn at least this well [1/m^2, 1/rad^2]."""
+
+
+PARAMS = OdometryScaleParams()
+
+
+class OdometryScale:
+    """Scales of distance and turn by which odometry is to be multiplied."""
+
+    def __init__(self) -> None:
+        self.distance = 1.0
+        self.turn = 1.0
+        self._raw = Pose2D.identity()
+        doubt = np.square(PARAMS.errors) / PARAMS.scale_dev**2
+        self._products, self._squares = doubt.copy(), doubt.copy()
+
+    def correct(self, step: Pose2D) -> Pose2D:
+        """Return a step as it was probably driven."""
+        self._raw = self._raw @ step
+        return Pose2D(self.distance * step.x, self.distance * step.y, self.turn * step.yaw)
+
+    def restart(self) -> None:
+        """Begin to measure anew, from a pose that is known."""
+        self._raw = Pose2D.identity()
+
+    def learn(self, moved: NDArray[np.float64], information: NDArray[np.float64]) -> None:
+        """Compare what was driven since `restart` with what the wheels said.
+
+        Args:
+            moved: (3,) what was driven by the scans.
+            information: (3, 3) how well the scan shows the place, in `base_link`.
+        """
+        raw = self._raw
+        self.restart()
+        reported, driven = math.hypot(raw.x, raw.y), math.hypot(moved[0], moved[1])
+        if information[2, 2] >= PARAMS.min_information[1] and abs(raw.yaw) >= PARAMS.min_turn_rad:
+            self._add(1, float(moved[2]), raw.yaw)
+        is_straight = abs(moved[2]) < PARAMS.max_bend_rad and moved[0] * raw.x > 0.0
+        if (
+            information[0, 0] >= PARAMS.min_information[0]
+            and reported >= PARAMS.min_distance_m
+            and is_straight
+        ):
+            self._add(0, driven, reported)
+        self.distance, self.turn = (self._products / self._squares).tolist()
+
+    def _add(self, which: int, driven: float, reported: float) -> None:
+        """Add a measurement of the distance (0) or the turn (1), unless the wheels slipped."""
+        expected = (self.distance, self.turn)[which] * reported
+        if abs(driven - expected) > PARAMS.slip_share * abs(reported):
+            return
+        self._products[which] = PARAMS.fading * self._products[which] + driven * reported
+        self._squares[which] = PARAMS.fading * self._squares[which] + reported * reported

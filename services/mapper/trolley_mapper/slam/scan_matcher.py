@@ -1,0 +1,338 @@
+"""Scan matching: the robot's pose, predicted by odometry and corrected by scans.
+
+Source:
+    Thrun, Burgard, Fox, Probabilistic Robotics (2005), section 3.3, for the cycle of prediction and
+    correction; Olson, Real-Time Correlative Scan Matching (2009), for the search.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, angle_difference
+from trolley.scanning.front_end import ScanInput
+from trolley_mapper.kernels.layout import Cloud
+from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
+from trolley_mapper.slam.local_map import LocalMap
+from trolley_mapper.slam.motion_model import motion_covariance
+from trolley_mapper.slam.pose_graph import between, compose, inverse
+from trolley_mapper.slam.slip_detector import SlipDetector
+from trolley_mapper.slam.sweep import Sweep, read_sweep
+
+
+@dataclass(frozen=True, slots=True)
+class ScanMatcherParams:
+    """When a match is good, and where else a scan is tried. Found with bench/mapper.py."""
+
+    min_dev_m: float = 0.004
+    """The position is never believed to be surer than this [m]."""
+    min_dev_rad: float = 0.002
+    """The heading is never believed to be surer than this [rad]."""
+    contradiction: float = 3.0
+    """Beyond this many standard deviations odometry and scan contradict each other."""
+    slipping_information: float = 0.05
+    """Information of wheels that slipped at the last scan, as a share: else they carry the pose
+    along little by little where the scan does not show it well."""
+    min_match: float = 0.6
+    """Share of the points in known space that a good match explains."""
+    min_explained: float = 0.25
+    """Share of all points that a good match explains."""
+    min_explained_points: int = 15
+    """Number of points that a good match explains."""
+    max_new_contradicts: float = 0.15
+    """A scan of what was not seen before contradicts by at most this share of its points."""
+    min_window: tuple[float, float] = (0.35, 0.3)
+    """Half the search window where the scan does not fit where it is expected [m, rad]."""
+    max_window: tuple[float, float] = (2.0, 1.0)
+    """The same at most [m, rad]."""
+    window_per_m: float = 2.0
+    """It grows by this for each metre that the odometry reports: wheels that spin report distance
+    that was not driven, and some report reversing as driving forward."""
+    window_per_rad: float = 1.0
+    """It grows by this for each radian that the odometry reports."""
+    min_score: float = 0.4
+    """The search looks for no lower score, 0 ... 1."""
+    pull: float = 0.08
+    """How much better a pose in the window's corner must be than one in its middle."""
+    lead_as_before: float = 0.03
+    """Lead in quality of a pose that follows from the motion so far."""
+    lead_stood_again: float = 0.01
+    """The same where it stood just before."""
+    lead_stood: float = 0.03
+    """Lead in closeness, as a share of the points, of a pose from which the robot did not move."""
+    lead_still: float = 0.07
+    """Lead in closeness of a scan that is read as one from a standing robot."""
+    lead: float = 0.05
+    """Lead in quality of a pose that the search has found."""
+    below_usual: float = 0.1
+    """A match by this much below the usual one is doubted."""
+    smoothing: float = 0.05
+    """Share by which a match changes what is usual."""
+    apart_m: float = 0.05
+    """Where odometry and the motion so far lead this far apart, both are tried [m]."""
+    apart_rad: float = 0.06
+    """The same [rad]."""
+    bent_rad: float = 0.03
+    """Turn during a scan from which on it is tried as one from a standing robot [rad]: wheels that
+    spin during a scan bend it."""
+    below_when_bent: float = 0.03
+    """And a match by this much below the usual one from which on it is."""
+    close_m: float = 0.04
+    """A point this near to a surface lies on it, stricter than for a match [m]."""
+    stood_m: float = 0.02
+    """A step from which on it is tried whether the robot stood [m]."""
+    min_telling_points: int = 3
+    """Lead in points that is needed besides."""
+
+
+PARAMS = ScanMatcherParams()
+
+
+@dataclass(frozen=True, slots=True)
+class MatchQuality:
+    """How well a scan fits from a pose."""
+
+    match: float
+    """Share of the points in known space that are explained, 0 ... 1."""
+    explained: float
+    """Share of all points that are explained, 0 ... 1."""
+    is_good: bool
+    """It fits, and shows enough of what is known to be sure."""
+    is_new: bool = False
+    """It shows little of what is known, and nothing speaks against where the odometry leads."""
+
+    @property
+    def value(self) -> float:
+        """One number to compare poses by."""
+        return self.match * min(1.0, 2.0 * self.explained)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanMatch:
+    """Where a scan matches: map_T_base (3,), information of the scan (3, 3) in `map`, how well."""
+
+    pose: NDArray[np.float64]
+    information: NDArray[np.float64]
+    quality: MatchQuality
+    sweep: Sweep
+    """The scan, as it was read."""
+
+
+def judge(
+    local: LocalMap, pose: NDArray[np.float64], sweep: Sweep, *, by_side: bool = False
+) -> MatchQuality:
+    """Say how well a scan fits from a pose (3,).
+
+    Where the robot may be in the next room, the back of a wall must not pass for its front: judge
+    `by_side`. Near to where it was the directions of surfaces say less than their places: those of
+    sparse scans are vague, and those of bent ones wrong.
+    """
+    classes = local.classify(pose, sweep if by_side else _without_sides(sweep))
+    count = len(classes)
+    explained = int(np.count_nonzero(classes == EXPLAINED))
+    known = count - int(np.count_nonzero(classes == UNKNOWN))
+    match, share = explained / max(known, 1), explained / max(count, 1)
+    fits = match >= PARAMS.min_match and explained >= PARAMS.min_explained_points
+    contradicts = (known - explained) / max(count, 1)
+    is_good = fits and share >= PARAMS.min_explained
+    return MatchQuality(
+        match, share, is_good, not is_good and contradicts < PARAMS.max_new_contradicts
+    )
+
+
+def _without_sides(sweep: Sweep) -> Sweep:
+    """Return a scan without the directions of its surfaces."""
+    return replace(sweep, cloud=Cloud(sweep.cloud.points, np.zeros_like(sweep.cloud.normals)))
+
+
+def _better(match: ScanMatch, other: ScanMatch, lead: float) -> ScanMatch:
+    """Return another match where it is good and better by more than a lead, else the first."""
+    is_better = other.quality.value > match.quality.value + lead
+    return other if other.quality.is_good and is_better else match
+
+
+def _closer(local: LocalMap, match: ScanMatch, other: ScanMatch, lead: float) -> ScanMatch:
+    """Return another match where it is good and by more than a lead closer, else the first."""
+    is_closer = _closely(local, other) - _closely(local, match) > lead
+    return other if other.quality.is_good and is_closer else match
+
+
+def _closely(local: LocalMap, match: ScanMatch) -> float:
+    """Return the share of a scan's points that lie on surfaces, 0 ... 1, stricter than `judge`."""
+    classes = local.classify(match.pose, match.sweep, PARAMS.close_m)
+    return int(np.count_nonzero(classes == EXPLAINED)) / max(len(classes), 1)
+
+
+class ScanMatcher:
+    """The pose and its covariance, by odometry and by scans.
+
+    Args:
+        max_range_m: farther echoes are left out.
+    """
+
+    def __init__(self, max_range_m: float) -> None:
+        self._max_range_m = max_range_m
+        self.pose = np.zeros(3)
+        self.covariance = np.diag([PARAMS.min_dev_m**2, PARAMS.min_dev_m**2, PARAMS.min_dev_rad**2])
+        self.is_slipping = False
+        """Whether the newest scan contradicted the wheels."""
+        self.slip = SlipDetector()
+        self._odometry_step = Pose2D.identity()
+        self._before = np.zeros(3)
+        self._motion = np.zeros(3)
+        self._usual_match = PARAMS.min_match
+        self._unseen = (0.0, 0.0)
+
+    def reset(self, pose: NDArray[np.float64], devs: tuple[float, float]) -> None:
+        """Start at a pose (3,) with these standard deviations [m, rad]."""
+        self.pose = pose.copy()
+        self.covariance = np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
+        self._unseen = (0.0, 0.0)
+        self._before, self._motion = self.pose, np.zeros(3)
+        self.slip = SlipDetector()
+
+    def loosen(self, devs: tuple[float, float]) -> None:
+        """Let the pose be less sure by these standard deviations [m, rad]."""
+        self.covariance = self.covariance + np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
+
+    def move(self, new_map_T_old_map: NDArray[np.float64]) -> None:
+        """Move along with the map, by a motion (3,) of its frame."""
+        self.pose = compose(new_map_T_old_map, self.pose)
+
+    def predict(self, step: Pose2D) -> None:
+        """Carry the pose through one odometry step."""
+        distance_m = math.hypot(step.x, step.y)
+        self._before, self._odometry_step = self.pose, step
+        moved = compose(self.pose, step.as_array())
+        carry = np.eye(3)
+        carry[0, 2] = -(moved[1] - self.pose[1])
+        carry[1, 2] = moved[0] - self.pose[0]
+        self.covariance = carry @ self.covariance @ carry.T + motion_covariance(
+            distance_m, abs(step.yaw)
+        )
+        self.pose = moved
+        self._unseen = (self._unseen[0] + distance_m, self._unseen[1] + abs(step.yaw))
+
+    @property
+    def devs(self) -> tuple[float, float]:
+        """Standard deviations of place [m] and heading [rad]."""
+        across = math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+        return across, math.sqrt(float(self.covariance[2, 2]))
+
+    def correct(self, local: LocalMap, sweep: Sweep, scan: ScanInput) -> ScanMatch:
+        """Correct the pose by a scan where it fits; where not, the odometry holds.
+
+        Args:
+            local: the surfaces nearby.
+            sweep: the scan, corrected for the motion that the wheels reported.
+            scan: the same as it was measured.
+
+        Returns:
+            Where it fits best if that was good enough, else where the odometry leads.
+        """
+        devs = self.devs
+        match = self._match(local, sweep, self.pose, devs[0])
+        match = self._try_as_before(local, sweep, match)
+        match = self._try_stood(local, sweep, match)
+        if self._is_doubtful(match, devs):
+            match = self._search(local, sweep, match, devs)
+        if self._may_be_bent(match, scan):
+            match = self._try_unbent(local, scan, match)
+        if match.quality.is_good:
+            self._accept(match)
+        return match if match.quality.is_good else replace(match, pose=self.pose)
+
+    def _may_be_bent(self, match: ScanMatch, scan: ScanInput) -> bool:
+        """Say whether wheels may have spun during the scan, which bends it."""
+        turn_rad = abs(angle_difference(scan.odom_T_base_end.yaw, scan.odom_T_base.yaw))
+        is_below = match.quality.match < self._usual_match - PARAMS.below_when_bent
+        return self.is_slipping or turn_rad > PARAMS.bent_rad or is_below
+
+    def _is_doubtful(self, match: ScanMatch, devs: tuple[float, float]) -> bool:
+        """Say whether the scan may well fit better somewhere else nearby."""
+        away = match.pose - self.pose
+        return bool(
+            not match.quality.is_good
+            or match.quality.match < self._usual_match - PARAMS.below_usual
+            or math.hypot(away[0], away[1]) > 0.1 + 3.0 * devs[0]
+            or abs(math.remainder(away[2], 2.0 * math.pi)) > 0.1 + 3.0 * devs[1]
+        )
+
+    def _try_as_before(self, local: LocalMap, sweep: Sweep, match: ScanMatch) -> ScanMatch:
+        """Try where the robot would be had it moved on as before, if the wheels say otherwise."""
+        kept_on = compose(self._before, self._motion)
+        away = between(self.pose, kept_on)
+        if math.hypot(away[0], away[1]) < PARAMS.apart_m and abs(away[2]) < PARAMS.apart_rad:
+            return match
+        return _better(match, self._match(local, sweep, kept_on, 0.05), PARAMS.lead_as_before)
+
+    def _try_stood(self, local: LocalMap, sweep: Sweep, match: ScanMatch) -> ScanMatch:
+        """Try whether the robot stood while the wheels turned, where few surfaces tell."""
+        away = between(self._before, match.pose)
+        if math.hypot(away[0], away[1]) < PARAMS.stood_m:
+            return match
+        prior = inverse(motion_covariance(0.0, 0.0))
+        pose, information = local.align(self._before, sweep.cloud, self._before, prior, 0.2)
+        other = ScanMatch(pose, information, judge(local, pose, sweep), sweep)
+        wanted = PARAMS.lead_stood_again if self.slip.message else PARAMS.lead_stood
+        enough = max(wanted, PARAMS.min_telling_points / max(len(sweep.cloud.points), 1))
+        return _closer(local, match, other, enough)
+
+    def _try_unbent(self, local: LocalMap, scan: ScanInput, match: ScanMatch) -> ScanMatch:
+        """Try whether the wheels turned during the scan and the robot did not: that bends it."""
+        sweep = read_sweep(scan, self._max_range_m, is_still=True)
+        return _closer(local, match, self._match(local, sweep, match.pose, 0.05), PARAMS.lead_still)
+
+    def _match(
+        self, local: LocalMap, sweep: Sweep, start: NDArray[np.float64], dev_m: float
+    ) -> ScanMatch:
+        """Align from a start; odometry that contradicts the scan counts less."""
+        reach_m = min(max(3.0 * dev_m, 0.2), 0.5)
+        prior = self._prior(start)
+        pose, information = local.align(start, sweep.cloud, self.pose, prior, reach_m)
+        weaker = self._prior(pose)
+        if weaker[0, 0] < 0.9 * prior[0, 0]:
+            pose, information = local.align(pose, sweep.cloud, self.pose, weaker, 0.15)
+        return ScanMatch(pose, information, judge(local, pose, sweep), sweep)
+
+    def _prior(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the information (3, 3) of the odometry, less where a pose contradicts it."""
+        believed = PARAMS.slipping_information if self.is_slipping else 1.0
+        prior = inverse(self.covariance) * believed
+        away = pose - self.pose
+        away[2] = math.remainder(away[2], 2.0 * math.pi)
+        length = math.sqrt(float(away @ prior @ away))
+        return prior * min(1.0, PARAMS.contradiction / max(length, 1e-9)) ** 2
+
+    def _search(
+        self, local: LocalMap, sweep: Sweep, match: ScanMatch, devs: tuple[float, float]
+    ) -> ScanMatch:
+        """Search the neighbourhood for a pose from which the scan fits clearly better."""
+        distance_m, turn_rad = self._unseen
+        reach_m = PARAMS.min_window[0] + PARAMS.window_per_m * distance_m
+        reach_rad = PARAMS.min_window[1] + PARAMS.window_per_rad * turn_rad
+        window = (
+            min(max(4.0 * devs[0], reach_m), PARAMS.max_window[0]),
+            min(max(4.0 * devs[1], reach_rad), PARAMS.max_window[1]),
+        )
+        cloud = _without_sides(sweep).cloud
+        found = local.correlate(cloud, self.pose, window, PARAMS.min_score, PARAMS.pull)
+        if found is None:
+            return match
+        return _better(match, self._match(local, sweep, found[0], 0.05), PARAMS.lead)
+
+    def _accept(self, match: ScanMatch) -> None:
+        """Take a match over; it is slip where the wheels said something else."""
+        away = match.pose - self.pose
+        away[2] = math.remainder(away[2], 2.0 * math.pi)
+        together = self.covariance + np.linalg.inv(match.information + np.eye(3))
+        self.is_slipping = float(away @ np.linalg.solve(together, away)) > PARAMS.contradiction**2
+        self._motion = between(self._before, match.pose)
+        self.slip.update(self._odometry_step, self._motion)
+        self._usual_match += PARAMS.smoothing * (match.quality.match - self._usual_match)
+        self.pose = match.pose
+        self._unseen = (0.0, 0.0)
+        floor = np.diag([PARAMS.min_dev_m**2, PARAMS.min_dev_m**2, PARAMS.min_dev_rad**2])
+        self.covariance = inverse(inverse(self.covariance) + match.information) + floor

@@ -1,0 +1,257 @@
+"""Maps that are changed while the robot is on them: what comes of them, zones, places and pose."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trolley import codes, requests, topics
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap, load_map, save_map
+from trolley.messages import (
+    Crop,
+    DrawWall,
+    EditMap,
+    EraseStroke,
+    MapEdited,
+    MapOp,
+    Merge,
+    SavedPose,
+    SavedPoses,
+    Stop,
+    TakeBack,
+    Tour,
+    Tours,
+    Turn,
+    Zone,
+    Zones,
+)
+from trolley.messages.request_params import LoadMap, MapNamed
+from trolley_localizer.map_owner import MapOwner
+from trolley_mapper.edit import editor, map_switch
+
+from .conftest import START, Stage, flat
+
+RUG = Zone(name="rug", kind="keepout", points=[(4.0, 1.0), (5.0, 1.0), (5.0, 2.0)])
+SOFA = SavedPose(name="sofa", map="flat", pose=Pose2D(1.5, 2.0, 0.5))
+
+
+class Home(Stage):
+    """A robot that is on the map `flat`, with a zone, a place and a tour."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / "maps").mkdir()
+        self.put_map("flat")
+        super().__init__(folder, "localizer", "mapper", "tour")
+        self.zones = self.bus.record(topics.ZONES)
+        self.places = self.bus.record(topics.POSES)
+        self.tours = self.bus.record(topics.TOURS)
+        self.ask(requests.MAP_LOAD, LoadMap(name="flat", pose=START))
+        self.bus.run(1.0)
+        self.ask(requests.ZONES_PUT, RUG)
+        self.ask(requests.POSES_PUT, SOFA)
+        stops = [Stop(name="sofa"), Stop(pose=Pose2D(2.0, 2.0, 0.0))]
+        self.ask(requests.TOURS_PUT, Tour(name="round", stops=stops))
+
+    def put_map(self, name: str) -> None:
+        grid = flat()
+        named = GridMap(name, grid.resolution, grid.origin, grid.cells)
+        save_map(named, self.folder / f"maps/{name}.yaml")
+
+    def files(self) -> dict[Path, bytes]:
+        """All maps as they are on disk."""
+        found = (self.folder / "maps").rglob("*")
+        return {file: file.read_bytes() for file in found if file.is_file()}
+
+    def edit(self, *ops: MapOp, name: str = "flat", as_name: str | None = None) -> MapEdited:
+        params = EditMap(name=name, ops=list(ops), as_name=as_name)
+        reply = self.ask(requests.MAP_EDIT, params)
+        self.bus.run(1.0)
+        return reply
+
+    @property
+    def zone_names(self) -> list[str]:
+        return [zone.name for zone in self.newest(self.zones).zones]
+
+    @staticmethod
+    def newest(said: list[Any]) -> Any:
+        return said[-1]
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Home:
+    return Home(tmp_path)
+
+
+def test_a_speck_is_erased_a_wall_drawn_and_both_undone(home: Home) -> None:
+    file = home.folder / "maps/flat.yaml"
+    before = load_map(file).cells
+    speck = EraseStroke(points=[(1.9, 0.75)], width=0.3)
+    reply = home.edit(speck, DrawWall(points=[(2.5, 3.0), (2.5, 3.5)], width=0.1))
+    assert (reply.state, reply.version) == ("saved", 2)
+    assert reply.message == "Erased, drew a wall: flat is stored as version 2."
+    after = load_map(file)
+    assert after.values_at(np.array([[1.9, 0.75], [2.5, 3.2]])).tolist() == [0, 100]
+    assert (before != after.cells).sum() < 100
+    assert bytes(home.maps[-1].cells) == after.cells.tobytes()
+    assert home.poses[-1].state == "localized"
+    assert home.edit(TakeBack()).version == 3
+    np.testing.assert_array_equal(load_map(file).cells, before)
+
+
+def test_zones_places_tours_and_the_robot_turn_with_their_map(home: Home) -> None:
+    turn = Turn(angle=math.radians(30.0), about=(1.0, 1.0))
+    new_T_old = Pose2D(1.0, 1.0, turn.angle) @ Pose2D(-1.0, -1.0, 0.0)
+    for wanted in (new_T_old, Pose2D.identity()):
+        home.edit(turn if wanted is new_T_old else TakeBack())
+        zones: Zones = home.zones[-1]
+        points = wanted.transform_points(np.array(RUG.points))
+        np.testing.assert_allclose(zones.zones[0].points, points, atol=1e-9)
+        places: SavedPoses = home.places[-1]
+        assert places.poses[0].pose.distance_to(wanted @ SOFA.pose) < 1e-9
+        tours: Tours = home.tours[-1]
+        stops = tours.tours[0].stops
+        assert stops[0].name == "sofa"
+        assert stops[1].pose is not None
+        assert stops[1].pose.distance_to(wanted @ Pose2D(2.0, 2.0, 0.0)) < 1e-9
+        home.bus.run(2.0)
+        estimate = home.poses[-1]
+        assert estimate.state == "localized"
+        assert estimate.pose is not None
+        assert estimate.pose.distance_to(wanted @ START) < 0.1
+
+
+def test_under_another_name_the_old_map_stays_and_the_robot_goes_over(home: Home) -> None:
+    home.edit(Crop(corners=((-1.0, -1.0), (4.5, 6.0))), as_name="small")
+    assert home.poses[-1].map == "small"
+    assert home.poses[-1].state == "localized"
+    assert home.zone_names == ["rug"]
+    assert home.places[-1].poses[0].map == "small"
+    home.edit(TakeBack(), name="small")
+    assert home.poses[-1].map == "flat"
+    assert home.places[-1].poses[0].map == "flat"
+    assert (home.folder / "maps/small.yaml").exists()
+
+
+def test_two_halves_are_merged_with_their_zones(home: Home) -> None:
+    home.edit(Crop(corners=((3.0, -1.0), (9.0, 6.0))), as_name="right")
+    home.edit(TakeBack(), name="right")
+    home.edit(Crop(corners=((-1.0, -1.0), (5.0, 6.0))))
+    whole, half = flat().occupied_mask().sum(), home.maps[-1]
+    # The two rooms are of one size: turned by half a circle the one fits onto the other.
+    unplaced = EditMap(name="flat", ops=[Merge(name="right")])
+    assert home.refusal(requests.MAP_EDIT, unplaced).code == codes.AMBIGUOUS
+    reply = home.edit(Merge(name="right", pose=Pose2D.identity()))
+    assert reply.placed == Pose2D.identity()
+    assert reply.walls
+    assert home.maps[-1].width > half.width
+    count = int((np.frombuffer(home.maps[-1].cells, np.int8) == 100).sum())
+    assert 0.9 * whole < count < 1.3 * whole
+    assert home.zone_names == ["rug", "rug 2"]
+    home.edit(TakeBack())
+    assert home.zone_names == ["rug"]
+
+
+REFUSED = [
+    (EditMap(name="attic", ops=[Turn(angle=1.0)]), codes.UNKNOWN_NAME),
+    (EditMap(name="flat", ops=[Merge(name="attic")]), codes.UNKNOWN_NAME),
+    (EditMap(name="flat", ops=[TakeBack()]), codes.BAD_REQUEST),
+    (EditMap(name="flat", ops=[Turn(angle=1.0), TakeBack()]), codes.BAD_REQUEST),
+    (EditMap(name="flat", ops=[Crop(corners=((90.0, 9.0), (91.0, 8.0)))]), codes.OUTSIDE_MAP),
+    (EditMap(name="flat", ops=[DrawWall(points=[(1.0, 1.0)])], as_name="flat2"), codes.EXISTS),
+    (EditMap(name="flat2", ops=[Turn(angle=1.0)]), codes.WRONG_MAP),
+    (
+        EditMap(name="flat", ops=[Merge(name="flat2", pose=Pose2D(1e5, 1e5, 0.0))]),
+        codes.TOO_LARGE,
+    ),
+]
+
+
+def test_what_cannot_be_is_refused_and_changes_nothing(home: Home) -> None:
+    home.put_map("flat2")
+    before = home.files()
+    for params, code in REFUSED:
+        assert home.refusal(requests.MAP_EDIT, params).code == code, params
+        assert home.files() == before
+
+
+def test_a_preview_stores_nothing(home: Home) -> None:
+    before = home.files()
+    params = EditMap(name="flat", ops=[Turn(angle=0.2)], preview=True)
+    reply = home.ask(requests.MAP_EDIT, params)
+    assert (reply.state, reply.version) == ("preview", None)
+    assert home.files() == before
+
+
+def test_another_robot_on_the_map_is_not_led_astray(home: Home) -> None:
+    (home.folder / "hall").mkdir()
+    (home.folder / "hall/last_pose.toml").write_text('map = "flat"\n')
+    refused = home.refusal(requests.MAP_EDIT, EditMap(name="flat", ops=[Turn(angle=1.0)]))
+    assert refused.code == codes.EXISTS
+    assert "hall would get lost" in refused.message
+    home.edit(DrawWall(points=[(1.0, 1.0)]))  # which moves nothing
+
+
+def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)])
+    with monkeypatch.context() as patch:
+        patch.setattr(editor.MapSwitch, "begin", lambda *_: None)
+        assert home.ask(requests.MAP_EDIT, params).state == "working"
+    assert home.zones[-1].zones == [RUG]
+    home.bus.kill("mapper")
+    home.begin("mapper")
+    home.bus.run(3.0)
+    wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
+    np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
+def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, late = MapOwner._read_map, []
+    monkeypatch.setattr(MapOwner, "_read_map", lambda *args: late.append(args))
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)], id="a1")
+    assert home.ask(requests.MAP_EDIT, params).state == "working"
+    home.bus.run(3.0)
+    assert home.ask(requests.MAP_EDIT, params).state == "working"
+    busy = home.refusal(requests.MAP_EDIT, EditMap(name="flat", ops=[TakeBack()]))
+    assert busy.code == codes.BUSY
+    assert home.refusal(requests.MAP_NEW, MapNamed(name="attic")).code == codes.NOT_READY
+    assert home.zones[-1].zones == [RUG]
+    read(*late[0])
+    home.bus.run(1.0)
+    reply = home.ask(requests.MAP_EDIT, params)
+    assert (reply.state, reply.message) == ("saved", "Turned: flat is stored as version 2.")
+    wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
+    np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
+def test_places_that_are_not_known_are_not_left_behind(home: Home) -> None:
+    before = home.files()
+    home.bus.kill("tour")
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)])
+    refused = home.refusal(requests.MAP_EDIT, params)
+    assert refused.code == codes.NOT_READY
+    assert "saved places" in refused.message
+    assert home.files() == before
+    home.edit(DrawWall(points=[(1.0, 1.0)]))  # which moves nothing
+    home.begin("tour")
+    home.bus.run(1.0)
+    home.edit(Turn(angle=0.5))
+    moved = {place.name: place.pose for place in home.newest(home.places).poses}
+    wanted = Pose2D(0.0, 0.0, 0.5) @ SOFA.pose
+    assert moved["sofa"].distance_to(wanted) < 1e-6
+
+
+def test_one_that_asks_again_hears_of_the_same_change(home: Home) -> None:
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)], id="a1")
+    assert home.ask(requests.MAP_EDIT, params) == home.ask(requests.MAP_EDIT, params)
+    other = EditMap(name="flat", ops=[Turn(angle=0.6)], id="a1")
+    assert home.refusal(requests.MAP_EDIT, other).code == codes.BAD_REQUEST

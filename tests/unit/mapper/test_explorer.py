@@ -1,0 +1,296 @@
+"""Exploring: a house is found whole, what must not happen does not, and it always ends."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from bench.harness.houses import draw_house, free_poses
+from bench.mapper.perfect_robot import CLEARANCE, LIMITS, PerfectRobot, advance
+
+from trolley import codes
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.geometry.polygon import polygon_contains
+from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
+from trolley.messages import BaseState, GoalState, GoalStatus, Zone
+from trolley.messages.request_params import SendGoal
+from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scene, Send
+from trolley_mapper.explore.explorer import PARAMS, Explorer
+
+EDGE = 0.05
+START = Pose2D(1.0, 1.0, 0.0)
+
+
+def two_rooms(open_at: float | None = 1.5) -> GridMap:
+    """Two rooms of 3 x 3 m side by side with a door at y [m] of 0.8 m, if there is one."""
+    cells = np.full((80, 140), UNKNOWN, np.int8)
+    cells[8:72, 8:132] = OCCUPIED
+    cells[10:70, 10:69] = FREE
+    cells[10:70, 71:130] = FREE
+    if open_at is not None:
+        row = round(open_at / EDGE) + 10
+        cells[row : row + 16, 69:71] = FREE
+    return GridMap("rooms", EDGE, Pose2D(-0.5, -0.5, 0.0), cells)
+
+
+def make_explorer(limits: Limits = LIMITS, *, sees_all_round: bool = True) -> Explorer:
+    return Explorer("run", CLEARANCE, limits, sees_all_round)
+
+
+def explored(robot: PerfectRobot, limits: Limits = LIMITS) -> Explorer:
+    explorer = make_explorer(limits)
+    robot.explore(explorer)
+    return explorer
+
+
+def test_both_rooms_are_found_and_the_robot_comes_back() -> None:
+    robot = PerfectRobot(two_rooms(), START)
+    explorer = explored(robot)
+    assert explorer.state == "done"
+    assert robot.share_found() > 0.99
+    assert robot.pose.distance_to(START) < 0.2
+    assert explorer.message == "Explored: 18 m². It is back where it began."
+
+
+@pytest.mark.parametrize(("size_m", "seed"), [(6.0, 1), (8.0, 2)])
+def test_houses_are_found_without_a_goal_that_is_too_near_to_anything(
+    size_m: float, seed: int
+) -> None:
+    house = draw_house(size_m, seed)
+    start = free_poses(house, 0.35, 1, np.random.default_rng(seed))[0]
+    robot = PerfectRobot(house, start)
+    assert explored(robot).state == "done"
+    assert robot.share_found() > 0.99
+    solid = house.cell_to_world(np.argwhere(house.cells != FREE))
+    for goal in robot.goals[:-1]:
+        assert goal.pose is not None
+        assert np.hypot(*(solid - goal.pose.as_array()[:2]).T).min() >= CLEARANCE.standing_m - EDGE
+
+
+def test_a_lidar_that_looks_ahead_only_is_turned_to_what_is_unknown() -> None:
+    robot = PerfectRobot(two_rooms(), START, fov_rad=math.pi)
+    explorer = make_explorer(sees_all_round=False)
+    robot.explore(explorer)
+    assert explorer.state == "done"
+    assert robot.share_found() > 0.98
+    assert all(goal.yaw_tolerance < 0.5 for goal in robot.goals)
+
+
+def test_a_grid_that_lies_askew_changes_nothing() -> None:
+    house = two_rooms()
+    turn = Pose2D(2.0, -1.0, 0.7)
+    askew = GridMap(house.name, EDGE, turn @ house.origin, house.cells)
+    robot = PerfectRobot(askew, turn @ START)
+    assert explored(robot).state == "done"
+    assert robot.share_found() > 0.99
+
+
+def test_keep_outs_are_kept_out_of() -> None:
+    corners = [(3.0, -0.5), (6.0, -0.5), (6.0, 3.5), (3.0, 3.5)]
+    zone = Zone(name="office", kind="keepout", points=corners)
+    robot = PerfectRobot(two_rooms(), START, (zone,))
+    assert explored(robot).state == "done"
+    track = np.array([(pose.x, pose.y) for pose in robot.track])
+    assert not polygon_contains(np.array(corners), track).any()
+
+
+def test_who_stands_in_a_keep_out_leaves_it() -> None:
+    zone = Zone(name="mat", kind="keepout", points=[(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)])
+    robot = PerfectRobot(two_rooms(), START, (zone,))
+    explorer = explored(robot)
+    assert explorer.state == "done"
+    assert robot.share_found() > 0.9
+
+
+def test_a_mirror_on_the_map_is_a_wall() -> None:
+    door = Zone(name="mirror", kind="mirror", points=[(3.0, 1.3), (3.0, 2.5)])
+    robot = PerfectRobot(two_rooms(), START, (door,))
+    explored(robot)
+    assert max(pose.x for pose in robot.track) < 3.0
+
+
+def test_what_a_glass_door_shows_is_explored_no_farther_than_allowed() -> None:
+    cells = np.full((400, 400), FREE, np.int8)  # a lawn without end
+    lawn = GridMap("lawn", EDGE, Pose2D(-10.0, -10.0, 0.0), cells)
+    robot = PerfectRobot(lawn, Pose2D.identity())
+    explorer = explored(robot, Limits(radius_m=4.0, area_m2=500.0))
+    assert explorer.state == "done"
+    assert max(math.hypot(pose.x, pose.y) for pose in robot.track) < 4.0
+
+
+def test_enough_floor_ends_it() -> None:
+    robot = PerfectRobot(draw_house(10.0, 3), Pose2D(2.0, 2.0, 0.0))
+    explorer = explored(robot, Limits(radius_m=30.0, area_m2=20.0))
+    assert explorer.state == "done"
+    assert robot.pose.distance_to(robot.home) < 0.2
+
+
+class RobotWithABlindSpot(PerfectRobot):
+    """No beam ever says anything of one place."""
+
+    def look(self) -> None:
+        super().look()
+        self.cells[35:50, 90:105] = UNKNOWN
+
+
+def test_a_frontier_that_never_goes_away_is_looked_at_twice() -> None:
+    robot = RobotWithABlindSpot(two_rooms(), START)
+    explorer = explored(robot)
+    assert explorer.state == "done"
+    assert robot.now_s < 300.0
+    assert len(robot.goals) < 16
+
+
+def beyond_the_door(goal: SendGoal) -> bool:
+    return goal.pose is not None and goal.pose.x > 2.9
+
+
+def test_a_place_that_cannot_be_reached_is_tried_twice_and_told() -> None:
+    robot = PerfectRobot(two_rooms(), START, fails=beyond_the_door)
+    explorer = explored(robot)
+    assert explorer.state == "done"
+    assert "could not be reached" in explorer.message
+    assert 1 <= sum(beyond_the_door(goal) for goal in robot.goals) <= 8
+    # Only after all else was found.
+    assert beyond_the_door(robot.goals[-2])
+
+
+def test_a_robot_that_does_not_get_on_says_so() -> None:
+    robot = PerfectRobot(draw_house(10.0, 3), Pose2D(2.0, 2.0, 0.0), fails=lambda _: True)
+    explorer = explored(robot)
+    assert (explorer.state, explorer.reason) == ("paused", codes.BLOCKED)
+    assert "cannot get anywhere" in explorer.message
+    assert len(robot.goals) == PARAMS.max_failed
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (60, 60)])
+@pytest.mark.parametrize("value", [UNKNOWN, OCCUPIED])
+def test_a_map_that_shows_no_floor_is_waited_for_and_then_told(
+    shape: tuple[int, int], value: int
+) -> None:
+    grid = GridMap("blank", EDGE, Pose2D.identity(), np.full(shape, value, np.int8))
+    explorer = make_explorer()
+    explorer.begin(None, None)
+    for second in range(round(PARAMS.start_s) + 3):
+        pose = Pose2D(0.02, 0.02, 0.0)
+        advance(explorer, Scene(grid, pose, False, False, (), pose), float(second))
+    assert (explorer.state, explorer.reason) == ("paused", codes.IN_OBSTACLE)
+    assert explorer.take_actions() == []
+
+
+def test_a_robot_in_a_box_says_so() -> None:
+    house = two_rooms(None)
+    cells = house.cells.copy()
+    cells[10:18, 10:70] = OCCUPIED
+    cells[18:70, 18:69] = OCCUPIED
+    grid = GridMap("box", EDGE, house.origin, cells)
+    robot = PerfectRobot(grid, Pose2D(0.2, 1.0, 0.0))
+    assert explored(robot).state in ("paused", "done")
+    assert robot.now_s < 60.0
+
+
+# What pauses it.
+
+
+def status(state: GoalState, reason: str = "", goal: str = "map-run-1") -> GoalStatus:
+    return GoalStatus(stamp_ns=0, id=goal, state=state, reason=reason)
+
+
+def base(source: str | None, mode: str = "ok") -> BaseState:
+    return BaseState(stamp_ns=0, mode=mode, source=source)  # pyright: ignore[reportArgumentType]
+
+
+INTERRUPTIONS: dict[str, Callable[[Explorer], None]] = {
+    codes.STOPPED: lambda one: one.hear_base(base("planner", "stopped")),
+    codes.TAKEN_OVER: lambda one: one.hear_base(base("teleop")),
+    codes.RESTARTED: lambda one: one.epoch_began(),
+    codes.OTHER_GOAL: lambda one: one.hear_goal(status("driving", goal="living-room"), 2.0),
+    codes.CANCELED: lambda one: one.hear_goal(status("canceled", codes.CANCELED), 2.0),
+    codes.PAUSED: lambda one: one.hear_goal(status("paused", codes.PAUSED), 2.0),
+}
+
+
+@pytest.mark.parametrize("reason", INTERRUPTIONS)
+def test_it_stands_until_it_is_told_to_go_on(reason: str) -> None:
+    robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
+    explorer.begin("older", None)
+    explorer.hear_goal(status("driving", goal="older"), 0.5)  # which ours replaces
+    advance(explorer, robot.scene(), 1.0)
+    explorer.hear_goal(status("driving"), 1.5)
+    explorer.take_actions()
+    INTERRUPTIONS[reason](explorer)
+    assert (explorer.state, explorer.reason) == ("paused", reason)
+    assert all(isinstance(action, Cancel) for action in explorer.take_actions())
+    for second in range(2, 100):
+        advance(explorer, robot.scene(), float(second))
+    assert explorer.take_actions() == []
+    explorer.begin("living-room", "teleop")
+    explorer.hear_base(base("teleop"))  # the hand that was on it before
+    advance(explorer, robot.scene(), 101.0)
+    assert [type(action) for action in explorer.take_actions()] == [Send]
+
+
+def test_a_goal_of_ours_that_was_already_under_way_is_taken_back_when_paused() -> None:
+    robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
+    explorer.begin(None, None)
+    advance(explorer, robot.scene(), 1.0)
+    explorer.pause(codes.PAUSED, "Paused.")
+    explorer.take_actions()
+    explorer.hear_goal(status("driving"), 1.2)  # it was on its way to the planner
+    assert explorer.take_actions() == [Cancel("map-run-1")]
+
+
+@pytest.mark.parametrize(("lost", "after_s"), [(True, 8), (False, 35)])
+def test_a_pose_that_is_doubted_for_long_pauses(lost: bool, after_s: int) -> None:
+    robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
+    explorer.begin(None, None)
+    advance(explorer, robot.scene(), 0.0)
+    scene = Scene(robot.grid, START, lost, not lost, (), START)
+    advance(explorer, scene, 1.0)
+    assert explorer.is_under_way
+    for second in range(1, after_s):
+        explorer.hear_goal(status("driving"), float(second))
+        advance(explorer, scene, float(second))
+    assert explorer.state == "paused"
+    assert Cancel("map-run-1") in explorer.take_actions()
+
+
+def test_a_planner_that_is_not_ready_is_asked_again_for_a_while() -> None:
+    robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
+    explorer.begin(None, None)
+    sent: list[str | None] = []
+    for second in range(round(PARAMS.wait_s) + 20):
+        advance(explorer, robot.scene(), float(second))
+        for action in explorer.take_actions():
+            if isinstance(action, Send):
+                sent.append(action.goal.id)
+                explorer.hear_refusal("map-run-1", Refused(codes.NOT_READY), float(second))
+    assert len(sent) > 5
+    assert set(sent) == {"map-run-1"}
+    assert (explorer.state, explorer.reason) == ("paused", codes.NOT_READY)
+
+
+def test_a_goal_that_takes_too_long_is_given_up() -> None:
+    robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
+    explorer.begin(None, None)
+    advance(explorer, robot.scene(), 0.0)
+    explorer.take_actions()
+    actions: list[Action] = []
+    for second in range(1, 200):
+        explorer.hear_goal(status("driving"), float(second))
+        advance(explorer, robot.scene(), float(second))
+        actions = explorer.take_actions()
+        if actions:
+            break
+    assert actions == [Cancel("map-run-1")]
+    explorer.hear_goal(status("canceled", codes.CANCELED), 201.0)
+    advance(explorer, robot.scene(), 202.0)
+    assert [type(action) for action in explorer.take_actions()] == [Send]
+
+
+def test_nothing_left_to_see_from_the_start_is_the_end_of_it() -> None:
+    robot = PerfectRobot(two_rooms(None), START)
+    explorer = explored(robot)
+    assert explorer.state == "done"
+    assert explorer.message.startswith("Explored: 9 m².")
