@@ -22,9 +22,9 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley.scanning.deskew import Points
-from trolley_localizer.field import MAX_DISTANCE_M, LikelihoodField, build_field
-from trolley_localizer.motion import split_step
-from trolley_localizer.particles import ParticleFilter
+from trolley_localizer.filter.motion_model import split_step
+from trolley_localizer.filter.particle_filter import ParticleFilter
+from trolley_localizer.matching.likelihood_field import MAX_DISTANCE_M, LikelihoodField, build_field
 
 PARTICLES, BEAMS, REACH_M = 2000, 60, 12.0
 DEVIATION = np.array([0.15, 0.15, 0.1])

@@ -8,18 +8,18 @@ from trolley.gridmap import GridMap
 from trolley.messages import MapChange, MapChanges
 from trolley.messages.request_params import WhichChange
 from trolley.runtime.service import Later, answers, every
-from trolley_localizer.change_store import ChangeFile, from_file, state_file, to_file
-from trolley_localizer.changes import Changes
+from trolley_localizer.changes.change_detector import ChangeDetector
+from trolley_localizer.changes.change_file import ChangeFile, from_file, state_file, to_file
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_owner import MapOwner
-from trolley_localizer.wire import change_message
+from trolley_localizer.to_messages import change_message
 
 SAVE_PERIOD_NS = 60_000_000_000
 
 # Share of the walls that maps have in common if one was made of the other.
 _LIKE = 0.7
 
-Watched = tuple[Changes, GridMap, str]
+Watched = tuple[ChangeDetector, GridMap, str]
 """What was seen on a map, the map, and its name."""
 
 
@@ -84,7 +84,7 @@ class ChangeOwner(MapOwner):
         if before is not None and _essence(found) == _essence(before):
             return
         if len(found) != len(before or []):
-            self.log.info("Changes of the map proposed", count=len(found))
+            self.log.info("ChangeDetector of the map proposed", count=len(found))
         self._proposed = found
         message = MapChanges(stamp_ns=self.stamp_ns, map=self._map_name or "", changes=found)
         self.publish(topics.CHANGES, message)

@@ -14,16 +14,21 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.scanning.front_end import Reject, ScanInput, motion_since, problem_of
-from trolley_localizer.alignment import Follower
-from trolley_localizer.changes import Change, Changes
+from trolley_localizer.changes.change_detector import Change, ChangeDetector
+from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.estimate import CandidatePose, Estimate
-from trolley_localizer.field import build_field, make_lines, sane_covariance
-from trolley_localizer.hypotheses import Hypotheses, Hypothesis, Rivals
-from trolley_localizer.judge import Evidence, Judge, State
-from trolley_localizer.scan import FRONT_END, BeamSet, read_beams
-from trolley_localizer.search import Place, SearchJob, SearchMap, is_near
-from trolley_localizer.suspicion import Suspicion
-from trolley_localizer.verify import Support, Verifier
+from trolley_localizer.filter.pose_estimator import PoseEstimator
+from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
+from trolley_localizer.matching.hypotheses import Hypotheses, Hypothesis, Rivals
+from trolley_localizer.matching.likelihood_field import build_field, make_lines, sane_covariance
+from trolley_localizer.matching.map_matcher import (
+    FRONT_END,
+    BeamSet,
+    MapMatcher,
+    MatchScore,
+    read_beams,
+)
+from trolley_localizer.tracking_state import Evidence, State, TrackingMonitor
 
 # How far off a pose set by hand may be: standard deviations [m, rad].
 SET_DEV_M = 0.4
@@ -63,13 +68,13 @@ class Localizer:
         self._config = config
         self.field = build_field(grid, config)
         self._map = SearchMap(self.field)
-        self._verifier = Verifier(self.field, make_lines(self.field, mirrors), config)
-        self._follower = Follower(self.field, self._verifier, config, seed)
-        self._hypotheses = Hypotheses(self.field, self._verifier, config)
-        self._rivals = Rivals(self.field, self._verifier, config)
-        self._judge = Judge(config)
-        self._suspicion = Suspicion(self.field)
-        self.changes = Changes(self.field, config) if config.propose_changes else None
+        self._matcher = MapMatcher(self.field, make_lines(self.field, mirrors), config)
+        self._estimator = PoseEstimator(self.field, self._matcher, config, seed)
+        self._hypotheses = Hypotheses(self.field, self._matcher, config)
+        self._rivals = Rivals(self.field, self._matcher, config)
+        self._monitor = TrackingMonitor(config)
+        self._mirrors = MirrorDetector(self.field)
+        self.changes = ChangeDetector(self.field, config) if config.propose_changes else None
         self._is_searching = True
         self._is_proven = False
         self._tried_m = 0.0
@@ -85,22 +90,22 @@ class Localizer:
 
     def set_mirrors(self, polylines: Sequence[NDArray[np.float64]]) -> None:
         """Replace the mirrors and panes: (n, 2) points [m] in the map frame each."""
-        self._verifier.mirrors = make_lines(self.field, polylines)
-        self._suspicion.forget()
-        self._verifier.suspects = self._suspicion.lines()
+        self._matcher.mirrors = make_lines(self.field, polylines)
+        self._mirrors.forget()
+        self._matcher.suspects = self._mirrors.lines()
 
     def suspects(self) -> list[tuple[NDArray[np.float64], float]]:
         """Return lines (2, 2) [m] in `map` that look like mirrors, and how sure it is (0 to 1)."""
         return [
             (self.field.to_map_points(np.array([one.start, one.end])), one.score)
-            for one in self._suspicion.suspects
+            for one in self._mirrors.suspects
         ]
 
     def find_changes(self) -> list[Change]:
         """Return what seems to have come or gone since the map was made, the surest first."""
         if self.changes is None:
             return []
-        self.changes.propose((self._verifier.mirrors, self._verifier.suspects))
+        self.changes.propose((self._matcher.mirrors, self._matcher.suspects))
         return self.changes.proposed
 
     def pose_problem(self, map_T_base: Pose2D) -> PoseProblem | None:
@@ -108,7 +113,7 @@ class Localizer:
         pose = self.field.to_cells(map_T_base)
         if not (0.0 <= pose[0] < self.field.grid.cols and 0.0 <= pose[1] < self.field.grid.rows):
             return "outside_map"
-        return None if self._verifier.may_stand(pose) else "in_obstacle"
+        return None if self._matcher.may_stand(pose) else "in_obstacle"
 
     def set_pose(self, map_T_base: Pose2D, covariance: NDArray[np.float64] | None = None) -> None:
         """Take a pose as a hypothesis: it is followed, and believed once the scans agree.
@@ -126,7 +131,7 @@ class Localizer:
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance (3, 3) of the followed pose over x, y [m], yaw [rad] in the map frame."""
-        return self.field.covariance_to_map(self._follower.covariance)
+        return self.field.covariance_to_map(self._estimator.covariance)
 
     def search(self) -> None:
         """Forget where the robot is and search the whole map with the next scan."""
@@ -139,7 +144,7 @@ class Localizer:
     def restart_odometry(self) -> None:
         """Take the next odometry as the beginning of a new run: no step leads to it."""
         self._last = None
-        self._follower.forget_motion()
+        self._estimator.forget_motion()
 
     def take_job(self) -> SearchJob | None:
         """Return a search to run now, or None. Give it back to `finish` when it is done."""
@@ -150,8 +155,8 @@ class Localizer:
         self._wants_job = False
         self._job_runs = True
         self._since_search_s = 0.0
-        followed = None if self._is_searching else self._follower.pose.copy()
-        return SearchJob(self._map, self._verifier, self._beams, self._last.odom_T_base, followed)
+        followed = None if self._is_searching else self._estimator.pose.copy()
+        return SearchJob(self._map, self._matcher, self._beams, self._last.odom_T_base, followed)
 
     def finish(self, job: SearchJob) -> None:
         """Take the outcome of a search into account."""
@@ -170,7 +175,7 @@ class Localizer:
     def particles(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the hypotheses (n, 3) x, y [m], yaw [rad] in the map frame, and weights (n,)."""
         if not self._is_searching:
-            return self._follower.particles()
+            return self._estimator.particles()
         items = self._hypotheses.items
         poses = np.array([self.field.to_map(item.pose).as_array() for item in items], np.float32)
         total = sum(item.latest for item in items)
@@ -189,7 +194,7 @@ class Localizer:
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
         self._since_search_s += elapsed_s
-        self._follower.predict(step)
+        self._estimator.predict(step)
         self._hypotheses.move(step)
         self._rivals.move(step)
         self._tried_m += math.hypot(step.x, step.y) + _TURN_M * abs(step.yaw)
@@ -202,23 +207,23 @@ class Localizer:
     def _follow_step(self, scan: ScanInput, beams: BeamSet, elapsed_s: float) -> Estimate:
         """Align the estimate with a scan and judge it."""
         if not beams.is_blind:
-            self._follower.look(beams, is_trusted=self._judge.state == "localized")
-        support, classes = self._verifier.classify(self._follower.pose, beams)
+            self._estimator.look(beams, is_trusted=self._monitor.state == "localized")
+        support, classes = self._matcher.classify(self._estimator.pose, beams)
         if self._rivals.exist and not beams.is_blind:
             self._weigh_rivals(beams, support)
-        evidence = Evidence(support.value, self._follower.spread_m, beams.is_blind)
-        state = self._judge.look(evidence, elapsed_s)
+        evidence = Evidence(support.value, self._estimator.spread_m, beams.is_blind)
+        state = self._monitor.look(evidence, elapsed_s)
         if state == "lost":
             self.search()
             return self._searching_estimate(scan, beams, "lost")
-        if self._judge.doubts and self._since_search_s > self._config.search_again_s:
+        if self._monitor.doubts and self._since_search_s > self._config.search_again_s:
             self._wants_job = not self._rivals.exist or self._rivals.is_stale
         if state == "localized" and not beams.is_blind:
             self._suspect(beams, classes)
             if self.changes is not None:
-                pose = self._follower.pose
+                pose = self._estimator.pose
                 self.changes.look(scan.stamp_ns, pose, self.covariance, beams, classes)
-        map_T_base = self.field.to_map(self._follower.pose)
+        map_T_base = self.field.to_map(self._estimator.pose)
         self._map_T_odom = map_T_base @ scan.odom_T_base.inverse()
         return Estimate(
             stamp_ns=scan.stamp_ns,
@@ -227,15 +232,15 @@ class Localizer:
             covariance=self.covariance,
             state=state,
             match=support.match,
-            spread=self._follower.spread_m,
+            spread=self._estimator.spread_m,
             beam_classes=classes,
             message=self._doubt(state, beams),
         )
 
     def _suspect(self, beams: BeamSet, classes: NDArray[np.uint8]) -> None:
         """Look for mirrors that are not on the map, from a pose that is believed."""
-        if self._suspicion.look(self._follower.pose, beams, classes, self._verifier.mirrors):
-            self._verifier.suspects = self._suspicion.lines()
+        if self._mirrors.look(self._estimator.pose, beams, classes, self._matcher.mirrors):
+            self._matcher.suspects = self._mirrors.lines()
 
     def _doubt(self, state: State, beams: BeamSet) -> str:
         """Say in one sentence why the state is not `localized`."""
@@ -243,9 +248,9 @@ class Localizer:
             return "the lidar sees too little to check the pose"
         if state == "localized":
             return ""
-        if self._follower.spread_m > self._config.max_spread_m:
+        if self._estimator.spread_m > self._config.max_spread_m:
             return "the hypotheses lie far apart"
-        if self._judge.support < self._config.good_support:
+        if self._monitor.support < self._config.good_support:
             return "the scan does not fit the map well here"
         return "checking the pose against the scan"
 
@@ -309,17 +314,17 @@ class Localizer:
         self._wants_job = False
         self._is_proven = False
         self._tried_m = 0.0
-        self._follower.reset(pose, covariance)
+        self._estimator.reset(pose, covariance)
         self._hypotheses.start([])
         self._rivals.start([], 0.0)
-        self._judge.restart()
+        self._monitor.restart()
 
     def _carried(self, pose: NDArray[np.float64], step: Pose2D) -> NDArray[np.float64]:
         """Return a pose in cells after an odometry step in metres."""
         return self.field.to_cells(self.field.to_map(pose) @ step)
 
     def _compare(
-        self, places: Sequence[Place], followed: NDArray[np.float64], support: Support
+        self, places: Sequence[Place], followed: NDArray[np.float64], support: MatchScore
     ) -> None:
         """Weigh what a search found against the estimate that it was to check."""
         resolution = self.field.resolution
@@ -335,21 +340,21 @@ class Localizer:
             self._hypotheses.start(places)
             return
         if here and here[0].support.value > support.value + NEAR_LEAD:
-            self._follower.reset(here[0].pose, self._found_covariance())
+            self._estimator.reset(here[0].pose, self._found_covariance())
         self._rivals.start(elsewhere, value)
         if not self._rivals.exist or (self._is_proven and self._rivals.lead <= 0.0):
             self._confirm(own.value)
 
-    def _weigh_rivals(self, beams: BeamSet, support: Support) -> None:
+    def _weigh_rivals(self, beams: BeamSet, support: MatchScore) -> None:
         """Compare the estimate with the places followed beside it, and change over if need be."""
-        self._rivals.look(beams, self._follower.pose, self._preferred(support))
+        self._rivals.look(beams, self._estimator.pose, self._preferred(support))
         winner = self._rivals.winner()
         if winner is not None:
             self._take(winner)
         elif not self._rivals.exist:
             self._confirm(support.value)
 
-    def _preferred(self, support: Support) -> float:
+    def _preferred(self, support: MatchScore) -> float:
         """Return the support of the estimate with what is added for having been right so far."""
         if not self._is_proven:
             return support.value
@@ -361,13 +366,13 @@ class Localizer:
             return
         self._is_proven = True
         if support >= self._config.poor_support:
-            self._judge.vouch(support)
+            self._monitor.vouch(support)
 
     def _take(self, winner: Hypothesis) -> None:
         """Follow a place that stands out from all others."""
         self._follow(winner.pose, self._found_covariance())
         self._is_proven = True
-        self._judge.vouch(winner.latest)
+        self._monitor.vouch(winner.latest)
 
     def _found_covariance(self) -> NDArray[np.float64]:
         """Return how far off a found place may be, in cells."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_localizer.judge import State
+from trolley_localizer.tracking_state import State
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from trolley.messages.request_params import LoadMap, Named, Nothing
 from trolley.runtime.service import Later, answers, gets, on, on_delete
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_store import ChosenMap, LoadedMap, MapStore, read_map
-from trolley_localizer.wire import map_info
+from trolley_localizer.to_messages import map_info
 from trolley_localizer.yielding import Yielding
 from trolley_localizer.zone_store import (
     ZoneFile,

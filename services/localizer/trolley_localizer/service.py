@@ -26,9 +26,9 @@ from trolley_localizer.change_owner import ChangeOwner
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.map_owner import refuse_pose
-from trolley_localizer.search import SearchJob
+from trolley_localizer.matching.global_search import SearchJob
 from trolley_localizer.start_pose import WAIT_FOR_NAME_S, LastPose, StartPose, find_saved
-from trolley_localizer.wire import (
+from trolley_localizer.to_messages import (
     odom_transform,
     particle_message,
     pose_message,

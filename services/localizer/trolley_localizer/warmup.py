@@ -6,14 +6,13 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.scanning.front_end import ScanInput
-from trolley_localizer.changes import Changes
+from trolley_localizer.changes.change_detector import ChangeDetector
+from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.core import Localizer
-from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import changes as kernels
-from trolley_localizer.kernels import groups
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.scan import BeamSet, read_beams
-from trolley_localizer.suspicion import Suspicion
+from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.map_matcher import BeamSet, read_beams
 
 
 def warm_up() -> None:
@@ -52,13 +51,13 @@ def warm_up() -> None:
     field = localizer.field
     beams = read_beams(scans[0], field.resolution, 60.0)
     no_lines = Lines(*(np.empty(0) for _ in range(4)))
-    Suspicion(field).look(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)
+    MirrorDetector(field).look(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)
     _watch_for_changes(field, beams)
 
 
 def _watch_for_changes(field: LikelihoodField, beams: BeamSet) -> None:
     """Look twice at echoes from the middle of the floor, and find a change in them."""
-    changes = Changes(field, LocalizerConfig(change_after_s=60.0))
+    changes = ChangeDetector(field, LocalizerConfig(change_after_s=60.0))
     sure, pose = np.diag([1e-6, 1e-6, 1e-6]), np.array([40.0, 30.0, 0.0])
     for stamp_ns in (1, 2):
         changes.look(stamp_ns, pose, sure, beams, beams.classes)
@@ -66,8 +65,8 @@ def _watch_for_changes(field: LikelihoodField, beams: BeamSet) -> None:
     kept = np.zeros((2, kernels.COLUMNS), np.int32)
     kept[:, kernels.KIND] = kernels.APPEARED, kernels.GONE
     kept[:, kernels.VISITS], kept[:, kernels.LAST] = kernels.MOST_VISITS, 1000
-    changes.ledger.restore(where, kept)
+    changes.change_grid.restore(where, kept)
     changes.propose(())
     grid = field.grid.cells
     mask = np.ones((2, 2), np.uint8)
-    groups.grow_gone(mask, (0, 0), changes.ledger.arrays, grid, 0)
+    kernels.grow_gone(mask, (0, 0), changes.change_grid.arrays, grid, 0)

@@ -12,7 +12,7 @@ from trolley.gridmap import GridMap
 from trolley.scanning.front_end import Reject
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
-from trolley_localizer.kernels.beams import BEHIND_MIRROR, EXPLAINED, NOT_ON_MAP, UNUSED
+from trolley_localizer.kernels.matching import BEHIND_MIRROR, EXPLAINED, NOT_ON_MAP, UNUSED
 
 from .conftest import BASE_T_LASER, BEAMS, Drive, at, make_scan
 

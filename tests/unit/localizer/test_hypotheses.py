@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, GridMap
-from trolley_localizer.field import LikelihoodField, build_field, make_lines
-from trolley_localizer.hypotheses import Hypotheses, Rivals
-from trolley_localizer.scan import BeamSet, read_beams
-from trolley_localizer.search import Place, places_around
-from trolley_localizer.verify import Support, Verifier
+from trolley_localizer.matching.global_search import Place, places_around
+from trolley_localizer.matching.hypotheses import Hypotheses, Rivals
+from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
+from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
 
 from .conftest import at, make_scan
 
@@ -31,7 +30,7 @@ class View:
     def __init__(self, grid: GridMap, known: GridMap | None = None) -> None:
         self.grid = grid
         self.field: LikelihoodField = build_field(known or grid, CONFIG)
-        self.verifier = Verifier(self.field, make_lines(self.field, []), CONFIG)
+        self.matcher = MapMatcher(self.field, make_lines(self.field, []), CONFIG)
         self.pose = at(grid, 5.0, 4.0, 0.4)
 
     @property
@@ -43,7 +42,7 @@ class View:
         return read_beams(scan, self.field.resolution, CONFIG.max_range_m)
 
     def place(self, pose: NDArray[np.float64], value: float) -> Place:
-        return Place(pose, Support(value, 0.0, 0.0, 300, value))
+        return Place(pose, MatchScore(value, 0.0, 0.0, 300, value))
 
 
 @pytest.fixture
@@ -52,9 +51,9 @@ def view(flat: GridMap) -> View:
 
 
 def test_beams_that_end_nowhere_behind_a_wall_count_most() -> None:
-    taken_away = Support(0.85, 0.1, 0.0, 300, 0.85)
-    impossible = Support(0.85, 0.0, 0.1, 300, 0.85)
-    unexplained = Support(0.75, 0.0, 0.0, 300, 0.75)
+    taken_away = MatchScore(0.85, 0.1, 0.0, 300, 0.85)
+    impossible = MatchScore(0.85, 0.0, 0.1, 300, 0.85)
+    unexplained = MatchScore(0.75, 0.0, 0.0, 300, 0.75)
     assert taken_away.value > unexplained.value > impossible.value
 
 
@@ -63,15 +62,15 @@ def test_furniture_that_was_taken_away_is_told_from_a_wrong_place(flat: GridMap)
     without[SOFA] = FREE
     assert (without != flat.cells).any()
     robot = View(GridMap(flat.name, flat.resolution, flat.origin, without), known=flat)
-    support = robot.verifier.support(robot.cells, robot.beams())
+    support = robot.matcher.score(robot.cells, robot.beams())
     assert support.through > 0.02
     assert support.astray < 0.01
     beside = robot.field.to_cells(robot.pose @ Pose2D(0.0, 0.6, 0.3))
-    assert robot.verifier.support(beside, robot.beams()).astray > 0.05
+    assert robot.matcher.score(beside, robot.beams()).astray > 0.05
 
 
 def test_a_place_that_is_explained_poorly_needs_twice_the_lead(view: View) -> None:
-    places = Hypotheses(view.field, view.verifier, CONFIG)
+    places = Hypotheses(view.field, view.matcher, CONFIG)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     lead = 1.5 * CONFIG.search_margin
     for value, stands_out in ((0.5, False), (0.7, True)):
@@ -80,7 +79,7 @@ def test_a_place_that_is_explained_poorly_needs_twice_the_lead(view: View) -> No
 
 
 def test_places_far_behind_the_estimate_are_no_rivals(view: View) -> None:
-    rivals = Rivals(view.field, view.verifier, CONFIG)
+    rivals = Rivals(view.field, view.matcher, CONFIG)
     rivals.start([view.place(view.cells, 0.6)], 0.9)
     assert not rivals.exist
     rivals.start([view.place(view.cells, 0.85)], 0.9)
@@ -89,7 +88,7 @@ def test_places_far_behind_the_estimate_are_no_rivals(view: View) -> None:
 
 
 def test_a_rival_takes_over_when_its_lead_has_added_up(view: View) -> None:
-    rivals = Rivals(view.field, view.verifier, CONFIG)
+    rivals = Rivals(view.field, view.matcher, CONFIG)
     rivals.start([view.place(view.cells, 0.5)], 0.5)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     views = 0
@@ -106,17 +105,17 @@ def test_a_rival_takes_over_when_its_lead_has_added_up(view: View) -> None:
 
 
 def test_all_scans_of_one_view_together_have_one_vote(view: View) -> None:
-    rivals = Rivals(view.field, view.verifier, CONFIG)
+    rivals = Rivals(view.field, view.matcher, CONFIG)
     rivals.start([view.place(view.cells, 0.5)], 0.5)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     for _ in range(20):
         rivals.look(view.beams(), elsewhere, 0.5)
-    value = view.verifier.support(view.cells, view.beams()).value
+    value = view.matcher.score(view.cells, view.beams()).value
     assert rivals.lead == pytest.approx(20.0 / 21.0 * (value - 0.5), abs=0.02)
 
 
 def test_a_rival_that_comes_to_the_estimate_is_none(view: View) -> None:
-    rivals = Rivals(view.field, view.verifier, CONFIG)
+    rivals = Rivals(view.field, view.matcher, CONFIG)
     rivals.start([view.place(view.cells, 0.9)], 0.9)
     rivals.look(view.beams(), view.cells, 0.9)
     assert not rivals.exist
@@ -124,6 +123,6 @@ def test_a_rival_that_comes_to_the_estimate_is_none(view: View) -> None:
 
 def test_the_right_place_is_found_from_half_a_metre_away(view: View) -> None:
     off = view.field.to_cells(view.pose @ Pose2D(0.5, -0.4, 0.2))
-    places = places_around(off, view.field, view.beams(), view.verifier)
+    places = places_around(off, view.field, view.beams(), view.matcher)
     best = max(places, key=lambda place: place.support.value)
     assert view.field.to_map(best.pose).distance_to(view.pose) < 0.05

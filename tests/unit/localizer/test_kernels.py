@@ -9,21 +9,21 @@ from hypothesis import strategies as st
 
 from trolley.geometry.kernels import solve_spd
 from trolley.scanning.deskew import Points
-from trolley_localizer.kernels import beams as beam_kernels
+from trolley_localizer.kernels import matching as kernels
 from trolley_localizer.kernels.elementary import exp_below_zero, sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
-from trolley_localizer.kernels.motion import move_particles, scatter_particles
-from trolley_localizer.kernels.random import normal
-from trolley_localizer.kernels.refine import refine_pose
-from trolley_localizer.kernels.resample import (
+from trolley_localizer.kernels.matching import refine_pose, sample_field, score_particles
+from trolley_localizer.kernels.particles import (
     count_bins,
     draw_systematic,
     mean_near,
+    move_particles,
+    scatter_particles,
     update_weights,
     variance_of_place,
 )
+from trolley_localizer.kernels.random import normal
 from trolley_localizer.kernels.search import Pyramid, bound_block, reduce_level
-from trolley_localizer.kernels.weights import sample_field, score_particles
 
 
 def make_cloud(rng: np.random.Generator, count: int, cols: float, rows: float) -> Cloud:
@@ -214,9 +214,9 @@ def test_only_what_ends_behind_a_line_is_marked() -> None:
     end = Points(np.array([10, 4.9, 10, -10]), np.array([0.0, 0.0, 9.0, 0.0]))
     start = Points(np.zeros(4), np.zeros(4))
     line = Lines(*(np.array([v]) for v in (5.0, -2.0, 5.0, 2.0)))
-    classes = np.full(4, beam_kernels.NOT_ON_MAP, np.uint8)
-    mark = beam_kernels.BEHIND_MIRROR
-    marked = beam_kernels.mark_crossing(classes, np.zeros(3), end, start, line, 1.0, mark)
+    classes = np.full(4, kernels.NOT_ON_MAP, np.uint8)
+    mark = kernels.BEHIND_MIRROR
+    marked = kernels.mark_crossing(classes, np.zeros(3), end, start, line, 1.0, mark)
     assert marked == 1
     assert classes.tolist() == [2, 1, 1, 1]
 
@@ -224,9 +224,9 @@ def test_only_what_ends_behind_a_line_is_marked() -> None:
 def test_a_ray_that_goes_on_behind_a_wall_contradicts_the_map() -> None:
     cols = np.arange(62, dtype=np.float32) - 1
     field = np.repeat(np.minimum(np.abs(cols - 30), 10)[None, :], 42, axis=0).astype(np.float32)
-    assert beam_kernels.passes_wall(field, 10.5, 20.5, 0.0, 40.0, 4.0)
-    assert not beam_kernels.passes_wall(field, 10.5, 20.5, 0.0, 21.0, 4.0)
-    assert not beam_kernels.passes_wall(field, 10.5, 20.5, math.pi, 40.0, 4.0)
+    assert kernels.passes_wall(field, 10.5, 20.5, 0.0, 40.0, 4.0)
+    assert not kernels.passes_wall(field, 10.5, 20.5, 0.0, 21.0, 4.0)
+    assert not kernels.passes_wall(field, 10.5, 20.5, math.pi, 40.0, 4.0)
 
 
 def test_a_block_bounds_every_pose_in_it() -> None:

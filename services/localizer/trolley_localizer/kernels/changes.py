@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trolley.gridmap import OCCUPIED_FROM
 from trolley.jit import kernel
 from trolley.scanning.deskew import Points
-from trolley_localizer.kernels.beams import EXPLAINED, NOT_ON_MAP
+from trolley_localizer.kernels.matching import EXPLAINED, NOT_ON_MAP
 from trolley_localizer.kernels.reflection import IMAGE, MIRRORED
 
 TILE = 16
@@ -45,7 +45,7 @@ _SIDE_WALL = 1.5
 _AT_WALL = 2.0
 
 
-class Ledger(NamedTuple):
+class ChangeEvidence(NamedTuple):
     """What is known of the cells.
 
     Attributes:
@@ -78,23 +78,23 @@ class Moment(NamedTuple):
 
 
 @kernel
-def find_row(ledger: Ledger, row: int, col: int) -> int:
+def find_row(evidence: ChangeEvidence, row: int, col: int) -> int:
     """Return where a cell of the map is kept in the table, -1 for nowhere."""
-    tile = ledger.tiles[row // TILE, col // TILE]
+    tile = evidence.tiles[row // TILE, col // TILE]
     if tile < 0:
         return -1
     return int(tile) * TILE_CELLS + (row % TILE) * TILE + col % TILE
 
 
 @kernel
-def claim_row(ledger: Ledger, row: int, col: int) -> int:
+def claim_row(evidence: ChangeEvidence, row: int, col: int) -> int:
     """Return where a cell is kept from now on, -1 if there is no room."""
-    if ledger.tiles[row // TILE, col // TILE] < 0:
-        if (ledger.used[0] + 1) * TILE_CELLS > ledger.table.shape[0]:
+    if evidence.tiles[row // TILE, col // TILE] < 0:
+        if (evidence.used[0] + 1) * TILE_CELLS > evidence.table.shape[0]:
             return -1
-        ledger.tiles[row // TILE, col // TILE] = ledger.used[0]
-        ledger.used[0] += 1
-    return find_row(ledger, row, col)
+        evidence.tiles[row // TILE, col // TILE] = evidence.used[0]
+        evidence.used[0] += 1
+    return find_row(evidence, row, col)
 
 
 @kernel
@@ -145,11 +145,11 @@ def vote(cell: NDArray[np.int32], kind: int, is_for: bool, moment: Moment) -> No
 
 
 @kernel
-def claim_about(ledger: Ledger, row: int, col: int, cells: NDArray[np.int8]) -> None:
+def claim_about(evidence: ChangeEvidence, row: int, col: int, cells: NDArray[np.int8]) -> None:
     """Keep the cells about one as well, so that it is known which of them are seen to stand."""
     for r in (max(row - REACH, 0), min(row + REACH, cells.shape[0] - 1)):
         for c in (max(col - REACH, 0), min(col + REACH, cells.shape[1] - 1)):
-            claim_row(ledger, r, c)
+            claim_row(evidence, r, c)
 
 
 @kernel
@@ -185,12 +185,12 @@ def is_inside(cells: NDArray[np.int8], x: float, y: float) -> bool:
 
 @kernel
 def sees_end(
-    ledger: Ledger, ray: NDArray[np.float64], cells: NDArray[np.int8], margin: float
+    evidence: ChangeEvidence, ray: NDArray[np.float64], cells: NDArray[np.int8], margin: float
 ) -> bool:
     """Say whether no wall stands in a beam's way, but for those that seem to be gone.
 
     Args:
-        ledger: what is known of the cells.
+        evidence: what is known of the cells.
         ray: (5,) as `place_rays` writes it.
         cells: (rows, cols) of the map.
         margin: a wall this near to the end does not count [cells].
@@ -202,19 +202,21 @@ def sees_end(
         if not is_inside(cells, x, y):
             return False
         if cells[int(y), int(x)] >= OCCUPIED_FROM:
-            at = find_row(ledger, int(y), int(x))
-            if at < 0 or ledger.table[at, KIND] != GONE or ledger.table[at, VISITS] < 2:
+            at = find_row(evidence, int(y), int(x))
+            if at < 0 or evidence.table[at, KIND] != GONE or evidence.table[at, VISITS] < 2:
                 return False
         way += 0.7
     return True
 
 
 @kernel
-def count_hit(ledger: Ledger, x: float, y: float, cells: NDArray[np.int8], moment: Moment) -> None:
+def count_hit(
+    evidence: ChangeEvidence, x: float, y: float, cells: NDArray[np.int8], moment: Moment
+) -> None:
     """Let an echo speak for the walls that it ended at.
 
     Args:
-        ledger: what is known of the cells; changed.
+        evidence: what is known of the cells; changed.
         x: where it ended [cells], `y` alike.
         y: see `x`.
         cells: (rows, cols) of the map.
@@ -222,10 +224,10 @@ def count_hit(ledger: Ledger, x: float, y: float, cells: NDArray[np.int8], momen
     """
     for row in range(max(int(y) - 1, 0), min(int(y) + 2, cells.shape[0])):
         for col in range(max(int(x) - 1, 0), min(int(x) + 2, cells.shape[1])):
-            at = find_row(ledger, row, col)
+            at = find_row(evidence, row, col)
             if at >= 0 and cells[row, col] >= OCCUPIED_FROM:
-                ledger.table[at, HIT] = moment.clock_s
-                vote(ledger.table[at], GONE, False, moment)
+                evidence.table[at, HIT] = moment.clock_s
+                vote(evidence.table[at], GONE, False, moment)
 
 
 @kernel
@@ -274,7 +276,7 @@ def may_testify(
 
 @kernel
 def take_echoes(
-    ledger: Ledger,
+    evidence: ChangeEvidence,
     rays: NDArray[np.float64],
     classes: NDArray[np.uint8],
     mirrored: NDArray[np.int64],
@@ -285,7 +287,7 @@ def take_echoes(
     """Let the ends of the beams have their say.
 
     Args:
-        ledger: what is known of the cells; changed.
+        evidence: what is known of the cells; changed.
         rays: (n, 5) as `place_rays` writes them.
         classes: (n,) of the beams.
         mirrored: (n,) number of the cell of the field that a beam seems mirrored at, or -1.
@@ -296,9 +298,9 @@ def take_echoes(
     wide = cells.shape[1] + 2
     for i in range(classes.size):
         if mirrored[i] >= 0:
-            at = find_row(ledger, mirrored[i] // wide - 1, mirrored[i] % wide - 1)
+            at = find_row(evidence, mirrored[i] // wide - 1, mirrored[i] % wide - 1)
             if at >= 0:
-                vote(ledger.table[at], GONE, False, moment)
+                vote(evidence.table[at], GONE, False, moment)
             continue
         if classes[i] > NOT_ON_MAP or rays[i, 4] > limits[0]:
             continue
@@ -307,18 +309,18 @@ def take_echoes(
         if not is_inside(cells, x, y):
             continue
         if classes[i] == EXPLAINED:
-            count_hit(ledger, x, y, cells, moment)
+            count_hit(evidence, x, y, cells, moment)
         elif 0 <= cells[int(y), int(x)] < OCCUPIED_FROM and sees_end(
-            ledger, rays[i], cells, limits[1]
+            evidence, rays[i], cells, limits[1]
         ):
-            at = claim_row(ledger, int(y), int(x))
+            at = claim_row(evidence, int(y), int(x))
             if at >= 0:
-                vote(ledger.table[at], APPEARED, True, moment)
+                vote(evidence.table[at], APPEARED, True, moment)
 
 
 @kernel
 def take_passages(
-    ledger: Ledger,
+    evidence: ChangeEvidence,
     rays: NDArray[np.float64],
     classes: NDArray[np.uint8],
     verdicts: NDArray[np.uint8],
@@ -329,7 +331,7 @@ def take_passages(
     """Let the ways of the beams have their say, after `take_echoes`.
 
     Args:
-        ledger: what is known of the cells; changed.
+        evidence: what is known of the cells; changed.
         rays: (n, 5) as `place_rays` writes them.
         classes: (n,) of the beams.
         verdicts: (n,) on the beams, see `reflection`.
@@ -353,11 +355,59 @@ def take_passages(
                 break
             row, col = int(y), int(x)
             if cells[row, col] < OCCUPIED_FROM:
-                at = find_row(ledger, row, col)
+                at = find_row(evidence, row, col)
                 if at >= 0:
-                    vote(ledger.table[at], APPEARED, False, moment)
+                    vote(evidence.table[at], APPEARED, False, moment)
             elif testifies and is_passed(field, x, y, rays[i, 2], rays[i, 3]):
-                at = claim_row(ledger, row, col)
+                at = claim_row(evidence, row, col)
                 if at >= 0:
-                    vote(ledger.table[at], GONE, True, moment)
-                    claim_about(ledger, row, col, cells)
+                    vote(evidence.table[at], GONE, True, moment)
+                    claim_about(evidence, row, col, cells)
+
+
+@kernel
+def is_at_edge(cells: NDArray[np.int8], row: int, col: int) -> bool:
+    """Say whether floor is near to a cell of a wall: there nothing is seen through for certain."""
+    for r in range(max(row - REACH, 0), min(row + REACH + 1, cells.shape[0])):
+        for c in range(max(col - REACH, 0), min(col + REACH + 1, cells.shape[1])):
+            if 0 <= cells[r, c] < OCCUPIED_FROM:
+                return True
+    return False
+
+
+@kernel
+def grow_gone(
+    mask: NDArray[np.uint8],
+    corner: tuple[int, int],
+    evidence: ChangeEvidence,
+    cells: NDArray[np.int8],
+    since_s: int,
+) -> None:
+    """Grow what is gone over its edges, as far as they were not seen to stand.
+
+    Args:
+        mask: (rows, cols) of a window on the map: 1 where something is gone; grows.
+        corner: row and column on the map where the window begins.
+        evidence: what is known of the cells.
+        cells: (rows, cols) of the map.
+        since_s: walls where echoes ended later than this stand [s].
+    """
+    rows, cols = mask.shape
+    for _ in range(REACH):
+        before = mask.copy()
+        for row in range(rows):
+            for col in range(cols):
+                if before[row, col] or cells[corner[0] + row, corner[1] + col] < OCCUPIED_FROM:
+                    continue
+                touches = (
+                    (row > 0 and before[row - 1, col])
+                    or (row + 1 < rows and before[row + 1, col])
+                    or (col > 0 and before[row, col - 1])
+                    or (col + 1 < cols and before[row, col + 1])
+                )
+                if not touches:
+                    continue
+                at = find_row(evidence, corner[0] + row, corner[1] + col)
+                stands = at >= 0 and evidence.table[at, HIT] > since_s
+                if not stands and is_at_edge(cells, corner[0] + row, corner[1] + col):
+                    mask[row, col] = 1

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley.scanning.deskew import Points
-from trolley_localizer.kernels.beams import BEHIND_MIRROR, UNUSED
-from trolley_localizer.kernels.weights import sample_field
+from trolley_localizer.kernels.matching import BEHIND_MIRROR, UNUSED, sample_field
 
 NOTHING = 0
 """The beam says nothing: unused, blocked before the wall, or ambiguous."""
@@ -203,7 +202,7 @@ def judge_passage(
     field: NDArray[np.float32],
     resolution: float,
 ) -> int:
-    """Judge one beam that went on behind a wall.
+    """TrackingMonitor one beam that went on behind a wall.
 
     Args:
         place: (5,) as `meet_mirror` writes it [cells].

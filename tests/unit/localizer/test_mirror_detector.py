@@ -10,13 +10,13 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.scanning.front_end import ScanInput
+from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
-from trolley_localizer.field import build_field
-from trolley_localizer.kernels.beams import BEHIND_MIRROR, SUSPECTED, mark_crossing
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.scan import BeamSet, read_beams
-from trolley_localizer.suspicion import Suspicion
+from trolley_localizer.kernels.matching import BEHIND_MIRROR, SUSPECTED, mark_crossing
+from trolley_localizer.matching.likelihood_field import build_field
+from trolley_localizer.matching.map_matcher import BeamSet, read_beams
 
 BEAMS = 360
 RANGE_MAX = 10.0
@@ -100,7 +100,7 @@ class Observer:
     def __init__(self, grid: GridMap) -> None:
         self.grid = grid
         self.field = build_field(grid, LocalizerConfig())
-        self.suspicion = Suspicion(self.field)
+        self.suspicion = MirrorDetector(self.field)
         self.changes = 0
 
     def beams(self, ranges: NDArray[np.float32]) -> BeamSet:

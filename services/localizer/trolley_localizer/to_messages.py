@@ -7,10 +7,10 @@ from trolley import messages as m
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages.types import floats_to_bytes
-from trolley_localizer.changes import Change
+from trolley_localizer.changes.change_detector import Change
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
-from trolley_localizer.field import LikelihoodField
+from trolley_localizer.matching.likelihood_field import LikelihoodField
 
 
 def pose_message(estimate: Estimate, map_name: str) -> m.PoseEstimate:

@@ -5,14 +5,14 @@ from numpy.typing import NDArray
 
 from trolley.gridmap import GridMap
 from trolley_localizer.kernels import changes as kernels
-from trolley_localizer.kernels.changes import COLUMNS, TILE, TILE_CELLS, Ledger
+from trolley_localizer.kernels.changes import COLUMNS, TILE, TILE_CELLS, ChangeEvidence
 
 # 13 numbers a cell: at most 27 MB, and far less in a flat.
 _MOST_TILES = 2048
 _SPARE_TILES = 64
 
 
-class CellLedger:
+class ChangeGrid:
     """A table of cells that grows where there is something to say.
 
     Args:
@@ -22,7 +22,7 @@ class CellLedger:
     def __init__(self, grid: GridMap) -> None:
         self._grid = grid
         tiles = np.full((-(-grid.rows // TILE), -(-grid.cols // TILE)), -1, np.int32)
-        self.arrays = Ledger(tiles, _empty_table(_SPARE_TILES), np.zeros(1, np.int64))
+        self.arrays = ChangeEvidence(tiles, _empty_table(_SPARE_TILES), np.zeros(1, np.int64))
         """As the kernels take it."""
 
     def make_room(self) -> None:
@@ -35,7 +35,7 @@ class CellLedger:
         held = int(used[0])
         larger = _empty_table(min(2 * held, _MOST_TILES) + 2 * _SPARE_TILES)
         larger[: held * TILE_CELLS] = table[: held * TILE_CELLS]
-        self.arrays = Ledger(tiles, larger, used)
+        self.arrays = ChangeEvidence(tiles, larger, used)
 
     def forget_empty(self) -> None:
         """Forget the tiles without a cell that was found changed at any visit."""

@@ -42,7 +42,7 @@ class Evidence:
     """Too few echoes to say anything."""
 
 
-class Judge:
+class TrackingMonitor:
     """Follows the support of one estimate over time."""
 
     def __init__(self, config: LocalizerConfig) -> None:

@@ -13,15 +13,15 @@ from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.map_editing import apply
 from trolley.map_editing.proposals import ops_of
 from trolley.scanning.front_end import ScanInput
-from trolley_localizer.change_store import from_file, to_file, unpack
-from trolley_localizer.changes import Change, Changes
-from trolley_localizer.field import build_field
-from trolley_localizer.kernels.beams import BEHIND_MIRROR, explain_beams
+from trolley_localizer.changes.change_detector import Change, ChangeDetector
+from trolley_localizer.changes.change_file import from_file, to_file, unpack
+from trolley_localizer.changes.shapes import box_of, convex_hull, runs_of, shared
 from trolley_localizer.kernels.changes import APPEARED, GONE, TILE_CELLS
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.outline import box_of, convex_hull, runs_of, shared
-from trolley_localizer.scan import read_beams
-from trolley_localizer.wire import change_message
+from trolley_localizer.kernels.matching import BEHIND_MIRROR, explain_beams
+from trolley_localizer.matching.likelihood_field import build_field
+from trolley_localizer.matching.map_matcher import read_beams
+from trolley_localizer.to_messages import change_message
 
 BEAMS = 360
 RANGE_MAX = 8.0
@@ -61,7 +61,7 @@ class Watcher:
     def __init__(self, grid: GridMap) -> None:
         self.grid = grid
         self.field = build_field(grid, CONFIG)
-        self.changes = Changes(self.field, CONFIG)
+        self.changes = ChangeDetector(self.field, CONFIG)
         self.stamp_ns = 0
         self.rng = np.random.default_rng(0)
 
@@ -212,7 +212,7 @@ def test_an_unsure_pose_is_not_believed(grid: GridMap) -> None:
     for covariance in (np.diag([0.01, 1e-4, 1e-5]), np.diag([1e-4, 1e-4, 1e-3])):
         watcher = Watcher(grid)
         assert watcher.drive([world] * 5, covariance=covariance) == []
-        assert watcher.changes.ledger.changed()[0].size == 0
+        assert watcher.changes.change_grid.changed()[0].size == 0
 
 
 def test_a_robot_that_stands_still_proposes_nothing(grid: GridMap) -> None:
@@ -246,7 +246,7 @@ def test_beams_behind_mirrors_say_nothing(grid: GridMap) -> None:
         beams = read_beams(scan, 0.05, 60.0)
         classes = np.full(BEAMS, BEHIND_MIRROR, np.uint8)
         watcher.changes.look(watcher.stamp_ns, pose, SURE, beams, classes)
-    assert watcher.changes.ledger.changed()[0].size == 0
+    assert watcher.changes.change_grid.changed()[0].size == 0
 
 
 def test_what_was_dismissed_is_not_proposed_again(grid: GridMap) -> None:
@@ -286,27 +286,27 @@ def test_a_file_is_only_for_the_map_whose_cells_lie_where_they_lay(grid: GridMap
 
 def test_the_ledger_grows_and_forgets_what_says_nothing(grid: GridMap) -> None:
     large = GridMap("large", 0.05, Pose2D.identity(), np.zeros((1600, 1600), np.int8))
-    ledger = Changes(build_field(large, CONFIG), CONFIG).ledger
+    evidence = ChangeDetector(build_field(large, CONFIG), CONFIG).change_grid
     places = np.argwhere(np.ones((100, 100))) * 16
     rows = np.zeros((len(places), 13), np.int32)
     rows[:, 0], rows[::5, 4] = APPEARED, 2  # a kind; visits for a fifth of them
-    ledger.restore(places, rows)
-    kept, _ = ledger.changed()
-    assert len(ledger.arrays.table) <= 2200 * TILE_CELLS
+    evidence.restore(places, rows)
+    kept, _ = evidence.changed()
+    assert len(evidence.arrays.table) <= 2200 * TILE_CELLS
     told = {(row, col) for row, col in places[::5].tolist()}
     assert told & {(row, col) for row, col in kept.tolist()} == told
-    ledger.forget_empty()
-    assert {(row, col) for row, col in ledger.changed()[0].tolist()} == told
+    evidence.forget_empty()
+    assert {(row, col) for row, col in evidence.changed()[0].tolist()} == told
 
 
 def test_cells_that_the_map_has_taken_up_are_left_out(grid: GridMap) -> None:
-    ledger = Changes(build_field(grid, CONFIG), CONFIG).ledger
+    evidence = ChangeDetector(build_field(grid, CONFIG), CONFIG).change_grid
     wall, floor = (0, 0), (10, 10)
     places = np.array([wall, floor, wall, floor, (-1, 5), (500, 5)])
     rows = np.zeros((6, 13), np.int32)
     rows[:, 0] = APPEARED, APPEARED, GONE, GONE, GONE, GONE
-    ledger.restore(places, rows)
-    where, kept = ledger.changed()
+    evidence.restore(places, rows)
+    where, kept = evidence.changed()
     assert {(r, c, int(k)) for (r, c), k in zip(where.tolist(), kept[:, 0], strict=True)} == {
         (*wall, GONE),
         (*floor, APPEARED),

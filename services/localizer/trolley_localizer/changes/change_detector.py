@@ -1,4 +1,4 @@
-"""Changes of the world that its map does not show: what has come, and what is gone.
+"""ChangeDetector of the world that its map does not show: what has come, and what is gone.
 
 While the robot drives and knows where it is, each look at a cell has its say. Looks within a while
 are one visit, and only what several visits agree on, over a long enough time and from different
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.gridmap.kernels import spread_over
 from trolley.messages.changing import ChangeKind
-from trolley_localizer.field import LikelihoodField
+from trolley_localizer.changes.change_grid import ChangeGrid
+from trolley_localizer.changes.mirror_detector import judge_beams
+from trolley_localizer.changes.shapes import Box, Cells, box_of, convex_hull, runs_of, shared
 from trolley_localizer.kernels import changes as kernels
-from trolley_localizer.kernels import groups, reflection
+from trolley_localizer.kernels import reflection
 from trolley_localizer.kernels.changes import Moment
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.ledger import CellLedger
-from trolley_localizer.outline import Box, Cells, box_of, convex_hull, runs_of, shared
-from trolley_localizer.scan import BeamSet
-from trolley_localizer.suspicion import judge_beams
+from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.map_matcher import BeamSet
 
 KINDS: dict[ChangeKind, int] = {"appeared": kernels.APPEARED, "gone": kernels.GONE}
 
@@ -91,7 +91,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Marked:
+class MarkedChange:
     """Where a change was proposed, or dismissed, under its id."""
 
     id: str
@@ -99,7 +99,7 @@ class Marked:
     box: Box
 
 
-class Changes:
+class ChangeDetector:
     """Gathers evidence for changes on one map.
 
     Args:
@@ -112,15 +112,15 @@ class Changes:
         self._cells = 1.0 / field.resolution
         self._after_s = config.change_after_s
         self._visit_s = max(1, int(self._after_s / _VISITS_IN_TIME))
-        self.ledger = CellLedger(field.grid)
+        self.change_grid = ChangeGrid(field.grid)
         """What is known of the cells."""
         self.clock_s = 0.0
         """Observed time: the robot ran and knew where it was [s]."""
         self.proposed: list[Change] = []
         """The surest first."""
-        self.dismissed: list[Marked] = []
+        self.dismissed: list[MarkedChange] = []
         """What is not proposed again."""
-        self.named: list[Marked] = []
+        self.named: list[MarkedChange] = []
         """What keeps its id: the latest proposals."""
         self.next_number = 1
         """Of the next id."""
@@ -148,8 +148,8 @@ class Changes:
         if not self._is_due(stamp_ns, pose, covariance):
             return
         self._look += 1
-        self.ledger.make_room()
-        ledger, grid = self.ledger.arrays, self._field.grid.cells
+        self.change_grid.make_room()
+        evidence, grid = self.change_grid.arrays, self._field.grid.cells
         rays = np.empty((classes.size, 5))
         kernels.place_rays(rays, pose, beams.end, beams.start)
         verdicts, _, keys = judge_beams(self._field, pose, beams, classes)
@@ -158,9 +158,9 @@ class Changes:
             self._look, int(self.clock_s), self._visit_s, round(pose[0]), round(pose[1])
         )
         limits = np.array([_REACH_M, _MARGIN_M]) * self._cells
-        kernels.take_echoes(ledger, rays, classes, mirrored, grid, limits, moment)
+        kernels.take_echoes(evidence, rays, classes, mirrored, grid, limits, moment)
         maps = (grid, self._field.distance)
-        kernels.take_passages(ledger, rays, classes, verdicts, maps, limits, moment)
+        kernels.take_passages(evidence, rays, classes, verdicts, maps, limits, moment)
 
     def propose(self, mirrors: Sequence[Lines]) -> None:
         """Find what is to be proposed now.
@@ -168,7 +168,7 @@ class Changes:
         Args:
             mirrors: known and suspected mirrors and panes [cells].
         """
-        where, rows = self.ledger.changed()
+        where, rows = self.change_grid.changed()
         visits = rows[:, kernels.VISITS].copy()
         ahead = rows[:, kernels.FOR] - rows[:, kernels.AGAINST]
         visits[ahead > 0] += 1
@@ -185,11 +185,11 @@ class Changes:
                     found.append(change)
         found.sort(key=lambda one: (-one.score, one.box))
         self.proposed = self._with_ids([one for one in found if not self._is_dismissed(one)])
-        self.named = [Marked(one.id, one.kind, one.box) for one in self.proposed]
+        self.named = [MarkedChange(one.id, one.kind, one.box) for one in self.proposed]
 
     def dismiss(self, change: Change) -> None:
         """Do not propose a change again."""
-        one = Marked(change.id, change.kind, change.box)
+        one = MarkedChange(change.id, change.kind, change.box)
         self.dismissed = [*self.dismissed, one][-MOST_DISMISSED:]
         self.proposed = [other for other in self.proposed if not self._is_dismissed(other)]
 
@@ -255,7 +255,7 @@ class Changes:
         high = min(last_row + reach + 1, grid.shape[0]), min(last_col + reach + 1, grid.shape[1])
         mask = np.zeros((high[0] - low[0], high[1] - low[1]), np.uint8)
         mask[cells[:, 0] - low[0], cells[:, 1] - low[1]] = 1
-        groups.grow_gone(mask, low, self.ledger.arrays, grid, since_s)
+        kernels.grow_gone(mask, low, self.change_grid.arrays, grid, since_s)
         return np.argwhere(mask) + low
 
     def _is_dismissed(self, change: Change) -> bool:
@@ -295,7 +295,7 @@ def _groups(
     return [index[label == number + 1] for number in range(count)]
 
 
-def _is_same(one: Marked, change: Change) -> bool:
+def _is_same(one: MarkedChange, change: Change) -> bool:
     return one.kind == change.kind and shared(one.box, change.box) >= _SAME_SHARE
 
 

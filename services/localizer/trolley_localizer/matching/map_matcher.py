@@ -1,4 +1,4 @@
-"""How well the map and a scan agree at a pose."""
+"""The beams of a scan, and how well they and the map agree at a pose."""
 
 import math
 from collections.abc import Sequence
@@ -8,12 +8,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
-from trolley_localizer.field import LikelihoodField
-from trolley_localizer.kernels import beams as beam_kernels
+from trolley.scanning.deskew import Points, deskew, is_blind
+from trolley.scanning.front_end import FrontEndParams, ScanInput
+from trolley_localizer.kernels import matching as kernels
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.kernels.refine import refine_pose
-from trolley_localizer.kernels.weights import score_pose
-from trolley_localizer.scan import BeamSet
+from trolley_localizer.kernels.matching import NOT_ON_MAP, UNUSED, refine_pose, score_pose
+from trolley_localizer.matching.likelihood_field import LikelihoodField
+
+FRONT_END = FrontEndParams(
+    # The nearest float32 above 0, so that "invalid" is below the limit.
+    least_range_m=1e-6,
+    usable_range_share=1.0,
+    telling_range_m=0.5,
+    min_telling_share=0.1,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamSet:
+    """The beams of a scan in `base_link` at its stamp, corrected for the motion during the scan.
+
+    Attributes:
+        end: (n,) end points of all beams [cells].
+        start: (n,) where the laser was for each [cells].
+        classes: (n,) uint8: UNUSED where there is no echo, else NOT_ON_MAP until judged.
+        used: (m,) int64, indices of beams that may be matched with the map.
+        is_blind: the scan holds too little to compare it with a map.
+    """
+
+    end: Points
+    start: Points
+    classes: NDArray[np.uint8]
+    used: NDArray[np.int64]
+    is_blind: bool
+
+    def points(self, index: NDArray[np.int64]) -> Points:
+        """Return the end points of some beams."""
+        return Points(self.end.x[index], self.end.y[index])
+
+    def spread(self, count: int, phase: float = 0.5) -> Points:
+        """Return at most `count` used end points, evenly over the scan.
+
+        Args:
+            count: how many at most.
+            phase: 0 ... 1, shifts the choice between neighbours.
+        """
+        size = self.used.size
+        if size <= count:
+            return self.points(self.used)
+        chosen = ((np.arange(count) + phase) * (size / count)).astype(np.int64)
+        return self.points(self.used[np.minimum(chosen, size - 1)])
+
+    def only(self, classes: NDArray[np.uint8], used: NDArray[np.int64]) -> "BeamSet":
+        """Return the same beams with other classes, fewer of them used."""
+        return BeamSet(self.end, self.start, classes, used, self.is_blind)
+
+
+def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:
+    """Deskew a scan into `base_link`, in cells of `resolution` [m]."""
+    seen = deskew(scan, FRONT_END, max_range_m, resolution)
+    classes = np.full(scan.ranges.size, UNUSED, np.uint8)
+    classes[seen.echoes] = NOT_ON_MAP
+    blind = is_blind(scan.ranges[seen.echoes], FRONT_END)
+    return BeamSet(seen.ends, seen.starts, classes, seen.echoes, blind)
+
 
 # Alignment starts with a wide reach and ends with a narrow one [m].
 WIDE_M = 0.3
@@ -32,7 +90,7 @@ _MANY = 180
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Support:
+class MatchScore:
     """What speaks for a pose."""
 
     match: float
@@ -52,7 +110,7 @@ class Support:
         return max(0.0, self.score - THROUGH_WEIGHT * self.through - ASTRAY_WEIGHT * self.astray)
 
 
-class Verifier:
+class MapMatcher:
     """Compares scans with one map and its mirrors."""
 
     def __init__(self, field: LikelihoodField, mirrors: Lines, config: LocalizerConfig) -> None:
@@ -67,39 +125,39 @@ class Verifier:
     def without_mirrored(self, pose: NDArray[np.float64], beams: BeamSet) -> BeamSet:
         """Leave out the beams that end behind a mirror, a suspected one, or glass."""
         lines = (
-            (self.mirrors, beam_kernels.BEHIND_MIRROR),
-            (self.suspects, beam_kernels.SUSPECTED),
+            (self.mirrors, kernels.BEHIND_MIRROR),
+            (self.suspects, kernels.SUSPECTED),
         )
         if not any(one.ax.size for one, _ in lines):
             return beams
         classes = beams.classes.copy()
         depth = MIRROR_DEPTH_M / self._field.resolution
         marked = sum(
-            beam_kernels.mark_crossing(classes, pose, beams.end, beams.start, one, depth, mark)
+            kernels.mark_crossing(classes, pose, beams.end, beams.start, one, depth, mark)
             for one, mark in lines
         )
         if marked == 0:
             return beams
-        return beams.only(classes, beams.used[classes[beams.used] < beam_kernels.BEHIND_MIRROR])
+        return beams.only(classes, beams.used[classes[beams.used] < kernels.BEHIND_MIRROR])
 
-    def support(self, pose: NDArray[np.float64], beams: BeamSet) -> Support:
+    def score(self, pose: NDArray[np.float64], beams: BeamSet) -> MatchScore:
         """Say how the scan speaks for a pose (3,) x, y [cells], yaw [rad]."""
         return self.classify(pose, beams)[0]
 
     def classify(
         self, pose: NDArray[np.float64], beams: BeamSet
-    ) -> tuple[Support, NDArray[np.uint8]]:
+    ) -> tuple[MatchScore, NDArray[np.uint8]]:
         """Return the support of a pose and the class of each beam (n,)."""
         seen = self.without_mirrored(pose, beams)
         classes = seen.classes.copy()
         cells = 1.0 / self._field.resolution
-        explained, looked_at = beam_kernels.explain_beams(
+        explained, looked_at = kernels.explain_beams(
             classes, pose, seen.end, self._field.distance, self._config.explained_within_m * cells
         )
         if looked_at == 0:
-            return Support(0.0, 0.0, 0.0, 0, 0.0), classes
+            return MatchScore(0.0, 0.0, 0.0, 0, 0.0), classes
         every = max(1, seen.used.size // _MANY)
-        through, astray, cast = beam_kernels.count_through(
+        through, astray, cast = kernels.count_through(
             pose,
             seen.end,
             seen.start,
@@ -110,7 +168,7 @@ class Verifier:
         )
         score = score_pose(self._field.distance, seen.spread(_MANY * 2), pose, NARROW_M * cells)
         cast = max(cast, 1)
-        support = Support(explained / looked_at, through / cast, astray / cast, looked_at, score)
+        support = MatchScore(explained / looked_at, through / cast, astray / cast, looked_at, score)
         return support, classes
 
     def align(
@@ -139,14 +197,14 @@ class Verifier:
 
     def settle(
         self, pose: NDArray[np.float64], beams: BeamSet
-    ) -> list[tuple[NDArray[np.float64], Support]]:
+    ) -> list[tuple[NDArray[np.float64], MatchScore]]:
         """Align a rough pose in two ways and return both with their support, the better first.
 
         From afar a piece of furniture that was moved can pull the pose off its place; from near by
         it cannot, but then a rough pose may be out of reach of the walls.
         """
         poses = [self.align(pose, beams), self.align(pose, beams, (NARROW_M,))]
-        options = [(option, self.support(option, beams)) for option in poses]
+        options = [(option, self.score(option, beams)) for option in poses]
         return sorted(options, key=lambda option: -option[1].value)
 
     def may_stand(self, pose: NDArray[np.float64]) -> bool:

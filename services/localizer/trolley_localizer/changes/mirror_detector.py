@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import reflection
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.scan import BeamSet
+from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.map_matcher import BeamSet
 
 # Scans from nearly the same place say the same: one in so much way counts [m].
 _STEP_M = 0.1
@@ -67,7 +67,7 @@ class Suspect:
     """How sure that is, 0 ... 1, in steps of 0.1."""
 
 
-class Suspicion:
+class MirrorDetector:
     """Gathers evidence for mirrors on the walls of one map."""
 
     def __init__(self, field: LikelihoodField) -> None:

@@ -6,7 +6,7 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_localizer.field import MAX_DISTANCE_M, build_field
+from trolley_localizer.matching.likelihood_field import MAX_DISTANCE_M, build_field
 
 CONFIG = LocalizerConfig()
 

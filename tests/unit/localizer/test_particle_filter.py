@@ -6,10 +6,10 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_localizer.field import build_field
-from trolley_localizer.motion import split_step
-from trolley_localizer.particles import ParticleFilter, kld_number, lower_root
-from trolley_localizer.scan import read_beams
+from trolley_localizer.filter.motion_model import split_step
+from trolley_localizer.filter.particle_filter import ParticleFilter, kld_number, lower_root
+from trolley_localizer.matching.likelihood_field import build_field
+from trolley_localizer.matching.map_matcher import read_beams
 
 from .conftest import at, make_scan
 

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley_localizer.field import LikelihoodField
-from trolley_localizer.scan import BeamSet
-from trolley_localizer.search import Place, is_near
-from trolley_localizer.verify import Support, Verifier
+from trolley_localizer.matching.global_search import Place, is_near
+from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore
 
 MAX_HYPOTHESES = 12
 # A new view is one from a place or heading this different.
@@ -44,7 +43,7 @@ class Votes:
     """What the scans say for one place: the mean of each view, summed over the views."""
 
     latest: float
-    """Support by the newest scan, 0 ... 1."""
+    """MatchScore by the newest scan, 0 ... 1."""
     _past: float = 0.0
     _sum: float = 0.0
     _scans: int = 0
@@ -84,16 +83,18 @@ class Hypothesis:
 
     @property
     def latest(self) -> float:
-        """Support by the newest scan."""
+        """MatchScore by the newest scan."""
         return self.votes.latest
 
 
 class Hypotheses:
     """Follows the places that a search came up with, view by view, until one stands out."""
 
-    def __init__(self, field: LikelihoodField, verifier: Verifier, config: LocalizerConfig) -> None:
+    def __init__(
+        self, field: LikelihoodField, matcher: MapMatcher, config: LocalizerConfig
+    ) -> None:
         self._field = field
-        self._verifier = verifier
+        self._matcher = matcher
         self._config = config
         self._views = 0
         self._looks = 0
@@ -143,12 +144,12 @@ class Hypotheses:
 
     def _aligned(
         self, pose: NDArray[np.float64], beams: BeamSet
-    ) -> tuple[NDArray[np.float64], Support]:
+    ) -> tuple[NDArray[np.float64], MatchScore]:
         """Align a pose; alignment that runs off is no alignment."""
-        for aligned, support in self._verifier.settle(pose, beams):
+        for aligned, support in self._matcher.settle(pose, beams):
             if is_near(aligned, pose, self._field.resolution):
                 return aligned, support
-        return pose, self._verifier.support(pose, beams)
+        return pose, self._matcher.score(pose, beams)
 
     def _drop(self) -> None:
         """Give up places that fell behind or coincide with a better one."""
@@ -210,8 +211,10 @@ class Hypotheses:
 class Rivals:
     """Follows other places beside an estimate until the views tell which is right."""
 
-    def __init__(self, field: LikelihoodField, verifier: Verifier, config: LocalizerConfig) -> None:
-        self._places = Hypotheses(field, verifier, config)
+    def __init__(
+        self, field: LikelihoodField, matcher: MapMatcher, config: LocalizerConfig
+    ) -> None:
+        self._places = Hypotheses(field, matcher, config)
         self._own = Votes(0.0)
 
     def start(self, places: Sequence[Place], own: float) -> None:

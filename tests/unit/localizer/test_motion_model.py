@@ -7,7 +7,7 @@ import pytest
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley_localizer.motion import move_covariance, split_step, step_covariance
+from trolley_localizer.filter.motion_model import move_covariance, split_step, step_covariance
 
 CONFIG = LocalizerConfig()
 

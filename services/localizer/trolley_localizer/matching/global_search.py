@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.scanning.deskew import Points
-from trolley_localizer.field import LikelihoodField
 from trolley_localizer.kernels import search as kernels
-from trolley_localizer.scan import BeamSet
-from trolley_localizer.verify import Support, Verifier
+from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore
 
 # A pose scores by end points within this distance of walls: wider than in the filter, since cells
 # and headings are tried in steps.
@@ -46,7 +45,7 @@ class Place:
 
     pose: NDArray[np.float64]
     """(3,) x, y [cells], yaw [rad] in `grid`."""
-    support: Support
+    support: MatchScore
 
 
 def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
@@ -109,13 +108,13 @@ class SearchJob:
     def __init__(
         self,
         search_map: SearchMap,
-        verifier: Verifier,
+        matcher: MapMatcher,
         beams: BeamSet,
         odom_T_base: Pose2D,
         followed: NDArray[np.float64] | None,
     ) -> None:
         self._map = search_map
-        self._verifier = verifier
+        self._matcher = matcher
         self._beams = beams
         self.odom_T_base = odom_T_base
         """Odometry at the scan."""
@@ -123,17 +122,17 @@ class SearchJob:
         """The estimate to compare with (3,) [cells, rad], or None."""
         self.places: list[Place] = []
         """What was found, best first."""
-        self.support: Support | None = None
+        self.support: MatchScore | None = None
         """What the scan says about `followed`."""
 
     def run(self) -> "SearchJob":
         """Search, fill `places` and `support`, and return the job."""
         field = self._map.field
-        self.places = find_places(field, self._map.pyramid(), self._beams, self._verifier)
+        self.places = find_places(field, self._map.pyramid(), self._beams, self._matcher)
         if self.followed is not None:
-            near = places_around(self.followed, field, self._beams, self._verifier)
+            near = places_around(self.followed, field, self._beams, self._matcher)
             self.places = _distinct([*self.places, *near], field.resolution)
-            self.support = self._verifier.support(self.followed, self._beams)
+            self.support = self._matcher.score(self.followed, self._beams)
         return self
 
 
@@ -148,7 +147,7 @@ def find_places(
     field: LikelihoodField,
     pyramid: kernels.Pyramid,
     beams: BeamSet,
-    verifier: Verifier,
+    matcher: MapMatcher,
 ) -> list[Place]:
     """Return the places that explain a scan best, best first, each aligned with the map."""
     points = beams.spread(SEARCH_BEAMS)
@@ -160,13 +159,13 @@ def find_places(
             continue
         coarse = np.empty(3)
         coarse[:] = found.col[k] + 0.5, found.row[k] + 0.5, 2.0 * math.pi * found.turn[k] / turns
-        pose, support = verifier.settle(coarse, beams)[0]
-        if verifier.may_stand(pose):
+        pose, support = matcher.settle(coarse, beams)[0]
+        if matcher.may_stand(pose):
             places.append(Place(pose, support))
     places.sort(key=lambda place: -place.support.value)
     if places and places[0].support.value < _CLEAR:
         for place in places[:_LOOK_ABOUT]:
-            places += places_around(place.pose, field, beams, verifier)
+            places += places_around(place.pose, field, beams, matcher)
     return _distinct(places, field.resolution)
 
 
@@ -174,7 +173,7 @@ def places_around(
     pose: NDArray[np.float64],
     field: LikelihoodField,
     beams: BeamSet,
-    verifier: Verifier,
+    matcher: MapMatcher,
 ) -> list[Place]:
     """Align from all round about a pose: furniture that was moved can hold it in a wrong place.
 
@@ -182,15 +181,15 @@ def places_around(
         pose: (3,) x, y [cells], yaw [rad] in `grid`.
         field: of the map.
         beams: of the scan.
-        verifier: of the map.
+        matcher: of the map.
     """
     steps = np.arange(-_AROUND_STEPS, _AROUND_STEPS + 1) * (_AROUND_STEP_M / field.resolution)
     places: list[Place] = []
     for turn in (-_AROUND_RAD, 0.0, _AROUND_RAD):
         for dx in steps:
             for dy in steps:
-                for aligned, support in verifier.settle(pose + np.array([dx, dy, turn]), beams):
-                    if verifier.may_stand(aligned):
+                for aligned, support in matcher.settle(pose + np.array([dx, dy, turn]), beams):
+                    if matcher.may_stand(aligned):
                         places.append(Place(aligned, support))
     return places
 

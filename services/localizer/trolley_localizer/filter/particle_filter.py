@@ -12,19 +12,20 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.scanning.deskew import Points
-from trolley_localizer.field import LikelihoodField
+from trolley_localizer.filter.motion_model import OdometryStep
 from trolley_localizer.kernels.layout import Cloud
-from trolley_localizer.kernels.motion import move_particles, scatter_particles
-from trolley_localizer.kernels.resample import (
+from trolley_localizer.kernels.matching import score_particles
+from trolley_localizer.kernels.particles import (
     count_bins,
     draw_systematic,
     gather,
     mean_near,
+    move_particles,
+    scatter_particles,
     update_weights,
     variance_of_place,
 )
-from trolley_localizer.kernels.weights import score_particles
-from trolley_localizer.motion import OdometryStep
+from trolley_localizer.matching.likelihood_field import LikelihoodField
 
 # Bins of pose space for KLD sampling (AMCL's).
 _BIN_M = 0.5

@@ -10,7 +10,7 @@ from msgspec import Struct
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages.changing import ChangeKind
-from trolley_localizer.changes import MOST_DISMISSED, Changes, Marked
+from trolley_localizer.changes.change_detector import MOST_DISMISSED, ChangeDetector, MarkedChange
 from trolley_localizer.kernels.changes import COLUMNS
 
 # What a file may unpack to: more than all cells that are ever kept [bytes].
@@ -78,9 +78,9 @@ def unpack(text: str) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
     return np.frombuffer(plain, "<i4").reshape(-1, _WIDTH).astype(np.int32)
 
 
-def to_file(changes: Changes, grid: GridMap) -> ChangeFile:
+def to_file(changes: ChangeDetector, grid: GridMap) -> ChangeFile:
     """Return what is to be kept."""
-    where, rows = changes.ledger.changed()
+    where, rows = changes.change_grid.changed()
     return ChangeFile(
         rows=grid.rows,
         columns=grid.cols,
@@ -94,17 +94,17 @@ def to_file(changes: Changes, grid: GridMap) -> ChangeFile:
     )
 
 
-def from_file(changes: Changes, file: ChangeFile) -> None:
+def from_file(changes: ChangeDetector, file: ChangeFile) -> None:
     """Go on from what was kept."""
     table = unpack(file.cells)
     changes.clock_s = file.clock_s
     changes.next_number = file.next_number
-    changes.named = [Marked(one.id, one.kind, one.box) for one in file.proposed]
+    changes.named = [MarkedChange(one.id, one.kind, one.box) for one in file.proposed]
     changes.dismissed = [
-        Marked(one.id, one.kind, one.box) for one in file.dismissed[-MOST_DISMISSED:]
+        MarkedChange(one.id, one.kind, one.box) for one in file.dismissed[-MOST_DISMISSED:]
     ]
-    changes.ledger.restore(table[:, :2].astype(np.int64), table[:, 2:])
+    changes.change_grid.restore(table[:, :2].astype(np.int64), table[:, 2:])
 
 
-def _kept(one: Marked) -> KeptChange:
+def _kept(one: MarkedChange) -> KeptChange:
     return KeptChange(id=one.id, kind=one.kind, box=one.box)

@@ -8,10 +8,9 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_localizer.field import build_field, make_lines
-from trolley_localizer.scan import read_beams
-from trolley_localizer.search import build_pyramid, find_places
-from trolley_localizer.verify import Verifier
+from trolley_localizer.matching.global_search import build_pyramid, find_places
+from trolley_localizer.matching.likelihood_field import build_field, make_lines
+from trolley_localizer.matching.map_matcher import MapMatcher, read_beams
 
 from .conftest import at, make_scan
 
@@ -25,10 +24,10 @@ def test_the_place_is_the_first_of_those_found(
     flat: GridMap, x: float, y: float, yaw: float
 ) -> None:
     field = build_field(flat, CONFIG)
-    verifier = Verifier(field, make_lines(field, []), CONFIG)
+    matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     pose = at(flat, x, y, yaw)
     beams = read_beams(make_scan(flat, pose, Pose2D.identity()), 0.05, 60.0)
-    places = find_places(field, build_pyramid(field), beams, verifier)
+    places = find_places(field, build_pyramid(field), beams, matcher)
     found = field.to_map(places[0].pose)
     assert found.distance_to(pose) < 0.06
     assert abs((found.inverse() @ pose).yaw) < math.radians(1.0)
@@ -41,6 +40,6 @@ def test_the_place_is_the_first_of_those_found(
 def test_maps_that_say_nothing_give_no_place_and_no_error(shape: tuple[int, int]) -> None:
     blank = GridMap("blank", 0.05, Pose2D.identity(), np.full(shape, -1, np.int8))
     field = build_field(blank, CONFIG)
-    verifier = Verifier(field, make_lines(field, []), CONFIG)
+    matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     beams = read_beams(make_scan(blank, Pose2D(0.02, 0.02, 0.0), Pose2D.identity()), 0.05, 60.0)
-    assert find_places(field, build_pyramid(field), beams, verifier) == []
+    assert find_places(field, build_pyramid(field), beams, matcher) == []

@@ -1,0 +1,1 @@
+"""The pose that is followed: motion model, particle filter, scan alignment."""
