@@ -50,9 +50,9 @@ def test_a_pose_is_set_with_an_arrow_and_found_without(page: Page, shown: "Shown
     expect(page.locator("#trolley-hint")).to_contain_text("Press where the robot is")
     drag(page, (x, y), (x + 0.8 * math.cos(yaw), y + 0.8 * math.sin(yaw)))
     expect(page.get_by_role("button", name="Undo: Set pose")).to_be_visible()
-    wait_until(lambda: pose_error(shown) < 0.2, 30.0, "it is localized from a rough arrow")
+    wait_until(lambda: pose_error(shown) < 0.2, "it is localized from a rough arrow")
     button(page, "Find yourself").click()
-    wait_until(lambda: pose_error(shown) < 0.2, 60.0, "it finds itself with no arrow at all")
+    wait_until(lambda: pose_error(shown) < 0.2, "it finds itself with no arrow at all")
     expect(page.get_by_text("Localized").first).to_be_visible()
 
 
@@ -81,9 +81,9 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
         assert found is not None
         return found.pose
 
-    wait_until(lambda: truth().distance_to(start) > 1.0, 60.0, "it is on its way")
+    wait_until(lambda: truth().distance_to(start) > 1.0, "it is on its way")
     button(page, "Pause").click()
-    wait_until(lambda: goal_state(shown) == "paused", 20.0, "it stands on its way")
+    wait_until(lambda: goal_state(shown) == "paused", "it stands on its way")
     goal = shown.robot.latest(topics.GOAL)
     assert goal is not None
     aim = goal.pose
@@ -175,7 +175,7 @@ def test_a_number_of_any_topic_is_plotted(page: Page, pictures: Path) -> None:
 def test_a_part_that_hangs_is_named_and_nothing_is_made_up(page: Page, shown: "Shown") -> None:
     services = shown.demo.children()
     button(page, "start").click()
-    wait_until(lambda: goal_state(shown) == "arrived", 60.0, "it is at the start")
+    wait_until(lambda: goal_state(shown) == "arrived", "it is at the start")
     os.kill(services["localizer"], signal.SIGSTOP)
     try:
         expect(page.get_by_text("It does not know where it is").first).to_be_visible()
@@ -205,4 +205,4 @@ def test_a_localizer_that_died_comes_back_where_it_was(page: Page, shown: "Shown
     shown.demo.kill_service("localizer")
     expect(page.get_by_text("It does not know where it is").first).to_be_visible()
     expect(page.get_by_text("Localized").first).to_be_visible()
-    wait_until(lambda: pose_error(shown) < 0.2, 30.0, "it is where it was, and has checked it")
+    wait_until(lambda: pose_error(shown) < 0.2, "it is where it was, and has checked it")

@@ -55,8 +55,8 @@ def test_a_wall_is_drawn_seen_stored_and_taken_back(
     save.tap()
     expect(page.get_by_text("names, which is left alone")).to_be_visible()
     save.tap()
-    wait_until(lambda: walls(shown, "apartment-2") > 0, 60.0, "the robot is on the new map")
+    wait_until(lambda: walls(shown, "apartment-2") > 0, "the robot is on the new map")
     assert walls(shown, "apartment-2") > before + 15
     close_notices(page)
     page.get_by_role("button", name="Back to the version before").tap()
-    wait_until(lambda: walls(shown, "apartment") == before, 60.0, "the robot is on the old map")
+    wait_until(lambda: walls(shown, "apartment") == before, "the robot is on the old map")
