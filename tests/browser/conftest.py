@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from support.demo import Demo
 from support.processes import find_free_port
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import requests, topics
 from trolley.client import Refused, Robot
@@ -31,7 +31,7 @@ DELETES = {
     "poses": requests.POSES_DELETE,
     "tours": requests.TOURS_DELETE,
 }
-PATIENCE_MS = 180_000.0
+PATIENCE_MS = 1000.0 * PATIENCE_S
 # The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
 # processor has left for it beside the robot, and a tablet's graphics card does no better.
 SCENE = "?fixedDpr=0.5"

@@ -91,7 +91,7 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
     poll(page, lambda: seen(aim, is_green) > 0.7, "the footprint at the goal")
     poll(page, lambda: seen(truth(), is_blue) > 0.6, "the footprint came along")
     assert seen(start, is_blue) < 0.5  # the way that is left begins here, in blue as well
-    page.screenshot(path=pictures / "footprints.png", timeout=60_000)
+    page.screenshot(path=pictures / "footprints.png")
     button(page, "Cancel").click()
     poll(page, lambda: seen(aim, is_green) < 0.2, "there is no goal any more")
 
@@ -113,7 +113,7 @@ def test_frames_distances_and_layers(page: Page, shown: "Shown", pictures: Path)
     particles = page.get_by_label("Particles")
     expect(particles).to_be_checked()
     particles.uncheck()
-    page.screenshot(path=pictures / "more.png", timeout=60_000)
+    page.screenshot(path=pictures / "more.png")
     page.reload()
     page.get_by_text("Localized").first.wait_for()
     page.get_by_role("tab", name="More").click()
@@ -133,7 +133,7 @@ def test_markers_are_in_the_picture_until_they_are_deleted(
     )
     shown.robot.put_marker("seen", "cube", cube)
     poll(page, lambda: num_magenta(page) > before + 500, "the cube is seen")
-    page.screenshot(path=pictures / "cube.png", timeout=60_000)
+    page.screenshot(path=pictures / "cube.png")
     shown.robot.delete_marker("seen")
     poll(page, lambda: num_magenta(page) < before + 50, "the cube is gone")
 
@@ -167,7 +167,7 @@ def test_a_number_of_any_topic_is_plotted(page: Page, pictures: Path) -> None:
     field(page, "Value").fill("odom:twist.vx")
     field(page, "Value").press("Enter")
     expect(page.locator(".trolley-plot polyline").first).to_be_attached()
-    page.screenshot(path=pictures / "plot.png", timeout=60_000)
+    page.screenshot(path=pictures / "plot.png")
     page.get_by_text("Plot", exact=True).click()
     page.get_by_role("tab", name="Go").click()
 

@@ -50,7 +50,7 @@ def test_a_wall_is_drawn_seen_stored_and_taken_back(
     page.mouse.up()
     expect(page.get_by_text("1 step")).to_be_visible()
     close_notices(page)
-    page.screenshot(path=pictures / "map-wall.png", timeout=60_000)
+    page.screenshot(path=pictures / "map-wall.png")
     save = page.get_by_role("button", name="Save as new version")
     save.tap()
     expect(page.get_by_text("names, which is left alone")).to_be_visible()

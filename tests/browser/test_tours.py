@@ -62,7 +62,7 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     expect(page.get_by_role("button", name="2 start", exact=True)).to_be_visible()
     page.get_by_label("Stay, seconds").fill("1")
     expect(page.get_by_role("button", name="2 start · stays 1 s")).to_be_visible()
-    page.screenshot(path=pictures / "tour-editor.png", timeout=60_000)
+    page.screenshot(path=pictures / "tour-editor.png")
     button(page, "Save")
     wait_until(lambda: "evening" in stored(shown), "the tour is saved")
 
@@ -80,7 +80,7 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     trip.click()
     results = page.locator("details").filter(has=trip)  # other files drive trips, too
     expect(results.get_by_text("start reached")).to_be_visible()
-    page.screenshot(path=pictures / "past-trips.png", timeout=60_000)
+    page.screenshot(path=pictures / "past-trips.png")
 
 
 def test_a_deleted_tour_comes_back(page: Page, shown: "Shown") -> None:

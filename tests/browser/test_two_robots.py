@@ -35,7 +35,6 @@ START = Pose2D(1.65, 0.55, 0.0)
 """Between the first robot and `BEHIND`, where the first one sees it."""
 BEHIND = Pose2D(2.7, 0.9, 0.0)
 KEPT_AWAY_M = 0.4
-PATIENCE_S = 60.0
 
 
 class Second:
@@ -125,7 +124,7 @@ def test_what_is_not_on_the_map_is_marked_and_driven_round(
     expect(page.get_by_text("not on the map", exact=True)).to_be_visible()
     poll(page, lambda: num_marked() > 10, "its echoes are as those of what is not on the map")
     wait_until(lambda: nearest(shown) > KEPT_AWAY_M, "the way leads round it")
-    page.screenshot(path=pictures / "not-on-the-map.png", timeout=60_000)
+    page.screenshot(path=pictures / "not-on-the-map.png")
     page.get_by_label("Laser scan").uncheck()
     poll(page, lambda: num_marked() == 0, "they are echoes")
     page.get_by_label("Laser scan").check()
@@ -149,18 +148,18 @@ def test_one_viewer_shows_and_stops_two_robots(
     button(page, "Resume").click()
     wait_until(lambda: first_mode() == "ok", "the one that is followed goes on")
     assert second.mode == "stopped"
-    page.screenshot(path=pictures / "two-robots.png", timeout=60_000)
+    page.screenshot(path=pictures / "two-robots.png")
     button(page, "Follow Bertha").click()
     expect(page.get_by_text("It is stopped. Press Resume to let it drive again.")).to_be_visible()
     button(page, "Resume").click()
     wait_until(lambda: second.mode == "ok", "it is the second one's now")
     assert page.get_by_text("outline is shown").count() == 0  # nothing is amiss with its body
-    page.screenshot(path=pictures / "second-robot.png", timeout=60_000)
+    page.screenshot(path=pictures / "second-robot.png")
     second.process.send(signal.SIGTERM)
-    second.process.wait(30.0)
+    second.process.wait()
     expect(page.get_by_text("Bertha: Away")).to_be_visible()
     expect(page.get_by_text("Nothing is heard of the robot").first).to_be_visible()
-    page.screenshot(path=pictures / "second-away.png", timeout=60_000)
+    page.screenshot(path=pictures / "second-away.png")
     button(page, "STOP").click()
     expect(page.get_by_text("NOT STOPPED")).to_be_visible()
     button(page, "Follow Demo robot").click()

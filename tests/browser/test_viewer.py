@@ -68,10 +68,10 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
     expect(page.get_by_text("Press where to go")).to_be_visible()
     drag(page, PLACE, TOWARDS)
     wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
-    page.screenshot(path=pictures / "driving.png", timeout=60_000)
+    page.screenshot(path=pictures / "driving.png")
     wait_until(lambda: goal_state(shown) in ("arrived", "failed"), "the robot gets there")
     expect(page.get_by_text("It is at the place that was pointed out")).to_be_visible()
-    page.screenshot(path=pictures / "arrived.png", timeout=60_000)
+    page.screenshot(path=pictures / "arrived.png")
     truth = shown.robot.latest(topics.SIM_TRUTH)
     assert truth is not None
     assert truth.collisions == 0
@@ -102,7 +102,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     for part in (0.3, 0.6, 1.0):
         touch("touchMove", (x + part * (x1 - x), y + part * (y1 - y)))
     expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
-    phone.screenshot(path=pictures / "pointing-phone.png", timeout=60_000)
+    phone.screenshot(path=pictures / "pointing-phone.png")
     touch("touchEnd")
     wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
     goal = shown.robot.latest(topics.GOAL)
@@ -146,7 +146,7 @@ def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures
     page.mouse.click(*pixel_of(page, BESIDE))
     button(page, "start").click()
     expect(page.locator("ol > li")).to_have_count(2)
-    page.screenshot(path=pictures / "row.png", timeout=60_000)
+    page.screenshot(path=pictures / "row.png")
     button(page, "Start").click()
 
     def trip_state() -> str:
@@ -195,7 +195,7 @@ def test_a_place_is_saved_changed_and_brought_back(
     moved = place_of(shown, "toy corner")
     assert moved is not None
     assert math.dist((moved.pose.x, moved.pose.y), PLACE) < 0.1
-    page.screenshot(path=pictures / "places.png", timeout=60_000)
+    page.screenshot(path=pictures / "places.png")
     button(page, "Delete").click()
     wait_until(lambda: place_of(shown, "toy corner") is None, "it is deleted")
     page.get_by_role("button", name="Undo: Delete").click()

@@ -97,7 +97,7 @@ def test_a_no_go_area_drawn_across_the_way_is_driven_round(
     for corner in ACROSS:
         page.mouse.click(*pixel_of(page, corner))
         wait_for_frames(page)
-    page.screenshot(path=pictures / "zone-drawn.png", timeout=60_000)
+    page.screenshot(path=pictures / "zone-drawn.png")
     page.keyboard.press("Enter")
     wait_until(lambda: "no-go area 1" in zones(shown), "the zone is stored")
     near(zones(shown)["no-go area 1"].points, ACROSS)
@@ -114,7 +114,7 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     wait_for_frames(page)
     page.mouse.click(*pixel_of(page, (1.6, 0.45)))
     expect(page.get_by_role("button", name="Save", exact=True)).to_be_visible()
-    page.screenshot(path=pictures / "zone-selected.png", timeout=60_000)
+    page.screenshot(path=pictures / "zone-selected.png")
     wait_for_frames(page)
     # The handle stands above the floor, which is seen a little from the south.
     page.mouse.move(*pixel_of(page, (1.55, 0.37)))
@@ -161,7 +161,7 @@ def test_a_suspected_mirror_is_added_by_one_click(
     suspects = Suspects(stamp_ns=robot.now_ns() or 0, lines=[line])
     robot.connection.publish(robot.name, topics.SUSPECTS, suspects)  # as the localizer would
     expect(page.get_by_text("A mirror seems to hang")).to_be_visible()
-    page.screenshot(path=pictures / "suspect.png", timeout=60_000)
+    page.screenshot(path=pictures / "suspect.png")
     before = zones(shown)
     page.get_by_role("button", name="Yes, add it").click()
     wait_until(lambda: len(zones(shown)) > len(before), "it is a zone now")

@@ -10,22 +10,18 @@ from pathlib import Path
 
 import pytest
 from support.processes import Process, find_free_port, write_config
+from support.standing import HandDriven, stands
 from support.terminals import Terminal, trolley
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics
 from trolley.client import Robot
 from trolley.geometry import Twist2D
-from trolley.messages import VelocityCommand
-from trolley.runtime import codec
-from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import open_router
 
 ENTER_KITTY, LEAVE_KITTY = "\x1b[>31u", "\x1b[<u"
 UP, UP_RELEASE = "\x1b[A", "\x1b[1;1:3A"
 A, A_REPEAT, A_RELEASE = "\x1b[97;1:1;97u", "\x1b[97;1:2;97u", "\x1b[97;1:3u"
-STANDS_WITHIN_S = 1.5
-"""By robot time, from the last command on: how old one may be, how long it holds, and braking."""
 PRESS_AGAIN_S = 2.0
 
 
@@ -44,11 +40,7 @@ class Room:
         self._log = folder / "base.log"
         self.base = self.start_base()
         self.robot = Robot("tester", endpoint, connect_timeout=PATIENCE_S)
-        self._truth = self.robot.subscribe(topics.SIM_TRUTH)
-        self._twist = Twist2D.zero()
-        self._stands_since_ns: int | None = None
-        self._commanded_ns = 0
-        self.robot.connection.listen(topics.COMMAND.key("tester", "teleop"), self._hear)
+        self._driven = HandDriven(self.robot)
         wait_until(lambda: self.robot.now_ns() is not None, f"base runs: {self.base.log}")
 
     def start_base(self) -> Process:
@@ -61,35 +53,17 @@ class Room:
 
     def twist(self) -> Twist2D:
         """How the robot really moves."""
-        while (arrival := self._truth.next(0.0)) is not None:
-            self._twist = arrival.message.twist
-            if not stands(self._twist):
-                self._stands_since_ns = None
-            elif self._stands_since_ns is None:
-                self._stands_since_ns = arrival.message.stamp_ns
-        return self._twist
+        return self._driven.twist()
 
     def wait_for(self, happened: Callable[[Twist2D], bool], what: str) -> None:
         wait_until(lambda: happened(self.twist()), what)
 
     def wait_until_it_stands(self) -> None:
-        """Wait, and judge by the robot's clock how long the last command moved it."""
-        self.wait_for(stands, "it stands")
-        assert self._stands_since_ns is not None
-        assert (self._stands_since_ns - self._commanded_ns) * 1e-9 < STANDS_WITHIN_S
-
-    def _hear(self, sample: Sample) -> None:
-        command = codec.decode(VelocityCommand, sample.payload, sample.encoding)
-        if not command.twist.is_zero:
-            self._commanded_ns = command.stamp_ns
+        self._driven.wait_until_it_stands()
 
     def end(self) -> None:
         self.robot.close()
         self.base.kill()
-
-
-def stands(twist: Twist2D) -> bool:
-    return twist.speed < 0.01 and abs(twist.wz) < 0.02
 
 
 @contextmanager
