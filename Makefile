@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test slow lint format bench docs lock clean
+.PHONY: help setup demo test unit slow lint format audit bench docs lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -32,23 +32,19 @@ setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernel
 demo: setup ## A simulated robot in the viewer; ARGS="--tour --seed 7" goes to `trolley demo`.
 	@$(BIN)/trolley demo $(ARGS)
 
-define PYTEST
-@$(BIN)/python -m pytest -m "$(1)" --numprocesses auto --dist worksteal --ignore=tests/process --ignore=tests/browser
-@$(BIN)/python -m pytest -m "$(1)" --numprocesses 3 --dist worksteal tests/process
-@$(BIN)/python -m pytest -m "$(1)" --numprocesses 2 --dist loadfile tests/browser
-endef
-
-# Tests of whole processes wait most of the time, so three of them run side by side. A browser that
-# renders in software takes more, so there are two of those.
-test: lint ## Lint, type check, the tests; ARGS="-k geometry" goes to pytest.
+test: setup ## Lint, type check, all tests; ARGS="tests/unit/geometry" or "-k goal": only those tests.
 ifeq ($(ARGS),)
-	$(call PYTEST,not slow)
+	@$(BIN)/python tests/parts.py "not slow"
 else
 	@$(BIN)/python -m pytest $(ARGS)
 endif
 
+unit: setup ## The tests of a minute, while you work: no other programs, no browser, no lint.
+	@$(BIN)/python -m pytest -m "not slow and not programs" --numprocesses auto --dist worksteal \
+		tests/unit tests/rules $(ARGS)
+
 slow: setup ## The tests that take longer: whole drives, more seeds, most of the browser's.
-	$(call PYTEST,slow)
+	@$(BIN)/python tests/parts.py slow
 
 lint: setup ## ruff, its formatter and pyright, changing nothing.
 	@$(BIN)/ruff check .
@@ -58,6 +54,20 @@ lint: setup ## ruff, its formatter and pyright, changing nothing.
 format: setup ## Let ruff mend and format the code.
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
+
+# In an environment of its own: what it needs itself is no business of Trolley's.
+AUDIT := $(VENV)/audit
+audit: $(STAMPS)/venv ## Ask a public database for known vulnerabilities of requirements.lock.
+	@test -x $(AUDIT)/bin/pip-audit || { \
+		"$(PYTHON)" -m venv $(AUDIT) && \
+		$(AUDIT)/bin/python -m pip install --quiet --disable-pip-version-check 'pip-audit>=2.7,<3'; } || { \
+		echo "pip-audit cannot be installed here: is this machine on the Internet?"; exit 1; }
+	@$(AUDIT)/bin/pip-audit --requirement requirements.lock --require-hashes --disable-pip \
+		--vulnerability-service osv --progress-spinner off 2> $(AUDIT)/problems; code=$$?; \
+	if grep -qE '^[a-zA-Z._]*(Error|Timeout):' $(AUDIT)/problems; then \
+		echo "The database of vulnerabilities does not answer; nothing was checked:"; \
+		tail -n 1 $(AUDIT)/problems | cut -c 1-300; exit 2; \
+	fi; cat $(AUDIT)/problems >&2; exit $$code
 
 bench: setup ## Run every program in bench/.
 	@failed=(); for bench in $(BENCHES); do \

@@ -8,9 +8,13 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 from support.processes import Process, RouterProcess, find_free_port, write_config
+from support.signals import start_children_with_defaults
+from support.waiting import PATIENCE_S
 from support.wire import wait_for_service
 
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus
+
+start_children_with_defaults()
 
 # No deadline: the first call of a numba kernel compiles it.
 # Nor a check of how quickly examples come: that measures the machine.
@@ -57,7 +61,7 @@ def config_file(router: RouterProcess, tmp_path: Path) -> Path:
 @pytest.fixture
 def bus(router: RouterProcess) -> Generator[ZenohBus]:
     """A session of the test with the router."""
-    with open_bus([router.endpoint], timeout_s=60.0) as opened:
+    with open_bus([router.endpoint], timeout_s=PATIENCE_S) as opened:
         yield opened
 
 

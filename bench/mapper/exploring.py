@@ -25,7 +25,14 @@ from bench.harness.drives import make_config
 from bench.harness.figures import table
 from bench.harness.houses import draw_house, free_poses
 from bench.harness.wandering import APARTMENT, START, write_world
-from bench.mapper.perfect_robot import CLEARANCE, LIMITS, REACH_M, PerfectRobot, wanted_floor, way_from
+from bench.mapper.perfect_robot import (
+    CLEARANCE,
+    LIMITS,
+    REACH_M,
+    PerfectRobot,
+    wanted_floor,
+    way_from,
+)
 from numpy.typing import NDArray
 
 from trolley import requests, topics

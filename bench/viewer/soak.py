@@ -130,7 +130,6 @@ def main() -> None:
                     and (pose := robot.latest(topics.POSE)) is not None
                     and pose.state == "localized"
                 ),
-                180.0,
                 "the robot is localized",
             )
             start_endless(robot)

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from support.demo import Demo
 from support.processes import find_free_port
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import requests, topics
 from trolley.client import Refused, Robot
@@ -31,7 +31,7 @@ DELETES = {
     "poses": requests.POSES_DELETE,
     "tours": requests.TOURS_DELETE,
 }
-PATIENCE_MS = 180_000.0
+PATIENCE_MS = 1000.0 * PATIENCE_S
 # The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
 # processor has left for it beside the robot, and a tablet's graphics card does no better.
 SCENE = "?fixedDpr=0.5"
@@ -83,7 +83,7 @@ class Shown:
     def settle(self) -> None:
         """Bring the robot back to where it began, with nothing drawn or stored besides."""
         robot = self.robot
-        wait_until(self.is_ready, 180.0, "the demo's robot is localized")
+        wait_until(self.is_ready, "the demo's robot is localized")
         robot.delete_marker()
         robot.delete_overlay()
         stored = self._stored()
@@ -97,7 +97,7 @@ class Shown:
         truth = robot.latest(topics.SIM_TRUTH)
         assert truth is not None
         if truth.pose.distance_to(START) > 0.1 or abs(wrap_angle(truth.pose.yaw - START.yaw)) > 0.2:
-            wait_until(self._has_come_back, 120.0, "it is back at the start")
+            wait_until(self._has_come_back, "it is back at the start")
 
     def _has_come_back(self) -> bool:
         """Drive to the start; base or localizer may have been killed just before."""
@@ -123,7 +123,7 @@ def run_demo(folder: Path) -> Iterator[Shown]:
         pytest.skip(f"{CHROMIUM} is not installed")
     shown = Shown(folder)
     try:
-        wait_until(shown.is_ready, 180.0, "the demo's robot is localized")
+        wait_until(shown.is_ready, "the demo's robot is localized")
         yield shown
     finally:
         shown.robot.close()

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page
+from support.waiting import PATIENCE_S
 
 from trolley.gridmap import load_map
 from trolley_viz.graphics.camera import (
@@ -68,7 +69,7 @@ def wait_for_frames(page: Page) -> None:
 
 def picture(page: Page) -> Pixels:
     """What is seen now."""
-    return pixels_of(page.screenshot(timeout=60_000))
+    return pixels_of(page.screenshot())
 
 
 def pixels_of(png: bytes) -> Pixels:
@@ -121,7 +122,7 @@ def count_seen(page: Page, point: tuple[float, float], colour: Colour, reach_m: 
 
 def poll(page: Page, happened: Callable[[], bool], what: str) -> None:
     """As `wait_until`, but leaves the browser time to draw."""
-    for _ in range(40):
+    for _ in range(round(4 * PATIENCE_S)):
         if happened():
             return
         page.wait_for_timeout(250)

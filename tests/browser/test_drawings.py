@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
+from support.waiting import PATIENCE_S
 
 from trolley import topics
 from trolley.geometry import Pose2D
@@ -63,7 +64,7 @@ def test_text_is_shown_and_what_it_smuggles_in_does_nothing(page: Page) -> None:
 def test_a_click_on_a_menu_reaches_the_program(page: Page, shown: "Shown") -> None:
     with shown.robot.subscribe(topics.CHOICE, "mode") as choices:
         card(page, "mode").get_by_role("button", name="Search").click()
-        heard = choices.next(180.0)
+        heard = choices.next(PATIENCE_S)
     assert heard is not None
     assert (heard.message.index, heard.message.item) == (1, "Search")
     expect(card(page, "mode").locator("[aria-pressed=true]")).to_have_text("Search")
@@ -73,7 +74,7 @@ def test_gauge_and_plot_show_where_the_robot_is(page: Page, shown: "Shown", pict
     expect(card(page, "gauge").locator(".ov-big")).to_contain_text("°")
     expect(card(page, "plot").locator("polyline").first).to_be_attached()
     expect(card(page, "plot").locator(".ov-value")).to_contain_text(" m")
-    page.screenshot(path=pictures / "drawings.png", timeout=60_000)
+    page.screenshot(path=pictures / "drawings.png")
     with page.expect_download() as download:
         card(page, "plot").get_by_role("button", name="CSV").click()
     assert download.value.suggested_filename == "trolley-plot.csv"
@@ -108,7 +109,7 @@ def test_a_menu_marks_what_the_robot_is_doing(page: Page, shown: "Shown", pictur
     expect(marked).to_have_text(before.state)
     robot.send("kitchen")
     expect(marked).to_have_text("driving")
-    page.screenshot(path=pictures / "state-panel.png", timeout=60_000)
+    page.screenshot(path=pictures / "state-panel.png")
     robot.cancel()
     expect(marked).to_have_text("canceled")
     robot.delete_overlay("state")
@@ -129,7 +130,7 @@ def test_every_message_counts_but_the_page_is_brought_up_to_date_seldom(
     robot.put_overlay("lost", Overlay(kind="text", source=f"tf:map/{CHILD}:distance"))
     value = card(page, "fast").locator(".ov-value")
     expect(card(page, "fast")).to_contain_text("No data yet")
-    for first in range(100):  # until it is listened to
+    for first in range(round(10 * PATIENCE_S)):  # until it is listened to
         tell(-first)
         if value.is_visible() and value.inner_text().strip():
             break

@@ -56,9 +56,9 @@ def test_what_is_not_let_go_of_sends_no_goal(page: Page, shown: "Shown") -> None
     assert goal.id == before.id
     drag_on()
     touch("touchEnd")
-    wait_until(lambda: goal_state(shown) == "driving", 20.0, "it sets off when it is let go")
+    wait_until(lambda: goal_state(shown) == "driving", "it sets off when it is let go")
     button(page, "Cancel").click()
-    wait_until(lambda: goal_state(shown) == "canceled", 20.0, "the goal is taken back")
+    wait_until(lambda: goal_state(shown) == "canceled", "the goal is taken back")
 
 
 def test_folders_are_open_as_they_were_left(page: Page, shown: "Shown") -> None:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
+from support.standing import HandDriven, stands
 from support.waiting import wait_until
 
 from trolley import topics
-from trolley.geometry import Twist2D
 
 from .conftest import open_page
 
@@ -20,9 +20,14 @@ if TYPE_CHECKING:
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
-STANDS_WITHIN_S = 1.2
-"""0.5 s, and what a loaded machine without a graphics card takes."""
 UP, LEFT = (0.0, -1.0), (-1.0, 0.0)
+
+
+@pytest.fixture
+def driven(shown: "Shown") -> Iterator[HandDriven]:
+    watched = HandDriven(shown.robot)
+    yield watched
+    watched.close()
 
 
 @pytest.fixture
@@ -55,56 +60,47 @@ def press(page: Page, towards: tuple[float, float]) -> None:
     page.mouse.move(x + reach * towards[0], y + reach * towards[1], steps=4)
 
 
-def truth(shown: "Shown") -> Twist2D:
-    found = shown.robot.latest(topics.SIM_TRUTH)
-    assert found is not None
-    return found.twist
-
-
-def stands(shown: "Shown") -> bool:
-    twist = truth(shown)
-    return twist.speed < 0.01 and abs(twist.wz) < 0.02
-
-
 def source(shown: "Shown") -> str | None:
     base = shown.robot.latest(topics.BASE)
     return None if base is None else base.source
 
 
 def test_press_drives_and_release_stops(
-    shown: "Shown", open_pad: Callable[..., Page], pictures: Path
+    shown: "Shown", driven: HandDriven, open_pad: Callable[..., Page], pictures: Path
 ) -> None:
     page = open_pad()
     press(page, UP)
-    wait_until(lambda: truth(shown).vx > 0.2, 10.0, "it drives forward")
-    assert truth(shown).vx < 0.27
-    page.screenshot(path=pictures / "joystick.png", timeout=60_000)
+    wait_until(lambda: driven.twist().vx > 0.2, "it drives forward")
+    assert driven.twist().vx < 0.27
+    page.screenshot(path=pictures / "joystick.png")
     page.mouse.up()
-    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
-    wait_until(lambda: source(shown) is None, 5.0, "the joystick gives the robot back")
+    driven.wait_until_it_stands()
+    wait_until(lambda: source(shown) is None, "the joystick gives the robot back")
     press(page, LEFT)
-    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns left")
+    wait_until(lambda: driven.twist().wz > 0.5, "it turns left")
     page.mouse.up()
-    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+    driven.wait_until_it_stands()
 
 
-def test_the_slider_bounds_the_speed(shown: "Shown", open_pad: Callable[..., Page]) -> None:
+def test_the_slider_bounds_the_speed(
+    shown: "Shown", driven: HandDriven, open_pad: Callable[..., Page]
+) -> None:
     page = open_pad()
     page.get_by_label("Speed", exact=True).fill("0.1")
     press(page, (0.0, 1.0))
-    wait_until(lambda: truth(shown).vx < -0.08, 10.0, "it backs up")
-    assert truth(shown).vx > -0.12
+    wait_until(lambda: driven.twist().vx < -0.08, "it backs up")
+    assert driven.twist().vx > -0.12
     page.mouse.up()
-    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+    driven.wait_until_it_stands()
 
 
 @pytest.mark.parametrize("way", ["crashed", "closed", "hanging", "left"])
 def test_a_page_that_is_gone_holds_nothing(
-    shown: "Shown", browser: Browser, open_pad: Callable[..., Page], way: str
+    shown: "Shown", browser: Browser, driven: HandDriven, open_pad: Callable[..., Page], way: str
 ) -> None:
     page = open_pad()
     press(page, LEFT)
-    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns")
+    wait_until(lambda: driven.twist().wz > 0.5, "it turns")
     if way == "crashed":
         session = browser.new_browser_cdp_session()
         for process in session.send("SystemInfo.getProcessInfo")["processInfo"]:
@@ -116,50 +112,52 @@ def test_a_page_that_is_gone_holds_nothing(
         page.evaluate("setTimeout(() => { for (const t = Date.now(); Date.now() < t + 3000;); })")
     else:
         page.evaluate("window.dispatchEvent(new Event('blur'))")
-    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+    driven.wait_until_it_stands()
 
 
 def test_one_browser_drives_and_the_other_is_told(
-    shown: "Shown", open_pad: Callable[..., Page]
+    shown: "Shown", driven: HandDriven, open_pad: Callable[..., Page]
 ) -> None:
     one, other = open_pad(), open_pad()
     press(one, LEFT)
-    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns left")
+    wait_until(lambda: driven.twist().wz > 0.5, "it turns left")
     expect(other.get_by_text("Somebody else is driving")).to_be_visible()
     press(other, (1.0, 0.0))
-    assert truth(shown).wz > 0.0
+    assert driven.twist().wz > 0.0
     one.mouse.up()
-    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands: the other has to press anew")
+    driven.wait_until_it_stands()
     other.mouse.up()
     expect(other.get_by_text("Somebody else is driving")).to_have_count(0)
     press(other, (1.0, 0.0))
-    wait_until(lambda: truth(shown).wz < -0.5, 10.0, "it turns right")
+    wait_until(lambda: driven.twist().wz < -0.5, "it turns right")
     other.mouse.up()
-    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+    driven.wait_until_it_stands()
 
 
 def test_stop_while_it_is_held_stops_for_good(
-    shown: "Shown", open_pad: Callable[..., Page]
+    shown: "Shown", driven: HandDriven, open_pad: Callable[..., Page]
 ) -> None:
     page = open_pad()
     press(page, LEFT)
-    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns")
+    wait_until(lambda: driven.twist().wz > 0.5, "it turns")
     shown.robot.stop()
-    wait_until(lambda: stands(shown), STANDS_WITHIN_S, "it stands")
+    driven.wait_until_it_stands()
     expect(page.locator(".hand-say")).to_contain_text("Press Resume to let it drive again")
     page.mouse.up()
     shown.robot.resume()
     expect(page.locator(".hand-say")).to_have_text("")
-    assert stands(shown)
+    assert stands(driven.twist())
 
 
-def test_without_base_it_cannot_be_held(shown: "Shown", open_pad: Callable[..., Page]) -> None:
+def test_without_base_it_cannot_be_held(
+    shown: "Shown", driven: HandDriven, open_pad: Callable[..., Page]
+) -> None:
     page = open_pad()
     press(page, LEFT)
-    wait_until(lambda: truth(shown).wz > 0.5, 10.0, "it turns")
+    wait_until(lambda: driven.twist().wz > 0.5, "it turns")
     shown.demo.kill_service("base")
     expect(page.get_by_text("No contact with the robot").last).to_be_visible()
-    wait_until(lambda: shown.robot.now_ns() is not None, 30.0, "base is back")
+    wait_until(lambda: shown.robot.now_ns() is not None, "base is back")
     expect(page.locator(".hand-card")).not_to_have_class("hand-card hand-off")
-    assert stands(shown)  # still pressed, but nothing sets off by itself
+    assert stands(driven.twist())  # still pressed, but nothing sets off by itself
     page.mouse.up()

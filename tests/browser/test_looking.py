@@ -50,9 +50,9 @@ def test_a_pose_is_set_with_an_arrow_and_found_without(page: Page, shown: "Shown
     expect(page.locator("#trolley-hint")).to_contain_text("Press where the robot is")
     drag(page, (x, y), (x + 0.8 * math.cos(yaw), y + 0.8 * math.sin(yaw)))
     expect(page.get_by_role("button", name="Undo: Set pose")).to_be_visible()
-    wait_until(lambda: pose_error(shown) < 0.2, 30.0, "it is localized from a rough arrow")
+    wait_until(lambda: pose_error(shown) < 0.2, "it is localized from a rough arrow")
     button(page, "Find position").click()
-    wait_until(lambda: pose_error(shown) < 0.2, 60.0, "it finds itself with no arrow at all")
+    wait_until(lambda: pose_error(shown) < 0.2, "it finds itself with no arrow at all")
     expect(page.get_by_text("Localized").first).to_be_visible()
 
 
@@ -81,9 +81,9 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
         assert found is not None
         return found.pose
 
-    wait_until(lambda: truth().distance_to(start) > 1.0, 60.0, "it is on its way")
+    wait_until(lambda: truth().distance_to(start) > 1.0, "it is on its way")
     button(page, "Pause").click()
-    wait_until(lambda: goal_state(shown) == "paused", 20.0, "it stands on its way")
+    wait_until(lambda: goal_state(shown) == "paused", "it stands on its way")
     goal = shown.robot.latest(topics.GOAL)
     assert goal is not None
     aim = goal.pose
@@ -91,7 +91,7 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
     poll(page, lambda: seen(aim, is_green) > 0.7, "the footprint at the goal")
     poll(page, lambda: seen(truth(), is_blue) > 0.6, "the footprint came along")
     assert seen(start, is_blue) < 0.5  # the way that is left begins here, in blue as well
-    page.screenshot(path=pictures / "footprints.png", timeout=60_000)
+    page.screenshot(path=pictures / "footprints.png")
     button(page, "Cancel").click()
     poll(page, lambda: seen(aim, is_green) < 0.2, "there is no goal any more")
 
@@ -113,7 +113,7 @@ def test_frames_distances_and_layers(page: Page, shown: "Shown", pictures: Path)
     particles = page.get_by_label("Particles")
     expect(particles).to_be_checked()
     particles.uncheck()
-    page.screenshot(path=pictures / "more.png", timeout=60_000)
+    page.screenshot(path=pictures / "more.png")
     page.reload()
     page.get_by_text("Localized").first.wait_for()
     page.get_by_role("tab", name="More").click()
@@ -133,7 +133,7 @@ def test_markers_are_in_the_picture_until_they_are_deleted(
     )
     shown.robot.put_marker("seen", "cube", cube)
     poll(page, lambda: num_magenta(page) > before + 500, "the cube is seen")
-    page.screenshot(path=pictures / "cube.png", timeout=60_000)
+    page.screenshot(path=pictures / "cube.png")
     shown.robot.delete_marker("seen")
     poll(page, lambda: num_magenta(page) < before + 50, "the cube is gone")
 
@@ -167,7 +167,7 @@ def test_a_number_of_any_topic_is_plotted(page: Page, pictures: Path) -> None:
     field(page, "Value").fill("odom:twist.vx")
     field(page, "Value").press("Enter")
     expect(page.locator(".trolley-plot polyline").first).to_be_attached()
-    page.screenshot(path=pictures / "plot.png", timeout=60_000)
+    page.screenshot(path=pictures / "plot.png")
     page.get_by_text("Plot", exact=True).click()
     page.get_by_role("tab", name="Go").click()
 
@@ -175,7 +175,7 @@ def test_a_number_of_any_topic_is_plotted(page: Page, pictures: Path) -> None:
 def test_a_part_that_hangs_is_named_and_nothing_is_made_up(page: Page, shown: "Shown") -> None:
     services = shown.demo.children()
     button(page, "start").click()
-    wait_until(lambda: goal_state(shown) == "arrived", 60.0, "it is at the start")
+    wait_until(lambda: goal_state(shown) == "arrived", "it is at the start")
     os.kill(services["localizer"], signal.SIGSTOP)
     try:
         expect(page.get_by_text("The robot does not know where it is").first).to_be_visible()
@@ -205,4 +205,4 @@ def test_a_localizer_that_died_comes_back_where_it_was(page: Page, shown: "Shown
     shown.demo.kill_service("localizer")
     expect(page.get_by_text("The robot does not know where it is").first).to_be_visible()
     expect(page.get_by_text("Localized").first).to_be_visible()
-    wait_until(lambda: pose_error(shown) < 0.2, 30.0, "it is where it was, and has checked it")
+    wait_until(lambda: pose_error(shown) < 0.2, "it is where it was, and has checked it")

@@ -62,14 +62,14 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     expect(page.get_by_role("button", name="2 start", exact=True)).to_be_visible()
     page.get_by_label("Stay (s)").fill("1")
     expect(page.get_by_role("button", name="2 start · stays 1 s")).to_be_visible()
-    page.screenshot(path=pictures / "tour-editor.png", timeout=60_000)
+    page.screenshot(path=pictures / "tour-editor.png")
     button(page, "Save")
-    wait_until(lambda: "evening" in stored(shown), 20.0, "the tour is saved")
+    wait_until(lambda: "evening" in stored(shown), "the tour is saved")
 
     starts = page.get_by_role("button", name="Start", exact=True)
     expect(starts).to_have_count(2)  # the other tour is the demo's own
     starts.last.click()
-    wait_until(lambda: last_trip(shown) == ("evening", "done"), 120.0, "the tour is driven")
+    wait_until(lambda: last_trip(shown) == ("evening", "done"), "the tour is driven")
     expect(page.get_by_text("stop 1 reached")).to_be_visible()
     expect(page.get_by_text("start reached")).to_be_visible()
     expect(page.get_by_text("Last tour: “evening”")).to_be_visible()
@@ -80,11 +80,11 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     trip.click()
     results = page.locator("details").filter(has=trip)  # other files drive trips, too
     expect(results.get_by_text("start reached")).to_be_visible()
-    page.screenshot(path=pictures / "past-trips.png", timeout=60_000)
+    page.screenshot(path=pictures / "past-trips.png")
 
 
 def test_a_deleted_tour_comes_back(page: Page, shown: "Shown") -> None:
     page.get_by_role("button", name="Delete", exact=True).last.click()
-    wait_until(lambda: "evening" not in stored(shown), 20.0, "the tour is deleted")
+    wait_until(lambda: "evening" not in stored(shown), "the tour is deleted")
     button(page, "Undo: Delete the tour evening")
-    wait_until(lambda: "evening" in stored(shown), 20.0, "the tour is back")
+    wait_until(lambda: "evening" in stored(shown), "the tour is back")

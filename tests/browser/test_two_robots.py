@@ -35,7 +35,6 @@ START = Pose2D(1.65, 0.55, 0.0)
 """Between the first robot and `BEHIND`, where the first one sees it."""
 BEHIND = Pose2D(2.7, 0.9, 0.0)
 KEPT_AWAY_M = 0.4
-PATIENCE_S = 60.0
 
 
 class Second:
@@ -93,7 +92,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> "Iterator[Shown]":
 def second(shown: "Shown", tmp_path_factory: pytest.TempPathFactory) -> Iterator[Second]:
     second = Second(shown, tmp_path_factory.mktemp("second"))
     try:
-        wait_until(second.is_ready, 90.0, "the second robot is localized")
+        wait_until(second.is_ready, "the second robot is localized")
         yield second
     finally:
         second.robot.close()
@@ -124,8 +123,8 @@ def test_what_is_not_on_the_map_is_marked_and_driven_round(
     page.get_by_text("Layers: Sensing", exact=True).click()
     expect(page.get_by_text("not on the map", exact=True)).to_be_visible()
     poll(page, lambda: num_marked() > 10, "its echoes are as those of what is not on the map")
-    wait_until(lambda: nearest(shown) > KEPT_AWAY_M, 10.0, "the way leads round it")
-    page.screenshot(path=pictures / "not-on-the-map.png", timeout=60_000)
+    wait_until(lambda: nearest(shown) > KEPT_AWAY_M, "the way leads round it")
+    page.screenshot(path=pictures / "not-on-the-map.png")
     page.get_by_label("Laser scan").uncheck()
     poll(page, lambda: num_marked() == 0, "they are echoes")
     page.get_by_label("Laser scan").check()
@@ -144,23 +143,23 @@ def test_one_viewer_shows_and_stops_two_robots(
     page.get_by_text("All robots", exact=True).click()
     expect(page.get_by_text("Bertha: Standing by")).to_be_visible()
     button(page, "Stop all robots").click()
-    wait_until(lambda: (first_mode(), second.mode) == ("stopped", "stopped"), 10.0, "both stop")
+    wait_until(lambda: (first_mode(), second.mode) == ("stopped", "stopped"), "both stop")
     expect(page.get_by_text("Bertha: Stopped")).to_be_visible()
     button(page, "Resume").click()
-    wait_until(lambda: first_mode() == "ok", 10.0, "the one that is followed goes on")
+    wait_until(lambda: first_mode() == "ok", "the one that is followed goes on")
     assert second.mode == "stopped"
-    page.screenshot(path=pictures / "two-robots.png", timeout=60_000)
+    page.screenshot(path=pictures / "two-robots.png")
     button(page, "Follow Bertha").click()
     expect(page.get_by_text("Stopped. Press Resume to let it drive again.")).to_be_visible()
     button(page, "Resume").click()
-    wait_until(lambda: second.mode == "ok", 10.0, "it is the second one's now")
+    wait_until(lambda: second.mode == "ok", "it is the second one's now")
     assert page.get_by_text("outline is shown").count() == 0  # nothing is amiss with its body
-    page.screenshot(path=pictures / "second-robot.png", timeout=60_000)
+    page.screenshot(path=pictures / "second-robot.png")
     second.process.send(signal.SIGTERM)
-    second.process.wait(30.0)
+    second.process.wait()
     expect(page.get_by_text("Bertha: Away")).to_be_visible()
     expect(page.get_by_text("No contact with the robot").first).to_be_visible()
-    page.screenshot(path=pictures / "second-away.png", timeout=60_000)
+    page.screenshot(path=pictures / "second-away.png")
     button(page, "STOP").click()
     expect(page.get_by_text("NOT STOPPED")).to_be_visible()
     button(page, "Follow Demo robot").click()

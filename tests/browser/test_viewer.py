@@ -67,11 +67,11 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
     page.get_by_role("button", name="Go to …").click()
     expect(page.get_by_text("Press where it should go")).to_be_visible()
     drag(page, PLACE, TOWARDS)
-    wait_until(lambda: goal_state(shown) == "driving", 20.0, "the robot sets off")
-    page.screenshot(path=pictures / "driving.png", timeout=60_000)
-    wait_until(lambda: goal_state(shown) in ("arrived", "failed"), 60.0, "the robot gets there")
+    wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
+    page.screenshot(path=pictures / "driving.png")
+    wait_until(lambda: goal_state(shown) in ("arrived", "failed"), "the robot gets there")
     expect(page.get_by_text("It has arrived at the place on the map")).to_be_visible()
-    page.screenshot(path=pictures / "arrived.png", timeout=60_000)
+    page.screenshot(path=pictures / "arrived.png")
     truth = shown.robot.latest(topics.SIM_TRUTH)
     assert truth is not None
     assert truth.collisions == 0
@@ -102,16 +102,16 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     for part in (0.3, 0.6, 1.0):
         touch("touchMove", (x + part * (x1 - x), y + part * (y1 - y)))
     expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
-    phone.screenshot(path=pictures / "pointing-phone.png", timeout=60_000)
+    phone.screenshot(path=pictures / "pointing-phone.png")
     touch("touchEnd")
-    wait_until(lambda: goal_state(shown) == "driving", 20.0, "the robot sets off")
+    wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
     goal = shown.robot.latest(topics.GOAL)
     assert goal is not None
     assert goal.pose is not None
     assert math.dist((goal.pose.x, goal.pose.y), FAR) < 0.1
     assert abs(wrap_angle(goal.pose.yaw - math.pi)) < 0.15
     phone.get_by_role("button", name="Undo: Go to").tap()
-    wait_until(lambda: goal_state(shown) == "canceled", 20.0, "the goal is taken back")
+    wait_until(lambda: goal_state(shown) == "canceled", "the goal is taken back")
     # Who vanishes in the middle of a drag has done nothing.
     button(phone, "Go to …").tap()
     expect(hint).to_contain_text("Press where it should go")
@@ -146,15 +146,15 @@ def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures
     page.mouse.click(*pixel_of(page, BESIDE))
     button(page, "start").click()
     expect(page.locator("ol > li")).to_have_count(2)
-    page.screenshot(path=pictures / "row.png", timeout=60_000)
+    page.screenshot(path=pictures / "row.png")
     button(page, "Start").click()
 
     def trip_state() -> str:
         trip = shown.robot.latest(topics.TOUR)
         return "" if trip is None else trip.state
 
-    wait_until(lambda: trip_state() == "driving", 20.0, "it sets off")
-    wait_until(lambda: trip_state() == "done", 90.0, "it has been at both")
+    wait_until(lambda: trip_state() == "driving", "it sets off")
+    wait_until(lambda: trip_state() == "done", "it has been at both")
     trip = shown.robot.latest(topics.TOUR)
     assert trip is not None
     assert [result.state for result in trip.results] == ["reached", "reached"]
@@ -174,7 +174,7 @@ def test_a_place_is_saved_changed_and_brought_back(
     field(page, "Name").press_sequentially("play corner")  # keys that would point, stop and cancel
     choose(page, "Icon", "children")
     button(page, "Save where the robot is").click()
-    wait_until(lambda: place_of(shown, "play corner") is not None, 20.0, "it is saved")
+    wait_until(lambda: place_of(shown, "play corner") is not None, "it is saved")
     expect(page.locator("#trolley-hint")).to_have_count(0)
     base = shown.robot.latest(topics.BASE)
     assert base is not None
@@ -182,7 +182,7 @@ def test_a_place_is_saved_changed_and_brought_back(
     choose(page, "Place", "play corner")
     field(page, "Name").fill("toy corner")
     button(page, "Save changes").click()
-    wait_until(lambda: place_of(shown, "play corner") is None, 20.0, "it is renamed")
+    wait_until(lambda: place_of(shown, "play corner") is None, "it is renamed")
     renamed = place_of(shown, "toy corner")
     assert renamed is not None
     assert renamed.icon == "baby-carriage"
@@ -191,17 +191,17 @@ def test_a_place_is_saved_changed_and_brought_back(
     button(page, "Move on the map …").click()
     expect(page.locator("#trolley-hint")).to_contain_text("Press")
     drag(page, PLACE, TOWARDS)
-    wait_until(lambda: place_of(shown, "toy corner") != renamed, 20.0, "it is moved")
+    wait_until(lambda: place_of(shown, "toy corner") != renamed, "it is moved")
     moved = place_of(shown, "toy corner")
     assert moved is not None
     assert math.dist((moved.pose.x, moved.pose.y), PLACE) < 0.1
-    page.screenshot(path=pictures / "places.png", timeout=60_000)
+    page.screenshot(path=pictures / "places.png")
     button(page, "Delete").click()
-    wait_until(lambda: place_of(shown, "toy corner") is None, 20.0, "it is deleted")
+    wait_until(lambda: place_of(shown, "toy corner") is None, "it is deleted")
     page.get_by_role("button", name="Undo: Delete").click()
-    wait_until(lambda: place_of(shown, "toy corner") == moved, 20.0, "it is back")
+    wait_until(lambda: place_of(shown, "toy corner") == moved, "it is back")
     page.get_by_role("button", name="Undo: Move").click()
-    wait_until(lambda: place_of(shown, "toy corner") == renamed, 20.0, "it is where it was")
+    wait_until(lambda: place_of(shown, "toy corner") == renamed, "it is where it was")
     page.get_by_role("tab", name="Go").click()
 
 
@@ -213,7 +213,7 @@ def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
     button(page, "Pause").click()
     expect(page.get_by_text("It is paused on its way to corridor")).to_be_visible()
     button(page, "Continue").click()
-    wait_until(lambda: goal_state(shown) == "driving", 20.0, "it goes on")
+    wait_until(lambda: goal_state(shown) == "driving", "it goes on")
     button(page, "Cancel").click()
     expect(page.get_by_text("Canceled. Ready.")).to_be_visible()
 
@@ -231,14 +231,14 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
         return "" if base is None else base.mode
 
     page.get_by_role("button", name="STOP").click()
-    wait_until(lambda: mode() == "stopped", 10.0, "base is stopped")
+    wait_until(lambda: mode() == "stopped", "base is stopped")
     expect(page.get_by_text("Stopped. Press Resume to let it drive again.")).to_be_visible()
     page.get_by_role("button", name="Resume").click()
-    wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
+    wait_until(lambda: mode() == "ok", "base may drive again")
     page.keyboard.press("Space")
-    wait_until(lambda: mode() == "stopped", 10.0, "a key stops it, too")
+    wait_until(lambda: mode() == "stopped", "a key stops it, too")
     page.get_by_role("button", name="Resume").click()
-    wait_until(lambda: mode() == "ok", 10.0, "base may drive again")
+    wait_until(lambda: mode() == "ok", "base may drive again")
 
 
 def test_a_stop_that_nobody_answers_is_repeated_and_says_so(page: Page, shown: "Shown") -> None:
@@ -250,5 +250,5 @@ def test_a_stop_that_nobody_answers_is_repeated_and_says_so(page: Page, shown: "
         base = shown.robot.latest(topics.BASE)
         return base is not None and base.mode == "stopped"
 
-    wait_until(is_stopped, 30.0, "base is back, and stopped")
+    wait_until(is_stopped, "base is back, and stopped")
     expect(page.get_by_text("NOT STOPPED")).to_have_count(0)

@@ -97,11 +97,11 @@ def test_a_no_go_area_drawn_across_the_way_is_driven_round(
     for corner in ACROSS:
         page.mouse.click(*pixel_of(page, corner))
         wait_for_frames(page)
-    page.screenshot(path=pictures / "zone-drawn.png", timeout=60_000)
+    page.screenshot(path=pictures / "zone-drawn.png")
     page.keyboard.press("Enter")
-    wait_until(lambda: "no-go area 1" in zones(shown), 20.0, "the zone is stored")
+    wait_until(lambda: "no-go area 1" in zones(shown), "the zone is stored")
     near(zones(shown)["no-go area 1"].points, ACROSS)
-    wait_until(lambda: not crosses(way(shown)), 10.0, "the planner goes round")
+    wait_until(lambda: not crosses(way(shown)), "the planner goes round")
 
 
 def test_it_is_picked_moved_renamed_and_all_of_it_undone(
@@ -114,7 +114,7 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     wait_for_frames(page)
     page.mouse.click(*pixel_of(page, (1.6, 0.45)))
     expect(page.get_by_role("button", name="Save", exact=True)).to_be_visible()
-    page.screenshot(path=pictures / "zone-selected.png", timeout=60_000)
+    page.screenshot(path=pictures / "zone-selected.png")
     wait_for_frames(page)
     # The handle stands above the floor, which is seen a little from the south.
     page.mouse.move(*pixel_of(page, (1.55, 0.37)))
@@ -122,23 +122,23 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     page.mouse.move(*pixel_of(page, (1.55, 1.37)), steps=10)
     page.mouse.up()
     moved = [(x, y + 1.0) for x, y in ACROSS]
-    wait_until(lambda: zones(shown)["no-go area 1"] != before, 20.0, "the zone is moved")
+    wait_until(lambda: zones(shown)["no-go area 1"] != before, "the zone is moved")
     near(zones(shown)["no-go area 1"].points, moved)
     name_field(page, "no-go area 1").fill("cat's <b>bed</b>")
     page.get_by_role("button", name="Save", exact=True).click()
     expect(page.get_by_text("may not hold")).to_be_visible()
     name_field(page, "cat's <b>bed</b>").fill("Katzenkörbchen")
     page.get_by_role("button", name="Save", exact=True).click()
-    wait_until(lambda: "Katzenkörbchen" in zones(shown), 20.0, "the zone is renamed")
+    wait_until(lambda: "Katzenkörbchen" in zones(shown), "the zone is renamed")
     page.get_by_role("button", name="Delete", exact=True).click()
-    wait_until(lambda: "Katzenkörbchen" not in zones(shown), 20.0, "the zone is deleted")
+    wait_until(lambda: "Katzenkörbchen" not in zones(shown), "the zone is deleted")
     for name in ("Katzenkörbchen", "no-go area 1"):
         page.get_by_role("button", name="Undo: ").click()
-        wait_until(lambda name=name: name in zones(shown), 20.0, f"{name} is back")
+        wait_until(lambda name=name: name in zones(shown), f"{name} is back")
     page.get_by_role("button", name="Undo: ").click()
-    wait_until(lambda: zones(shown)["no-go area 1"] == before, 20.0, "it is where it was")
+    wait_until(lambda: zones(shown)["no-go area 1"] == before, "it is where it was")
     page.get_by_role("button", name="Undo: ").click()
-    wait_until(lambda: "no-go area 1" not in zones(shown), 20.0, "it is gone")
+    wait_until(lambda: "no-go area 1" not in zones(shown), "it is gone")
     assert crosses(way(shown))
 
 
@@ -161,10 +161,10 @@ def test_a_suspected_mirror_is_added_by_one_click(
     suspects = Suspects(stamp_ns=robot.now_ns() or 0, lines=[line])
     robot.connection.publish(robot.name, topics.SUSPECTS, suspects)  # as the localizer would
     expect(page.get_by_text("There seems to be a mirror")).to_be_visible()
-    page.screenshot(path=pictures / "suspect.png", timeout=60_000)
+    page.screenshot(path=pictures / "suspect.png")
     before = zones(shown)
     page.get_by_role("button", name="Yes, add it").click()
-    wait_until(lambda: len(zones(shown)) > len(before), 20.0, "it is a zone now")
+    wait_until(lambda: len(zones(shown)) > len(before), "it is a zone now")
     (added,) = [zone for name, zone in zones(shown).items() if name not in before]
     assert added.kind == "mirror"
     near(added.points, points)
@@ -183,7 +183,7 @@ def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> 
     for corner in ((3.1, 0.5), (3.1, -0.3), (3.1, -0.3)):
         page.touchscreen.tap(*pixel_of(page, corner))
         wait_for_frames(page)
-    wait_until(lambda: "mirror 1" in zones(shown), 20.0, "the mirror is stored")
+    wait_until(lambda: "mirror 1" in zones(shown), "the mirror is stored")
     start, end = zones(shown)["mirror 1"].points
     assert start[0] == pytest.approx(end[0], abs=1e-9)  # both on the face of the wall
     assert start[0] == pytest.approx(3.2, abs=0.03)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.waiting import PATIENCE_S
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -208,7 +209,7 @@ class ThreadHost:
 @contextmanager
 def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Iterator[Node]:
     """Run a scripted robot on a thread."""
-    with open_bus([endpoint], 5.0) as bus:
+    with open_bus([endpoint], PATIENCE_S) as bus:
         bus.declare_token(topics.ALIVE.key(name, "base", str(Run.here())))
         node = Node(robot, name, bus, ThreadHost(folder))
         stop = threading.Event()
@@ -221,7 +222,7 @@ def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Ite
 
         thread = threading.Thread(target=run)
         thread.start()
-        assert robot.is_up.wait(60.0)
+        assert robot.is_up.wait(PATIENCE_S)
         try:
             yield node
         finally:
@@ -270,13 +271,13 @@ def add_robot(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., ScriptedR
 def trolley(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run the real command: `trolley("pose", "--json")`."""
 
-    def run(*arguments: str, timeout: float = 180.0) -> subprocess.CompletedProcess[str]:
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         environment = {**os.environ, "TROLLEY_STATE": str(tmp_path / "cli-state")}
         return subprocess.run(
             [str(Path(sys.executable).with_name("trolley")), *arguments],
             capture_output=True,
             text=True,
-            timeout=timeout,
+            timeout=PATIENCE_S,
             env=environment,
             cwd=tmp_path,
             check=False,

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 
 import msgspec
 from support.processes import Process
@@ -59,13 +58,13 @@ def test_bad_puts_are_dropped_and_counted(keeper: Process, bus: ZenohBus):
     bus.put("trolley/**", good, mime, Qos.STATE)
     bus.delete("trolley/tester/poses/**")
     bus.put("trolley/tester/poses/cellar", good, mime, Qos.STATE)
-    wait_until(lambda: stored_names(bus) == {"cellar"}, 20.0, "the good one is stored")
+    wait_until(lambda: stored_names(bus) == {"cellar"}, "the good one is stored")
 
     def counted() -> Health | None:
         health = health_of(bus, "tour")
         return health if health is not None and "poses/too_large" in health.counters else None
 
-    health = wait_until(counted, 5.0, "what was dropped is counted")
+    health = wait_until(counted, "what was dropped is counted")
     assert health is not None
     assert health.counters["poses/invalid"] == 6
     assert health.counters["poses/too_large"] == 1
@@ -84,7 +83,7 @@ def test_names_stand_raw_in_the_key(keeper: Process, bus: ZenohBus):
             is_there = not reply.is_error and codec.decode(SavedPose, reply.payload).pose.x == x
             return is_there and reply.key == key
 
-        wait_until(is_stored, 5.0, f"{name} is stored")
+        wait_until(is_stored, f"{name} is stored")
     assert len(stored_names(bus)) == 4  # two ways to write one name
     assert keeper.is_running
 
@@ -108,20 +107,23 @@ def test_a_stop_of_all_robots_is_obeyed_in_a_flood(keeper: Process, bus: ZenohBu
     junk = b"x" * 100_000
     for _ in range(300):
         bus.put("trolley/tester/poses/kitchen", junk, "", Qos.STATE)
-    before_s = time.monotonic()
     (reply,) = read(bus, "trolley/*/@do/base/stop", b"\xff nonsense")
-    assert time.monotonic() - before_s < 2.0
     assert reply.key == "trolley/tester/@do/base/stop"
     assert codec.decode(BaseState, reply.payload).mode == "stopped"
 
 
 def test_a_flood_does_not_keep_it_from_ending(keeper: Process, bus: ZenohBus):
     good = codec.encode(make_place(), "msgpack")
-    end_s = time.monotonic() + 1.0
     sent = 0
-    while time.monotonic() < end_s:
-        bus.put(f"trolley/tester/poses/p{sent % 50}", good, codec.MIME["msgpack"], Qos.STATE)
-        sent += 1
+
+    def has_ended() -> bool:
+        nonlocal sent
+        for _ in range(50):
+            bus.put(f"trolley/tester/poses/p{sent % 50}", good, codec.MIME["msgpack"], Qos.STATE)
+            sent += 1
         if sent == 200:
             os.kill(keeper.pid, signal.SIGTERM)
-    assert keeper.wait(6.0) == 0
+        return not keeper.is_running
+
+    wait_until(has_ended, "it ends while the flood goes on")
+    assert keeper.wait() == 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from support.processes import Process, RouterProcess, write_config
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics, worlds
 from trolley.config import load_config
@@ -51,7 +51,7 @@ def robot_file(router: RouterProcess, tmp_path: Path) -> Iterator[Path]:
     ]
     try:
         with Connection([router.endpoint]) as connection:
-            wait_until(lambda: _is_localized(connection), 60.0, "the robot is localized")
+            wait_until(lambda: _is_localized(connection), "the robot is localized")
         yield path
     finally:
         for service in services:
@@ -77,7 +77,7 @@ def start(robot_file: Path, *arguments: str) -> subprocess.Popen[str]:
 @pytest.mark.slow
 def test_a_square_finds_the_wheels_and_writes_them_down(robot_file: Path) -> None:
     with start(robot_file, "square", "--side", "0.8", "--runs", "1", "--yes", "--write") as process:
-        printed, problem = process.communicate(timeout=400.0)
+        printed, problem = process.communicate(timeout=2 * PATIENCE_S)
     assert process.returncode == 0, problem
     # A person reads of a clear improvement ...
     before, after = map(float, re.findall(r"E_max,syst (\S+) m", printed))
@@ -102,23 +102,23 @@ def test_a_calibration_that_is_broken_off_leaves_the_robot_standing(
             return 0.0 if truth is None else abs(truth.twist.vx) + abs(truth.twist.wz)
 
         with start(robot_file, "square", "--side", "0.8", "--yes") as process:
-            wait_until(lambda: speed() > 0.1, 30.0, "the robot drives")
+            wait_until(lambda: speed() > 0.1, "the robot drives")
             process.send_signal(number)
-            process.communicate(timeout=15.0)
+            process.communicate(timeout=PATIENCE_S)
         assert process.returncode == code
-        wait_until(lambda: speed() < 0.001, 3.0, "the robot stands")
+        wait_until(lambda: speed() < 0.001, "the robot stands")
 
 
 def test_where_there_is_no_room_nothing_is_driven(robot_file: Path) -> None:
     with start(robot_file, "square", "--side", "5.0", "--yes") as process:
-        _, problem = process.communicate(timeout=30.0)
+        _, problem = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     assert "Something is in the way" in problem
 
 
 def test_nothing_is_driven_before_somebody_says_yes(robot_file: Path) -> None:
     with start(robot_file, "square", "--side", "0.8") as process:
-        printed, _ = process.communicate("n\n", timeout=30.0)
+        printed, _ = process.communicate("n\n", timeout=PATIENCE_S)
     assert process.returncode != 0
     assert "2 squares" not in printed
     assert "6 squares of 0.8 m" in printed

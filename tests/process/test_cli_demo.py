@@ -3,21 +3,19 @@
 import os
 import signal
 import socket
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from support.demo import Demo
 from support.processes import Process, find_free_port, write_config
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics, worlds
 from trolley.client import Robot
 from trolley.connection import Connection
 
 SERVICES = {"base", "localizer", "mapper", "planner", "tour"}
-ENDS_WITHIN_S = 15.0
 
 
 def is_running(pid: int) -> bool:
@@ -65,13 +63,14 @@ def test_what_cannot_be_run_is_refused_before_anything_starts(
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_child_outlives_the_demo(tmp_path: Path, number: signal.Signals) -> None:
     demo = Demo(tmp_path, "--headless")
-    wait_until(lambda: demo.children().keys() >= SERVICES, 60.0, "all services run")
+    wait_until(lambda: demo.children().keys() >= SERVICES, "all services run")
     children = demo.children().values()
-    time.sleep(2.0)  # some are connecting, some serve already
+    with Connection([demo.endpoint], PATIENCE_S) as connection:  # others are connecting still
+        wait_until(lambda: connection.services(demo.name), "the first of them serves")
     demo.process.send(number)
-    code = demo.process.wait(ENDS_WITHIN_S)
+    code = demo.process.wait()
     assert code == (-signal.SIGKILL if number == signal.SIGKILL else 0), demo.process.log
-    wait_until(lambda: not any(map(is_running, children)), 20.0, "all children have ended")
+    wait_until(lambda: not any(map(is_running, children)), "all children have ended")
     assert "Traceback" not in demo.process.log
 
 
@@ -83,8 +82,8 @@ def test_two_demos_run_side_by_side(tmp_path: Path) -> None:
             (tmp_path / name).mkdir()
             demos.append(Demo(tmp_path / name, "--headless", name=name))
         for demo in demos:
-            with Robot(demo.name, demo.endpoint, connect_timeout=20.0) as robot:
-                wait_until(lambda: robot.latest(topics.POSE), 60.0, f"{demo.name} has a pose")
+            with Robot(demo.name, demo.endpoint, connect_timeout=PATIENCE_S) as robot:
+                wait_until(lambda: robot.latest(topics.POSE), f"{demo.name} has a pose")
     finally:
         for demo in demos:
             demo.end()
@@ -108,13 +107,12 @@ def test_up_runs_all_services_of_a_configuration(
         {"TROLLEY_STATE": str(tmp_path / "state")},
     )
     try:
-        with Connection([endpoint], 60.0) as connection:
+        with Connection([endpoint], PATIENCE_S) as connection:
             wait_until(
                 lambda: {service for _, service in connection.services("upper")} == services,
-                60.0,
                 "all services are alive",
             )
-        assert up.terminate(ENDS_WITHIN_S) == 0
+        assert up.terminate() == 0
         assert "All services have stopped." in up.log
     finally:
         up.kill()
@@ -127,7 +125,7 @@ def test_up_ends_where_a_service_cannot_run(tmp_path: Path) -> None:
     config = write_config(tmp_path / "robot.toml", endpoint, "upper", more)
     up = Process(["-m", "trolley.cli", "up", "--no-viz", "--config", str(config)], tmp_path / "log")
     try:
-        assert up.wait(60.0) == 2
+        assert up.wait() == 2
         assert "base cannot run with this configuration" in up.log
         assert "[base.recording]" in up.log
     finally:

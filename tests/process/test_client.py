@@ -2,11 +2,10 @@
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 
 import pytest
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import Refused, Robot, RobotUnreachable, SeveralRobots, requests, topics
 from trolley.geometry import Pose2D
@@ -25,7 +24,11 @@ def script(*steps: tuple[str, str]) -> tuple[GoalStatus, ...]:
 def test_importing_trolley_loads_neither_zenoh_nor_numpy() -> None:
     program = "import sys, trolley; print(sorted({'zenoh', 'numpy', 'msgspec'} & {*sys.modules}))"
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE_S,
     )
     assert done.stdout.strip() == "[]"
 
@@ -67,7 +70,7 @@ def test_a_goal_is_followed_until_it_has_arrived(
 ) -> None:
     scripted = add_robot("one")
     with Robot(connect=endpoint) as robot:
-        assert robot.go_to(place, timeout=10.0).state == "arrived"  # pyright: ignore[reportArgumentType]
+        assert robot.go_to(place, timeout=PATIENCE_S).state == "arrived"  # pyright: ignore[reportArgumentType]
     goal = scripted.sent[0]
     assert goal.name == ("kitchen" if place == "kitchen" else None)
     assert (goal.yaw_tolerance > 3.14) == (isinstance(place, list))
@@ -77,7 +80,7 @@ def test_a_goal_that_fails_raises_its_reason(add_robot: Callable, endpoint: str)
     add_robot("one", script(("driving", ""), ("failed", "blocked")))
     with Robot(connect=endpoint) as robot:
         with pytest.raises(Refused) as refused:
-            robot.go_to("kitchen", timeout=10.0)
+            robot.go_to("kitchen", timeout=PATIENCE_S)
         assert refused.value.code == "blocked"
         with pytest.raises(Refused) as refused:
             robot.go_to("nowhere")
@@ -88,13 +91,12 @@ def test_a_goal_that_fails_raises_its_reason(add_robot: Callable, endpoint: str)
 def test_a_goal_that_takes_too_long_times_out_and_drives_on(
     add_robot: Callable, endpoint: str
 ) -> None:
-    scripted = add_robot("one", script(*[("driving", "")] * 100))
+    scripted = add_robot("one", script(*[("driving", "")] * 10_000))
     with Robot(connect=endpoint) as robot:
-        started_s = time.monotonic()
         with pytest.raises(Refused) as refused:
             robot.go_to("kitchen", timeout=0.5)
         assert refused.value.code == "timeout"
-        assert time.monotonic() - started_s < 2.0
+        assert scripted.current.state == "driving"
     assert scripted.canceled == []
 
 
@@ -104,7 +106,7 @@ def test_a_replaced_goal_ends_even_if_its_last_status_was_missed(
     scripted = add_robot("one", script(*[("driving", "")] * 100))
     with Robot(connect=endpoint) as robot:
         status = robot.go_to("kitchen", wait=False)
-        follow = robot.follow(status.id, timeout=10.0)
+        follow = robot.follow(status.id, timeout=PATIENCE_S)
         next(follow)
         scripted.call_soon(scripted.replace_goal)
         assert [status.reason for status in follow][-1] == "replaced"
@@ -114,7 +116,7 @@ def test_a_goal_that_a_restarted_planner_forgot_is_over(add_robot: Callable, end
     scripted = add_robot("one", script(*[("driving", "")] * 100))
     with Robot(connect=endpoint) as robot:
         status = robot.go_to("kitchen", wait=False)
-        follow = robot.follow(status.id, timeout=10.0)
+        follow = robot.follow(status.id, timeout=PATIENCE_S)
         next(follow)
         scripted.call_soon(scripted.forget_goals)
         with pytest.raises(Refused) as refused:
@@ -145,7 +147,7 @@ def test_subscribe_gives_messages_and_a_time_out(add_robot: Callable, endpoint: 
     add_robot("one")
     with Robot(connect=endpoint) as robot:
         with robot.subscribe(topics.ODOM) as odometry:
-            stamps = [odometry.next(2.0).message.stamp_ns for _ in range(3)]  # pyright: ignore[reportOptionalMemberAccess]
+            stamps = [odometry.next(PATIENCE_S).message.stamp_ns for _ in range(3)]  # pyright: ignore[reportOptionalMemberAccess]
         assert stamps == sorted(stamps)
         with robot.subscribe(topics.SCAN) as scans:
             assert scans.next(0.2) is None
@@ -169,7 +171,7 @@ def test_markers_and_overlays_are_put_and_deleted(add_robot: Callable, endpoint:
         robot.put_overlay("greeting", overlay)
         robot.delete_overlay("greeting")
         robot.delete_overlay()
-        wait_until(lambda: len(markers) == 4 and len(overlays) == 3, 10.0, "all have arrived")
+        wait_until(lambda: len(markers) == 4 and len(overlays) == 3, "all have arrived")
     assert [_below(sample) for sample in markers] == [
         "markers/signs/Küche 1",
         "markers/signs/Küche 1",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.demo import Demo, Latest
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics
 from trolley.client import Robot
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 def test_demo_reaches_all_stops(tmp_path: Path, speed: int, seed: int) -> None:
     demo = Demo(tmp_path, "--headless", "--tour", "--speed", str(speed), "--seed", str(seed))
     try:
-        assert demo.process.wait(150.0) == 0, demo.process.log
+        assert demo.process.wait(2 * PATIENCE_S) == 0, demo.process.log
     finally:
         demo.process.kill()
     for stop in ("corridor", "entrance", "kitchen"):
@@ -33,7 +33,7 @@ def test_demo_reaches_all_stops(tmp_path: Path, speed: int, seed: int) -> None:
 def test_demo_reaches_all_stops_over_emulated_ports(tmp_path: Path) -> None:
     demo = Demo(tmp_path, "--headless", "--tour", "--emulate", "linorobot,ld19")
     try:
-        assert demo.process.wait(150.0) == 0, demo.process.log
+        assert demo.process.wait(2 * PATIENCE_S) == 0, demo.process.log
     finally:
         demo.process.kill()
     assert "3 of 3 stops reached" in demo.process.log
@@ -58,8 +58,8 @@ def quiet_demo(tmp_path: Path) -> Generator[Demo]:
     demo = Demo(tmp_path, "--headless")
     try:
         with Robot(demo.name, [demo.endpoint]) as robot:
-            wait_until(lambda: has_kitchen(robot), 180.0, "the demo has saved its places")
-            wait_until(lambda: is_localized(robot), 60.0, "the robot is localized")
+            wait_until(lambda: has_kitchen(robot), "the demo has saved its places")
+            wait_until(lambda: is_localized(robot), "the robot is localized")
         yield demo
     finally:
         demo.end()
@@ -69,7 +69,9 @@ def zenoh_cli(demo: Demo, *arguments: str) -> str:
     """Run the PyPI client `zenoh-cli`."""
     program = Path(sys.executable).with_name("zenoh")
     command = [str(program), "--mode", "client", "--connect", demo.endpoint, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=True).stdout
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE_S, check=True
+    ).stdout
 
 
 def test_foreign_client_reads_and_stores(quiet_demo: Demo) -> None:
@@ -83,13 +85,13 @@ def test_foreign_client_reads_and_stores(quiet_demo: Demo) -> None:
     place = {"map": "apartment", "pose": {"x": 1.0, "y": 0.5, "yaw": 0.0}, "name": "sofa"}
     zenoh_cli(quiet_demo, "put", "-k", f"trolley/{name}/poses/sofa", "-v", json.dumps(place))
     with Robot(name, [quiet_demo.endpoint]) as robot:
-        wait_until(lambda: robot.get(topics.SAVED_POSE, "sofa"), 5.0, "the place is stored")
+        wait_until(lambda: robot.get(topics.SAVED_POSE, "sofa"), "the place is stored")
 
 
 def test_reading_everything_moves_nothing(quiet_demo: Demo) -> None:
-    with open_bus([quiet_demo.endpoint], 20.0) as bus:
+    with open_bus([quiet_demo.endpoint], PATIENCE_S) as bus:
         latest = Latest(bus, quiet_demo.name)
-        wait_until(lambda: latest.truth, 10.0, "the truth arrives")
+        wait_until(lambda: latest.truth, "the truth arrives")
         assert latest.truth is not None
         before = latest.truth.pose
         everything = zenoh_cli(quiet_demo, "get", "-s", f"trolley/{quiet_demo.name}/**")
@@ -111,6 +113,6 @@ def test_recording_plays_as_real_processes(tmp_path: Path, recordings: Path) -> 
     )
     try:
         with Robot(demo.name, [demo.endpoint]) as robot:
-            wait_until(lambda: is_localized(robot), 180.0, "localized on the recording")
+            wait_until(lambda: is_localized(robot), "localized on the recording")
     finally:
         demo.end()

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -13,7 +14,6 @@ import pytest
 import serial
 from support.processes import write_config
 from support.waiting import wait_until
-from support.wire import START_S
 
 from trolley import topics
 from trolley.config import load_config
@@ -42,7 +42,7 @@ class Emulator:
             assert self.process.poll() is None or text in self.log, self.log
             return text in self.log
 
-        wait_until(said, START_S, f"{text!r} in the output")
+        wait_until(said, f"{text!r} in the output")
 
     def type(self, line: str) -> None:
         assert self.process.stdin is not None
@@ -84,7 +84,7 @@ def read_some(port: serial.Serial, count: int) -> bytes:
         data += port.read(4096)
         return len(data) >= count
 
-    wait_until(enough, 15.0, f"{count} bytes")
+    wait_until(enough, f"{count} bytes")
     return data
 
 
@@ -117,8 +117,8 @@ def test_a_host_negotiates_reads_and_sees_faults(emulate):
 
             one.type("ld19:silence+1")
             one.type("ld19:whatever")
-            wait_until(lambda: not lidar.read(4096), 10.0, "silence")
-            wait_until(lambda: lidar.read(4096), 10.0, "data again")
+            wait_until(lambda: not lidar.read(4096), "silence")
+            wait_until(lambda: lidar.read(4096), "data again")
         one.wait_for("ld19: silence begins (ld19:silence+1)")
         one.wait_for("ld19: silence ends")
         one.wait_for("there is no fault whatever")
@@ -162,15 +162,17 @@ def test_it_publishes_the_truth_in_robot_time(emulate, endpoint: str):
         key, mime = topics.CLOCK.key("tester"), codec.MIME["msgpack"]
         with connection.subscribe("tester", topics.SIM_TRUTH) as truths:
             assert truths.next(0.3) is None  # nobody knows what time it is
+            began_ns = time.monotonic_ns()
 
             def stamped():
                 connection.bus.put(key, codec.encode(clock, "msgpack"), mime, topics.CLOCK.qos)
                 return truths.next(0.05)
 
-            arrival = wait_until(stamped, 10.0, "the truth")
+            arrival = wait_until(stamped, "the truth")
             assert arrival is not None
             assert arrival.message.world == "apartment"
-            assert 4_900_000_000 < arrival.message.stamp_ns < 8_000_000_000
+            passed_ns = time.monotonic_ns() - began_ns
+            assert abs(arrival.message.stamp_ns - clock.stamp_ns) < passed_ns + 100_000_000
             assert arrival.message.pose.x == pytest.approx(0.549)
             assert arrival.message.collisions == 0
         latest = connection.latest("tester", topics.SIM_TRUTH)

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.waiting import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -74,7 +75,7 @@ cp "$FAKE/trolley.sh" "$3/bin/trolley"
 cat > "$3/bin/python" <<'END'
 #!/bin/bash
 echo "python $*" >> "$FAKE/built"
-[ -z "$FAKE_HANG" ] || [[ "$*" != *"$FAKE_HANG"* ]] || exec sleep 60
+[ -z "$FAKE_HANG" ] || [[ "$*" != *"$FAKE_HANG"* ]] || exec sleep 600
 [ -z "$FAKE_BREAK" ] || [[ "$*" != *"$FAKE_BREAK"* ]]
 END
 cp "$3/bin/python" "$3/bin/uv"
@@ -137,7 +138,7 @@ class Host:
     def install(self, *arguments: str, code: int = 0, **environment: str) -> str:
         """Run install.sh to its end; what it said."""
         process = self.start(*arguments, **environment)
-        said, _ = process.communicate(timeout=120)
+        said, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == code, said
         return said
 
@@ -265,10 +266,7 @@ def test_where_systemd_does_not_run_it_only_enables(host: Host) -> None:
 @pytest.mark.parametrize("step", ["pip install", "trolley.warmup", "compileall"])
 def test_one_that_was_killed_can_be_run_again(host: Host, step: str) -> None:
     process = host.start("robot", FAKE_HANG=step)
-    deadline_s = time.monotonic() + 30.0
-    while step not in host.said("built"):
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
+    wait_until(lambda: step in host.said("built"), step)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     assert not (host.root / "opt/trolley/current").exists()
@@ -349,11 +347,8 @@ def test_an_upgrade_that_was_cut_short_is_finished_by_the_next_run(
     host.install("robot")
     first = host.current
     host.change("NEW" if is_good else "BROKEN")
-    process = host.start("--upgrade", TROLLEY_INSTALL_PAUSE_S="30")
-    deadline_s = time.monotonic() + 30.0
-    while host.current == first or not (host.fake / "active").exists():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
+    process = host.start("--upgrade", TROLLEY_INSTALL_PAUSE_S="600")
+    wait_until(lambda: host.current != first and (host.fake / "active").exists(), "it has switched")
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     said = host.install("robot", code=0 if is_good else 1)
@@ -388,10 +383,7 @@ def test_uninstalling_keeps_what_people_made_unless_told(host: Host) -> None:
 
 def test_only_one_runs_at_a_time(host: Host) -> None:
     process = host.start("robot", FAKE_HANG="trolley.warmup")
-    deadline_s = time.monotonic() + 30.0
-    while "trolley.warmup" not in host.said("built"):
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
+    wait_until(lambda: "trolley.warmup" in host.said("built"), "it warms up")
     assert "Another install.sh" in host.install("robot", code=1)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.demo import PROGRAM
 from support.processes import Process, find_free_port, write_config
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import codes, requests, topics, worlds
 from trolley.client import Refused, Robot
@@ -53,7 +53,7 @@ def test_a_new_robot_makes_its_map_and_knows_its_home(
             health = robot.get(topics.HEALTH)
             return {parts[0] for parts in health} >= names and robot.now_ns() is not None
 
-        wait_until(is_ready, 180.0, f"all run: {up.log}")
+        wait_until(is_ready, f"all run: {up.log}")
         idle = robot.get(topics.HEALTH)[("mapper",)]
         begin = robot.latest(topics.SIM_TRUTH)
         assert begin is not None
@@ -68,9 +68,9 @@ def test_a_new_robot_makes_its_map_and_knows_its_home(
                 return refused.code != codes.NOT_READY
             return True
 
-        wait_until(can_plan, 30.0, "the planner has the first of the map")
+        wait_until(can_plan, "the planner has the first of the map")
         for x, y in GOALS:
-            robot.go_to((x, y), timeout=90.0)
+            robot.go_to((x, y), timeout=PATIENCE_S)
         status = mapping()
         assert status is not None
         assert status.state == "mapping"
@@ -83,7 +83,7 @@ def test_a_new_robot_makes_its_map_and_knows_its_home(
             pose = robot.latest(topics.POSE)
             return pose if pose is not None and pose.state == "localized" else None
 
-        wait_until(localized, 30.0, "the localizer has taken over")
+        wait_until(localized, "the localizer has taken over")
         time.sleep(0.5)
         pose, truth = localized(), robot.latest(topics.SIM_TRUTH)
         assert pose is not None

@@ -6,22 +6,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from support.metal import Metal
 from support.processes import RouterProcess, find_free_port
 from support.waiting import wait_until
 
 from trolley import codes
 from trolley.geometry import Twist2D
 
-from .metal import Metal
-
 AHEAD = Twist2D(0.3, 0.0, 0.0)
 SLOWLY = Twist2D(0.15, 0.0, 0.0)
 BACK = Twist2D(-0.3, 0.0, 0.0)
-# The zero leaves within 0.1 s; the rest is for a machine that runs other tests as well.
-AT_ONCE_S = 0.1 + 0.05
-SCAN_SILENCE_S = 0.5
-# A revolution that was under way when the lidar fell silent may still be completed.
-REVOLUTION_S = 0.1
 
 
 @pytest.fixture
@@ -47,55 +41,38 @@ def linorobot(make_metal: Callable[..., Metal]) -> Iterator[Metal]:
         yield metal
 
 
-def acts_in_time(measure: Callable[[], float], limit_s: float = AT_ONCE_S) -> bool:
-    """Whether a cause acts in time in one of three tries; base at fault is late each time."""
-    return any(measure() < limit_s for _ in range(3))
-
-
-def test_each_cause_sends_a_zero_at_once(linorobot: Metal) -> None:
+def test_each_cause_sends_a_zero_for_good(linorobot: Metal) -> None:
+    """How soon it leaves is measured by `bench/zeros.py`."""
     metal = linorobot
+    metal.start_driving(AHEAD)
+    metal.hand.let_go()
+    metal.check_that_it_stays()
 
-    def let_go() -> float:
-        metal.start_driving(AHEAD)
-        metal.hand.let_go()
-        time.sleep(0.5)
-        delay_s = metal.first_zero_after(metal.hand.let_go_ns)
-        metal.wait_for_standing()
-        return delay_s
+    metal.start_driving(BACK)
+    assert metal.robot.stop().mode == "stopped"
+    metal.check_that_it_stays()
+    metal.robot.resume()
+    metal.wait_for("ok")
 
-    def stop() -> float:
-        metal.start_driving(BACK)
-        cause_ns = time.monotonic_ns()
-        metal.robot.stop()
-        delay_s = metal.first_zero_after(cause_ns)
-        metal.hand.let_go()
-        metal.robot.resume()
-        metal.wait_for("ok")
-        return delay_s
-
-    def lidar(fault: str, state: str) -> float:
-        metal.start_driving(BACK)
-        cause_ns = time.monotonic_ns()
+    for fault, twist in (("silence", AHEAD), ("unplug", BACK)):
+        metal.start_driving(twist)
+        num_said = len(metal.states)
         metal.emulated.fault(f"ld19:{fault}")
-        delay_s = metal.first_zero_after(cause_ns)
+        metal.wait_for("held", codes.SCAN_LOST, chassis="up", lidar="down")
+        metal.check_that_it_stays()
+        for state in metal.states[num_said:]:
+            links = {link.name: link.state for link in state.links}
+            assert links["chassis"] == "up"
+            assert state.mode == "held" or links["lidar"] == "up"
         metal.hand.let_go()
-        links = metal.wait_for("held", codes.SCAN_LOST).links
-        assert {link.name: link.state for link in links} == {"chassis": "up", "lidar": state}
+        metal.emulated.fault("ld19:ok")
         metal.wait_for("ok")
-        return delay_s
-
-    assert acts_in_time(let_go)
-    assert acts_in_time(stop)
-    silent_s = SCAN_SILENCE_S + REVOLUTION_S + AT_ONCE_S
-    assert acts_in_time(lambda: lidar("silence+2", "up"), silent_s)
-    assert acts_in_time(lambda: lidar("unplug+2", "down"))
 
     metal.start_driving(AHEAD)
-    cause_ns = time.monotonic_ns()
     assert metal.base is not None
     metal.base.send(signal.SIGTERM)
-    assert metal.first_zero_after(cause_ns) < AT_ONCE_S
     assert metal.base.wait() == 0
+    metal.wait_for_zero()
     metal.wait_for_standing()
 
 
@@ -103,20 +80,24 @@ def test_without_base_only_the_board_s_watchdog_is_left(linorobot: Metal) -> Non
     linorobot.start_driving(AHEAD)
     assert linorobot.base is not None
     linorobot.base.kill()
-    linorobot.wait_for_standing(0.4 + 0.5)  # its watchdog, and braking
+    linorobot.wait_for_standing()
+    last = linorobot.last_command
+    assert last is not None
+    assert not last.twist.is_zero, "nobody has told it to stand"
 
 
 def test_a_board_that_comes_back_does_not_set_off(linorobot: Metal) -> None:
     linorobot.start_driving(SLOWLY)
-    linorobot.emulated.fault("linorobot:unplug+2")
-    state = linorobot.wait_for("held", codes.LINK_LOST)
+    linorobot.emulated.fault("linorobot:unplug")
+    state = linorobot.wait_for("held", codes.LINK_LOST, chassis="down", lidar="up")
     assert str(linorobot.ports / "linorobot") in state.message
-    assert {link.name: link.state for link in state.links} == {"chassis": "down", "lidar": "up"}
     linorobot.hand.let_go()
-    back_ns = time.monotonic_ns()
+    linorobot.wait_for_standing()
+    num_before = len(linorobot.emulated.commands())
+    linorobot.emulated.fault("linorobot:ok")
     linorobot.wait_for("ok")
-    time.sleep(0.5)
-    assert all(one.twist.is_zero for one in linorobot.emulated.commands() if one.at_ns > back_ns)
+    linorobot.check_that_it_stays()
+    assert all(one.twist.is_zero for one in linorobot.emulated.commands()[num_before:])
     linorobot.start_driving(SLOWLY)
 
 
@@ -124,19 +105,16 @@ def test_another_firmware_gets_no_command(make_metal: Callable[..., Metal]) -> N
     metal = make_metal()
     metal.emulated.fault("linorobot:md5")
     with metal.running():
-        state = metal.wait_for("held", codes.LINK_LOST)
+        metal.wait_for("held", codes.LINK_LOST, lidar="up")  # which is not concerned
         state = wait_until(
             lambda: metal.state if metal.state and "md5" in metal.state.message else None,
-            10.0,
-            f"the md5 is named: {state}",
+            f"the md5 is named: {metal.state}",
         )
         assert state is not None
         assert "raw_vel" in state.message
         metal.hand.drive(AHEAD)
-        time.sleep(1.0)
+        wait_until(lambda: metal.hand.num_sent > 20, "the hand drives")
         assert metal.emulated.commands() == ()
-        # The lidar is not concerned.
-        assert {link.name: link.state for link in state.links}["lidar"] == "up"
 
 
 @pytest.mark.parametrize("speed", [pytest.param(0.2, marks=pytest.mark.slow), 0.5])
@@ -144,7 +122,6 @@ def test_the_stop_field_stops_in_time(linorobot: Metal, speed: float) -> None:
     linorobot.start_driving(Twist2D(speed, 0.0, 0.0), at_least=0.05)
     wait_until(
         lambda: linorobot.emulated.truth().clearance < 0.5 and linorobot.speed < 0.005,
-        40.0,
         f"it stands before the wall: {linorobot.emulated.truth()}",
     )
     truth = linorobot.emulated.truth()
@@ -161,10 +138,9 @@ def test_inputs_of_the_board_stop_it(make_metal: Callable[..., Metal]) -> None:
         metal.wait_for("ok")
         for pin, calm, code in (("d4:0", "d4:1", codes.BUMPER), ("d5:1", "d5:0", codes.CLIFF)):
             metal.start_driving(SLOWLY)
-            cause_ns = time.monotonic_ns()
             metal.emulated.fault(f"arduino_bridge:pin={pin}")
-            assert metal.first_zero_after(cause_ns) < AT_ONCE_S
             metal.wait_for("held", code)
+            metal.check_that_it_stays()
             metal.start_driving(Twist2D(-0.1, 0.0, 0.0), at_least=0.05)
             metal.hand.let_go()
             metal.wait_for_standing()
@@ -177,6 +153,9 @@ def test_inputs_of_the_board_stop_it(make_metal: Callable[..., Metal]) -> None:
 def test_a_board_with_a_patient_watchdog_drives_slowly(make_metal: Callable[..., Metal]) -> None:
     with make_metal("arduino_bridge").running() as metal:
         metal.wait_for("ok")
-        metal.hand.drive(Twist2D(-0.5, 0.0, 0.0))
-        time.sleep(2.0)
-        assert 0.15 < metal.speed < 0.22
+        metal.start_driving(Twist2D(-0.5, 0.0, 0.0), at_least=0.15)
+        fastest = 0.0
+        for _ in range(50):  # it backs off a wall that is 5 m behind it
+            fastest = max(fastest, metal.speed)
+            time.sleep(0.02)
+        assert fastest < 0.22

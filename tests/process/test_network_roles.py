@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from support.processes import Process, find_free_port
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import requests, topics
 from trolley.client import Robot
@@ -33,10 +33,6 @@ NOW = datetime.now(UTC)
 UNTIL = NOW + timedelta(days=30)
 PROGRAM = "from trolley.cli import main; main()"
 HERE = Pose2D(1.0, 2.0, 0.0)
-
-
-PATIENCE_S = 30.0
-"""All this takes less than a second; this is for a busy machine."""
 
 
 class House:
@@ -66,7 +62,7 @@ class House:
         return where
 
     def connect(self, endpoint: str, keys: HostKeys | None = None) -> Connection:
-        return self._stack.enter_context(Connection([endpoint], 10.0, keys))
+        return self._stack.enter_context(Connection([endpoint], PATIENCE_S, keys))
 
     def _start(self, listen: list[str], uplink: list[str], keys: HostKeys) -> None:
         words = [word for one in listen for word in ("--listen", one)]
@@ -80,7 +76,7 @@ class House:
         self._stack.callback(process.kill)
         for endpoint in listen:
             port = int(endpoint.rpartition(":")[2])
-            wait_until(lambda port=port: _listens(port, process), 30.0, f"{endpoint} listens")
+            wait_until(lambda port=port: _listens(port, process), f"{endpoint} listens")
 
 
 def _listens(port: int, process: Process) -> bool:
@@ -120,7 +116,7 @@ class Heard:
             time.sleep(0.1)
             return names <= self.names
 
-        wait_until(has_come, PATIENCE_S, f"{names} arrive")
+        wait_until(has_come, f"{names} arrive")
 
 
 NOT_ALLOWED = "not there or not allowed"
@@ -210,8 +206,8 @@ def test_each_role_does_what_it_may_and_no_more(
     operator, viewer, other = as_("operator", "anna"), as_("viewer", "tablet"), as_("robot", "two")
     heard = Heard(house.connect(endpoint), "one")
     for connection in (operator, viewer, other):
-        wait_until(lambda c=connection: c.robots() == ["one"], PATIENCE_S, "the robot is seen")
-        wait_until(lambda c=connection: c.latest("one", topics.CLOCK), PATIENCE_S, "it can be read")
+        wait_until(lambda c=connection: c.robots() == ["one"], "the robot is seen")
+        wait_until(lambda c=connection: c.latest("one", topics.CLOCK), "it can be read")
         with connection.subscribe("*", topics.POSE, with_latest=False) as poses:
             assert poses.next(PATIENCE_S) is not None
 
@@ -246,12 +242,12 @@ def test_a_viewer_shows_itself_and_what_was_clicked(
     add_robot("one")
     viewer = house.connect(house.home, house.keyring.host("viewer", "tablet"))
     heard = Heard(house.connect(endpoint), "one")
-    wait_until(lambda: viewer.robots() == ["one"], PATIENCE_S, "the robot is seen")
+    wait_until(lambda: viewer.robots() == ["one"], "the robot is seen")
     shown = topics.ALIVE.key("one", "viz-tablet", "tablet-1-2")
     viewer.bus.declare_token(topics.ALIVE.key("one", "base", "tablet-1-2"))
     viewer.bus.declare_token(shown)
     runs = house.connect(endpoint)
-    wait_until(lambda: ("one", "viz-tablet") in runs.services(), PATIENCE_S, "the viewer is seen")
+    wait_until(lambda: ("one", "viz-tablet") in runs.services(), "the viewer is seen")
     assert all("tablet" not in run for run in runs.services()["one", "base"])
 
     def put_all() -> None:
@@ -292,7 +288,7 @@ def test_who_is_not_known_stays_outside(house: House, tmp_path: Path) -> None:
     owner = house.connect(house.home, lost)
     assert owner.robots() == ["one"]
     owner.bus.put("trolley/one/markers/a/b", b"{}", "application/json", Qos.STATE)
-    wait_until(lambda: heard, PATIENCE_S, "the owner's word")
+    wait_until(lambda: heard, "the owner's word")
     assert heard == ["trolley/one/markers/a/b"]
 
 
@@ -321,7 +317,7 @@ def test_drives_the_robot_from_another_host(
 ) -> None:
     robot = add_robot("one")
     where = house.host(house.keyring.host("operator", "anna"))
-    wait_until(lambda: house.connect(where).robots() == ["one"], PATIENCE_S, "the robot is seen")
+    wait_until(lambda: house.connect(where).robots() == ["one"], "the robot is seen")
     with Robot("one", connect=where) as far:
         assert far.go_to("kitchen").state == "arrived"
     assert [one.name for one in robot.sent] == ["kitchen"]

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import pytest
 from support.demo import PROGRAM
 from support.processes import Process
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics
 from trolley.connection import Connection
@@ -21,8 +20,6 @@ from trolley.runtime.bus import Sample
 from trolley.runtime.robot_time import FollowedTime
 
 Trolley = Callable[..., Any]
-LOST_S = 2.5
-"""What a crash may cost: a second between two flushes, and a busy machine."""
 
 
 @pytest.fixture
@@ -77,7 +74,7 @@ def replayed(endpoint: str, name: str, process: Callable[[], Process]) -> dict[s
 
         closer = connection.listen(f"trolley/{name}/**", take)
         running = process()
-        code = running.wait(90.0)
+        code = running.wait()
         assert code == 0, running.log
         closer.close()
     return heard
@@ -104,16 +101,16 @@ def test_a_client_sees_a_robot_like_any_other(
 ) -> None:
     with Connection([endpoint]) as connection:
         process = start("replay", str(recorded), "--as", "two", "--loop", "--speed", "2")
-        robot = wait_until(lambda: connection.latest("two", topics.ROBOT), 20.0, "it is there")
+        robot = wait_until(lambda: connection.latest("two", topics.ROBOT), "it is there")
         assert isinstance(robot, Robot)
         assert (robot.name, robot.title) == ("two", "Scripted")
         assert "two" in connection.robots()
-        wait_until(lambda: connection.latest("two", topics.POSES), 5.0, "its places are told")
+        wait_until(lambda: connection.latest("two", topics.POSES), "its places are told")
         assert connection.get("two", topics.TF, "laser")
         follow_time(connection, "two", 2.0)
         process.terminate()
         assert process.wait() == 0
-        wait_until(lambda: "two" not in connection.robots(), 5.0, "it has gone")
+        wait_until(lambda: "two" not in connection.robots(), "it has gone")
 
 
 def follow_time(connection: Connection, name: str, rate: float) -> None:
@@ -121,9 +118,8 @@ def follow_time(connection: Connection, name: str, rate: float) -> None:
     followed = FollowedTime()
     begun, stamps_in_time = 0, 0
     with connection.subscribe(name, topics.CLOCK) as clocks:
-        end_s = time.monotonic() + 5.0
-        while time.monotonic() < end_s:
-            heard = clocks.next(2.0)
+        while begun < 2 or stamps_in_time <= 20:
+            heard = clocks.next(PATIENCE_S)
             assert heard is not None
             clock: Clock = heard.message
             assert clock.rate == rate
@@ -132,8 +128,6 @@ def follow_time(connection: Connection, name: str, rate: float) -> None:
             now_ns = followed.now(arrived_ns)
             assert now_ns is not None
             stamps_in_time += abs(now_ns - clock.stamp_ns) < 500_000_000
-    assert begun >= 2
-    assert stamps_in_time > 20
 
 
 def test_the_name_of_a_robot_that_is_there_is_refused(
@@ -150,9 +144,9 @@ def test_the_name_of_a_robot_that_is_there_is_refused(
         assert done.returncode == 2
         assert problem in done.stderr
     first = start("replay", str(recorded), "--loop")
-    wait_until(lambda: "Playing" in first.log, 20.0, "the first one plays")
+    wait_until(lambda: "Playing" in first.log, "the first one plays")
     with Connection([endpoint]) as connection:
-        wait_until(lambda: "one-replay" in connection.robots(), 10.0, "the first one is there")
+        wait_until(lambda: "one-replay" in connection.robots(), "the first one is there")
     done = trolley("replay", str(recorded), *at)
     assert done.returncode == 2
     assert "one-replay" in done.stderr
@@ -163,7 +157,7 @@ def test_a_robot_that_comes_up_later_has_its_name_for_itself(
 ) -> None:
     process = start("replay", str(recorded), "--loop", "--as", "two")
     with Connection([endpoint]) as connection:
-        wait_until(lambda: "two" in connection.robots(), 20.0, "the replay is there")
+        wait_until(lambda: "two" in connection.robots(), "the replay is there")
     add_robot("two")
     assert process.wait() == 1
     assert "has come up" in process.log
@@ -175,7 +169,9 @@ def test_a_start_and_a_choice_of_topics(
     arguments = ("--as", "two", "--start", "2", "--speed", "10", "--topics", "odom,poses")
     heard = replayed(endpoint, "two", lambda: start("replay", str(recorded), *arguments))
     entries = [e for e in RecordingFile(recorded).entries() if e.name == "odom"]
-    assert 5 < len(heard["odom"]) < len(entries) - 10
+    played = [sample.payload for sample in heard["odom"]]
+    assert 0 < len(played) < len(entries)
+    assert played == [entry.payload for entry in entries][-len(played) :]
     assert len(heard["poses"]) == 1  # said long before, told at the start
     assert "pose" not in heard
     done = trolley("replay", str(recorded), "--start", "99", "--connect", endpoint)
@@ -185,23 +181,39 @@ def test_a_start_and_a_choice_of_topics(
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_however_it_ends_what_was_heard_is_there(
-    add_robot: Callable, start: Callable[..., Process], tmp_path: Path, number: signal.Signals
+    add_robot: Callable,
+    start: Callable[..., Process],
+    endpoint: str,
+    tmp_path: Path,
+    number: signal.Signals,
 ) -> None:
+    """After a crash all is there that had been flushed, which it does each second."""
     add_robot("one")
     file = tmp_path / "one.mcap"
     process = start("record", str(file))
-    wait_until(lambda: file.exists() and file.stat().st_size > 20_000, 90.0, "it records")
-    time.sleep(2.0)
-    ended_ns = time.time_ns()
+    wait_until(lambda: file.exists() and file.stat().st_size > 20_000, "it records")
+    first = num_saved(file)
+    wait_until(lambda: num_saved(file) > first, "more is flushed")
+    flushed = num_saved(file)
+    with Connection([endpoint]) as connection:
+        odometry: list[Sample] = []
+        connection.listen(topics.ODOM.key("one"), odometry.append)
+        wait_until(lambda: len(odometry) >= 10, "more is heard")
     process.send(number)
     code = process.wait()
     assert code == (-number if number == signal.SIGKILL else 0), process.log
     recording = RecordingFile(file)
     entries = list(recording.entries())
-    missing_s = (ended_ns - entries[-1].at_ns) * 1e-9  # the scripted robot's time is this host's
-    assert missing_s < (LOST_S if number == signal.SIGKILL else 0.5)
+    assert len(entries) >= flushed
+    if number != signal.SIGKILL:
+        assert odometry[0].payload in [e.payload for e in entries if e.name == "odom"]
     assert (recording.span_ns is None) == (number == signal.SIGKILL)
     assert {"robot", "poses", "tf/laser"} <= {entry.name for entry in entries}
+
+
+def num_saved(file: Path) -> int:
+    """How many messages would be there if the power failed now."""
+    return len(list(RecordingFile(file).entries()))
 
 
 def test_what_cannot_be_done_is_said_in_words(
@@ -238,7 +250,7 @@ def test_a_full_disk_ends_it_with_words(
     try:
         file = folder / "one.mcap"
         process = start("record", str(file))
-        assert process.wait(90.0) == 1
+        assert process.wait() == 1
         assert "The disk is full" in process.log
         recording = RecordingFile(file)
         assert len(list(recording.entries())) > 20

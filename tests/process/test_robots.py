@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.processes import Process, find_free_port
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import requests, topics, worlds
 from trolley.codes import Refused
@@ -60,8 +60,10 @@ def house(tmp_path: Path) -> Iterator[Connection]:
                     TROLLEY_CONFIG=str(config),
                     TROLLEY_STATE=str(tmp_path / "state"),
                 )
-        with Connection([endpoint], 120.0) as connection:
-            wait_until(lambda: all(is_ready(connection, name) for name in STARTS), 300.0, "pose")
+        with Connection([endpoint], PATIENCE_S) as connection:
+            wait_until(
+                lambda: all(is_ready(connection, name) for name in STARTS), "pose", patience_s=300.0
+            )
             yield connection
 
 
@@ -82,7 +84,7 @@ def send(connection: Connection, name: str, place: tuple[float, float]) -> bool:
 @pytest.mark.slow
 def test_three_robots_pass_each_other_at_a_door(house: Connection) -> None:
     for name, place in GOALS.items():
-        wait_until(lambda name=name, place=place: send(house, name, place), 60.0, name)
+        wait_until(lambda name=name, place=place: send(house, name, place), name)
     ended: dict[str, str] = {}
     deadline = time.monotonic() + 300.0
     while len(ended) < len(GOALS) and time.monotonic() < deadline:

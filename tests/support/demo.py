@@ -5,7 +5,7 @@ import signal
 from pathlib import Path
 
 from support.processes import Process, find_free_port
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 from trolley import topics
 from trolley.messages import TourStatus, Truth
 from trolley.runtime import codec
@@ -39,7 +39,7 @@ class Demo:
         )
 
         try:
-            with open_bus([self.endpoint], 120.0):  # its router is there
+            with open_bus([self.endpoint], PATIENCE_S):  # its router is there
                 pass
         except BaseException:
             self.process.kill()
@@ -92,7 +92,7 @@ class Latest:
         twist = self.truth.twist
         return abs(twist.vx) + 0.2 * abs(twist.wz)
 
-    def wait_for_driving(self, seconds: float = 180.0) -> None:
+    def wait_for_driving(self) -> None:
         """Wait until the trip is under way and the robot moves."""
         wait_until(
             lambda: (
@@ -101,12 +101,11 @@ class Latest:
                 and self.truth is not None
                 and self.speed > 0.2
             ),
-            seconds,
             "the robot drives its trip",
         )
 
-    def wait_for_trip(self, state: str, seconds: float) -> TourStatus:
+    def wait_for_trip(self, state: str) -> TourStatus:
         """Wait until the trip is in this state."""
-        wait_until(lambda: self.tour and self.tour.state == state, seconds, f"the trip is {state}")
+        wait_until(lambda: self.tour and self.tour.state == state, f"the trip is {state}")
         assert self.tour is not None
         return self.tour

@@ -9,6 +9,8 @@ from typing import Any, Self
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from support.waiting import PATIENCE_S
+
 MESSAGE_DATA = 1
 
 
@@ -50,13 +52,13 @@ class FoxgloveClient:
     def send(self, message: dict[str, Any]) -> None:
         self._socket.send(json.dumps(message))
 
-    def wait_for(self, *topics: str, seconds: float = 20.0) -> None:
+    def wait_for(self, *topics: str) -> None:
         """Listen until each of these has brought a message."""
-        self._listen(lambda: all(self.received.get(topic) for topic in topics), topics, seconds)
+        self._listen(lambda: all(self.received.get(topic) for topic in topics), topics)
 
-    def wait_for_channels(self, *topics: str, seconds: float = 20.0) -> None:
+    def wait_for_channels(self, *topics: str) -> None:
         """Listen until these are offered."""
-        self._listen(lambda: set(topics) <= self.channels.keys(), topics, seconds)
+        self._listen(lambda: set(topics) <= self.channels.keys(), topics)
 
     def listen(self, seconds: float) -> None:
         """Listen for so long."""
@@ -64,8 +66,8 @@ class FoxgloveClient:
         while time.monotonic() < end_s:
             self._receive(0.1)
 
-    def _listen(self, is_done: Any, topics: tuple[str, ...], seconds: float) -> None:
-        end_s = time.monotonic() + seconds
+    def _listen(self, is_done: Any, topics: tuple[str, ...]) -> None:
+        end_s = time.monotonic() + PATIENCE_S
         while not is_done():
             missing = [topic for topic in topics if not self.received.get(topic)]
             assert time.monotonic() < end_s, f"nothing came of {missing}; {sorted(self.channels)}"

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from support.waiting import PATIENCE_S
+
 TESTS = Path(__file__).resolve().parents[1]
 
 
@@ -55,19 +57,19 @@ class Process:
         """Send it a signal."""
         self._popen.send_signal(number)
 
-    def wait(self, seconds: float = 60.0) -> int:
-        """Its exit code; fails with its output where it does not end in time."""
+    def wait(self, patience_s: float = PATIENCE_S) -> int:
+        """Its exit code; fails with its output where it does not end."""
         try:
-            return self._popen.wait(seconds)
+            return self._popen.wait(patience_s)
         except subprocess.TimeoutExpired:
             raise AssertionError(
-                f"process {self.pid} did not end within {seconds} s:\n{self.log}"
+                f"process {self.pid} did not end within {patience_s} s:\n{self.log}"
             ) from None
 
-    def terminate(self, seconds: float = 60.0) -> int:
+    def terminate(self) -> int:
         """Ask it to end (SIGTERM); its exit code."""
         self.send(signal.SIGTERM)
-        return self.wait(seconds)
+        return self.wait()
 
     def kill(self) -> None:
         """End it without a word (SIGKILL); nothing happens where it has ended."""

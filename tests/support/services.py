@@ -83,7 +83,7 @@ class Listener(Service):
 
 
 class Sleeper(Service):
-    """Blocks its thread once the file named by SLEEPER exists."""
+    """Blocks its thread once the file named by SLEEPER exists, and says so in one beside it."""
 
     name = "localizer"
 
@@ -92,7 +92,9 @@ class Sleeper(Service):
 
     @every(0.05, clock="local")
     def tick(self) -> None:
-        while Path(os.environ["SLEEPER"]).exists():
+        blocker = Path(os.environ["SLEEPER"])
+        while blocker.exists():
+            blocker.with_suffix(".met").touch()
             time.sleep(0.05)
 
 

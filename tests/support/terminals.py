@@ -13,7 +13,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 FLAGS = 31
 
@@ -85,17 +85,17 @@ class Terminal:
         """Send keys."""
         os.write(self._master, text.encode())
 
-    def wait_for(self, text: str, seconds: float = 60.0) -> None:
+    def wait_for(self, text: str) -> None:
         """Wait until something is written to it."""
-        wait_until(lambda: text in self.output, seconds, f"{text!r} in {self.output!r}")
+        wait_until(lambda: text in self.output, f"{text!r} in {self.output!r}")
 
     def send(self, number: signal.Signals) -> None:
         """Send the program a signal."""
         self._popen.send_signal(number)
 
-    def wait(self, seconds: float = 60.0) -> int:
+    def wait(self) -> int:
         """Return the program's exit code."""
-        return self._popen.wait(seconds)
+        return self._popen.wait(PATIENCE_S)
 
     def hang_up(self) -> None:
         """Close it, as when its window is closed."""

@@ -1,20 +1,18 @@
 """Asking real services over a real bus."""
 
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 from trolley.messages import ErrorReply, Health
 from trolley.runtime import codec
 from trolley.runtime.bus import Reply
 from trolley.runtime.zenoh_bus import ZenohBus
-
-START_S = 90.0  # a process on a busy machine
 
 
 def read(bus: ZenohBus, selector: str, payload: bytes = b"", encoding: str = "") -> list[Reply]:
     """Ask and wait for all answers."""
     replies: list[Reply] = []
     done: list[bool] = []
-    bus.get(selector, payload, encoding, 3.0, replies.append, lambda: done.append(True))
-    wait_until(lambda: done, 5.0, f"the end of the answers to {selector}")
+    bus.get(selector, payload, encoding, PATIENCE_S, replies.append, lambda: done.append(True))
+    wait_until(lambda: done, f"the end of the answers to {selector}")
     return replies
 
 
@@ -29,14 +27,14 @@ def health_of(bus: ZenohBus, service: str) -> Health | None:
     return codec.decode(Health, found[0].payload, found[0].encoding) if found else None
 
 
-def wait_for_service(bus: ZenohBus, service: str, seconds: float = START_S) -> Health:
+def wait_for_service(bus: ZenohBus, service: str) -> Health:
     """Until the service answers, which it does after the 1.5 s of the clash rule."""
 
     def healthy() -> Health | None:
         health = health_of(bus, service)
         return health if health is not None and health.state == "ok" else None
 
-    found = wait_until(healthy, seconds, f"{service} is up")
+    found = wait_until(healthy, f"{service} is up")
     assert found is not None
     return found
 

@@ -1,6 +1,7 @@
 """Children that end, hang, cannot run, or outlive their supervisor."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley.runtime.supervision import Watchdog
 from trolley.supervisor import Supervisor
@@ -30,11 +32,10 @@ def module(tmp_path: Path) -> Callable[[str, str], dict[str, str]]:
     return write
 
 
-def wait_for(happened: Callable[[], object], seconds: float = 20.0) -> None:
-    deadline_s = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
+def ignores_sigterm(pid: int) -> bool:
+    found = re.search(r"SigIgn:\s*(\w+)", Path(f"/proc/{pid}/status").read_text())
+    assert found is not None
+    return bool(int(found[1], 16) >> (signal.SIGTERM - 1) & 1)
 
 
 def is_running(pid: int) -> bool:
@@ -49,11 +50,11 @@ def test_a_killed_child_comes_back(module: Callable) -> None:
     environment = module("obedient", OBEDIENT)
     with Supervisor({"one": "obedient"}, environment, said.append) as supervisor:
         child = supervisor.children["one"]
-        wait_for(lambda: child.pid)
+        wait_until(lambda: child.pid, "it runs")
         first = child.pid
         assert first is not None
         os.kill(first, signal.SIGKILL)
-        wait_for(lambda: child.pid not in (None, first))
+        wait_until(lambda: child.pid not in (None, first), "it is back")
         second = child.pid
         assert second is not None
         assert child.restarts == 1
@@ -61,14 +62,17 @@ def test_a_killed_child_comes_back(module: Callable) -> None:
     assert not is_running(second)
 
 
-def test_a_child_that_keeps_ending_is_started_ever_more_rarely(module: Callable) -> None:
+def test_a_child_that_keeps_ending_is_started_ever_more_rarely(
+    module: Callable, tmp_path: Path
+) -> None:
     said: list[str] = []
-    environment = module("crash", "raise SystemExit(1)\n")
-    with Supervisor({"one": "crash"}, environment, said.append) as supervisor:
-        wait_for(lambda: supervisor.children["one"].restarts >= 3)
-        counted_s = time.monotonic()
-        wait_for(lambda: supervisor.children["one"].restarts >= 4)
-        assert time.monotonic() - counted_s > 0.8
+    starts = tmp_path / "starts"
+    note = f"import time\nprint(time.monotonic(), file=open({str(starts)!r}, 'a'))\n"
+    environment = module("crash", note + "raise SystemExit(1)\n")
+    with Supervisor({"one": "crash"}, environment, said.append):
+        wait_until(lambda: starts.exists() and starts.read_text().count("\n") >= 5, "5 starts")
+    *_, before_s, last_s = map(float, starts.read_text().split())
+    assert last_s - before_s > 0.8
     assert said[0] == "one ended with exit code 1; starting it again"
 
 
@@ -78,7 +82,7 @@ def test_a_child_that_cannot_run_interrupts_the_main_thread(module: Callable) ->
         Supervisor({"one": "wrong"}, environment, lambda _: None) as supervisor,
         pytest.raises(KeyboardInterrupt),
     ):
-        time.sleep(20.0)
+        time.sleep(PATIENCE_S)
     assert supervisor.failure == "one cannot run with this configuration"
     assert supervisor.children["one"].restarts == 0
 
@@ -90,26 +94,27 @@ def test_a_child_that_ignores_sigterm_is_killed(
     said: list[str] = []
     environment = module("stubborn", STUBBORN)
     with Supervisor({"one": "stubborn"}, environment, said.append) as supervisor:
-        wait_for(lambda: supervisor.children["one"].pid)
+        wait_until(lambda: supervisor.children["one"].pid, "it runs")
         pid = supervisor.children["one"].pid
         assert pid is not None
-        time.sleep(0.5)
+        wait_until(lambda: ignores_sigterm(pid), "it ignores SIGTERM")
     assert not is_running(pid)
     assert said == ["one does not end; killing it"]
 
 
 def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_path: Path) -> None:
+    is_set = tmp_path / "set"
     polite = (
-        "from trolley.runtime.supervision import end_with_parent\nend_with_parent()\n" + OBEDIENT
+        "from pathlib import Path\nfrom trolley.runtime.supervision import end_with_parent\n"
+        f"end_with_parent()\nPath({str(is_set)!r}).touch()\n"
     )
-    environment = module("polite", polite)
+    environment = module("polite", polite + OBEDIENT)
     program = (
-        "import sys, time\nfrom trolley.supervisor import Supervisor\n"
+        "import sys, time\nfrom pathlib import Path\nfrom trolley.supervisor import Supervisor\n"
         "with Supervisor({'one': 'polite'}, {}, print) as s:\n"
-        "    while s.children['one'].pid is None: time.sleep(0.01)\n"
-        "    time.sleep(2.0)\n"
+        f"    while not Path({str(is_set)!r}).exists(): time.sleep(0.01)\n"
         "    print(s.children['one'].pid, flush=True)\n"
-        "    time.sleep(60)\n"
+        "    time.sleep(600)\n"
     )
     supervisor = subprocess.Popen(
         [sys.executable, "-c", program],
@@ -123,7 +128,7 @@ def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_pat
     supervisor.kill()
     supervisor.wait()
     supervisor.stdout.close()
-    wait_for(lambda: not is_running(child))
+    wait_until(lambda: not is_running(child), "it has ended")
 
 
 HANGS = """
@@ -157,7 +162,7 @@ def test_a_child_that_hangs_is_killed_and_comes_back(module: Callable) -> None:
     said: list[str] = []
     with Supervisor({"one": "hangs"}, module("hangs", HANGS), said.append) as supervisor:
         began_s = time.monotonic()
-        wait_for(lambda: supervisor.children["one"].restarts == 1)
+        wait_until(lambda: supervisor.children["one"].restarts == 1, "it is started again")
         assert time.monotonic() - began_s > 1.5  # not before it fell silent
     assert said[:2] == ["one hangs; killing it", "one was killed by SIGKILL; starting it again"]
 
@@ -170,10 +175,10 @@ def test_a_frozen_child_is_killed_but_a_silent_program_is_left_alone(module: Cal
     both = {"one": "frozen", "two": "obedient"}
     with Supervisor(both, environment, said.append) as supervisor:
         one, two = supervisor.children.values()
-        wait_for(lambda: one.watchdog._heard_s is not None)
+        wait_until(lambda: one.watchdog._heard_s is not None, "it is heard")
         assert one.pid is not None
         os.kill(one.pid, signal.SIGSTOP)
-        wait_for(lambda: one.restarts == 1)
+        wait_until(lambda: one.restarts == 1, "it is started again")
         assert two.restarts == 0
 
 
@@ -182,7 +187,7 @@ def test_a_child_does_not_wait_for_a_watchdog_that_is_frozen_itself(module: Call
     environment = {**os.environ, **module("frozen", FROZEN), **watchdog.environment}
     child = subprocess.Popen([sys.executable, "-m", "frozen"], env=environment)
     try:
-        wait_for(lambda: not watchdog.is_silent(0.0) and watchdog._is_ready)
+        wait_until(lambda: not watchdog.is_silent(0.0) and watchdog._is_ready, "it is ready")
         os.kill(child.pid, signal.SIGSTOP)
         time.sleep(0.1)
         watchdog.is_silent(0.0)

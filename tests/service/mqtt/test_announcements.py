@@ -23,7 +23,15 @@ def go_buttons(bridge: "Bridge") -> list[str]:
 def test_each_place_and_tour_has_a_button(bridge: "Bridge") -> None:
     assert go_buttons(bridge) == ["hall", "kitchen"]
     names = {entity["name"] for entity in bridge.announced.values()}
-    assert {"Go to kitchen", "Tour evening", "Stop", "Pause", "Continue", "Cancel", "Message"} <= names
+    assert {
+        "Go to kitchen",
+        "Tour evening",
+        "Stop",
+        "Pause",
+        "Continue",
+        "Cancel",
+        "Message",
+    } <= names
     assert len({entity["unique_id"] for entity in bridge.announced.values()}) == len(
         bridge.announced
     )

@@ -204,7 +204,7 @@ def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") ->
         f"joystick?client={'9' * 99}",
     ):
         assert ask(port, json.dumps(said), path) == 1008
-    wait_until(lambda: not stage.viz.joystick.sockets.clients(), 5.0, "all are gone")
+    wait_until(lambda: not stage.viz.joystick.sockets.clients(), "all are gone")
 
 
 def test_the_overlays_own_connection_takes_clicks_also_of_those_who_only_look(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 import pytest
 import viser
+from support.waiting import PATIENCE_S
 from viser._messages import Message, SceneNodeDragMessage, ViewerCameraMessage
 from websockets.sync.client import ClientConnection, connect
 
@@ -70,7 +71,7 @@ class Page:
         stage.runtime.run(0.5)
 
     def wait(self, is_so: Callable[[], bool]) -> None:
-        end_s = time.monotonic() + 10.0
+        end_s = time.monotonic() + PATIENCE_S
         while not is_so():
             assert time.monotonic() < end_s
             time.sleep(0.01)

@@ -1,7 +1,6 @@
 """Tours in the viewer: progress, list, pins, past trips; and the tab in a pretend browser."""
 
 import asyncio
-import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -175,9 +174,14 @@ def test_stops_in_one_place_share_a_pin() -> None:
 def test_a_long_tour_is_not_slow_to_draw() -> None:
     """It is looked at five times a second; every second pin lies where another one is."""
     draft = Draft("round", tuple(Point(pose=Pose2D(i // 2, 0.0, 0.0)) for i in range(1000)))
-    began = time.process_time()
-    pins = pins_of(draft, PLACES.get, lambda index, number: COMING)
-    assert time.process_time() - began < 0.02
+    asked: list[int] = []
+
+    def colour(index: int, _number: int) -> str:
+        asked.append(index)
+        return COMING
+
+    pins = pins_of(draft, PLACES.get, colour)
+    assert len(asked) <= len(draft.points)
     assert (len(pins), pins[-1].text) == (150, "299,300")
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import viser
+from support.waiting import PATIENCE_S
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -28,7 +29,7 @@ def knock(port: int, origin: str | None) -> None:
     """Open viser's web socket as a page of `origin` would."""
     protocol = f"viser-v{viser.__version__}"
     url = f"ws://127.0.0.1:{port}"
-    with connect(url, origin=origin, subprotocols=[protocol], open_timeout=10):  # type: ignore[arg-type, list-item]
+    with connect(url, origin=origin, subprotocols=[protocol], open_timeout=PATIENCE_S):  # type: ignore[arg-type, list-item]
         pass
 
 
@@ -81,7 +82,7 @@ def asking() -> Iterator[tuple[int, AccessTokens]]:
 
 def fetch(port: int, path: str = "/", cookie: str = "") -> tuple[int, dict[str, str], bytes]:
     """Get a page, without following where it leads."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
     with contextlib.closing(connection):
         connection.request("GET", path, headers={"Cookie": cookie} if cookie else {})
         response = connection.getresponse()
@@ -114,7 +115,7 @@ def test_a_link_opens_the_page_and_its_socket(asking: tuple[int, AccessTokens]) 
         subprotocols=[protocol],  # type: ignore[list-item]
         additional_headers={"Cookie": cookie},
     ) as page:
-        assert page.recv(timeout=10)
+        assert page.recv(timeout=PATIENCE_S)
 
 
 def test_a_browser_that_stops_reading_misses_what_is_old(
@@ -129,7 +130,9 @@ def test_a_browser_that_stops_reading_misses_what_is_old(
             cloud.points = np.full((10_000, 3), i, np.float32)
             time.sleep(0.02)
         old = 0
-        while np.full(8, 149, np.float16).tobytes() not in page.recv(timeout=10, decode=False):
+        while np.full(8, 149, np.float16).tobytes() not in page.recv(
+            timeout=PATIENCE_S, decode=False
+        ):
             old += 1
     # Of 9 MB that were offered; with the system's own buffers it is most of them.
     assert old < 40

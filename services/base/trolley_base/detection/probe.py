@@ -38,6 +38,7 @@ T = TypeVar("T")
 LISTEN_S = 0.6
 # The slowest boards talk about 2 s after their port was opened.
 BOARDS_UNTIL_S = 3.2
+BOARD_TRIES = 2
 ROSSERIAL_S = 0.35
 TOPICS_S = 0.5
 LINE_S = 0.2
@@ -115,7 +116,9 @@ class Probe:
     def _ask_boards(self) -> FoundDevice | None:
         self._port.set_baud(answers.BRIDGE.baud)
         data = bytearray()
-        while time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
+        num_asked = 0
+        while num_asked < BOARD_TRIES or time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
+            num_asked += 1
             self._port.write(TOPIC_REQUEST)
             if self._read(ROSSERIAL_S, rosserial_answer.read_topics, data):
                 return self._describe_linorobot(data)
@@ -196,17 +199,19 @@ class Probe:
     ) -> T | None:
         """Gather what comes until it is recognised or the time is over."""
         received = bytearray() if data is None else data
-        deadline_s = time.monotonic() + seconds
-        while (left_s := deadline_s - time.monotonic()) > 0.0:
+        left_s = seconds
+        while left_s > 0.0:
             if self._interrupt.is_set():
                 raise Interrupted
-            if not self._port.wait(min(left_s, POLL_S)):
-                continue
-            received += self._port.read()
-            del received[:-MOST_HELD]
-            result = recognise(bytes(received))
-            if result:
-                return result
+            asked_s = time.monotonic()
+            if self._port.wait(min(left_s, POLL_S)):
+                received += self._port.read()
+                del received[:-MOST_HELD]
+                result = recognise(bytes(received))
+                if result:
+                    return result
+            # A busy computer may come back here late; the device has had no longer for that.
+            left_s -= min(time.monotonic() - asked_s, POLL_S)
         return None
 
     def _pause(self, seconds: float) -> None:

@@ -92,7 +92,7 @@ class Heard:
             self.events += self._device.take()
             return condition(self)
 
-        wait_until(is_so, 10.0, "the event")
+        wait_until(is_so, "the event")
 
     @property
     def data(self) -> bytes:
@@ -107,7 +107,7 @@ def test_a_port_is_opened_at_any_baud_rate(terminal: Terminal, baud: int) -> Non
     port = SerialPort(str(terminal.link), Line(baud, dtr=False, dtr_after=True))
     assert port.write(b"\x00\xff\r\n\x03")
     assert not port.wait(0.0)
-    wait_until(lambda: terminal.received() == b"\x00\xff\r\n\x03", 5.0, "the bytes")
+    wait_until(lambda: terminal.received() == b"\x00\xff\r\n\x03", "the bytes")
     port.close()
     port.close()
 
@@ -224,7 +224,7 @@ def test_a_flood_is_bounded_and_counted(device: SerialDevice, terminal: Terminal
 
     while not has_flooded():
         time.sleep(0.0005)
-    wait_until(lambda: device.take_dropped() > 0, 5.0, "dropped bytes")
+    wait_until(lambda: device.take_dropped() > 0, "dropped bytes")
     stored = sum(len(event.data) for event in device.take() if isinstance(event, Arrived))
     assert stored <= MOST_STORED
 
@@ -241,7 +241,7 @@ def test_what_waited_while_the_process_was_stopped_is_not_taken_for_new(
     with contextlib.suppress(BlockingIOError):  # until nothing more fits
         while True:
             os.write(terminal.master, b"old " * 64)
-    wait_until(lambda: device.take_dropped() > 4000, 5.0, "the old bytes are dropped")
+    wait_until(lambda: device.take_dropped() > 4000, "the old bytes are dropped")
     terminal.send(b"new")
     heard.until(lambda h: h.data == b"first new")
 
@@ -256,7 +256,7 @@ def test_commands_that_nobody_takes_are_dropped_and_not_sent_later(
     while terminal.received():
         pass
     assert device.write(b"<zero>")
-    wait_until(lambda: terminal.received() == b"<zero>", 5.0, "the zero alone")
+    wait_until(lambda: terminal.received() == b"<zero>", "the zero alone")
 
 
 def test_the_last_words_leave_before_the_port_is_closed(

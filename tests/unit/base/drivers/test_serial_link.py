@@ -40,7 +40,7 @@ def test_a_silent_device_is_named_by_its_port_before_and_after_it_is_given_up(po
         link = talk.link(0)
         return link if "Waiting" in link.message else None
 
-    wait_until(is_open, 5.0, "the port is open")
+    wait_until(is_open, "the port is open")
     silent = talk.link(20 * SECOND_NS)
     talk.speak(20 * SECOND_NS)  # which gives it up
     given_up = talk.link(20 * SECOND_NS)

@@ -1,15 +1,14 @@
 """Base as a real process on the ports of an emulated robot, and somebody who drives it by hand."""
 
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from support.processes import Process, write_config
-from support.waiting import Lateness, wait_until
 
+from support.processes import Process, write_config
+from support.waiting import PATIENCE_S, wait_until
 from trolley import topics
 from trolley.client import Robot
 from trolley.config import load_config
@@ -17,10 +16,15 @@ from trolley.connection import Connection
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
 from trolley.gridmap import FREE, OCCUPIED, GridMap, save_map
 from trolley.messages import BaseState
+from trolley.runtime import codec
+from trolley.runtime.bus import Sample
 from trolley_base.emulators import EmulatedRobot, Mount, RobotInWorld
+from trolley_base.emulators.device import ReceivedCommand
 from trolley_base.world.world_file import load_world
 
 NAME = "tester"
+NUM_AFTER = 10
+"""Commands on the line by which it is judged that a zero was for good."""
 WHEELS = """
 [base.chassis.wheels]
 ticks_per_revolution = 1550
@@ -63,13 +67,18 @@ class Hand:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._wanted: Twist2D | None = None
-        self.let_go_ns = 0
+        self.num_sent = 0
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def drive(self, twist: Twist2D) -> None:
         self._wanted = twist
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether it has not let go."""
+        return self._wanted is not None
 
     def let_go(self) -> None:
         """Send nothing more."""
@@ -84,7 +93,7 @@ class Hand:
             wanted = self._wanted
             if wanted is not None:
                 self._robot.drive(wanted, valid_for=0.2)
-                self.let_go_ns = time.monotonic_ns() + 200_000_000
+                self.num_sent += 1
 
 
 class Metal:
@@ -107,11 +116,11 @@ class Metal:
         self._config = write_config(folder / "robot.toml", endpoint, NAME, text)
         mount = Mount(load_config(self._config).base.lidar.pose.as_pose())
         body = RobotInWorld(world, 3, footprint=footprint_from_box(0.4, 0.3), mount=mount)
-        self._lateness = Lateness()
         self.emulated = EmulatedRobot([board, lidar], body, self.ports)
         self.base: Process | None = None
-        self._connection = Connection([endpoint])
+        self._connection = Connection([endpoint], PATIENCE_S)
         self.states: list[BaseState] = []
+        """All that base has said of itself."""
 
     def start_base(self) -> Process:
         environment = {"TROLLEY_STATE": str(self._folder / "state")}
@@ -121,8 +130,9 @@ class Metal:
 
     @contextmanager
     def running(self) -> Iterator["Metal"]:
-        with self.emulated, self._connection, self._lateness:
+        with self.emulated, self._connection:
             self.robot = Robot.over(self._connection, NAME)
+            self._connection.listen(topics.BASE.key(NAME), self._hear)
             self.start_base()
             self.hand = Hand(self.robot)
             try:
@@ -137,12 +147,17 @@ class Metal:
         """What base says now."""
         return self.robot.latest(topics.BASE)
 
-    def wait_for(self, mode: str, reason: str = "", seconds: float = 20.0) -> BaseState:
+    def wait_for(self, mode: str, reason: str = "", **links: str) -> BaseState:
+        """Wait until base says this of itself, and of its links where they are named."""
+
         def is_so() -> BaseState | None:
             state = self.state
-            return state if state and (state.mode, state.reason) == (mode, reason) else None
+            if state is None or (state.mode, state.reason) != (mode, reason):
+                return None
+            found = {link.name: link.state for link in state.links}
+            return state if found.items() >= links.items() else None
 
-        found = wait_until(is_so, seconds, f"base is {mode} {reason}: {self.state}")
+        found = wait_until(is_so, f"base is {mode} {reason} {links}: {self.state}")
         assert found is not None
         return found
 
@@ -151,28 +166,43 @@ class Metal:
         """How fast it really moves [m/s]."""
         return self.emulated.truth().twist.speed
 
+    @property
+    def last_command(self) -> ReceivedCommand | None:
+        """The newest command that has come over the line."""
+        return next(reversed(self.emulated.commands()), None)
+
     def start_driving(self, twist: Twist2D, at_least: float = 0.08) -> None:
         """Set off and return when it moves."""
         self.hand.drive(twist)
-        wait_until(lambda: self.speed > at_least, 30.0, f"it moves: {self.state}")
-        self._lateness.reset()
+        wait_until(lambda: self.speed > at_least, f"it moves: {self.state}")
 
-    def wait_for_standing(self, seconds: float = 5.0) -> None:
-        wait_until(lambda: self.speed < 0.005, seconds, "it stands")
+    def wait_for_standing(self) -> None:
+        """Wait until it does not move."""
+        wait_until(lambda: self.speed < 0.005, "it stands")
 
-    def first_zero_after(self, cause_ns: int) -> float:
-        """Seconds from a cause until a zero command had come over the line, for good.
+    def wait_for_zero(self) -> None:
+        """Wait until a zero has come over the line."""
+        wait_until(
+            lambda: (last := self.last_command) is not None and last.twist.is_zero, "a zero command"
+        )
 
-        Where this machine was late meanwhile, less that.
+    def check_that_it_stays(self) -> None:
+        """Fail where the next commands on the line, whenever they come, move it after a zero.
+
+        A hand that has not let go goes on meanwhile.
         """
+        self.wait_for_zero()
+        zero, num_sent = self.last_command, self.hand.num_sent
+        assert zero is not None
 
-        def zero_ns() -> int | None:
-            commands = [one for one in self.emulated.commands() if one.at_ns >= cause_ns]
-            moving = [one.at_ns for one in commands if not one.twist.is_zero]
-            zeros = [one.at_ns for one in commands if one.twist.is_zero]
-            after = [at_ns for at_ns in zeros if not moving or at_ns > moving[-1]]
-            return after[0] if after else None
+        def after() -> list[Twist2D]:
+            return [one.twist for one in self.emulated.commands() if one.at_ns > zero.at_ns]
 
-        found = wait_until(zero_ns, 5.0, "a zero command")
-        assert found is not None
-        return (found - cause_ns) * 1e-9 - self._lateness.allowance_s
+        wait_until(lambda: len(after()) >= NUM_AFTER, "commands after the zero")
+        if self.hand.is_driving:
+            wait_until(lambda: self.hand.num_sent >= num_sent + NUM_AFTER, "the hand goes on")
+        assert [twist for twist in after() if not twist.is_zero] == []
+        self.wait_for_standing()
+
+    def _hear(self, sample: Sample) -> None:
+        self.states.append(codec.decode(BaseState, sample.payload, sample.encoding))
