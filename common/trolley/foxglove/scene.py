@@ -115,7 +115,7 @@ def marker(robot: str, name: str, message: Marker, stamp_ns: int) -> bytes:
 
 
 def deletions(robot: str, names: Iterable[str], stamp_ns: int) -> bytes:
-    """Markers that are gone."""
+    """Markers that were deleted."""
     gone = [
         fox.SceneEntityDeletion(timestamp=timestamp(stamp_ns), id=f"{robot}/{name}")
         for name in names

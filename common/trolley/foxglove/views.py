@@ -26,7 +26,7 @@ class Channel:
     encoding: str
     schema: Schema
     topics: tuple[Topic[Any], ...]
-    """What is to be heard for it."""
+    """The keys to subscribe to for it."""
 
     def of(self, robot: str) -> str:
         """Its full name."""

@@ -1,4 +1,4 @@
-"""Changing a stored map: erase, draw walls, turn, crop, put another map beside it.
+"""Changing a stored map: erase, draw walls, turn, crop, merge with another map.
 
 Plain functions from a grid to a new grid, in NumPy alone, so that a viewer shows with them what the
 mapper will store. They refuse what makes no sense and leave their inputs as they are.

@@ -1,4 +1,4 @@
-"""One operation on a map after the other."""
+"""Operations on a map, one after another."""
 
 import math
 
@@ -97,7 +97,7 @@ def crop(grid: GridMap, a: tuple[float, float], b: tuple[float, float]) -> GridM
     y = grid.origin.y + grid.resolution * (sin * cols[None, :] + cos * rows[:, None])
     inside = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
     if not inside.any():
-        raise Refused(codes.OUTSIDE_MAP, "There is nothing of the map in that rectangle.")
+        raise Refused(codes.OUTSIDE_MAP, "That rectangle contains nothing of the map.")
     cells = np.where(inside, grid.cells, np.int8(UNKNOWN))
     known_box(cells)  # refuses a map without anything on it
     held_rows, held_cols = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
@@ -148,4 +148,4 @@ def _refuse_odd_numbers(*values: float) -> None:
     if not all(math.isfinite(value) for value in values):
         raise Refused(codes.BAD_REQUEST, "Numbers must be finite.")
     if max(abs(value) for value in values) > _MAX_M:
-        raise Refused(codes.OUTSIDE_MAP, "That lies outside of this world.")
+        raise Refused(codes.OUTSIDE_MAP, "That is too far away.")

@@ -1,4 +1,4 @@
-"""By how much to turn a map so that its walls run along the axes."""
+"""The angle by which to turn a map so that its walls run along the axes."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Which cells a polygon covers, or a brush on its way."""
+"""Which cells a polygon covers, or a brush along its path."""
 
 import math
 
@@ -62,7 +62,7 @@ def stroke_mask(
 
     Args:
         grid: says where the cells are.
-        points: the way of the brush's middle, x, y [m] in `map`; one point is a dab.
+        points: the path of the brush's centre, x, y [m] in `map`; one point is a dab.
         width_m: of the brush [m]; a finer one is as wide as the diagonal of a cell.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Messages about what has come or gone since a map was made."""
+"""Messages about what has appeared or disappeared since a map was made."""
 
 from typing import Annotated, Literal
 
@@ -11,11 +11,11 @@ Stroke = tuple[Point, Point]
 
 
 class MapChange(Struct, frozen=True, kw_only=True):
-    """Something that is not as the map says: a thing that has `appeared`, or one that is `gone`.
+    """A difference from the map: something that has `appeared`, or that is `gone`.
 
-    `points` [[x, y]] is its convex outline in `map` [m], to be shown. `strokes` cover it exactly on
-    the map when drawn, or erased, `width` [m] wide. It was first seen so `seconds` of observed time
-    ago; `score` says how sure that is.
+    `points` [[x, y]] is its convex outline in `map` [m], for display. `strokes` cover it exactly on
+    the map when drawn or erased, `width` [m] wide. It was first seen `seconds` of observed time
+    ago; `score` is how certain it is.
     """
 
     id: str

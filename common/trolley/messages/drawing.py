@@ -12,7 +12,7 @@ DARK: Colour = (0.0, 0.0, 0.0, 0.5)
 
 
 class Marker(Struct, frozen=True, kw_only=True):
-    """A thing in the scene, stored under `markers/<ns>/<id>`.
+    """An object in the scene, stored under `markers/<ns>/<id>`.
 
     `pose` and `z` [m] are in `frame` (a leading slash is dropped by the owner; `place:<name>` is a
     saved place); `size` [m] along x, y, z; `lifetime` [s], 0 = for ever. Lines take `points` [m],

@@ -14,11 +14,11 @@ GoalState = Literal[
 
 
 class GoalStatus(Struct, frozen=True, kw_only=True):
-    """How the current goal goes. Owned by `planner`, on change and at 5 Hz while it drives.
+    """The state of the current goal. Owned by `planner`, on change and at 5 Hz while it drives.
 
     `pose` is the goal in `frame`; `distance_remaining` [m] along the path, `eta` and `elapsed` [s];
-    `recoveries` counts tries to get free; `blocked` are the points [m] in `frame` that are in the
-    way.
+    `recoveries` counts attempts to get free; `blocked` are the points [m] in `frame` that are in
+    the way.
     """
 
     stamp_ns: StampNs
@@ -44,5 +44,5 @@ class Path(Struct, frozen=True, kw_only=True):
     dt: NonNegative = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse poses that are no float32 triples."""
+        """Refuse poses that are not float32 triples."""
         check_floats("Path", "poses", self.poses, 3)

@@ -25,7 +25,7 @@ class EraseArea(Struct, frozen=True, kw_only=True, tag_field="op", tag="erase_ar
 
 
 class EraseStroke(Struct, frozen=True, kw_only=True, tag_field="op", tag="erase"):
-    """Make what a brush of `width` [m] touches on its way `free` floor, or `unknown`."""
+    """Make what a brush of `width` [m] touches along a line `free` floor, or `unknown`."""
 
     points: Points
     width: Width = 0.2
@@ -53,10 +53,10 @@ class Crop(Struct, frozen=True, kw_only=True, tag_field="op", tag="crop"):
 
 
 class Merge(Struct, frozen=True, kw_only=True, tag_field="op", tag="merge"):
-    """Fill in what is unknown here from the map `name`, which lies at this_T_other `pose`.
+    """Fill in unknown cells from the map `name`, which lies at this_T_other `pose`.
 
-    Without a pose the other map's walls are laid over those of this one, and where they do not fit
-    in exactly one way it is refused.
+    Without a pose the other map's walls are matched with those of this one; it is refused unless
+    they match in exactly one way.
     """
 
     name: MapName
@@ -64,7 +64,7 @@ class Merge(Struct, frozen=True, kw_only=True, tag_field="op", tag="merge"):
 
 
 class TakeBack(Struct, frozen=True, kw_only=True, tag_field="op", tag="undo"):
-    """Go back to the version before; it stands alone."""
+    """Go back to the previous version; it must be the only operation."""
 
 
 MapOp = EraseArea | EraseStroke | DrawWall | Turn | Crop | Merge | TakeBack
@@ -74,13 +74,13 @@ EditId = Annotated[str, Meta(pattern=r"\A[a-z0-9-]{1,36}\Z")]
 
 
 class EditMap(Struct, frozen=True, kw_only=True):
-    """Do `ops` to the stored map `name`, one after the other, and store what comes of it.
+    """Do `ops` to the stored map `name`, one after the other, and store the result.
 
     It becomes a new version of that map, or with `as_name` a map of its own. With `preview` nothing
     is stored.
 
-    A large map takes longer than an answer may: then the answer is `working`, and who asks again
-    the same with the same `id` hears what comes of it.
+    A large map takes longer than an answer may: then the answer is `working`, and asking the same
+    again with the same `id` gives the result.
     """
 
     name: MapName
@@ -91,12 +91,10 @@ class EditMap(Struct, frozen=True, kw_only=True):
 
 
 class MapEdited(Struct, frozen=True, kw_only=True):
-    """What came of `map/edit`: the map `name` is in this `version` now (null for a preview).
+    """The result of `map/edit`: the map `name` is now in this `version` (null for a preview).
 
-    `working`: it is still being done.
-
-    `placed` says where the map that was merged last lies, this_T_other, and `walls` are points of
-    its walls there [m] (at most 2000), to be shown.
+    `working`: it is still being done. `placed` is the pose of the map that was merged last,
+    this_T_other, and `walls` are points of its walls there [m] (at most 2000), for display.
     """
 
     state: Literal["saved", "preview", "working"]

@@ -14,9 +14,9 @@ class MappingStatus(Struct, frozen=True, kw_only=True):
     """What the mapper does. Owned by `mapper`, on change and 1 Hz while it maps.
 
     `name` is the map that is being made, `extends` the one that it began with. `message` says in a
-    sentence what is the matter or what came of it. `seconds` [robot time] were mapped, `scans`
-    make up the map, and `loops` were closed. `exploring` says whether the robot drives by itself to
-    what is not known yet, or home; `area` [m²] is the floor that it knew when it looked last.
+    sentence what is wrong, or the result. `seconds` [robot time] were mapped, `scans` make up the
+    map, and `loops` were closed. `exploring` says whether the robot explores on its own, or drives
+    home; `area` [m²] is the floor that it knew when it looked last.
     """
 
     stamp_ns: StampNs

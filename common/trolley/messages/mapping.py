@@ -20,7 +20,7 @@ MapName = Annotated[str, Meta(pattern=r"\A(?!\.)[A-Za-z0-9_.-]{1,64}\Z")]
 """A map's name: the stem of its file."""
 
 Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]
-"""Columns or rows of a grid: one without any is none."""
+"""Columns or rows of a grid, at least one."""
 
 Edge = Annotated[float, Meta(ge=1e-4, le=1e3)]
 """Edge of a cell [m]: between these nothing overflows."""
@@ -48,7 +48,7 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
     cells: memoryview
 
     def __post_init__(self) -> None:
-        """Refuse cells that do not fill width x height, and a grid out of this world."""
+        """Refuse cells that do not fill width x height, and a grid too far away."""
         if len(self.cells) != self.width * self.height:
             raise ValueError(
                 f"OccupancyGrid.cells: {len(self.cells)} bytes "
@@ -80,7 +80,7 @@ class Zones(Struct, frozen=True, kw_only=True):
 
 
 class Candidate(Struct, frozen=True, kw_only=True):
-    """One place where the robot might be."""
+    """One pose that the robot might have."""
 
     pose: Pose2D
     match: Share

@@ -10,7 +10,7 @@ from trolley.messages.types import NonNegative, Point, Point3, Positive, Share, 
 PROTOCOL = 1
 MAX_MESH_BYTES = 1 << 20
 MAX_RATE = 1e4
-"""No clock runs faster: its time would soon be no number any more."""
+"""No clock runs faster: its time would soon overflow."""
 
 RobotName = Annotated[str, Meta(pattern=r"\A[a-z0-9_-]{1,32}\Z")]
 """A robot's name, as it stands in every key."""
@@ -19,7 +19,7 @@ Drive = Literal["differential", "skid_steer", "mecanum"]
 
 
 class Robot(Struct, frozen=True, kw_only=True):
-    """Who this robot is: owned by `base`, published on change, the way a robot is discovered.
+    """What this robot is: owned by `base`, published on change; robots are discovered by it.
 
     `footprint` is a polygon in `base_link` [m]; `max_speed` [m/s], `max_wz` [rad/s] and
     `deceleration` [m/s^2] are the limits that `base` enforces; `mesh` is a glb body or null.
@@ -58,7 +58,7 @@ class Clock(Struct, frozen=True, kw_only=True):
 
 
 class Odometry(Struct, frozen=True, kw_only=True):
-    """Where the wheels say the robot is. Owned by `base`, 20-50 Hz.
+    """Where the robot is by its wheels. Owned by `base`, 20-50 Hz.
 
     `pose` is odom_T_base, `twist` is in `base_link`.
     """
@@ -90,10 +90,10 @@ class Transform(Struct, frozen=True, kw_only=True):
 
 
 class VelocityCommand(Struct, frozen=True, kw_only=True):
-    """A wanted velocity of `base_link`, good for `valid_for` seconds (at most 0.5) from arrival.
+    """A velocity command for `base_link`, valid for `valid_for` seconds (at most 0.5) from arrival.
 
     `scan_ns` is the stamp of the scan it was computed with, 0 if none. On `cmd_vel/<source>` it is
-    a wish of the source, on `cmd_vel` what `base` drives. Whether `valid_for` is usable is for
+    what the source asks for, on `cmd_vel` what `base` drives. Whether `valid_for` is usable is for
     `base` to judge and count, so any finite number passes here.
     """
 
@@ -122,8 +122,8 @@ class Link(Struct, frozen=True, kw_only=True):
 class BaseState(Struct, frozen=True, kw_only=True):
     """What `base` is doing, on change and at 1 Hz.
 
-    `mode`: `ok`; `stopped` (latched until resumed); `held` (goes on by itself); `fault`. `source`
-    is the command source that drives now, null if none; `reason` a code, "" if none.
+    `mode`: `ok`; `stopped` (latched until resumed); `held` (continues by itself); `fault`. `source`
+    is the source of commands in control, null if none; `reason` a code, "" if none.
     """
 
     stamp_ns: StampNs
@@ -135,9 +135,9 @@ class BaseState(Struct, frozen=True, kw_only=True):
     battery: Battery | None = None
 
     def is_from_before(self, asked_ns: int) -> bool:
-        """Whether it was said before something was asked for at this robot time.
+        """Whether it was published before something that was asked for at this robot time.
 
-        It may arrive after that: requests go first. A stamp of 0 (no robot time) tells nothing.
+        It may arrive after that: requests go first. A stamp of 0 (no robot time) says nothing.
         """
         return 0 < self.stamp_ns < asked_ns
 

@@ -24,7 +24,7 @@ class Capture(Struct, frozen=True, kw_only=True):
 
 
 class SetPose(Struct, frozen=True, kw_only=True):
-    """The robot is about at map_T_base `pose`."""
+    """The robot is roughly at map_T_base `pose`."""
 
     pose: Pose2D
     covariance: Covariance | None = None
@@ -95,16 +95,16 @@ class Named(Struct, frozen=True, kw_only=True):
 
 
 class LoadMap(Struct, frozen=True, kw_only=True):
-    """Load the map `name`; the robot is at `pose` on it, or searches."""
+    """Load the map `name`; the robot is at `pose` on it, or searches the map."""
 
     name: MapName
     pose: Pose2D | None = None
 
 
 class MapNamed(Struct, frozen=True, kw_only=True):
-    """The map of this name, which will be made or is there already.
+    """The map of this name, new or existing.
 
-    With `explore` the robot drives by itself to what is not known yet.
+    With `explore` the robot explores on its own.
     """
 
     name: MapName
@@ -112,7 +112,7 @@ class MapNamed(Struct, frozen=True, kw_only=True):
 
 
 class ExploreMap(Struct, frozen=True, kw_only=True):
-    """Drive by itself to what the map does not know yet (`on`), or stand."""
+    """Explore on its own (`on`), or stop exploring."""
 
     on: bool = True
 
@@ -124,21 +124,21 @@ class SaveMap(Struct, frozen=True, kw_only=True):
 
 
 class PauseMap(Struct, frozen=True, kw_only=True):
-    """Let the map be as it is (`on`), or go on making it."""
+    """Pause mapping (`on`), or resume it."""
 
     on: bool = True
 
 
 class UndoMap(Struct, frozen=True, kw_only=True):
-    """Forget what was mapped in the last `seconds` of robot time."""
+    """Remove what was mapped in the last `seconds` of robot time."""
 
     seconds: Annotated[float, Meta(gt=0.0, le=86_400.0)] = 60.0
 
 
 class Yield(Struct, frozen=True, kw_only=True):
-    """Leave the shared topics to the mapper for 3 s more (`on`), or take them back.
+    """Leave the shared topics to the mapper for another 3 s (`on`), or take them back.
 
-    `hand_over` names the map with which `map/load` may end the yielding; every other is refused.
+    `hand_over` names the only map with which `map/load` may end this.
     """
 
     on: bool = True

@@ -29,7 +29,7 @@ class Scan(Struct, frozen=True, kw_only=True):
     intensities: memoryview = memoryview(b"")
 
     def __post_init__(self) -> None:
-        """Refuse arrays that are no float32 or do not fit each other."""
+        """Refuse arrays that are not float32 or differ in length."""
         beams = check_floats("Scan", "ranges", self.ranges)
         intensities = check_floats("Scan", "intensities", self.intensities)
         if intensities not in (0, beams):
@@ -37,7 +37,7 @@ class Scan(Struct, frozen=True, kw_only=True):
 
 
 class BeamClasses(Struct, frozen=True, kw_only=True):
-    """What the localizer makes of each beam of the scan stamped `stamp_ns`, at most 10 Hz.
+    """How the localizer classifies each beam of the scan stamped `stamp_ns`, at most 10 Hz.
 
     `classes` is uint8, shape (N,): 0 explained by the map, 1 not on the map, 2 behind a mirror or
     glass, 3 suspected to be a reflection, 4 unused.
@@ -48,7 +48,7 @@ class BeamClasses(Struct, frozen=True, kw_only=True):
 
 
 class SuspectLine(Struct, frozen=True, kw_only=True):
-    """A line in `map` that behaves like a mirror, and how sure that is."""
+    """A line in `map` that behaves like a mirror, and how certain that is."""
 
     points: list[Point]
     score: Share

@@ -8,7 +8,7 @@ from trolley.messages.types import Count, NonNegative, StampNs
 
 
 class Health(Struct, frozen=True, kw_only=True):
-    """How a service is, 1 Hz on the local clock. `cpu` is the share of one core, `rss` bytes."""
+    """How a service is, at 1 Hz on the local clock. `cpu` is the share of one core, `rss` bytes."""
 
     stamp_ns: StampNs
     state: Literal["starting", "ok", "degraded", "failed"]

@@ -15,7 +15,8 @@ TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", 
 class SavedPose(Struct, frozen=True, kw_only=True):
     """A named place: map_T_base on the map called `map`. `saved_at` is UTC, ISO 8601, or null.
 
-    Who puts one may leave out `name` where the key says it, and `map`: then it is the present one.
+    A program that puts one may leave out `name`, which the key says, and `map`, for the current
+    one.
     """
 
     name: str = ""
@@ -83,10 +84,10 @@ class ScheduleEntry(Struct, frozen=True, kw_only=True):
 
 
 class Tour(Struct, frozen=True, kw_only=True):
-    """A trip through several places. `repeat` 0 = for ever; `resume`: go on after a reboot.
+    """A trip through several places. `repeat` 0 = forever; `resume`: continue after a reboot.
 
-    `there_and_back`: at the last stop it turns and visits the others backwards. `name` may be left
-    out where the key says it, and for a trip that is started without being saved.
+    `there_and_back`: at the last stop it turns round and visits the others in reverse order. `name`
+    may be left out where the key says it, and for a trip that is started without being saved.
     """
 
     name: str = ""
@@ -107,7 +108,7 @@ class Tours(Struct, frozen=True, kw_only=True):
 class StopResult(Struct, frozen=True, kw_only=True):
     """How one stop ended. `stop` is its index in the tour; `code` says why it was not reached.
 
-    `pose` is where the robot took itself to be at that moment and `goal` where the stop is (both in
+    `pose` is where the robot believed it was at that moment and `goal` where the stop is (both in
     `map`), null where unknown.
     """
 
@@ -169,8 +170,8 @@ class PastTrip(Struct, frozen=True, kw_only=True):
 class Offer(Struct, frozen=True, kw_only=True):
     """How soon this robot could be there.
 
-    `seconds` is null where it cannot; `free` says that nothing is under way that a goal would
-    interrupt, nor is it charging. `reason` is the code of why it cannot, or else is not free.
+    `seconds` is null if it cannot; `free` says that a goal would interrupt nothing and it is not
+    charging. `reason` is the code of why it cannot, or is not free.
     """
 
     free: bool

@@ -42,7 +42,7 @@ _NAME_EXTRAS = "_-."
 
 
 def name_problem(name: str) -> str | None:
-    """Tell in one sentence what keeps `name` from naming a place or marker; None if nothing does.
+    """Say in one sentence why `name` cannot name a place or marker; None if it can.
 
     Names are 1 to 64 characters after NFC: letters, combining marks and digits of any script,
     inner single spaces, `_`, `-` and `.`, with no leading dot.
@@ -86,6 +86,6 @@ def check_floats(owner: str, field: str, data: memoryview | bytes, columns: int 
     rows, rest = divmod(len(data), 4 * columns)
     if rest:
         raise ValueError(
-            f"{owner}.{field}: {len(data)} bytes are no whole number of {columns} x float32 rows"
+            f"{owner}.{field}: {len(data)} bytes are not a whole number of {columns} x float32 rows"
         )
     return rows

@@ -250,7 +250,7 @@ def test_systemd_is_asked_only_where_it_runs(tmp_path: Path) -> None:
             Level.PROBLEM,
             "stops every time",
         ),
-        (Unit("trolley-base.service", "inactive", "enabled"), Level.PROBLEM, "should run"),
+        (Unit("trolley-base.service", "inactive", "enabled"), Level.PROBLEM, "should be running"),
         (Unit("trolley-base.service", "failed", result="watchdog"), Level.PROBLEM, "watchdog"),
         (Unit("trolley-base.service", "failed", exit_status="2"), Level.PROBLEM, "robot.toml"),
     ],

@@ -142,7 +142,7 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
         Level.WARNING,
         "battery is at 10%",
     ),
-    "no pose": (replace(GOOD, pose=None), Level.PROBLEM, "no pose at all"),
+    "no pose": (replace(GOOD, pose=None), Level.PROBLEM, "There is no pose."),
     "lost": (replace(GOOD, pose=pose("lost")), Level.PROBLEM, "is lost"),
     "searching": (
         replace(GOOD, pose=pose("searching")),
@@ -150,12 +150,12 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
         "is working out where it is",
     ),
     "unsure": (replace(GOOD, pose=pose("unsure")), Level.WARNING, "unsure where it is"),
-    "no scan": (without(GOOD, "scan", "pose", "tf/odom"), Level.PROBLEM, "scan does not come"),
+    "no scan": (without(GOOD, "scan", "pose", "tf/odom"), Level.PROBLEM, "scan is not published"),
     "slow odom": (with_flow("odom", 8.0), Level.WARNING, "odom arrives at 8.0 Hz; 20 Hz"),
     "fast scan": (with_flow("scan", 120.0), Level.WARNING, "50 Hz is the maximum"),
     "slow pose": (with_flow("pose", 3.0), Level.WARNING, "pose arrives at 3.0 Hz; 10 Hz"),
     "flood": (with_flow("tf/mine", 500.0), Level.WARNING, "tf/mine arrives at 500.0 Hz"),
-    "no map": (replace(GOOD, kept=GOOD.kept - {"map"}), Level.WARNING, "no map to give"),
+    "no map": (replace(GOOD, kept=GOOD.kept - {"map"}), Level.WARNING, "has no map."),
     "late": (replace(GOOD, late_s={"scan": 0.7}), Level.WARNING, "0.7 s old"),
     "too late": (replace(GOOD, late_s={"pose": 2.0}), Level.PROBLEM, "so the robot stops"),
     "dropped": (replace(GOOD, counted={"base": {"scan/x": 90}}), Level.WARNING, "scan/x 90 times"),
@@ -204,7 +204,7 @@ def test_a_robot_without_a_map_needs_no_localizer() -> None:
 
 def test_the_goal_is_due_only_while_the_robot_drives() -> None:
     drives = replace(GOOD, goal=GoalStatus(stamp_ns=1, id="a", state="driving"))
-    assert ["goal does not come" in one.sentence for one in bad(drives)] == [True]
+    assert ["goal is not published" in one.sentence for one in bad(drives)] == [True]
     assert bad(with_flow("goal", 5.0, drives)) == []
     assert bad(replace(GOOD, goal=GoalStatus(stamp_ns=1, id="a", state="arrived"))) == []
 

@@ -69,7 +69,7 @@ def test_every_problem_of_a_file_is_named(tmp_path: Path) -> None:
         "[planner.rollouts]",
         "[base.lidar.baud]",
         "missing key `ticks_per_revolution`",
-        "[zenoh] 'foo' is no endpoint",
+        "[zenoh] 'foo' is not an endpoint",
     ):
         assert [one for one in found if text in one], text
     assert all(one.startswith(str(path)) for one in found)

@@ -110,7 +110,7 @@ def test_a_trip_that_is_done_counts_what_it_reached() -> None:
 def test_a_stop_says_how_it_ended() -> None:
     failed = StopResult(stop=2, name=None, state="failed", code="no_path")
     assert result_line(failed).headline == "stop 3 not reached"
-    assert "no way there" in result_line(failed).detail
+    assert "no path there" in result_line(failed).detail
 
 
 def test_numbers_for_people() -> None:
