@@ -25,7 +25,7 @@ def scans_of(
     counts: Counter[str] = Counter()
     revolutions = Revolutions(MODELS["ld19"].facts, LidarConfig(model="ld19"), counts)
     rotation, clock = Rotation(turns_hz), SampleClock()
-    clock.hear(0.0, START_NS)
+    clock.update(0.0, START_NS)
     sensor_s = 0.0
     edges = [0, *sorted({cut % len(angle_deg) for cut in cuts} - {0}), len(angle_deg)]
     for first, last in pairwise(edges):

@@ -9,10 +9,10 @@ from trolley.messages import Robot
 from trolley.messages.motion import MAX_MESH_BYTES
 from trolley_base.safety.motion_limits import MotionLimits
 
-# A board that goes on for longer than this when base is gone...
 LONGEST_WATCHDOG_S = 0.5
-# ... drives no faster than this, until its owner has shortened its watchdog and says so [m/s].
+"""A board that drives on for longer than this when base is gone ..."""
 UNWATCHED_SPEED = 0.2
+"""... is driven no faster than this, until its owner shortens its watchdog and says so [m/s]."""
 
 
 def footprint_of(config: RobotConfig) -> NDArray[np.float64]:

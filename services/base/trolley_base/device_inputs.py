@@ -70,7 +70,7 @@ class DeviceInputs:
         return SafetyState(cannot_drive, is_stopped, self._chassis, self._lidar, scan_age_ns)
 
     def update(self, now_ns: int) -> None:
-        """Bring the devices to now, and read them."""
+        """Bring the devices up to now, and read them."""
         self._hardware.advance(now_ns)
         self._read_chassis(now_ns)
         self._read_lidar(now_ns)

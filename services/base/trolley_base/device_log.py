@@ -1,4 +1,4 @@
-"""What the devices say for people: into the log, once and not twenty times a second."""
+"""What the devices say to people: logged once, not twenty times a second."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -8,19 +8,20 @@ from trolley.messages import Link
 from trolley.runtime.log import Log
 from trolley_base.drivers import Note
 
-# A note of one kind is passed on at most this often, and less and less often while it goes on [ns].
 PERIOD_NS = {"info": 60_000_000_000, "warning": 5_000_000_000, "error": 5_000_000_000}
+"""Notes of one kind are logged at most this often, and ever more rarely while they go on [ns]."""
 LONGEST_PERIOD_NS = 600_000_000_000
-# A device that is looked for may be found at any moment; after this long its trouble is told [ns].
 PATIENCE_NS = 5_000_000_000
-# Kinds may come from a board's own words; what is beyond so many counts as one kind.
+"""A device that is being searched for may turn up at any moment; its trouble is logged after this
+long [ns]."""
 MOST_KINDS = 64
+"""Kinds may come from a board's own words; beyond this many, all others count as one."""
 NUMBER = re.compile(r"\d+")
 
 
 @dataclass(frozen=True, slots=True)
-class _Said:
-    """When a kind of note was passed on, and for how long it is not passed on again."""
+class _Logged:
+    """When a kind of note was logged, and for how long it is not logged again."""
 
     at_ns: int
     pause_ns: int
@@ -39,13 +40,13 @@ class DeviceLog:
         self._count = count
         self._is_up: dict[str, bool] = {}
         self._lost_ns: dict[str, int] = {}
-        self._told: dict[str, str] = {}
-        self._said: dict[str, _Said] = {}
+        self._reported: dict[str, str] = {}
+        self._logged: dict[str, _Logged] = {}
 
     def add(
         self, now_ns: int, link: Link, notes: tuple[Note, ...], counts: Mapping[str, int]
     ) -> None:
-        """Take what one device said since the last time."""
+        """Log what one device said since the last call."""
         self._add_link(now_ns, link)
         for note in notes:
             self._add_note(now_ns, link.name, note)
@@ -58,32 +59,32 @@ class DeviceLog:
         if link.state == "up":
             if not was_up:
                 self._log.info("Connected", device=name)
-                for kind in [kind for kind in self._said if kind.startswith(f"{name}/link/")]:
-                    del self._said[kind]
+                for kind in [kind for kind in self._logged if kind.startswith(f"{name}/link/")]:
+                    del self._logged[kind]
             self._lost_ns.pop(name, None)
-            self._told.pop(name, None)
+            self._reported.pop(name, None)
             return
         lost_ns = self._lost_ns.setdefault(name, now_ns)
         if link.state == "searching" and now_ns - lost_ns < PATIENCE_NS:
             return
-        if link.message != self._told.get(name):
-            self._told[name] = link.message
+        if link.message != self._reported.get(name):
+            self._reported[name] = link.message
             # A device that is tried again and again fails for the same reason each time.
             kind = f"link/{NUMBER.sub('#', link.message)}"
             self._add_note(now_ns, name, Note("warning", kind, link.message))
 
     def _add_note(self, now_ns: int, device: str, note: Note) -> None:
         kind = f"{device}/{note.kind}"
-        if kind not in self._said and len(self._said) >= MOST_KINDS:
+        if kind not in self._logged and len(self._logged) >= MOST_KINDS:
             kind = "other"
-        said = self._said.get(kind)
+        logged = self._logged.get(kind)
         pause_ns = PERIOD_NS[note.level]
-        if said is not None:
-            since_ns = now_ns - said.at_ns
-            if since_ns < said.pause_ns:
+        if logged is not None:
+            since_ns = now_ns - logged.at_ns
+            if since_ns < logged.pause_ns:
                 return
-            if since_ns < 2 * said.pause_ns:  # it went on all the time
-                pause_ns = min(2 * said.pause_ns, LONGEST_PERIOD_NS)
-        self._said[kind] = _Said(now_ns, pause_ns)
+            if since_ns < 2 * logged.pause_ns:  # it went on all the time
+                pause_ns = min(2 * logged.pause_ns, LONGEST_PERIOD_NS)
+        self._logged[kind] = _Logged(now_ns, pause_ns)
         write = {"info": self._log.info, "warning": self._log.warning, "error": self._log.error}
         write[note.level](note.text, device=device)

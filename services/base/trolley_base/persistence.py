@@ -1,4 +1,4 @@
-"""What base keeps over a restart, one file each in the state folder."""
+"""What base keeps across restarts, one file each in the state folder."""
 
 from msgspec import Struct
 
@@ -7,12 +7,12 @@ from trolley.messages.types import StampNs
 
 TIME_FILE, LATCH_FILE, WORLD_FILE = "base_time.toml", "base_stop.toml", "base_world.toml"
 
-# A run begins at least this much after the last saved value, which is at most half as old [ns].
 SAFETY_NS = 120_000_000_000
+"""A run begins at least this much after the last saved value, which is at most half as old [ns]."""
 
 
 class SavedTime(Struct, frozen=True, kw_only=True):
-    """Robot time, so that it never goes back where the host's clock does."""
+    """Robot time, so that it never goes back even if the host's clock does."""
 
     stamp_ns: StampNs
 
@@ -24,7 +24,7 @@ class SavedLatch(Struct, frozen=True, kw_only=True):
 
 
 class SavedWorld(Struct, frozen=True, kw_only=True):
-    """Where a simulated robot truly stood, and what it was told to start from."""
+    """Where a simulated robot truly stood, and from where it was configured to start."""
 
     world: str
     pose: Pose2D

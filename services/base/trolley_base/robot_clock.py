@@ -6,10 +6,10 @@ process, a busy machine) the steps that are missing are made up for, none is ski
 cannot be made up for, the rate is lowered, and raised again when there is room.
 """
 
-# The rate is judged once the steps have been late for this long without a break [ns].
 PATIENCE_NS = 500_000_000
-# A lowered rate is tried higher after this long without being late [ns].
+"""The rate is judged once the steps have been late for this long without a break [ns]."""
 RAISE_AFTER_NS = 10_000_000_000
+"""A lowered rate is raised after this long without lateness [ns]."""
 LOWER_TO, RAISE_BY = 0.95, 1.2
 MIN_RATE = 0.01
 

@@ -11,8 +11,8 @@ from trolley_base.calibration.legs import Leg
 from trolley_base.calibration.umbmark import Benchmark
 from trolley_base.odometry.wheel_scales import WheelScales
 
-# An estimate that is less sure than this is not proposed: better drive once more.
 UNSURE_SCALE = 0.01
+"""An estimate less certain than this is not proposed: drive once more instead."""
 UNSURE_BEND = 0.03
 
 

@@ -44,8 +44,8 @@ from trolley_base.commands.odometry_file import as_toml, settings_of, write_sett
 from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 
 F = TypeVar("F", bound=Callable[..., Any])
-# Of a person with a tape measure, from where the robot was put down to where it stands.
 BY_HAND_M, BY_HAND_RAD = 0.01, math.radians(2.0)
+"""Of a person with a tape measure, from where the robot was put down to where it stands."""
 WAYS: dict[Direction, str] = {"ccw": "left round", "cw": "right round"}
 FREE_SIDE: dict[Direction, str] = {"ccw": "left", "cw": "right"}
 

@@ -16,8 +16,8 @@ from trolley_base.calibration.drive import SOURCE
 
 CONTROL_PERIOD_S = 0.05
 VALID_S = 0.3
-# After the end zero is commanded for so long, and then nothing.
 STANDING_S = 0.3
+"""At the end, zero is commanded for this long, and then nothing."""
 WAIT_S = 5.0
 
 

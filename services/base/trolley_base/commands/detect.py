@@ -19,8 +19,8 @@ from trolley_base.detection.ports import find_ports
 from trolley_base.detection.results import PortResult
 from trolley_base.detection.settings import Proposal
 
-# An option that may stand without a value: for "the usual file", and for "the screen".
 USUAL, SCREEN = "<usual>", "-"
+"""An option that may stand without a value: for "the usual file", and for "the screen"."""
 
 
 @click.command(name="detect")

@@ -16,10 +16,10 @@ from trolley.serial_diagnosis import UDEV_DATA, udev_properties
 
 DEVICES = Path("/dev")
 CANDIDATES = ("serial/by-id/*", "serial/by-path/*", "ttyUSB*", "ttyACM*", "ttyAMA*", "serial0")
-# On a Raspberry Pi this UART belongs to the Bluetooth chip.
 BLUETOOTH = "serial1"
-# A chip's factory setting, such as 0001 of a CP2102, is shorter than a real serial number.
+"""On a Raspberry Pi this UART belongs to the Bluetooth chip."""
 SHORTEST_SERIAL = 6
+"""A chip's factory setting, such as 0001 of a CP2102, is shorter than a real serial number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,20 +36,21 @@ from trolley_base.drivers.serial_port import SerialPort
 T = TypeVar("T")
 
 LISTEN_S = 0.6
-# The slowest boards talk about 2 s after their port was opened.
 BOARDS_UNTIL_S = 3.2
+"""The slowest boards talk about 2 s after their port was opened."""
 BOARD_TRIES = 2
+"""On a busy computer a single try may come too late to count."""
 ROSSERIAL_S = 0.35
 TOPICS_S = 0.5
 LINE_S = 0.2
 LIDAR_S = 0.5
 LIDAR_TRIES = 2
 SPIN_UP_S = 1.5
-# What a lidar needs to take a "stop".
 STOPPING_S = 0.1
+"""Time in which a lidar obeys a stop."""
 POLL_S = 0.05
-# Of what was heard in one step, no more than this is looked at.
 MOST_HELD = 65536
+"""At most this many bytes are kept in one step."""
 
 
 class Interrupted(Exception):

@@ -14,8 +14,8 @@ from trolley_base.detection.results import PortResult
 
 FILE = Path("/etc/udev/rules.d/99-trolley.rules")
 NAMES = {"board": "trolley-chassis", "lidar": "trolley-lidar"}
-# What may stand between quotes in a rule and means itself.
 PLAIN = re.compile(r"[A-Za-z0-9_.:@/+-]+")
+"""What may stand between quotes in a rule and means itself."""
 
 HEAD = """\
 # Names that stay for the serial ports of a robot: /dev/trolley-chassis and /dev/trolley-lidar.

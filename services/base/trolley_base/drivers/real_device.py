@@ -13,9 +13,9 @@ from trolley_base.drivers.real_hardware import RealHardware
 from trolley_base.persistence import SavedWorld
 
 NO_BOARD = "No motor board is set ([base.chassis] board), so commands go nowhere."
-# The same as for a simulation, and what a board adds that looks at its commands 20 times a second
-# and has motors that follow a control loop.
 REACTION_S = 0.15
+"""As for a simulation, plus what a board adds that looks at its commands 20 times a second and
+whose motors follow a control loop."""
 
 
 class RealDevice:

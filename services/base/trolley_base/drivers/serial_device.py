@@ -13,18 +13,19 @@ from dataclasses import dataclass
 from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line
 from trolley_base.drivers.serial_port import SerialPort
 
-# Pauses before the port is opened again [s].
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 3.0
-# A port that stayed open for this long begins with the shortest pause again.
+"""Pauses before the port is opened again [s]."""
 STEADY_S = 5.0
-# Bytes are gathered for this long, so that a fast line does not wake the thread for each of them.
+"""A port that stayed open for this long begins with the shortest pause again."""
 GATHER_S = 0.004
+"""Bytes are gathered for this long, so that a fast line does not wake the thread for each of
+them."""
 POLL_S = 0.1
-# Linux keeps 4095 bytes of a port, behind which more may wait or have been lost. After a read of
-# nearly so many, what comes for so long is thrown away with them.
 FULL_BYTES, BACKLOG_S = 4000, 0.05
-# More than this between two looks of the service is a flood, or a service that was stopped.
+"""Linux keeps 4095 bytes of a port; beyond them more may wait or be lost. After a read of nearly
+that many, everything that arrives for this long is discarded with them."""
 MOST_STORED = 65536
+"""More than this between two reads is a flood, or a service that was stopped."""
 BETWEEN_GOODBYES_S = 0.005
 
 

@@ -9,8 +9,8 @@ from trolley_base.drivers.serial_device import Arrived, Lost, Opened, SerialDevi
 
 D = TypeVar("D", bound=Dialogue)
 
-# A dialogue that asks for the port to be opened again is heard at most this often [ns].
 REOPEN_EVERY_NS = 5_000_000_000
+"""A port is opened again at most this often at a dialogue's request [ns]."""
 
 
 class SerialLink(Generic[D]):

@@ -10,11 +10,11 @@ import serial
 
 from trolley_base.drivers.dialogue import Line
 
-# At most this much is read at a time; a device that floods cannot keep the reader in one call.
 MOST_READ = 4096
+"""At most this much is read at a time; a device that floods cannot keep the reader in one call."""
 PSEUDO_TERMINALS = "/dev/pts/"
-# What modem lines answer where there are none (a pseudo-terminal), and what a lost device answers.
 NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL, errno.EIO, errno.ENODEV, errno.ENXIO)
+"""Errors of modem lines where there are none (a pseudo-terminal), and of a lost device."""
 
 
 class SerialPort:

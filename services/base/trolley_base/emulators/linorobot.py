@@ -132,8 +132,8 @@ class Linorobot(Board):
         self._ask_time(now_ns)
         for topic, (name, kind, md5) in TYPES.items():
             channel = rosserial.PUBLISHER if topic >= RAW_VEL else rosserial.SUBSCRIBER
-            told = WRONG_MD5 if self.has_wrong_md5 and topic == RAW_VEL else md5
-            self._send(now_ns, encode(channel, rosserial.topic_info(topic, name, kind, told)))
+            sent_md5 = WRONG_MD5 if self.has_wrong_md5 and topic == RAW_VEL else md5
+            self._send(now_ns, encode(channel, rosserial.topic_info(topic, name, kind, sent_md5)))
         self._configured = True
         self._answered_ns = now_ns
         self._remarks.append("the host asked for the topics")

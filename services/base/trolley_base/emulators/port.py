@@ -47,7 +47,7 @@ class DevicePort:
         self._damage = Damage(device.baud, rng)
         self._faults: dict[str, Fault] = {}
         self._tell = tell
-        self._told_baud: int | None = None
+        self._reported_baud: int | None = None
 
     @property
     def dropped(self) -> int:
@@ -77,7 +77,7 @@ class DevicePort:
         was_open = self.terminal.is_open
         if self.terminal.look():
             self._line.clear()
-            self._told_baud = None
+            self._reported_baud = None
             self._tell(f"{self.name}: the host opened the port")
             self.device.opened(now_ns)
         elif was_open and not self.terminal.is_open:
@@ -117,7 +117,7 @@ class DevicePort:
         baud = self.terminal.host_baud()
         if abs(baud / self.device.baud - 1.0) < BAUD_TOLERANCE:
             return data
-        if baud != self._told_baud:
-            self._told_baud = baud
+        if baud != self._reported_baud:
+            self._reported_baud = baud
             self._tell(f"{self.name}: the host works at {baud} baud, not {self.device.baud}")
         return self._damage.rubbish(max(1, len(data) * baud // self.device.baud))

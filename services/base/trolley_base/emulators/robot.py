@@ -47,8 +47,8 @@ MOST_STEPS = 10
 """Steps made up for at once; then the ports have their turn."""
 HOPELESS_NS = 1_000_000_000
 COMPLAIN_NS = 10_000_000_000
-# The emulated lidars measure by themselves; the simulation's own one has as little to do as can be.
 _IDLE_LIDAR = LidarSpec(beams=8, rate_hz=1.0)
+"""The emulated lidars measure by themselves; the simulation's own does as little as possible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -62,16 +62,16 @@ class TruthPublisher:
 
     def _run(self) -> None:
         where = ", ".join(self._endpoints)
-        has_told = False
+        has_reported = False
         while not self._end.is_set():
             try:
                 with Connection(self._endpoints, CONNECT_S, self._keys) as connection:
                     self._tell(f"sim/truth of {self._robot} goes to {where}")
                     self._publish(connection)
             except RobotUnreachable:
-                if not has_told:
+                if not has_reported:
                     self._tell(f"no router at {where} yet: working alone until there is one")
-                    has_told = True
+                    has_reported = True
                 self._end.wait(RETRY_S)
 
     def _publish(self, connection: Connection) -> None:

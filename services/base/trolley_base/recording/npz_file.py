@@ -22,8 +22,8 @@ from trolley_base.recording.recording import Recording
 
 NO_ECHO_MM = 65535
 MIN_BEAMS = 2
-# Longer drives are stamps in another unit [s].
 LONGEST_S = 1e7
+"""Longer drives must have stamps in another unit [s]."""
 
 
 def load_npz(path: Path) -> Recording:

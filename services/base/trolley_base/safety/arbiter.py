@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from trolley.geometry import Twist2D
 from trolley.messages import VelocityCommand
 
-# A command is good for at most this long, whatever its sender says [ns].
 MAX_VALID_NS = 500_000_000
-# A stamp may be ahead of robot time by this much; clocks that follow base's are never so far off.
+"""A command is good for at most this long, whatever its sender says [ns]."""
 MAX_AHEAD_NS = 1_000_000_000
-# Within this time after a source's command an older one of it is a straggler; later, a restart.
+"""A stamp may be ahead by this much; clocks that follow base's are never that far off [ns]."""
 ORDER_NS = 1_000_000_000
-# Base stands for this long after a source fell silent before a lower one may drive [ns].
+"""Within this time after a source's command an older one of it is a straggler; later, a restart."""
 HOLD_NS = 1_000_000_000
+"""After a source falls silent, base stands for this long before a lower one may drive [ns]."""
 
 
 class Reject(enum.Enum):
@@ -77,7 +77,7 @@ class Arbiter:
 
         Args:
             source: who sent it.
-            command: what is wanted.
+            command: the velocity, and how long it is good for.
             arrived_ns: when it arrived.
             now_ns: now.
         """

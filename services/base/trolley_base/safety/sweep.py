@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Twist2D
 
-# Flatter arcs are taken as straight lines [1/m]: over a metre that is wrong by half a millimetre.
 MIN_CURVATURE = 1e-3
-# A corner may stick out this many times farther than the edges when an outline is widened.
+"""Flatter arcs count as straight lines [1/m]: over a metre that is wrong by half a millimetre."""
 MAX_MITRE = 4.0
-# Along an edge, so that no point slips between two.
+"""A corner may stick out this many times farther than the edges when an outline is widened."""
 EDGE_TOLERANCE = 1e-9
+"""Tolerance along an edge, so that no point slips between two."""
 
 Floats = NDArray[np.float64]
 

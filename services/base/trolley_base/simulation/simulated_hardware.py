@@ -12,8 +12,8 @@ from trolley.messages import Battery, Link
 from trolley_base.drivers.interface import ChassisReading, LidarReading, LidarScan, MotionSample
 from trolley_base.world import STEP_NS, OtherRobot, Simulation, TrueState
 
-# A board whose host has fallen silent stops by itself after this long, as real ones do [ns].
 WATCHDOG_NS = 500_000_000
+"""A board whose host has fallen silent stops by itself after this long, as real ones do [ns]."""
 CHARGER_REACH_M = 0.3
 CHARGING_RATE = 4.0
 

@@ -24,21 +24,21 @@ from trolley_base.drivers.boards.wheel_ticks import Counts, TickTargets, WheelOd
 from trolley_base.drivers.dialogue import Line, Status
 from trolley_base.drivers.interface import ChassisReading, DriverError
 
-# An Arduino reboots when its port is opened; its boot loader then waits for a new program.
 SETTLE_S = 1.5
+"""An Arduino reboots when its port is opened; its boot loader then waits for a new program."""
 ANSWER_NS = 150_000_000
 GREET_EVERY_NS = 500_000_000
 ENCODERS_EVERY_NS = 50_000_000
 MOTORS_EVERY_NS = 100_000_000
-# A new velocity waits no longer than this, so that a robot can be steered.
 NEW_MOTORS_EVERY_NS = 50_000_000
-# The firmware copies an argument into 16 letters without looking.
+"""A new velocity waits no longer than this, so that a robot can be steered."""
 MOST_ARGUMENT = 15
+"""The firmware copies an argument into 16 letters without looking."""
 MOST_LINE = 64
-# One command that is not understood was garbled on the line; so many in a row were not.
 MOST_INVALID = 3
-# A board that boots may begin with a line or two that were cut.
+"""One command that is not understood was garbled on the line; this many in a row were not."""
 MOST_STRAYS = 3
+"""A board that boots may begin with a line or two that were cut."""
 
 BAUD, ENCODERS, MOTORS, STOP = "b", "e", "m", "m 0 0"
 INVALID = b"Invalid Command"

@@ -9,14 +9,14 @@ before, and all intervals together are the time that passed.
 
 from collections import deque
 
-# Frames among which at least one is expected to have come without delay; after a frame was lost
-# the grid lies right again after so many.
 WINDOW = 16
-# The period is the mean of at most so many intervals between arrivals; the nominal one counts as
-# this many of them at first.
+"""Of this many frames at least one is expected to arrive without delay; after a frame is lost, the
+grid is right again after as many."""
 MOST_INTERVALS, NOMINAL_INTERVALS = 256, 32
-# Until the period of a board with another pace is known, no stamp lies farther behind [ns].
+"""The period is the mean of at most this many intervals between arrivals; the nominal period counts
+for this many of them at first."""
 MOST_BEHIND_NS = 300_000_000
+"""Until the period of a board with another pace is known, no stamp lies farther behind [ns]."""
 
 
 class ArrivalClock:

@@ -4,15 +4,15 @@ from trolley import codes
 from trolley.config.hardware import InputsConfig
 from trolley.messages import Battery
 
-# Two pins are read this often: with the answer and a period of base, the wheels are told to stop
-# within 0.1 s. More of them share the same part of the line.
 TOUCH_EVERY_NS, TOUCH_PINS = 40_000_000, 2
+"""Two pins are read this often: with the answer and a period of base, the wheels are told to stop
+within 0.1 s. More of them share the same part of the line."""
 BATTERY_EVERY_NS = 1_000_000_000
-# Motors that set off pull the voltage down for a moment.
 EMPTY_FOR_NS = 2_000_000_000
-# An empty battery recovers a little as soon as nothing is driven; this share of the range from
-# empty to full above the limit it counts as charged again.
+"""Motors that set off pull the voltage down for a moment."""
 RECOVERED_SHARE = 0.1
+"""An empty battery recovers a little as soon as nothing is driven; this share of the range from
+empty to full above the limit it counts as charged again."""
 
 
 class Inputs:

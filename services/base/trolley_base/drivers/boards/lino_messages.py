@@ -15,8 +15,8 @@ from trolley.config.hardware import Axis
 from trolley.geometry import Twist2D
 from trolley.messages import Imu
 
-# What is faster is no robot but a broken message [m/s, rad/s].
 MOST_SPEED, MOST_TURN = 10.0, 50.0
+"""Anything faster is not a robot but a broken message [m/s, rad/s]."""
 
 Vector = tuple[float, float, float]
 

@@ -45,14 +45,14 @@ from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.dialogue import Line, Status
 from trolley_base.drivers.interface import ChassisReading
 
-# The pace of `raw_vel`.
 PERIOD_NS = 50_000_000
-# rosserial's own rule: a board asks for the time every 2.5 s, or it has forgotten its host.
+"""The pace of `raw_vel`."""
 NO_TIME_REQUEST_NS = 15_000_000_000
-# Every other call of `outgoing` at 50 Hz, with room for its unevenness: 25 commands a second.
+"""rosserial's own rule: a board asks for the time every 2.5 s, or it has forgotten its host."""
 COMMAND_EVERY_NS = 35_000_000
-# Each answer waits for one call of `outgoing`; a board that asks this often is broken.
+"""Every other call of `outgoing` at 50 Hz, with room for its unevenness: 25 commands a second."""
 MOST_TIME_REQUESTS = 8
+"""Each answer waits for one call of `outgoing`; a board that asks this often is broken."""
 WARNING, ERROR = 2, 3
 
 
@@ -112,7 +112,7 @@ class LinorobotDialogue:
         if topic_id in (PUBLISHER, SUBSCRIBER):
             info = parse_topic_info(payload)
             if info is not None:
-                self._topics.hear(info, arrived_ns, is_published=topic_id == PUBLISHER)
+                self._topics.add_topic(info, arrived_ns, is_published=topic_id == PUBLISHER)
             return info is not None
         if topic_id == TIME:
             self._time_request_ns = arrived_ns
@@ -173,7 +173,7 @@ class LinorobotDialogue:
             self._owes_pid = False
             parts.append(encode(pid_id, encode_pid(pid.p, pid.i, pid.d)))
         if self._topics.should_ask(now_ns, is_forgotten=self._has_forgotten_us(now_ns)):
-            self._topics.asked(now_ns)
+            self._topics.note_request(now_ns)
             self._owes_pid = True
             parts.append(TOPIC_REQUEST)
         return b"".join(parts)

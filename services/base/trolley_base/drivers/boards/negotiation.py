@@ -12,10 +12,10 @@ from trolley_base.drivers.boards.lino_messages import TOPICS, Topic
 from trolley_base.drivers.boards.rosserial import TopicInfo
 
 ASK_EVERY_NS = 1_000_000_000
-# A firmware that does not fit fits no better a second later.
 ASK_AGAIN_NS = 5_000_000_000
-# A board announces everything in one go.
+"""A firmware that does not match will not match a second later."""
 LAST_WORD_NS = 200_000_000
+"""A board announces everything in one go."""
 
 NEEDED = frozenset(topic for topic in TOPICS if topic.is_needed)
 
@@ -70,12 +70,12 @@ class Negotiation:
         is_wanted = is_forgotten or self._has_unknown or not self.is_usable
         return is_wanted and now_ns - self._asked_ns >= self._pause_ns
 
-    def asked(self, now_ns: int) -> None:
+    def note_request(self, now_ns: int) -> None:
         """Begin a round: a topic request is being sent."""
         self._asked_ns, self._pause_ns = now_ns, ASK_EVERY_NS
         self._begin_round()
 
-    def hear(self, info: TopicInfo, now_ns: int, *, is_published: bool) -> None:
+    def add_topic(self, info: TopicInfo, now_ns: int, *, is_published: bool) -> None:
         """Take an announcement."""
         self._heard_ids.add(info.topic_id)
         self._heard_ns = now_ns

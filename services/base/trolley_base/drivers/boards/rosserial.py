@@ -14,14 +14,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 SYNC = b"\xff\xfe"
-# The buffers of the boards; more overruns them.
 MOST_PAYLOAD = 512
-# Bytes of a frame before and besides its payload.
+"""Size of the boards' buffers; more overruns them."""
 LENGTH_END, HEADER, OVERHEAD = 5, 7, 8
+"""Bytes of a frame before and besides its payload."""
 
 PUBLISHER, SUBSCRIBER, LOG, TIME, STOP = 0, 1, 7, 10, 11
-# Below are the protocol's own topics.
 FIRST_TOPIC = 100
+"""Below are the protocol's own topics."""
 
 
 class Frame(NamedTuple):

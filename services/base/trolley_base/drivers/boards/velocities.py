@@ -6,8 +6,8 @@ from trolley.geometry import Twist2D, exp_twist
 from trolley_base.drivers.boards.arrival_clock import ArrivalClock
 from trolley_base.drivers.interface import MotionSample
 
-# Over a longer interval nobody knows what the wheels did.
 LONGEST_NS = 500_000_000
+"""After a longer interval nobody knows what the wheels did."""
 
 
 class VelocityIntegrator:

@@ -15,16 +15,16 @@ from trolley.config.hardware import WheelsConfig
 from trolley.geometry import Twist2D, exp_twist
 from trolley_base.drivers.interface import MotionSample
 
-# No wheel turns faster than this; a count that says so was misread [m/s].
 MOST_SPEED = 3.0
-# A board whose counts lie within this of zero may just have started [m].
+"""No wheel turns faster than this; a count that says so was misread [m/s]."""
 NEAR_START_M = 0.05
-# A board is back after a restart no sooner than this [s].
+"""A board whose counts lie within this of zero may just have started [m]."""
 SHORTEST_RESTART_S = 0.3
-# One round of the board's speed control [s]: 1000 / 30 ms as whole numbers.
+"""A board is back after a restart no sooner than this [s]."""
 FRAME_S = 0.033
-# An int of the boards.
+"""One round of the board's speed control [s]: 1000 / 30 ms as whole numbers."""
 MOST_TARGET = 32767
+"""The largest int of the boards."""
 
 
 class Counts(NamedTuple):

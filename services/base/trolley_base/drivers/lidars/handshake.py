@@ -23,8 +23,8 @@ HEALTH = bytes.fromhex("A55A 0300 0000 06")
 INFO_BYTES, HEALTH_BYTES = 20, 3
 ANSWER_S = 0.5
 SILENT_NS = 2 * NS_PER_S
-# What may come before an answer: the rest of a stream that has just been stopped.
 MOST_HELD = 8192
+"""What may come before an answer: the rest of a stream that has just been stopped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ class HandshakeLidar(StreamingLidar):
             return f"The {self.facts.title} answers and is being started."
         return super()._trouble(now_ns)
 
-    def _hear_health(self, health: bytes) -> bool:
+    def _check_health(self, health: bytes) -> bool:
         """Take an answer to "how are you"; False where the lidar says that it is faulty."""
         status, code = health[0], int.from_bytes(health[1:3], "little")
         self._fault = ""
@@ -149,7 +149,7 @@ class HandshakeLidar(StreamingLidar):
         )
         return False
 
-    def _hear_model(self, is_expected: bool, model: int) -> None:
+    def _check_model(self, is_expected: bool, model: int) -> None:
         """Warn of a lidar that says it is another one."""
         if not is_expected:
             self._note(

@@ -26,14 +26,14 @@ from trolley_base.units import NS_PER_S
 SHORT_REVOLUTIONS = "lidar/short_revolutions"
 ENOUGH, TOO_MUCH = 0.8, 1.2
 MOST_SAMPLES = 8192
-# A service that does not come for its scans finds the newest.
 MOST_SCANS = 16
-# Rates that no lidar has are not believed [deg/s].
+"""At most this many scans wait to be read; the oldest are dropped."""
 SLOWEST_DPS, FASTEST_DPS = 180.0, 14_400.0
-# A step back by less than this is a frame that came twice, a longer one a new turn [deg].
+"""Rates that no lidar has are not believed [deg/s]."""
 STEP_BACK_DEG = 30.0
-# Robot time and the sensor's own may differ by this share over a turn.
+"""A step back by less than this is a frame that came twice, a longer one a new turn [deg]."""
 BELIEVED = 0.1
+"""Robot time and the sensor's time may differ by this share over a turn."""
 
 
 class Samples(NamedTuple):

@@ -34,10 +34,10 @@ SAMPLERATE = bytes.fromhex("A55A 0400 0000 15")
 STANDARD_STREAM = bytes.fromhex("A55A 0500 0040 81")
 EXPRESS_STREAM = bytes.fromhex("A55A 5400 0040 82")
 A1_SERIES = 1
-# After STOP the sensor may go on for this long; RESET reboots it.
 DRAIN_S, REBOOT_S, START_S, FAULT_PAUSE_S = 0.1, 2.0, 2.0, 5.0
-# Periods of samples that an A1 can have [s]; it is not believed others.
+"""After STOP the sensor may go on for this long; RESET reboots it."""
 BELIEVED_S = (100e-6, 1000e-6)
+"""Sample periods that an A1 can have [s]; others are not believed."""
 
 
 class RplidarA1(HandshakeLidar):
@@ -66,14 +66,14 @@ class RplidarA1(HandshakeLidar):
             info = yield Step(GET_INFO, ANSWER_S, INFO, INFO_BYTES)
             if info is None:
                 continue
-            self._hear_model(_is_a1(info[0]), info[0])
+            self._check_model(_is_a1(info[0]), info[0])
             health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
             if health is None:
                 continue
-            if not self._hear_health(health):
+            if not self._check_health(health):
                 yield Step(RESET, REBOOT_S)
                 health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
-                if health is None or not self._hear_health(health):
+                if health is None or not self._check_health(health):
                     yield Step(b"", FAULT_PAUSE_S)
                     continue
             periods = yield Step(GET_SAMPLERATE, ANSWER_S, SAMPLERATE, 4)

@@ -53,10 +53,10 @@ IN_STEP = 8
 FEWEST_A_TURN, MOST_A_TURN = 50, 4000
 CIRCLE = 360 * 64
 MOST_STEP, MOST_ADVANCE = 20 * 64, 60 * 64
-# The search looks at no more at once.
 BLOCK_BYTES = 1024
-# A step in angle this long is no change of distance: samples are missing [deg].
+"""The search considers at most this much at once."""
 JUMP_DEG = 15.0
+"""A step in angle this long is no change of distance: samples are missing [deg]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,12 +9,12 @@ import math
 
 from trolley_base.units import NS_PER_S
 
-# By how much a sensor's time may be wrong, as a share; crystals and motors keep within this.
 DRIFT = 0.003
-# All that came in this time [s] was later than thought: then it is so.
-LOOK_S = 0.5
-# This much later than thought [ns], and something has been lost; less than the shortest turn.
+"""How wrong a sensor's clock may be, as a share; crystals and motors stay within this."""
+WINDOW_S = 0.5
+"""If everything in this time [s] came later than expected, the expectation is corrected."""
 GAP_NS = 60_000_000
+"""Later than expected by this much [ns] means that data was lost; less than the shortest turn."""
 
 
 class SampleClock:
@@ -23,9 +23,9 @@ class SampleClock:
     def __init__(self) -> None:
         self._offset_ns: int | None = None
         self._least_late_ns = math.inf
-        self._heard_s = self._look_s = 0.0
+        self._updated_s = self._window_began_s = 0.0
 
-    def hear(self, sensor_s: float, lead_ns: int) -> bool:
+    def update(self, sensor_s: float, lead_ns: int) -> bool:
         """Take that a sample cannot have been measured later than it arrived.
 
         Args:
@@ -35,23 +35,23 @@ class SampleClock:
         Returns:
             False where so much time is missing that samples must have been lost.
         """
-        elapsed_s, self._heard_s = sensor_s - self._heard_s, sensor_s
+        elapsed_s, self._updated_s = sensor_s - self._updated_s, sensor_s
         if self._offset_ns is None or lead_ns > self._offset_ns + GAP_NS:
             is_first = self._offset_ns is None
             self._offset_ns = lead_ns
-            self._look(sensor_s)
+            self._begin_window(sensor_s)
             return is_first
         crept = self._offset_ns + round(DRIFT * max(elapsed_s, 0.0) * NS_PER_S)
         self._offset_ns = min(crept, lead_ns)
         self._least_late_ns = min(self._least_late_ns, lead_ns - self._offset_ns)
-        if sensor_s - self._look_s >= LOOK_S:
+        if sensor_s - self._window_began_s >= WINDOW_S:
             self._offset_ns += round(self._least_late_ns)
-            self._look(sensor_s)
+            self._begin_window(sensor_s)
         return True
 
     def at(self, sensor_s: float) -> int:
         """Return robot time [ns] at a sensor's time [s], once something was heard."""
         return (self._offset_ns or 0) + round(sensor_s * NS_PER_S)
 
-    def _look(self, sensor_s: float) -> None:
-        self._least_late_ns, self._look_s = math.inf, sensor_s
+    def _begin_window(self, sensor_s: float) -> None:
+        self._least_late_ns, self._window_began_s = math.inf, sensor_s

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# A grid may begin this part of a step later than a beam after zero: at the seam of two turns
-# uneven samples are a little farther apart.
 SLACK = 0.5
-# A turn that is a whole number of steps but for this is one.
+"""A grid may begin this part of a step later than a beam after zero: at the seam of two turns
+uneven samples are a little farther apart."""
 CLOSE = 1e-3
-# A sample this far beside its beam [steps] may stand for the beam on its other side too, where
-# that has none of its own.
+"""A turn that differs from a whole number of steps by less than this is one."""
 BESIDE = 0.25
+"""A sample this far beside its beam [steps] may stand for the beam on its other side too, where
+that has none of its own."""
 
 
 class Grid(NamedTuple):

@@ -21,13 +21,13 @@ from trolley_base.drivers.lidars.sample_clock import SampleClock
 from trolley_base.units import NS_PER_S
 
 GAPS = "lidar/gaps"
-# More bytes are decoded piece by piece, so that what a moment takes is bounded.
 PIECE_BYTES = 4096
+"""More bytes are decoded in pieces of this size, so that each call takes a bounded time."""
 SILENT_NS = 500_000_000
-# Frames without a whole revolution for this long are no scan.
 NO_TURN_NS = 2 * NS_PER_S
-# So long after opening nobody complains.
+"""Frames without a whole revolution for this long are no scan."""
 PATIENCE_NS = NS_PER_S
+"""No complaint is made for this long after opening."""
 REOPEN_NS = 5 * NS_PER_S
 SPEED_TOLERANCE = 0.02
 
@@ -92,7 +92,7 @@ class StreamingLidar:
             decoded = self._decoder.decode(piece)
             if decoded is not None:
                 behind = len(data) - start - len(piece)
-                self._take_in(decoded, behind, arrived_ns)
+                self._add_samples(decoded, behind, arrived_ns)
 
     def outgoing(self, now_ns: int) -> bytes:
         """Return nothing: it is not asked."""
@@ -135,13 +135,13 @@ class StreamingLidar:
         self._revolutions.scans.extend(finished)
         self._decoder, self._clock, self._sensor_s = decoder, SampleClock(), 0.0
 
-    def _take_in(self, decoded: Decoded, behind: int, arrived_ns: int) -> None:
+    def _add_samples(self, decoded: Decoded, behind: int, arrived_ns: int) -> None:
         sensor_s = self._sensor_s + np.cumsum(decoded.samples.elapsed_s)
         self._sensor_s = float(sensor_s[-1])
         byte_ns = BITS_PER_BYTE * NS_PER_S / self.baud
         measured_s = sensor_s[decoded.closing] + decoded.ahead_s
         leads_ns = -(decoded.behind + behind) * byte_ns - measured_s * NS_PER_S
-        if not self._clock.hear(self._sensor_s, arrived_ns + round(float(leads_ns.min()))):
+        if not self._clock.update(self._sensor_s, arrived_ns + round(float(leads_ns.min()))):
             self._counts[GAPS] += 1
             self._revolutions.abandon()
         finished = self._revolutions.finished

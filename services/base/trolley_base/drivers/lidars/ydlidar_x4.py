@@ -146,11 +146,11 @@ class YdlidarX4(HandshakeLidar):
             info = yield Step(GET_INFO, ANSWER_S, INFO, INFO_BYTES)
             if info is None:
                 continue
-            self._hear_model(info[0] == MODEL_NUMBER, info[0])
+            self._check_model(info[0] == MODEL_NUMBER, info[0])
             health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
             if health is None:
                 continue
-            if not self._hear_health(health):
+            if not self._check_health(health):
                 yield Step(b"", FAULT_PAUSE_S)
                 continue
             if (yield Step(START, START_S, STREAM)) is not None:

@@ -18,8 +18,8 @@ import yaml
 
 SUBSTITUTION = re.compile(r"\$\(\s*(\w+)([^)]*)\)")
 TRUE, FALSE = ("true", "1"), ("false", "0")
-# Deeper than this, files include each other in a circle.
 DEEPEST = 12
+"""Deeper than this, files include each other in a circle."""
 
 
 class Value(NamedTuple):

@@ -17,8 +17,8 @@ Matrix = NDArray[np.float64]
 
 BASE, FOOTPRINT = "base_link", "base_footprint"
 LASERS = ("laser", "lidar", "base_scan", "scan")
-# A head that leans more than this is no flat scanner any more [rad].
 LEVEL_RAD = 0.1
+"""A head that leans more than this no longer scans a plane [rad]."""
 DEEPEST = 8
 
 

@@ -19,20 +19,20 @@ from trolley.gridmap import MapError, load_map
 from trolley_base.importers.linorobot.findings import Findings
 from trolley_base.importers.linorobot.launch_files import Value, read_parameters, shown
 
-# What parameters lie in if no launch file says so, in the versions of linorobot.
 COSTMAP_FILES = ("costmap_common_params.yaml",)
+"""Where parameters lie if no launch file says so, in the versions of linorobot."""
 PLANNER_FILES = ("base_local_planner_default_params.yaml", "base_local_planner_params.yaml")
 HOLONOMIC_FILES = ("base_local_planner_holonomic_params.yaml",)
-# linorobot's own name for the map, if there are several and no launch file says which.
 USUAL_MAP = "house"
+"""linorobot's own name for the map, if there are several and no launch file says which."""
 
 SPEEDS = ("max_vel_x", "max_vel_trans", "max_trans_vel")
-# In place, ROS's planner turns at least as fast as the last, whatever the others say.
 TURNS = ("max_vel_theta", "max_rot_vel", "min_in_place_vel_theta")
+"""In place, ROS's planner turns at least as fast as the last, whatever the others say."""
 DEFAULT_SPEED_MPS, DEFAULT_TURN_RADPS = 0.5, 1.5
 MOST_SPEED_MPS, MOST_TURN_RADPS = 5.0, 10.0
-# A centred box is recognised up to this [m]; two headings up to this are the same [rad].
 SAME_M, SAME_RAD = 1e-6, 0.01
+"""A centred box is recognised up to this [m]; two headings up to this are the same [rad]."""
 
 Parameters = Mapping[str, Value]
 

@@ -8,8 +8,8 @@ from trolley_base.importers.linorobot.launch_files import Launch, LaunchReader
 from trolley_base.importers.linorobot.navigation import take_navigation
 
 LAUNCH_FILES = ("bringup.launch", "navigate.launch")
-# Where programs are started that the two do not lead to, in the versions of linorobot.
 ELSEWHERE = {"amcl": ("amcl.launch",), "static_transform_publisher": ("laser.launch", "tf.launch")}
+"""Where programs are started that the two do not lead to, in the versions of linorobot."""
 
 
 def read_linorobot(folder: Path, base: str, lidar: str) -> Findings:

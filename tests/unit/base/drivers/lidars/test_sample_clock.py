@@ -16,7 +16,7 @@ def errors_ms(lateness_s: np.ndarray, drift: float, period_s: float = 0.02) -> n
     for number, late_s in enumerate(lateness_s):
         true_ns = START_NS + round(number * period_s * NS)
         sensor_s = number * period_s * (1.0 - drift)
-        assert clock.hear(sensor_s, true_ns + round(late_s * NS) - round(sensor_s * NS))
+        assert clock.update(sensor_s, true_ns + round(late_s * NS) - round(sensor_s * NS))
         errors.append((clock.at(sensor_s) - true_ns) / 1e6)
     return np.array(errors)
 
@@ -44,8 +44,8 @@ def test_one_late_arrival_changes_little() -> None:
 
 def test_missing_time_is_told_and_believed() -> None:
     clock = SampleClock()
-    assert clock.hear(0.0, START_NS)
-    assert clock.hear(0.02, START_NS)
-    assert not clock.hear(0.04, START_NS + NS)
+    assert clock.update(0.0, START_NS)
+    assert clock.update(0.02, START_NS)
+    assert not clock.update(0.04, START_NS + NS)
     assert clock.at(0.04) == START_NS + NS + 40_000_000
-    assert clock.hear(0.06, START_NS + NS)
+    assert clock.update(0.06, START_NS + NS)
