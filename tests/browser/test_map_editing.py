@@ -53,7 +53,7 @@ def test_a_wall_is_drawn_seen_stored_and_taken_back(
     page.screenshot(path=pictures / "map-wall.png")
     save = page.get_by_role("button", name="Save as new version")
     save.tap()
-    expect(page.get_by_text("names, which is left alone")).to_be_visible()
+    expect(page.get_by_text("which is never overwritten")).to_be_visible()
     save.tap()
     wait_until(lambda: walls(shown, "apartment-2") > 0, "the robot is on the new map")
     assert walls(shown, "apartment-2") > before + 15

@@ -39,7 +39,7 @@ class AnchoredPlaces:
         self._stored: dict[str, SavedPose] = {}
 
     def update(self, poses: Iterable[SavedPose], map_name: str, core: MapAnchoring) -> None:
-        """Take note of what is stored; a place that somebody has moved is tied anew."""
+        """Learn what is stored; a place that somebody has moved is tied anew."""
         before = self._stored
         self._stored = {one.name: one for one in poses if one.map == map_name}
         for name in self.anchors.keys() - self._stored.keys():

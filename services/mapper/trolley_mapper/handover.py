@@ -14,10 +14,8 @@ from trolley.runtime.service import Later, Service, answers, every
 from trolley_mapper.edit.map_versions import write_map
 from trolley_mapper.map_names import check_name_is_free, configured_name
 from trolley_mapper.map_session import MapSession
-from trolley_mapper.mapping import Mapping
+from trolley_mapper.mapping import ANSWER_NS, Mapping
 
-ANSWER_NS = 1_500_000_000
-"""Local time after which a request to save is answered with `saving`."""
 LOAD_NS = 15_000_000_000
 """Local time after which the localizer is asked again to load the map."""
 MAX_UNHEARD = 10

@@ -20,6 +20,8 @@ from trolley_mapper.map_session import MapSession
 from trolley_mapper.saved_places import SavedPlaces
 from trolley_mapper.wire import odom_transform, pose_message
 
+ANSWER_NS = 1_500_000_000
+"""Local time after which who asked hears how far it is: requests are given up after 2 s."""
 _ENVELOPE_BYTES = 4096
 """Of the largest message, left for what stands beside the cells."""
 _NOTHING_PUBLISHED = -1

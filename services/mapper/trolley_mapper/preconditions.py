@@ -11,10 +11,7 @@ from trolley.messages.request_params import MapNamed
 from trolley.runtime.service import Later, Service, answers, every
 from trolley_mapper.map_names import check_name_is_free
 from trolley_mapper.map_session import MapSession
-from trolley_mapper.mapping import Mapping
-
-ANSWER_NS = 1_500_000_000
-"""Local time after which a request to begin is refused for what is still missing."""
+from trolley_mapper.mapping import ANSWER_NS, Mapping
 
 
 class Preconditions:

@@ -31,8 +31,8 @@ def warm_up() -> None:
             mapper.finish(job.run())
     grid = mapper.grid()
     cells = np.where(grid.cells < 0, 0, grid.cells).astype(np.int8)
-    # A robot that does not stand on the map at all is lost: it looks round about, and then searches
-    # the whole map.
+    # A robot that does not stand on the map at all is lost: it searches nearby, and then the
+    # whole map.
     prior = GridMap("warm-up", grid.resolution, _FAR @ grid.origin, cells)
     extended = Mapper(MapperConfig(), prior=prior)
     for number in (2, 3):

@@ -23,21 +23,52 @@ from trolley.gridmap import OCCUPIED_FROM, GridMap
 fft, ndimage = cast("Any", untyped_fft), cast("Any", untyped_ndimage)
 Floats = NDArray[np.float64]
 
-_MAX_POINTS = 3000
-_COARSE_CELLS = 320
-_MIN_COARSE_M = 0.1
-_PER_ANGLE, _REFINED = 2, 24
-# A wall agrees with one that is so near, and contradicts free floor so far from any wall [m].
-_AGREES_M, _CONTRADICTS_M = 0.12, 0.25
-_SIGMA_M, _FINE_SIGMA_M = 0.1, 0.03
-_MIN_AGREEING_M = 3.0
-_MIN_SHARE = 0.8
-# Another placement of more than this share of the best one's score makes it ambiguous.
-_RIVAL = 0.8
-_PURER, _RIVAL_LENGTH = 0.03, 0.2
-_SAME_M, _SAME_RAD = 0.5, math.radians(10.0)
-# A wall across a free floor says more against a placement than a wall on a wall says for it.
-_FREE_PENALTY = 1.5
+
+@dataclass(frozen=True, slots=True)
+class AlignmentParams:
+    """When walls fit, and where it is tried. Set by hand, with tests/unit/mapper."""
+
+    max_points: int = 3000
+    """Points of its walls that a map is compared by."""
+    coarse_cells: int = 320
+    """Cells along the longer side of the grid that all placements are tried on."""
+    min_coarse_m: float = 0.1
+    """Their edge at least [m]."""
+    max_coarse_step_rad: float = math.radians(6.0)
+    """Step between the angles that are tried, at most [rad]."""
+    min_coarse_step_rad: float = math.radians(1.0)
+    """And at least [rad]."""
+    placements_per_angle: int = 2
+    """Placements that are kept for each angle."""
+    max_refined: int = 24
+    """Placements that are refined."""
+    agrees_m: float = 0.12
+    """A wall agrees with one this near [m]."""
+    contradicts_m: float = 0.25
+    """And contradicts free floor this far from any wall [m]."""
+    sigma_m: float = 0.1
+    """Standard deviation of a wall [m]."""
+    fine_sigma_m: float = 0.03
+    """The same for the last refinement [m]."""
+    min_agreeing_m: float = 3.0
+    """Length of walls that must agree [m]."""
+    min_share: float = 0.8
+    """Share of the walls on known ground that must agree."""
+    rival: float = 0.8
+    """Another placement with more than this share of the best score makes it ambiguous."""
+    purer: float = 0.03
+    """As does one with a share of agreeing walls that is greater by this,"""
+    rival_length: float = 0.2
+    """and at least this share of the best one's agreeing length."""
+    same_m: float = 0.5
+    """Placements nearer to each other than this are the same [m]."""
+    same_rad: float = math.radians(10.0)
+    """If their angles are, too [rad]."""
+    free_penalty: float = 1.5
+    """A wall across free floor says more against a placement than a wall on a wall says for it."""
+
+
+PARAMS = AlignmentParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +90,7 @@ class _Side:
         found = np.argwhere(walls & ~ndimage.binary_erosion(walls))
         if not len(found):
             raise Refused(codes.BAD_REQUEST, f"The map {grid.name} has no walls to compare.")
-        count = min(len(found), _MAX_POINTS)
+        count = min(len(found), PARAMS.max_points)
         chosen = found[np.linspace(0, len(found) - 1, count).astype(np.int64)]
         self.points: Floats = grid.cell_to_world(chosen)
         middle = self.points.mean(axis=0)
@@ -69,7 +100,7 @@ class _Side:
         self.grid = grid
         gaps = ndimage.distance_transform_edt(~walls, sampling=grid.resolution)
         self.gaps = np.asarray(gaps, np.float32)
-        self.free = (grid.cells >= 0) & ~walls & (self.gaps > _CONTRADICTS_M)
+        self.free = (grid.cells >= 0) & ~walls & (self.gaps > PARAMS.contradicts_m)
 
     def sample(self, points: Floats) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Return the distance to a wall [m] under points of this map, and what is clearly free."""
@@ -98,13 +129,13 @@ def align_maps(this: GridMap, other: GridMap) -> Alignment:
     if not ranked or ranked[0][0] <= 0.0:
         raise Refused(codes.NO_MATCH)
     score, middle = ranked[0]
-    _, fine = _refined(here, there, middle, _FINE_SIGMA_M)
+    _, fine = _refined(here, there, middle, PARAMS.fine_sigma_m)
     best = _judged(here, there, fine)
-    if best.agreeing_m < _MIN_AGREEING_M or best.share < _MIN_SHARE:
+    if best.agreeing_m < PARAMS.min_agreeing_m or best.share < PARAMS.min_share:
         raise Refused(codes.NO_MATCH)
     rivals = [rival for rival in ranked[1:] if _differ(rival[1], middle)]
     if any(
-        rival_score > _RIVAL * score or _is_purer(best, _judged(here, there, rival))
+        rival_score > PARAMS.rival * score or _is_purer(best, _judged(here, there, rival))
         for rival_score, rival in rivals
     ):
         raise Refused(codes.AMBIGUOUS)
@@ -116,7 +147,8 @@ def _candidates(here: _Side, there: _Side) -> list[Pose2D]:
     centred = there.middle.inverse().transform_points(there.points)
     radius = there.radius
     low, high = here.points.min(axis=0), here.points.max(axis=0)
-    coarse = max(_MIN_COARSE_M, float((high - low).max()) / _COARSE_CELLS, radius / _COARSE_CELLS)
+    size_m = max(float((high - low).max()), radius)
+    coarse = max(PARAMS.min_coarse_m, size_m / PARAMS.coarse_cells)
     low = low - 2.0 * radius - 4.0 * coarse  # room for the other map on each side
     shape = tuple(
         fft.next_fast_len(int(n), real=True)
@@ -124,7 +156,8 @@ def _candidates(here: _Side, there: _Side) -> list[Pose2D]:
     )
     field = fft.rfft2(_field(here, low, coarse, shape), workers=1)
     found: list[tuple[float, Pose2D]] = []
-    step = min(max(1.5 * coarse / max(radius, coarse), math.radians(1.0)), math.radians(6.0))
+    step = max(1.5 * coarse / max(radius, coarse), PARAMS.min_coarse_step_rad)
+    step = min(step, PARAMS.max_coarse_step_rad)
     for angle in np.arange(0.0, 2.0 * math.pi, step).tolist():
         turned = Pose2D(0.0, 0.0, angle).transform_points(centred)
         start = turned.min(axis=0)
@@ -132,7 +165,7 @@ def _candidates(here: _Side, there: _Side) -> list[Pose2D]:
         cols, rows = np.floor((turned - start) / coarse).astype(np.int64).T
         np.add.at(stamp, (rows, cols), 1.0)
         fits = fft.irfft2(field * np.conj(fft.rfft2(stamp)), s=shape, workers=1)
-        for _ in range(_PER_ANGLE):
+        for _ in range(PARAMS.placements_per_angle):
             row, col = (int(one) for one in np.unravel_index(int(np.argmax(fits)), shape))
             shift = low + coarse * np.array([col, row]) - start
             found.append((float(fits[row, col]), Pose2D(float(shift[0]), float(shift[1]), angle)))
@@ -140,7 +173,7 @@ def _candidates(here: _Side, there: _Side) -> list[Pose2D]:
     found.sort(key=lambda one: -one[0])
     chosen: list[Pose2D] = []
     for _, pose in found:
-        if len(chosen) < _REFINED and all(_differ(pose, one, 0.4) for one in chosen):
+        if len(chosen) < PARAMS.max_refined and all(_differ(pose, one, 0.4) for one in chosen):
             chosen.append(pose)
     return chosen
 
@@ -150,24 +183,24 @@ def _field(here: _Side, low: Floats, coarse: float, shape: tuple[int, ...]) -> N
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     centres = low + coarse * (np.column_stack([cols.ravel(), rows.ravel()]) + 0.5)
     gaps, free = here.sample(centres)
-    near = np.exp(-0.5 * (gaps / max(_SIGMA_M, 0.7 * coarse)) ** 2)
-    return (near - _FREE_PENALTY * free).astype(np.float32).reshape(shape)
+    near = np.exp(-0.5 * (gaps / max(PARAMS.sigma_m, 0.7 * coarse)) ** 2)
+    return (near - PARAMS.free_penalty * free).astype(np.float32).reshape(shape)
 
 
-def _score(here: _Side, there: _Side, middle: Pose2D, sigma_m: float = _SIGMA_M) -> float:
+def _score(here: _Side, there: _Side, middle: Pose2D, sigma_m: float = PARAMS.sigma_m) -> float:
     """Return how much agrees less what contradicts [m of walls], both ways."""
     pose = middle @ there.middle.inverse()
     gaps, free = here.sample(pose.transform_points(there.points))
     agreeing = float(np.exp(-0.5 * (gaps / sigma_m) ** 2).sum()) * there.point_m
     _, back = there.sample(pose.inverse().transform_points(here.points))
     against = float(free.sum()) * there.point_m + float(back.sum()) * here.point_m
-    return agreeing - _FREE_PENALTY * against
+    return agreeing - PARAMS.free_penalty * against
 
 
 def _refined(
-    here: _Side, there: _Side, start: Pose2D, sigma_m: float = _SIGMA_M
+    here: _Side, there: _Side, start: Pose2D, sigma_m: float = PARAMS.sigma_m
 ) -> tuple[float, Pose2D]:
-    """Climb from a placement to the best one near by."""
+    """Climb from a placement to the best one nearby."""
     at, score, step_m = start, _score(here, there, start, sigma_m), 2.0 * sigma_m
     while step_m > 0.004:
         tries = [
@@ -192,8 +225,8 @@ def _refined(
 
 def _is_purer(best: Alignment, rival: Alignment) -> bool:
     """Say whether a rival has less in common but contradicts less: two rooms of one size, say."""
-    return rival.share > best.share + _PURER and rival.agreeing_m > max(
-        _MIN_AGREEING_M, _RIVAL_LENGTH * best.agreeing_m
+    return rival.share > best.share + PARAMS.purer and rival.agreeing_m > max(
+        PARAMS.min_agreeing_m, PARAMS.rival_length * best.agreeing_m
     )
 
 
@@ -201,13 +234,13 @@ def _judged(here: _Side, there: _Side, middle: Pose2D) -> Alignment:
     pose = (middle @ there.middle.inverse()).wrapped()
     gaps, free = here.sample(pose.transform_points(there.points))
     _, back = there.sample(pose.inverse().transform_points(here.points))
-    agreeing = float((gaps < _AGREES_M).sum()) * there.point_m
+    agreeing = float((gaps < PARAMS.agrees_m).sum()) * there.point_m
     against = float(free.sum()) * there.point_m + float(back.sum()) * here.point_m
     return Alignment(pose, agreeing, agreeing / max(agreeing + against, 1e-9))
 
 
 def _differ(a: Pose2D, b: Pose2D, share: float = 1.0) -> bool:
     return (
-        a.distance_to(b) > share * _SAME_M
-        or abs(angle_difference(a.yaw, b.yaw)) > share * _SAME_RAD
+        a.distance_to(b) > share * PARAMS.same_m
+        or abs(angle_difference(a.yaw, b.yaw)) > share * PARAMS.same_rad
     )

@@ -1,4 +1,4 @@
-"""Poses that are tied to keyframes, also to those that are forgotten later."""
+"""Poses that are tied to keyframes, even to those that are removed later."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ OWN_WITHIN_M = 3.0
 
 
 class Anchors:
-    """Which keyframes poses are tied to, and where those have gone that are no more."""
+    """Which keyframes poses are tied to, and what stands in for those that are gone."""
 
     def __init__(self) -> None:
         self.used: set[int] = set()

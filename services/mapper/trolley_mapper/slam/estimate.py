@@ -20,7 +20,7 @@ class MapEstimate:
     pose: Pose2D
     """`map_T_base`; while `lost` what the odometry makes of the last one that was known."""
     covariance: NDArray[np.float64]
-    """(3, 3) over x, y [m], yaw [rad] in the map frame, against the keyframes near by."""
+    """(3, 3) over x, y [m], yaw [rad] in the map frame, against the keyframes nearby."""
     match: float
     """Share of the scan that the map explains, 0 ... 1."""
     state: State

@@ -256,7 +256,7 @@ class Neighbourhood:
 def without_noise(information: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return information (3, 3) without what noise in the surfaces' directions feigns.
 
-    Along a straight wall nothing can be told; normals that are off by some degrees seem to.
+    A straight wall does not show the position along it; normals that err by some degrees seem to.
     """
     scale = np.array([1.0, 1.0, 1.0 / PARAMS.turn_m])
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))

@@ -1,0 +1,56 @@
+"""Whether a pose is believed, scan by scan."""
+
+import pytest
+
+from trolley_mapper.slam.scan_matcher import MatchQuality
+from trolley_mapper.slam.tracking_state import PARAMS, TrackingState
+
+GOOD = MatchQuality(match=0.95, explained=0.9, is_good=True)
+NEW = MatchQuality(match=0.5, explained=0.1, is_good=False, is_new=True)
+BAD = MatchQuality(match=0.3, explained=0.3, is_good=False)
+LOST_AFTER_S = 1.5
+
+
+def after(state: TrackingState, *scans: MatchQuality, distance_m: float = 0.05) -> TrackingState:
+    """The state after scans that are 0.1 s apart."""
+    for quality in scans:
+        state = state.after(quality, 0.1, distance_m, LOST_AFTER_S)
+    return state
+
+
+def test_a_robot_that_maps_is_unsure_at_a_bad_match_and_maps_on_at_the_next_good_one() -> None:
+    state = after(TrackingState(), BAD)
+    assert (state.name, bool(state.message)) == ("unsure", True)
+    state = after(state, GOOD)
+    assert (state.name, state.message) == ("mapping", "")
+
+
+def test_bad_matches_for_long_enough_lose_it() -> None:
+    states = [after(TrackingState(), *[BAD] * count).name for count in (14, 16)]
+    assert states == ["unsure", "lost"]
+
+
+def test_a_pause_of_the_lidar_alone_does_not_lose_it() -> None:
+    assert TrackingState().after(BAD, 60.0, 0.0, LOST_AFTER_S).name == "unsure"
+
+
+def test_what_was_not_seen_before_is_no_bad_match_where_the_pose_is_believed() -> None:
+    assert after(TrackingState(), *[NEW] * 50).name == "mapping"
+    assert after(TrackingState.unproven(), NEW).name == "lost"
+
+
+def test_a_pose_that_was_given_is_proven_by_driving() -> None:
+    count = round(PARAMS.proof_m / 0.1)
+    assert after(TrackingState.unproven(), *[GOOD] * (count - 1), distance_m=0.1).name == "unsure"
+    assert after(TrackingState.unproven(), *[GOOD] * (count + 1), distance_m=0.1).name == "mapping"
+    assert after(TrackingState.unproven(), *[GOOD] * 50, distance_m=0.0).name == "unsure"
+
+
+def test_a_pose_that_was_found_and_fails_at_once_was_the_wrong_one() -> None:
+    assert after(TrackingState.unproven(), BAD).is_lost
+
+
+@pytest.mark.parametrize(("match", "name"), [(0.8, "lost"), (0.9, "unsure")])
+def test_a_lost_robot_is_found_by_a_very_good_match_only(match: float, name: str) -> None:
+    quality = MatchQuality(match=match, explained=0.8, is_good=True)
+    assert after(TrackingState.lost(), quality).name == name
