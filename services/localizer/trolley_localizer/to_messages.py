@@ -46,6 +46,22 @@ def unknown_pose(stamp_ns: int, map_name: str | None, message: str) -> m.PoseEst
     )
 
 
+def set_pose_message(
+    stamp_ns: int, map_name: str, pose: Pose2D, covariance: NDArray[np.float64]
+) -> m.PoseEstimate:
+    """Return the `pose` of a robot whose pose was set and has not been checked yet."""
+    return m.PoseEstimate(
+        stamp_ns=stamp_ns,
+        map=map_name,
+        pose=pose.wrapped(),
+        covariance=[float(value) for value in covariance.ravel()],
+        state="unsure",
+        match=0.0,
+        spread=0.0,
+        message="checking the pose against the scan",
+    )
+
+
 def odom_transform(stamp_ns: int, map_T_odom: Pose2D) -> m.Transform:
     """Return `tf/odom`."""
     return m.Transform(stamp_ns=stamp_ns, parent="map", child="odom", pose=map_T_odom)
