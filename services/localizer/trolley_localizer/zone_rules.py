@@ -1,4 +1,4 @@
-"""The zones of a map: what is allowed, and the file that they are seeded from."""
+"""Which zones are allowed on a map, and the file that they are seeded from."""
 
 import tomllib
 import unicodedata
@@ -16,8 +16,9 @@ from trolley.messages import Zone
 from trolley.messages.types import name_problem
 
 MAX_ZONES = 500
-# Ends of a line nearer than this are one point [m].
+"""More zones on one map are refused."""
 _SAME_POINT_M = 1e-3
+"""A line must be longer than this [m]."""
 
 
 class ZoneFile(Struct, frozen=True, kw_only=True):

@@ -54,15 +54,14 @@ class MirrorParams:
 
 PARAMS = MirrorParams()
 
-
-# Columns of what is kept of a cell: looks for and against a mirror; looks at the robot's image, and
-# where it was missing; looks behind the wall, and sums over them of the wall's place and normal;
-# sums over the looks for a mirror of the depth and its square; then the corners of where those came
-# from.
 _FOR, _AGAINST, _IMAGE, _NO_IMAGE, _BEHIND, _X, _Y, _NX, _NY, _DEPTH, _DEPTH_2 = range(11)
 _LEFT, _LOW, _RIGHT, _HIGH = range(11, 15)
 _COLUMNS = 15
 _SUMS = slice(_FOR, _DEPTH_2 + 1)
+"""Columns of what is kept of a cell: looks for and against a mirror; looks at the robot's image,
+and where it was missing; looks behind the wall, and sums over them of the wall's place and normal;
+sums over the looks for a mirror of the depth and its square; then the corners of where those came
+from."""
 
 
 @dataclass(frozen=True, slots=True)
