@@ -52,7 +52,7 @@ class LocalizerService(Service):
         self.get(topics.MAPPING, then=partial(self._begin, seed))
 
     def _begin(self, seed: int, found: dict[tuple[str, ...], MappingStatus]) -> None:
-        """Load the map, and keep quiet about it while the mapper is at work."""
+        """Load the map; its topics stay leased while the mapper is at work."""
         self._lease.begin_if_mapping(found.get(()))
         self._maps.open(seed)
 

@@ -1,4 +1,4 @@
-"""From the core's results to messages."""
+"""Turns the core's results into messages."""
 
 import numpy as np
 from numpy.typing import NDArray

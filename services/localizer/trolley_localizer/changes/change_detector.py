@@ -1,8 +1,8 @@
-"""ChangeDetector of the world that its map does not show: what has come, and what is gone.
+"""Detects what has come or gone since the map was made.
 
-While the robot drives and knows where it is, each look at a cell has its say. Looks within a while
-are one visit, and only what several visits agree on, over a long enough time and from different
-places, is proposed: people walk on, and doors open and shut.
+While the robot drives and knows where it is, each look at a cell is a vote. Looks within a short
+time are one visit; only what several visits agree on, over a long enough time and from different
+places, is proposed: people walk on, and doors open and close.
 """
 
 import math

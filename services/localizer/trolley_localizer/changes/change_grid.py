@@ -1,4 +1,4 @@
-"""What is kept of the cells of a map where it may have changed."""
+"""The evidence for changes, cell by cell, kept in tiles where there is any."""
 
 import numpy as np
 from numpy.typing import NDArray

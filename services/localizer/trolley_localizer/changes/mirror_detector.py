@@ -1,9 +1,9 @@
 """Mirrors that are not on the map, suspected from what is seen behind its walls.
 
-A beam that goes on behind a wall may have met a mirror, or an open door, a pane, or a wall that is
-no longer there. In a mirror it sees what stands before the wall, or the robot itself, from
-wherever the robot looks; through a gap it does so by chance only. So evidence is gathered for
-each cell of the walls while the robot drives, and lines are drawn where it agrees.
+A beam that goes on behind a wall may have met a mirror, an open door, a pane, or a wall that is no
+longer there. In a mirror it sees what stands in front of the wall, or the robot itself, wherever
+the robot is; through a gap it does so only by chance. So evidence is gathered for each cell of the
+walls while the robot drives, and lines are drawn through the cells that agree.
 """
 
 import math

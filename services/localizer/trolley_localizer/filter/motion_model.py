@@ -78,7 +78,7 @@ def step_covariance(
     turned = start_T_end.yaw**2
     yaw = config.alpha1 * turned + config.alpha2 * way + floor_rad**2
     along = config.alpha3 * way + config.alpha4 * turned + floor_m**2
-    # A heading that is wrong on the way leads aside; half of the way, as it grows evenly.
+    # A wrong heading leads aside; over half of the distance, since its error grows evenly.
     across = 0.25 * way * yaw + 0.25 * config.alpha4 * turned + floor_m**2
     return np.diag([along, across, yaw])
 

@@ -215,7 +215,7 @@ def mean_near(
         out_mean: (3,) x, y [cells], yaw [rad] in `grid`, overwritten; `centre` if there are none.
         cloud: the particles.
         weights: (n,).
-        centre: (3,) only particles within `reach` of it count; headings are unwrapped about it.
+        centre: (3,) only particles within `reach` of it count; headings are unwrapped around it.
         reach: (2,) distance [cells] and angle [rad].
     """
     x, y, yaw = centre[0], centre[1], centre[2]

@@ -63,7 +63,7 @@ PARAMS = ReflectionParams()
 def first_wall(
     field: NDArray[np.float32], x: float, y: float, dx: float, dy: float, limit: float
 ) -> float:
-    """Return the way along a ray to the first wall of the map, infinite without one [cells].
+    """Return the distance along a ray to the first wall of the map, infinite without one [cells].
 
     Args:
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
@@ -213,7 +213,7 @@ def judge_passage(
     field: NDArray[np.float32],
     resolution: float,
 ) -> int:
-    """TrackingMonitor one beam that went on behind a wall.
+    """Judge one beam that went on behind a wall.
 
     Args:
         place: (5,) as `meet_mirror` writes it [cells].
@@ -260,14 +260,14 @@ def cast_beams(
     """Find where beams meet the map's walls, whatever they saw.
 
     Args:
-        out_rays: (n, 6) where a beam begins, its direction, its length, the way to the wall,
+        out_rays: (n, 6) where a beam begins, its direction, its length, the distance to the wall,
             overwritten [cells].
         out_hits: (n, 2) where it meets the wall, NaN where it meets none, overwritten [cells].
         pose: (3,) x, y [cells], yaw [rad] in `grid`.
         beams: (n,) end points, and where the laser was, in `base_link` [cells].
         classes: (n,) of the beams; unused ones and those behind known mirrors are left out.
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
-        margin: so far behind its end a beam is followed [cells].
+        margin: a beam is followed this far behind its end [cells].
     """
     end, start = beams
     cos = math.cos(pose[2])

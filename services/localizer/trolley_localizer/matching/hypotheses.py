@@ -1,4 +1,4 @@
-"""Several places at once, while one scan cannot tell which is right."""
+"""Follow several places at once while one scan cannot tell which of them is right."""
 
 import math
 from collections.abc import Sequence
@@ -62,7 +62,7 @@ class Votes:
     """What the scans say for one place: the mean of each view, summed over the views."""
 
     latest: float
-    """MatchScore by the newest scan, 0 ... 1."""
+    """Support by the newest scan, 0 ... 1."""
     _past: float = 0.0
     _sum: float = 0.0
     _scans: int = 0
@@ -102,7 +102,7 @@ class Hypothesis:
 
     @property
     def latest(self) -> float:
-        """MatchScore by the newest scan."""
+        """Support by the newest scan."""
         return self.votes.latest
 
 
