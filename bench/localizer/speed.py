@@ -111,13 +111,15 @@ class Ours:
     def weigh(self) -> None:
         """Weigh the particles as they are."""
         self.filter.weigh(self._points)
+        self.filter.normalise()
 
     def update(self) -> None:
         """Motion, weights, estimate, resampling."""
-        self.filter.move(split_step(STEP, CONFIG))
+        self.filter.predict(split_step(STEP, CONFIG))
         self.weigh()
         self.filter.cluster()
-        self.filter.resample(self.mean)
+        self.filter.resample()
+        self.filter.renew(self.mean)
         self.filter.spread_m()
 
 
@@ -162,10 +164,10 @@ def measure_filter(repeats: int) -> list[Figure]:
     whole_fast_s = whole_s(ours.update, lambda: ours.take(book.poses), 20 * repeats)
     one, step, about = ours.filter, split_step(STEP, CONFIG), ours.mean
     parts: dict[str, Callable[[], object]] = {
-        "motion": lambda: one.move(step),
+        "motion": lambda: one.predict(step),
         "weights": ours.weigh,
         "estimate": one.cluster,
-        "resampling": lambda: one.resample(about),
+        "resampling": lambda: (one.resample(), one.renew(about)),
         "spread": one.spread_m,
     }
     is_like = 26.0 / 1.5 <= slow_ns <= 26.0 * 1.5

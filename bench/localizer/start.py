@@ -22,7 +22,7 @@ from bench.harness.wandering import APARTMENT, IN_THE_WAY, START, Wanderer, writ
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, load_map
-from trolley_localizer.service import LAST_POSE_FILE
+from trolley_localizer.start_pose import LAST_POSE_FILE
 
 WAIT_S, UNNOTICED_S, NEAR_M, NEAR_RAD = 20.0, 2.0, 1.0, math.radians(45.0)
 

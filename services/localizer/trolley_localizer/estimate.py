@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_localizer.tracking_state import State
+from trolley_localizer.tracking_state import TrackingState
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Estimate:
     """`map_T_base` with the odometry taken off; held while searching or lost."""
     covariance: NDArray[np.float64] | None
     """(3, 3) over x, y [m], yaw [rad] in the map frame."""
-    state: State
+    state: TrackingState
     match: float
     """Share of beams that the map explains, 0 ... 1."""
     spread: float

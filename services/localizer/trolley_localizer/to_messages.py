@@ -1,4 +1,4 @@
-"""From the core's results to messages."""
+"""Turns the core's results into messages."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,22 @@ def unknown_pose(stamp_ns: int, map_name: str | None, message: str) -> m.PoseEst
         match=0.0,
         spread=0.0,
         message=message,
+    )
+
+
+def set_pose_message(
+    stamp_ns: int, map_name: str, pose: Pose2D, covariance: NDArray[np.float64]
+) -> m.PoseEstimate:
+    """Return the `pose` of a robot whose pose was set and has not been checked yet."""
+    return m.PoseEstimate(
+        stamp_ns=stamp_ns,
+        map=map_name,
+        pose=pose.wrapped(),
+        covariance=[float(value) for value in covariance.ravel()],
+        state="unsure",
+        match=0.0,
+        spread=0.0,
+        message="checking the pose against the scan",
     )
 
 

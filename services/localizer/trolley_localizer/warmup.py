@@ -51,7 +51,7 @@ def warm_up() -> None:
     field = localizer.field
     beams = read_beams(scans[0], field.resolution, 60.0)
     no_lines = Lines(*(np.empty(0) for _ in range(4)))
-    MirrorDetector(field).look(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)
+    MirrorDetector(field).update(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)
     _watch_for_changes(field, beams)
 
 
@@ -60,7 +60,7 @@ def _watch_for_changes(field: LikelihoodField, beams: BeamSet) -> None:
     changes = ChangeDetector(field, LocalizerConfig(change_after_s=60.0))
     sure, pose = np.diag([1e-6, 1e-6, 1e-6]), np.array([40.0, 30.0, 0.0])
     for stamp_ns in (1, 2):
-        changes.look(stamp_ns, pose, sure, beams, beams.classes)
+        changes.update(stamp_ns, pose, sure, beams, beams.classes)
     where = np.array([[30, 40], [30, 0]])
     kept = np.zeros((2, kernels.COLUMNS), np.int32)
     kept[:, kernels.KIND] = kernels.APPEARED, kernels.GONE

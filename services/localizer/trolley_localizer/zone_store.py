@@ -1,121 +1,131 @@
-"""The zones of a map: what is allowed, and the file that they are seeded from."""
+"""The zones of the map in use: store, publish, and let mirrors and panes count."""
 
-import tomllib
-import unicodedata
-from pathlib import Path
-
-import msgspec
-import numpy as np
-from msgspec import Struct
-from numpy.typing import NDArray
-
-from trolley import codes
+from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.geometry.polygon import check_polygon
-from trolley.messages import Zone
-from trolley.messages.types import name_problem
-
-MAX_ZONES = 500
-# Ends of a line nearer than this are one point [m].
-_SAME_POINT_M = 1e-3
-
-
-class ZoneFile(Struct, frozen=True, kw_only=True):
-    """The zones of one map on disk."""
-
-    zones: list[Zone]
-
-
-def state_file(map_name: str) -> str:
-    """Return where the zones of a map lie in the robot's state folder."""
-    return f"zones/{map_name}.toml"
+from trolley.messages import Zone, Zones
+from trolley.messages.request_params import Named
+from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
+from trolley_localizer.map_server import LoadedMap, MapServer
+from trolley_localizer.mapper_lease import MapperLease
+from trolley_localizer.zone_rules import (
+    ZoneFile,
+    check_zone,
+    mirror_lines,
+    state_file,
+    with_zone,
+    without_zone,
+)
 
 
-def check_zone(zone: Zone, name: str) -> Zone:
-    """Return a zone as it may be stored under a name.
+class ZoneStore:
+    """Keeps the zones of one map at a time, each map's in a file of its own."""
 
-    Args:
-        zone: as it came.
-        name: from the key; it rules.
+    def __init__(self, service: Service, maps: MapServer, lease: MapperLease) -> None:
+        self._service = service
+        self._maps = maps
+        self._lease = lease
+        self.zones: list[Zone] = []
+        """Sorted by name."""
 
-    Raises:
-        Refused: `bad_request` with the reason.
-    """
-    name = unicodedata.normalize("NFC", name)
-    problem = name_problem(name)
-    if problem is not None:
-        raise Refused(codes.BAD_REQUEST, f"{problem[:1].upper()}{problem[1:]}.")
-    if zone.name and unicodedata.normalize("NFC", zone.name) != name:
-        raise Refused(
-            codes.BAD_REQUEST, f"The zone calls itself {zone.name!r} but its key says {name!r}."
-        )
-    points = np.array(zone.points, dtype=np.float64)
-    if zone.kind in ("mirror", "glass"):
-        if np.hypot(*np.diff(points, axis=0).T).sum() < _SAME_POINT_M:
-            raise Refused(codes.BAD_REQUEST, f"The {zone.kind} line {name!r} has no length.")
-    else:
-        try:
-            check_polygon(points)
-        except ValueError as error:
-            raise Refused(codes.BAD_REQUEST, f"Zone {name!r}: {error}.") from error
-    if (zone.kind == "speed") != (zone.speed is not None):
-        raise Refused(
-            codes.BAD_REQUEST,
-            "A speed zone needs its speed in m/s, and no other kind of zone has one.",
-        )
-    return msgspec.structs.replace(zone, name=name)
+    def open(self, loaded: LoadedMap) -> None:
+        """Change to the zones of another map: saved ones, else those that came with the map."""
+        self.zones = self._read(loaded)
+        loaded.localizer.set_mirrors(mirror_lines(self.zones))
 
+    def publish(self) -> None:
+        """Publish all zones, unless the map is the mapper's."""
+        current, service = self._maps.current, self._service
+        if current is not None and not self._lease.is_held:
+            zones = Zones(stamp_ns=service.stamp_ns, map=current.name, zones=self.zones)
+            service.publish(topics.ZONES, zones)
 
-def with_zone(zones: list[Zone], zone: Zone) -> list[Zone]:
-    """Return the list with a zone added, or replaced under its name.
+    @on(topics.ZONE)
+    def put_wish(self, zone: Zone, name: str) -> None:
+        """Store a zone that was put on its key."""
+        self._put(check_zone(zone, name), None)
 
-    Raises:
-        Refused: there are too many.
-    """
-    kept = [one for one in zones if one.name != zone.name]
-    if len(kept) >= MAX_ZONES:
-        raise Refused(codes.TOO_LARGE, f"A map can have {MAX_ZONES} zones.")
-    return sorted([*kept, zone], key=lambda one: one.name)
+    @on_delete(topics.ZONE)
+    def delete_wish(self, name: str) -> None:
+        """Delete a zone whose key was deleted."""
+        self._delete(name, None)
 
+    @gets(topics.ZONE)
+    def get_zones(self, _: dict[str, str]) -> dict[tuple[str, ...], Zone]:
+        """Give each zone under its key; none while the map is another's."""
+        if self._lease.is_held:
+            return {}
+        return {(zone.name,): zone for zone in self.zones}
 
-def without_zone(zones: list[Zone], name: str) -> tuple[list[Zone], Zone]:
-    """Return the list without a zone, and that zone.
+    @answers(requests.ZONES_PUT)
+    def put(self, zone: Zone) -> Later[Zone]:
+        """Store a zone."""
+        reply: Later[Zone] = self._service.later()
+        self._put(check_zone(zone, zone.name), reply)
+        return reply
 
-    Raises:
-        Refused: `unknown_name`.
-    """
-    name = unicodedata.normalize("NFC", name)
-    for zone in zones:
-        if zone.name == name:
-            return [one for one in zones if one is not zone], zone
-    raise Refused(codes.UNKNOWN_NAME, f"There is no zone {name!r} on this map.")
+    @answers(requests.ZONES_DELETE)
+    def delete(self, params: Named) -> Later[Zone]:
+        """Delete a zone."""
+        reply: Later[Zone] = self._service.later()
+        self._delete(params.name, reply)
+        return reply
 
+    def _put(self, zone: Zone, reply: Later[Zone] | None) -> None:
+        loaded = self._maps.ready()
+        self._change(loaded, with_zone(self.zones, zone), zone, reply)
 
-def mirror_lines(zones: list[Zone]) -> list[NDArray[np.float64]]:
-    """Return the polylines (n, 2) [m] that the lidar does not see as they are."""
-    return [
-        np.array(zone.points, dtype=np.float64)
-        for zone in zones
-        if zone.kind in ("mirror", "glass")
-    ]
+    def _delete(self, name: str, reply: Later[Zone] | None) -> None:
+        loaded = self._maps.ready()
+        zones, zone = without_zone(self.zones, name)
+        self._change(loaded, zones, zone, reply)
 
+    def _change(
+        self, loaded: LoadedMap, zones: list[Zone], zone: Zone, reply: Later[Zone] | None
+    ) -> None:
+        """Save changed zones, then publish them; what is not saved does not hold."""
+        before, self.zones = self.zones, zones
 
-def read_seeds(map_file: Path) -> list[Zone] | str:
-    """Read `<map>.zones.toml` beside a map; a sentence says why it cannot be used."""
-    file = map_file.with_name(f"{map_file.stem}.zones.toml")
-    try:
-        found = msgspec.convert(tomllib.loads(file.read_text(encoding="utf-8")), type=ZoneFile)
-        return [check_zone(zone, zone.name) for zone in found.zones]
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        return f"{file}: cannot be read: {error.strerror}"
-    except (
-        UnicodeDecodeError,
-        tomllib.TOMLDecodeError,
-        msgspec.ValidationError,
-        RecursionError,
-    ) as error:
-        return f"{file}: {error}"
-    except Refused as refused:
-        return f"{file}: {refused.message}"
+        def saved(error: OSError | None) -> None:
+            if error is None:
+                self._apply()
+                if reply is not None:
+                    reply.reply(zone)
+                return
+            if self.zones is zones:
+                self.zones = before
+            why = f"The zone could not be written to disk: {error.strerror}."
+            self._service.log.error("A zone was not saved", zone=zone.name, why=error.strerror)
+            if reply is not None:
+                reply.refuse(Refused(codes.NOT_SAVED, why))
+
+        self._service.save(state_file(loaded.name), ZoneFile(zones=zones), saved)
+
+    def _apply(self) -> None:
+        """Let the zones count from now on."""
+        if self._maps.current is not None:
+            self._maps.current.localizer.set_mirrors(mirror_lines(self.zones))
+        self.publish()
+
+    def _read(self, loaded: LoadedMap) -> list[Zone]:
+        service = self._service
+        stored = service.state.read(state_file(loaded.name), ZoneFile)
+        if stored is not None:
+            return self._usable(stored.zones)
+        if isinstance(loaded.seeds, str):
+            service.log.error("The zones that came with the map cannot be used", why=loaded.seeds)
+            return []
+        if loaded.seeds:
+            service.save(state_file(loaded.name), ZoneFile(zones=loaded.seeds))
+        return sorted(loaded.seeds, key=lambda zone: zone.name)
+
+    def _usable(self, zones: list[Zone]) -> list[Zone]:
+        """Leave out, and report, what somebody broke by editing the file."""
+        usable: dict[str, Zone] = {}
+        for zone in zones:
+            try:
+                usable[zone.name] = check_zone(zone, zone.name)
+            except Refused as refused:
+                self._service.log.warning(
+                    "A stored zone is left out", zone=zone.name, why=refused.message
+                )
+        return sorted(usable.values(), key=lambda zone: zone.name)

@@ -29,7 +29,7 @@ from trolley.messages import (
     Zones,
 )
 from trolley.messages.request_params import LoadMap, MapNamed
-from trolley_localizer.map_owner import MapOwner
+from trolley_localizer.map_server import MapServer
 from trolley_mapper.edit import editor, map_switch
 
 from .conftest import START, Stage, flat
@@ -214,8 +214,8 @@ def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
 def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
     home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read, late = MapOwner._read_map, []
-    monkeypatch.setattr(MapOwner, "_read_map", lambda *args: late.append(args))
+    read, late = MapServer._read_map, []
+    monkeypatch.setattr(MapServer, "_read_map", lambda *args: late.append(args))
     params = EditMap(name="flat", ops=[Turn(angle=0.5)], id="a1")
     assert home.ask(requests.MAP_EDIT, params).state == "working"
     home.bus.run(3.0)

@@ -91,7 +91,7 @@ class Watcher:
         beams = read_beams(scan, 0.05, 60.0)
         classes = beams.classes.copy()
         explain_beams(classes, cells, beams.end, self.field.distance, 3.0)
-        self.changes.look(self.stamp_ns, cells, covariance, beams, classes)
+        self.changes.update(self.stamp_ns, cells, covariance, beams, classes)
 
     def drive(
         self,
@@ -245,7 +245,7 @@ def test_beams_behind_mirrors_say_nothing(grid: GridMap) -> None:
         )  # fmt: skip
         beams = read_beams(scan, 0.05, 60.0)
         classes = np.full(BEAMS, BEHIND_MIRROR, np.uint8)
-        watcher.changes.look(watcher.stamp_ns, pose, SURE, beams, classes)
+        watcher.changes.update(watcher.stamp_ns, pose, SURE, beams, classes)
     assert watcher.changes.change_grid.changed()[0].size == 0
 
 

@@ -93,9 +93,9 @@ def test_a_rival_takes_over_when_its_lead_has_added_up(view: View) -> None:
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     views = 0
     while rivals.winner() is None:
-        rivals.move(STEP)
+        rivals.predict(STEP)
         view.pose = view.pose @ STEP
-        rivals.look(view.beams(), elsewhere, 0.75)
+        rivals.update(view.beams(), elsewhere, 0.75)
         views += 1
         assert views < 5
     assert views > 1
@@ -109,7 +109,7 @@ def test_all_scans_of_one_view_together_have_one_vote(view: View) -> None:
     rivals.start([view.place(view.cells, 0.5)], 0.5)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     for _ in range(20):
-        rivals.look(view.beams(), elsewhere, 0.5)
+        rivals.update(view.beams(), elsewhere, 0.5)
     value = view.matcher.score(view.cells, view.beams()).value
     assert rivals.lead == pytest.approx(20.0 / 21.0 * (value - 0.5), abs=0.02)
 
@@ -117,7 +117,7 @@ def test_all_scans_of_one_view_together_have_one_vote(view: View) -> None:
 def test_a_rival_that_comes_to_the_estimate_is_none(view: View) -> None:
     rivals = Rivals(view.field, view.matcher, CONFIG)
     rivals.start([view.place(view.cells, 0.9)], 0.9)
-    rivals.look(view.beams(), view.cells, 0.9)
+    rivals.update(view.beams(), view.cells, 0.9)
     assert not rivals.exist
 
 

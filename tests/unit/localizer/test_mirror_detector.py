@@ -100,7 +100,7 @@ class Observer:
     def __init__(self, grid: GridMap) -> None:
         self.grid = grid
         self.field = build_field(grid, LocalizerConfig())
-        self.suspicion = MirrorDetector(self.field)
+        self.detector = MirrorDetector(self.field)
         self.changes = 0
 
     def beams(self, ranges: NDArray[np.float32]) -> BeamSet:
@@ -126,7 +126,7 @@ class Observer:
             beams = self.beams(ranges)
             classes = beams.classes.copy()
             mark_crossing(classes, believed, beams.end, beams.start, known, 2.0, BEHIND_MIRROR)
-            self.changes += self.suspicion.look(believed, beams, classes, known)
+            self.changes += self.detector.update(believed, beams, classes, known)
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def assert_is_the_mirror(points_m: NDArray[np.float64]) -> None:
 def test_a_mirror_on_a_wall_is_suspected(rooms: GridMap) -> None:
     observer = Observer(rooms)
     observer.drive(rooms, mirror=True)
-    (suspect,) = observer.suspicion.suspects
+    (suspect,) = observer.detector.suspects
     assert_is_the_mirror(np.array([suspect.start, suspect.end]) * 0.05)
     assert 0.5 <= suspect.score <= 1.0
 
@@ -152,7 +152,7 @@ def test_a_mirror_on_a_wall_is_suspected(rooms: GridMap) -> None:
 def test_it_is_still_suspected_with_the_pose_a_little_off(rooms: GridMap) -> None:
     observer = Observer(rooms)
     observer.drive(rooms, mirror=True, off=Pose2D(0.03, -0.03, 0.01))
-    (suspect,) = observer.suspicion.suspects
+    (suspect,) = observer.detector.suspects
     assert_is_the_mirror(np.array([suspect.start, suspect.end]) * 0.05)
 
 
@@ -161,21 +161,21 @@ def test_a_robot_that_stands_still_suspects_nothing(rooms: GridMap) -> None:
     beams = observer.beams(ranges_in(rooms, WAY[10], mirror=True))
     pose = observer.field.to_cells(WAY[10])
     for _ in range(100):
-        observer.suspicion.look(pose, beams, beams.classes, NO_LINES)
-    assert observer.suspicion.suspects == []
+        observer.detector.update(pose, beams, beams.classes, NO_LINES)
+    assert observer.detector.suspects == []
 
 
 def test_an_open_door_to_a_known_room_is_no_mirror(rooms: GridMap) -> None:
     observer = Observer(rooms)
     observer.drive(opened(rooms))
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
     assert observer.changes == 0
 
 
 def test_an_open_door_to_an_unknown_room_is_no_mirror(rooms: GridMap) -> None:
     observer = Observer(changed(rooms, (slice(0, 84), slice(102, 168)), FREE))
     observer.drive(opened(rooms))
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
 
 
 def test_an_open_door_to_a_bare_room_as_deep_as_this_one_is_no_mirror(rooms: GridMap) -> None:
@@ -187,13 +187,13 @@ def test_an_open_door_to_a_bare_room_as_deep_as_this_one_is_no_mirror(rooms: Gri
     world = cells.copy()
     world[:2], world[-2:], world[:, -2:] = OCCUPIED, OCCUPIED, OCCUPIED
     observer.drive(opened(GridMap("two", 0.05, rooms.origin, world)))
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
 
 
 def test_a_pane_is_no_mirror(rooms: GridMap) -> None:
     observer = Observer(rooms)
     observer.drive(opened(rooms), echo_share=0.1)
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
 
 
 @pytest.mark.parametrize("depth_cells", [8, 12, 18])
@@ -201,23 +201,23 @@ def test_a_wardrobe_that_was_moved_is_no_mirror(rooms: GridMap, depth_cells: int
     wardrobe = (slice(30, 60), slice(100 - depth_cells, 100))
     observer = Observer(changed(rooms, wardrobe, OCCUPIED))
     observer.drive(rooms)
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
 
 
 @pytest.mark.parametrize("off", [Pose2D(0.35, 0.0, 0.0), Pose2D(0.1, -0.3, 0.05)])
 def test_a_wrong_pose_makes_no_mirrors(rooms: GridMap, off: Pose2D) -> None:
     observer = Observer(rooms)
     observer.drive(rooms, off=off)
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
 
 
 def test_a_mirror_that_was_taken_down_is_forgotten(rooms: GridMap) -> None:
     observer = Observer(rooms)
     observer.drive(rooms, mirror=True)
-    assert observer.suspicion.suspects
+    assert observer.detector.suspects
     for _ in range(2):
         observer.drive(rooms)
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
 
 
 def test_a_mirror_on_the_map_is_not_suspected(rooms: GridMap) -> None:
@@ -225,11 +225,11 @@ def test_a_mirror_on_the_map_is_not_suspected(rooms: GridMap) -> None:
     known = Lines(*(np.array([value]) for value in ends.ravel()))
     observer = Observer(rooms)
     observer.drive(rooms, mirror=True, known=known)
-    assert observer.suspicion.suspects == []
+    assert observer.detector.suspects == []
     # Nor beside a line that is a little too short.
     short = known._replace(ay=known.ay + 8.0)
     observer.drive(rooms, mirror=True, known=short)
-    for suspect in observer.suspicion.suspects:
+    for suspect in observer.detector.suspects:
         assert suspect.end[1] < short.ay[0]
 
 

@@ -51,13 +51,47 @@ def test_scans_gather_the_particles_and_fewer_suffice(flat: GridMap) -> None:
     particles.reset(field.to_cells(pose) + np.array([4.0, -3.0, 0.1]), cells)
     many, wide = particles.count, particles.spread_m()
     for _ in range(15):
-        particles.move(split_step(Pose2D(0.0, 0.0, 0.0), CONFIG))
+        particles.predict(split_step(Pose2D(0.0, 0.0, 0.0), CONFIG))
         particles.weigh(beams.spread(CONFIG.num_beams))
+        particles.normalise()
         mean = particles.cluster()
-        particles.resample(None)
+        particles.resample()
     assert particles.count < many
     assert particles.spread_m() < 0.3 * wide
     assert field.to_map(mean).distance_to(pose) < 0.08
+
+
+def test_a_cycle_draws_a_share_around_the_refined_estimate(flat: GridMap) -> None:
+    field = build_field(flat, CONFIG)
+    particles = ParticleFilter(field, CONFIG, 1)
+    pose = at(flat, 5.5, 3.0, 0.4)
+    beams = read_beams(make_scan(flat, pose, Pose2D.identity()), field.resolution, 60.0)
+    particles.reset(field.to_cells(pose), np.diag([10.0, 10.0, 0.2]) ** 2)
+    elsewhere = field.to_cells(at(flat, 1.5, 1.5, -2.0))
+    clusters: list[np.ndarray] = []
+
+    def refine(cluster: np.ndarray) -> np.ndarray:
+        clusters.append(cluster)
+        return elsewhere
+
+    step = split_step(Pose2D.identity(), CONFIG)
+    particles.update(step, beams.spread(CONFIG.num_beams), refine)
+    assert field.to_map(clusters[0]).distance_to(pose) < 0.5
+    away = np.hypot(particles.cloud.x - elsewhere[0], particles.cloud.y - elsewhere[1])
+    assert (away < 5.0).mean() == pytest.approx(0.05, abs=0.01)
+    assert particles.weights == pytest.approx(1.0 / particles.count)
+
+
+def test_evidence_that_excludes_all_particles_replaces_their_weights(flat: GridMap) -> None:
+    field = build_field(flat, CONFIG)
+    particles = ParticleFilter(field, CONFIG, 1)
+    pose = at(flat, 5.5, 3.0, 0.4)
+    beams = read_beams(make_scan(flat, pose, Pose2D.identity()), field.resolution, 60.0)
+    particles.reset(field.to_cells(pose), np.diag([10.0, 10.0, 0.2]) ** 2)
+    particles.weights[:] = 0.0
+    particles.weigh(beams.spread(CONFIG.num_beams))
+    particles.normalise()
+    assert particles.weights.sum() == pytest.approx(1.0, abs=1e-4)
 
 
 def test_trying_poses_finds_a_better_one_and_never_a_worse(flat: GridMap) -> None:

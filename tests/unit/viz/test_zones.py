@@ -12,7 +12,7 @@ from trolley.codes import Refused
 from trolley.messages import SuspectLine, Suspects, Zone, Zones
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Service, answers
-from trolley_localizer.zone_store import check_zone, with_zone, without_zone
+from trolley_localizer.zone_rules import check_zone, with_zone, without_zone
 from trolley_viz.editing.undo import History
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.settings import Dismissed

@@ -1,8 +1,8 @@
-"""ChangeDetector of the world that its map does not show: what has come, and what is gone.
+"""Detects what has come or gone since the map was made.
 
-While the robot drives and knows where it is, each look at a cell has its say. Looks within a while
-are one visit, and only what several visits agree on, over a long enough time and from different
-places, is proposed: people walk on, and doors open and shut.
+While the robot drives and knows where it is, each look at a cell is a vote. Looks within a short
+time are one visit; only what several visits agree on, over a long enough time and from different
+places, is proposed: people walk on, and doors open and close.
 """
 
 import math
@@ -27,40 +27,50 @@ from trolley_localizer.matching.map_matcher import BeamSet
 
 KINDS: dict[ChangeKind, int] = {"appeared": kernels.APPEARED, "gone": kernels.GONE}
 
-# The next look is after so much way or time: scans from one place say the same [m, s].
-_STEP_M = 0.2
-_STEP_S = 5.0
-# From a gap between scans no more than this is observed time [s].
-_LONGEST_S = 1.0
-# The pose must be surer than this (standard deviations), and the robot must not spin
-# [m, rad, rad/s].
-_MOST_DEV_M = 0.05
-_MOST_DEV_RAD = 0.02
-_FASTEST_RADPS = 0.7
-# Echoes from farther away are thrown about too far by the error of the heading [m].
-_REACH_M = 5.0
-# Walls this near to the end of a beam may be where it ended [m].
-_MARGIN_M = 0.15
-# A change is begun by cells with so many visits for it, and goes on over those with so many.
-_VISITS = 4
-_VISITS_BESIDE = 2
-# So many visits fit into the time after which a change is proposed.
-_VISITS_IN_TIME = 5
-# In the present visit, so many looks against it end a change at once.
-_LOOKS_AGAINST = 3
-# It was seen from places so far apart, and is at least so large [m, cells].
-_PARALLAX_M = 0.5
+
+@dataclass(frozen=True, slots=True)
+class ChangeParams:
+    """When a change of the map is proposed. All values were found by hand."""
+
+    step_m: float = 0.2
+    step_s: float = 5.0
+    """The next look is after this distance or time: scans from one place say the same [m, s]."""
+    max_gap_s: float = 1.0
+    """Of a gap between scans no more than this is observed time [s]."""
+    max_dev_m: float = 0.05
+    max_dev_rad: float = 0.02
+    """The pose must be surer than this (standard deviations) [m, rad]."""
+    max_turn_radps: float = 0.7
+    """The robot must not turn faster [rad/s]."""
+    reach_m: float = 5.0
+    """Echoes from farther away are scattered too far by the error of the heading [m]."""
+    margin_m: float = 0.15
+    """Walls this near to the end of a beam may be where it ended [m]."""
+    visits_beside: int = 2
+    visits_in_time: int = 5
+    visits: int = 4
+    """A change begins at cells with `visits` visits for it and grows over those with
+    `visits_beside`; `visits_in_time` fit into the time after which a change is proposed."""
+    looks_against: int = 3
+    """In the present visit, so many looks against a change end it at once."""
+    parallax_m: float = 0.5
+    """It was seen from places this far apart [m]."""
+    gap_m: float = 0.15
+    """Cells this near to each other are one thing [m]."""
+    mirror_m: float = 0.3
+    """What is this near to a mirror or a pane may be its doing [m]."""
+    same_share: float = 0.4
+    """Boxes are of one thing if they share this much of the smaller one."""
+    max_changes: int = 20
+    max_strokes: int = 300
+    """More changes at once mean another map; so do more strokes for one of them."""
+
+
+PARAMS = ChangeParams()
 _LEAST_CELLS: dict[ChangeKind, int] = {"appeared": 4, "gone": 6}
-# Cells this near to each other are one thing [m].
-_GAP_M = 0.15
-# What is so near to a mirror or a pane may be its doing [m].
-_MIRROR_M = 0.3
-# Boxes are of one thing if they share so much of the smaller one.
-_SAME_SHARE = 0.4
-# More at once means another map; so do more strokes for one of them.
-_MOST_CHANGES = 20
-_MOST_STROKES = 300
+"""A change has at least this many cells."""
 MOST_DISMISSED = 200
+"""The oldest dismissals are forgotten."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +121,7 @@ class ChangeDetector:
         self._field = field
         self._cells = 1.0 / field.resolution
         self._after_s = config.change_after_s
-        self._visit_s = max(1, int(self._after_s / _VISITS_IN_TIME))
+        self._visit_s = max(1, int(self._after_s / PARAMS.visits_in_time))
         self.change_grid = ChangeGrid(field.grid)
         """What is known of the cells."""
         self.clock_s = 0.0
@@ -128,7 +138,7 @@ class ChangeDetector:
         self._looked: tuple[float, float, float] | None = None
         self._before: tuple[int, float] | None = None
 
-    def look(
+    def update(
         self,
         stamp_ns: int,
         pose: NDArray[np.float64],
@@ -157,7 +167,7 @@ class ChangeDetector:
         moment = Moment(
             self._look, int(self.clock_s), self._visit_s, round(pose[0]), round(pose[1])
         )
-        limits = np.array([_REACH_M, _MARGIN_M]) * self._cells
+        limits = np.array([PARAMS.reach_m, PARAMS.margin_m]) * self._cells
         kernels.take_echoes(evidence, rays, classes, mirrored, grid, limits, moment)
         maps = (grid, self._field.distance)
         kernels.take_passages(evidence, rays, classes, verdicts, maps, limits, moment)
@@ -172,14 +182,14 @@ class ChangeDetector:
         visits = rows[:, kernels.VISITS].copy()
         ahead = rows[:, kernels.FOR] - rows[:, kernels.AGAINST]
         visits[ahead > 0] += 1
-        visits[-ahead >= _LOOKS_AGAINST] = 0
+        visits[-ahead >= PARAMS.looks_against] = 0
         lasted = rows[:, kernels.LAST] - rows[:, kernels.FIRST] >= self._after_s
-        near = _MIRROR_M * self._cells
+        near = PARAMS.mirror_m * self._cells
         found: list[Change] = []
         for kind, number in KINDS.items():
-            beside = (rows[:, kernels.KIND] == number) & (visits >= _VISITS_BESIDE)
-            seeds = beside & (visits >= _VISITS) & lasted
-            for group in _groups(where, beside, seeds, round(_GAP_M * self._cells)):
+            beside = (rows[:, kernels.KIND] == number) & (visits >= PARAMS.visits_beside)
+            seeds = beside & (visits >= PARAMS.visits) & lasted
+            for group in _groups(where, beside, seeds, round(PARAMS.gap_m * self._cells)):
                 change = self._change(kind, where[group], rows[group], visits[group])
                 if change is not None and not (kind == "gone" and _is_at(change, near, mirrors)):
                     found.append(change)
@@ -202,20 +212,20 @@ class ChangeDetector:
         before, self._before = self._before, (stamp_ns, float(pose[2]))
         if before is None:
             return False
-        elapsed_s = min(max((stamp_ns - before[0]) * 1e-9, 0.0), _LONGEST_S)
+        elapsed_s = min(max((stamp_ns - before[0]) * 1e-9, 0.0), PARAMS.max_gap_s)
         self.clock_s += elapsed_s
         turned = abs(math.remainder(float(pose[2]) - before[1], math.tau))
         deviations = np.sqrt(covariance.diagonal())
         if (
-            turned > _FASTEST_RADPS * elapsed_s
-            or max(deviations[0], deviations[1]) > _MOST_DEV_M
-            or deviations[2] > _MOST_DEV_RAD
+            turned > PARAMS.max_turn_radps * elapsed_s
+            or max(deviations[0], deviations[1]) > PARAMS.max_dev_m
+            or deviations[2] > PARAMS.max_dev_rad
         ):
             return False
         looked = self._looked
         if looked is not None:
             way = math.hypot(pose[0] - looked[0], pose[1] - looked[1])
-            if way < _STEP_M * self._cells and self.clock_s - looked[2] < _STEP_S:
+            if way < PARAMS.step_m * self._cells and self.clock_s - looked[2] < PARAMS.step_s:
                 return False
         self._looked = float(pose[0]), float(pose[1]), self.clock_s
         return True
@@ -234,12 +244,12 @@ class ChangeDetector:
             rows[:, kernels.RIGHT].max() - rows[:, kernels.LEFT].min(),
             rows[:, kernels.HIGH].max() - rows[:, kernels.LOW].min(),
         )
-        if len(cells) < _LEAST_CELLS[kind] or parallax < _PARALLAX_M * self._cells:
+        if len(cells) < _LEAST_CELLS[kind] or parallax < PARAMS.parallax_m * self._cells:
             return None
         first_s = int(rows[:, kernels.FIRST].min())
         if kind == "gone":
             cells = self._with_edges(cells, int(np.median(rows[:, kernels.FIRST])))
-        if len(runs_of(cells)) > _MOST_STROKES:
+        if len(runs_of(cells)) > PARAMS.max_strokes:
             return None
         score = round(float(np.minimum(visits / kernels.MOST_VISITS, 1.0).mean()), 1)
         return Change("", kind, cells, box_of(cells), int(self.clock_s) - first_s, score)
@@ -265,7 +275,7 @@ class ChangeDetector:
         """Give changes their ids, those that they had where they had one."""
         left = list(self.named)
         out: list[Change] = []
-        for change in found[:_MOST_CHANGES]:
+        for change in found[: PARAMS.max_changes]:
             known = next((one for one in left if _is_same(one, change)), None)
             if known is not None:
                 left.remove(known)
@@ -296,7 +306,7 @@ def _groups(
 
 
 def _is_same(one: MarkedChange, change: Change) -> bool:
-    return one.kind == change.kind and shared(one.box, change.box) >= _SAME_SHARE
+    return one.kind == change.kind and shared(one.box, change.box) >= PARAMS.same_share
 
 
 def _is_at(change: Change, near: float, mirrors: Sequence[Lines]) -> bool:

@@ -13,8 +13,8 @@ from trolley.messages.changing import ChangeKind
 from trolley_localizer.changes.change_detector import MOST_DISMISSED, ChangeDetector, MarkedChange
 from trolley_localizer.kernels.changes import COLUMNS
 
-# What a file may unpack to: more than all cells that are ever kept [bytes].
 _MOST_BYTES = 1 << 26
+"""What a file may unpack to: more than all cells that are ever kept [bytes]."""
 _WIDTH = 2 + COLUMNS
 
 

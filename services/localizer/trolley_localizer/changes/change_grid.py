@@ -1,4 +1,4 @@
-"""What is kept of the cells of a map where it may have changed."""
+"""The evidence for changes, cell by cell, kept in tiles where there is any."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,10 @@ from trolley.gridmap import GridMap
 from trolley_localizer.kernels import changes as kernels
 from trolley_localizer.kernels.changes import COLUMNS, TILE, TILE_CELLS, ChangeEvidence
 
-# 13 numbers a cell: at most 27 MB, and far less in a flat.
 _MOST_TILES = 2048
+"""More are not kept: 13 numbers a cell are at most 27 MB, and far less in a flat."""
 _SPARE_TILES = 64
+"""Tiles that are free at the beginning of each scan."""
 
 
 class ChangeGrid:

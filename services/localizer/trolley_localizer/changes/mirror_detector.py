@@ -1,9 +1,9 @@
 """Mirrors that are not on the map, suspected from what is seen behind its walls.
 
-A beam that goes on behind a wall may have met a mirror, or an open door, a pane, or a wall that is
-no longer there. In a mirror it sees what stands before the wall, or the robot itself, from
-wherever the robot looks; through a gap it does so by chance only. So evidence is gathered for
-each cell of the walls while the robot drives, and lines are drawn where it agrees.
+A beam that goes on behind a wall may have met a mirror, an open door, a pane, or a wall that is no
+longer there. In a mirror it sees what stands in front of the wall, or the robot itself, wherever
+the robot is; through a gap it does so only by chance. So evidence is gathered for each cell of the
+walls while the robot drives, and lines are drawn through the cells that agree.
 """
 
 import math
@@ -18,41 +18,50 @@ from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet
 
-# Scans from nearly the same place say the same: one in so much way counts [m].
-_STEP_M = 0.1
-# A cell remembers so many looks; later ones outweigh earlier ones.
-_MOST_LOOKS = 20.0
-# Share of the looks that must speak for a mirror, to suspect one and to go on doing so.
-_SHARE_TO_SUSPECT = 0.65
-_SHARE_TO_KEEP = 0.45
-# Looks at cells that must speak for it.
-_LEAST_LOOKS = 25.0
-# Looks from which the robot's own image is missing, if it was not seen more often.
-_MISSED_LOOKS = 1.0
-# Shortest line [m].
-_LEAST_LENGTH_M = 0.4
-# The robot must have looked from places so far apart [m].
-_LEAST_PARALLAX_M = 0.6
-# A plain wall behind a gap may lie as deep as one stands before it: what is mirrored must lie at
-# different depths (standard deviation) [m].
-_LEAST_DEPTH_DEV_M = 0.25
-# Cells belong to one line if they lie this near to it, with gaps no wider, and their normals agree
-# (cosine) [m].
-_LINE_WIDTH_M = 0.1
-_GAP_M = 0.3
-_SAME_NORMAL = 0.9
-# A line whose middle is this near to a known mirror or pane is no news [m].
-_KNOWN_M = 0.3
-_MOST_LINES = 20
 
-# Columns of what is kept of a cell: looks for and against a mirror; looks at the robot's image, and
-# where it was missing; looks behind the wall, and sums over them of the wall's place and normal;
-# sums over the looks for a mirror of the depth and its square; then the corners of where those came
-# from.
+@dataclass(frozen=True, slots=True)
+class MirrorParams:
+    """When a wall is suspected to be a mirror. All values were found by hand."""
+
+    step_m: float = 0.1
+    """Scans from nearly the same place say the same: one per this distance counts [m]."""
+    max_looks: float = 20.0
+    """A cell remembers so many looks; later ones outweigh earlier ones."""
+    share_to_suspect: float = 0.65
+    share_to_keep: float = 0.45
+    """Share of the looks that must speak for a mirror to suspect one, and to go on doing so."""
+    min_looks: float = 25.0
+    """Looks at the cells of a line that must speak for it."""
+    max_missed: float = 1.0
+    """Looks from which the robot's own image may be missing, if it was not seen more often."""
+    min_length_m: float = 0.4
+    """Shortest line [m]."""
+    min_parallax_m: float = 0.6
+    """The robot must have looked from places this far apart [m]."""
+    min_depth_dev_m: float = 0.25
+    """A plain wall behind a gap may lie as deep as one stands before it: what is mirrored must lie
+    at different depths (standard deviation) [m]."""
+    line_width_m: float = 0.1
+    max_gap_m: float = 0.3
+    same_normal: float = 0.9
+    """Cells belong to one line if they lie this near to it [m], with gaps no wider [m], and their
+    normals agree (cosine)."""
+    known_m: float = 0.3
+    """A line whose middle is this near to a known mirror or pane is no news [m]."""
+    max_lines: int = 20
+    """More lines are not proposed."""
+
+
+PARAMS = MirrorParams()
+
 _FOR, _AGAINST, _IMAGE, _NO_IMAGE, _BEHIND, _X, _Y, _NX, _NY, _DEPTH, _DEPTH_2 = range(11)
 _LEFT, _LOW, _RIGHT, _HIGH = range(11, 15)
 _COLUMNS = 15
 _SUMS = slice(_FOR, _DEPTH_2 + 1)
+"""Columns of what is kept of a cell: looks for and against a mirror; looks at the robot's image,
+and where it was missing; looks behind the wall, and sums over them of the wall's place and normal;
+sums over the looks for a mirror of the depth and its square; then the corners of where those came
+from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +82,9 @@ class MirrorDetector:
     def __init__(self, field: LikelihoodField) -> None:
         self._field = field
         self._cells = 1.0 / field.resolution
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Suspect nothing and begin anew."""
         self.suspects: list[Suspect] = []
         self._rows: dict[int, int] = {}
@@ -87,7 +96,7 @@ class MirrorDetector:
         table = np.array([[*one.start, *one.end] for one in self.suspects]).reshape(-1, 4)
         return Lines(*(np.ascontiguousarray(column) for column in table.T))
 
-    def look(
+    def update(
         self,
         pose: NDArray[np.float64],
         beams: BeamSet,
@@ -106,7 +115,7 @@ class MirrorDetector:
             Whether `suspects` have changed.
         """
         place = self._place
-        if place is not None and np.hypot(*(pose[:2] - place)) < _STEP_M * self._cells:
+        if place is not None and np.hypot(*(pose[:2] - place)) < PARAMS.step_m * self._cells:
             return False
         self._place = pose[:2].copy()
         verdicts, places, keys = judge_beams(self._field, pose, beams, classes)
@@ -144,7 +153,7 @@ class MirrorDetector:
         for column, values in enumerate(seen + wall):
             self._table[rows, column] += np.bincount(group, values) / looks
         total = self._table[rows, _FOR] + self._table[rows, _AGAINST]
-        self._table[rows, _SUMS] *= np.minimum(1.0, _MOST_LOOKS / total)[:, None]
+        self._table[rows, _SUMS] *= np.minimum(1.0, PARAMS.max_looks / total)[:, None]
         rows = rows[share > 0.0]
         for column, least in ((_LEFT, pose[0]), (_LOW, pose[1])):
             self._table[rows, column] = np.minimum(self._table[rows, column], least)
@@ -169,15 +178,15 @@ class MirrorDetector:
         normals = normals / np.hypot(*normals.T)[:, None]
         left = (table[:, _FOR] > table[:, _AGAINST]) & (table[:, _FOR] >= 1.0)
         found: list[Suspect] = []
-        while left.any() and len(found) < _MOST_LINES:
+        while left.any() and len(found) < PARAMS.max_lines:
             seed = int(np.argmax(np.where(left, table[:, _FOR], 0.0)))
             across = (points - points[seed]) @ normals[seed]
             tangent = np.array([-normals[seed, 1], normals[seed, 0]])
             along = (points - points[seed]) @ tangent
-            near = (np.abs(across) <= _LINE_WIDTH_M * self._cells) & (
-                normals @ normals[seed] >= _SAME_NORMAL
+            near = (np.abs(across) <= PARAMS.line_width_m * self._cells) & (
+                normals @ normals[seed] >= PARAMS.same_normal
             )
-            low, high = _run(np.sort(along[near & left]), _GAP_M * self._cells)
+            low, high = _run(np.sort(along[near & left]), PARAMS.max_gap_m * self._cells)
             inside = near & (along >= low) & (along <= high)
             left &= ~inside
             left[seed] = False
@@ -193,7 +202,7 @@ class MirrorDetector:
         """Return how sure it is that cells of one line are a mirror, None if not sure enough."""
         looks, against = cells[:, _FOR].sum(), cells[:, _AGAINST].sum()
         share = looks / (looks + against)
-        if cells[:, _NO_IMAGE].sum() > max(cells[:, _IMAGE].sum(), _MISSED_LOOKS):
+        if cells[:, _NO_IMAGE].sum() > max(cells[:, _IMAGE].sum(), PARAMS.max_missed):
             return None
         depth = cells[:, _DEPTH].sum() / looks
         variance = cells[:, _DEPTH_2].sum() / looks - depth * depth
@@ -202,18 +211,18 @@ class MirrorDetector:
             cells[:, _HIGH].max() - cells[:, _LOW].min(),
         )
         if (
-            looks < _LEAST_LOOKS
-            or share < (_SHARE_TO_KEEP if is_suspected else _SHARE_TO_SUSPECT)
-            or length < _LEAST_LENGTH_M * self._cells
-            or variance < (_LEAST_DEPTH_DEV_M * self._cells) ** 2
-            or parallax < _LEAST_PARALLAX_M * self._cells
+            looks < PARAMS.min_looks
+            or share < (PARAMS.share_to_keep if is_suspected else PARAMS.share_to_suspect)
+            or length < PARAMS.min_length_m * self._cells
+            or variance < (PARAMS.min_depth_dev_m * self._cells) ** 2
+            or parallax < PARAMS.min_parallax_m * self._cells
         ):
             return None
-        return round(float(share * looks / (looks + _LEAST_LOOKS)), 1)
+        return round(float(share * looks / (looks + PARAMS.min_looks)), 1)
 
     def _rounded(self, point: NDArray[np.float64]) -> tuple[float, float]:
         """Return a point on a raster of half a line's width, so that a line rarely moves."""
-        raster = 0.5 * _LINE_WIDTH_M * self._cells
+        raster = 0.5 * PARAMS.line_width_m * self._cells
         x, y = (np.rint(point / raster) * raster).tolist()
         return x, y
 
@@ -224,7 +233,7 @@ class MirrorDetector:
         square = np.maximum((edge * edge).sum(axis=1), 1e-9)
         share = np.clip(((middle - a) * edge).sum(axis=1) / square, 0.0, 1.0)
         distance = np.hypot(*(middle - a - share[:, None] * edge).T)
-        return bool((distance <= _KNOWN_M * self._cells).any())
+        return bool((distance <= PARAMS.known_m * self._cells).any())
 
 
 def _run(along: NDArray[np.float64], gap: float) -> tuple[float, float]:
@@ -246,7 +255,7 @@ def _is_near(
     for one in before:
         centre = 0.5 * (one.start[0] + one.end[0]), 0.5 * (one.start[1] + one.end[1])
         half = 0.5 * math.dist(one.start, one.end)
-        if math.hypot(x - centre[0], y - centre[1]) <= half + _LINE_WIDTH_M * cells:
+        if math.hypot(x - centre[0], y - centre[1]) <= half + PARAMS.line_width_m * cells:
             return True
     return False
 

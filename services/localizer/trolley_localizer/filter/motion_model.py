@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, wrap_angle
 
-# Below this a step has no direction worth a turn [m].
 _SHORT_M = 0.01
+"""A shorter step has no direction worth a turn [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,17 +25,17 @@ class OdometryStep:
     turn: float
     """First turn [rad]."""
     drive: float
-    """Way [m], negative when reversing."""
+    """Distance [m], negative when reversing."""
     after: float
     """Second turn [rad]."""
     turn_dev: float
     """Deviation of the first turn [rad]."""
     drive_dev: float
-    """Deviation of the way [m]."""
+    """Deviation of the distance [m]."""
     after_dev: float
     """Deviation of the second turn [rad]."""
     slip_dev: float
-    """Deviation across the way [m]."""
+    """Deviation across the direction of travel [m]."""
 
 
 def split_step(start_T_end: Pose2D, config: LocalizerConfig) -> OdometryStep:
@@ -78,7 +78,7 @@ def step_covariance(
     turned = start_T_end.yaw**2
     yaw = config.alpha1 * turned + config.alpha2 * way + floor_rad**2
     along = config.alpha3 * way + config.alpha4 * turned + floor_m**2
-    # A heading that is wrong on the way leads aside; half of the way, as it grows evenly.
+    # A wrong heading leads aside; over half of the distance, since its error grows evenly.
     across = 0.25 * way * yaw + 0.25 * config.alpha4 * turned + floor_m**2
     return np.diag([along, across, yaw])
 

@@ -6,6 +6,8 @@ Source:
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,25 +23,35 @@ from trolley_localizer.kernels.particles import (
     gather,
     mean_near,
     move_particles,
+    normalise,
     scatter_particles,
-    update_weights,
     variance_of_place,
+    weigh,
 )
-from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.likelihood_field import FULL_SCORE, LikelihoodField
 
-# Bins of pose space for KLD sampling (AMCL's).
-_BIN_M = 0.5
-_BINS_TURN = 36
-# One particle in so many gets more noise: wheels slip on rugs, and encoders may miss a reversal.
-_WIDE_EVERY = 8
-_WIDE_FACTOR = 4.0
-# One particle in so many is drawn anew about the aligned estimate at each resampling.
-_RENEWED_EVERY = 20
-_RENEWED_DEV_M = 0.05
-_RENEWED_DEV_RAD = 0.02
-# How far about the heaviest place a cluster reaches, mean after mean [m, rad].
-_CLUSTER_REACH = ((1.0, 0.6), (0.7, 0.5), (0.7, 0.5))
-_FULL_SCORE = 65535.0
+
+@dataclass(frozen=True, slots=True)
+class ParticleFilterParams:
+    """What the configuration leaves open."""
+
+    bin_m: float = 0.5
+    bins_turn: int = 36
+    """Bins of pose space for KLD sampling: edge [m], and bins in a full turn (AMCL's)."""
+    wide_every: int = 8
+    wide_factor: float = 4.0
+    """One particle in so many gets this many times the noise: wheels slip on rugs, and encoders may
+    miss a reversal (by hand)."""
+    renewed_every: int = 20
+    renewed_dev_m: float = 0.05
+    renewed_dev_rad: float = 0.02
+    """One particle in so many is drawn anew around the aligned estimate at each resampling, with
+    these standard deviations [m, rad] (by hand)."""
+    cluster_reach: tuple[tuple[float, float], ...] = ((1.0, 0.6), (0.7, 0.5), (0.7, 0.5))
+    """How far around the heaviest place a cluster reaches, mean after mean [m, rad] (by hand)."""
+
+
+PARAMS = ParticleFilterParams()
 
 
 def kld_number(bins: int, error: float, quantile: float) -> int:
@@ -81,6 +93,7 @@ class ParticleFilter:
         self._score = np.empty(most, np.int32)
         self._index = np.empty(most, np.int32)
         self._bins = np.empty(2 ** math.ceil(math.log2(2 * most)), np.uint64)
+        self._gain = 0.0
         self.count = 0
 
     @staticmethod
@@ -115,7 +128,28 @@ class ParticleFilter:
         scatter_particles(self.cloud, 0, 1, mean, lower_root(covariance), first)
         self._weights[:] = 1.0 / self.count
 
-    def move(self, step: OdometryStep) -> None:
+    def update(
+        self,
+        step: OdometryStep,
+        points: Points,
+        refine: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    ) -> None:
+        """Run one cycle of the filter.
+
+        Args:
+            step: odometry since the last cycle.
+            points: beam end points.
+            refine: gets the mean pose of the heaviest cluster and returns the estimate (3,), around
+                which a small share of the particles is drawn anew.
+        """
+        self.predict(step)
+        self.weigh(points)
+        self.normalise()
+        estimate = refine(self.cluster())
+        self.resample()
+        self.renew(estimate)
+
+    def predict(self, step: OdometryStep) -> None:
         """Move all particles by one noisy odometry step."""
         cells = 1.0 / self._field.resolution
         parts = np.array([step.turn, step.drive * cells, step.after])
@@ -123,30 +157,31 @@ class ParticleFilter:
             [step.turn_dev, step.drive_dev * cells, step.after_dev, step.slip_dev * cells]
         )
         first = self._draw(4 * self.count)
-        move_particles(self.cloud, parts, deviation, _WIDE_EVERY, _WIDE_FACTOR, first)
+        move_particles(self.cloud, parts, deviation, PARAMS.wide_every, PARAMS.wide_factor, first)
 
     def weigh(self, points: Points) -> None:
-        """Weigh all particles by beam end points."""
-        beams = points.x.size
-        if beams == 0:
-            return
-        score = self._score[: self.count]
-        score_particles(score, self.cloud, points, self._field.score)
+        """Multiply the weights by the likelihood of beam end points, see `normalise`."""
+        beams = max(points.x.size, 1)
+        score_particles(self._score[: self.count], self.cloud, points, self._field.score)
         independent = min(float(beams), self._config.independent_beams)
-        gain = self._field.log_range / _FULL_SCORE * independent / beams
-        update_weights(self.weights, score, gain)
+        self._gain = self._field.log_range / FULL_SCORE * independent / beams
+        weigh(self.weights, self._score[: self.count], self._gain)
 
-    def resample(self, about: NDArray[np.float64] | None) -> None:
-        """Draw equally weighted particles, as many as their spread asks for.
+    def normalise(self) -> None:
+        """Make the sum of the weights 1 after `weigh`."""
+        if not normalise(self.weights):
+            # The old weights and the new evidence exclude each other: start from the evidence.
+            self.weights[:] = 1.0
+            weigh(self.weights, self._score[: self.count], self._gain)
+            normalise(self.weights)
 
-        Args:
-            about: (3,) a pose about which a small share is drawn anew; None for no such share.
-        """
+    def resample(self) -> None:
+        """Draw equally weighted particles, as many as their spread asks for."""
         offset = float(self._draw(1) % np.uint64(1 << 20)) / (1 << 20)
         chosen = self._index[: self.count]
         draw_systematic(chosen, self.weights, offset)
         bins = count_bins(
-            self._bins, self.cloud, chosen, _BIN_M / self._field.resolution, _BINS_TURN
+            self._bins, self.cloud, chosen, PARAMS.bin_m / self._field.resolution, PARAMS.bins_turn
         )
         wanted = kld_number(bins, self._config.kld_error, self._config.kld_quantile)
         count = min(max(wanted, self._config.min_particles), self._weights.size)
@@ -157,14 +192,14 @@ class ParticleFilter:
         self._cloud, self._spare = self._spare, self._cloud
         self.count = count
         self._weights[:count] = 1.0 / count
-        if about is not None:
-            self._renew(about)
 
-    def _renew(self, about: NDArray[np.float64]) -> None:
-        """Draw a small, evenly chosen share of the particles anew about a pose."""
-        cells = _RENEWED_DEV_M / self._field.resolution
-        root = np.diag([cells, cells, _RENEWED_DEV_RAD])
-        scatter_particles(self.cloud, 0, _RENEWED_EVERY, about, root, self._draw(3 * self.count))
+    def renew(self, about: NDArray[np.float64]) -> None:
+        """Draw a small, evenly chosen share of the particles anew around a pose (3,)."""
+        cells = PARAMS.renewed_dev_m / self._field.resolution
+        root = np.diag([cells, cells, PARAMS.renewed_dev_rad])
+        scatter_particles(
+            self.cloud, 0, PARAMS.renewed_every, about, root, self._draw(3 * self.count)
+        )
 
     def best_of(
         self, mean: NDArray[np.float64], root: NDArray[np.float64], points: Points, count: int
@@ -194,7 +229,7 @@ class ParticleFilter:
         best = int(np.argmax(self.weights))
         cloud, weights = self.cloud, self.weights
         mean = np.array([part[best] for part in cloud])
-        for reach_m, reach_rad in _CLUSTER_REACH:
+        for reach_m, reach_rad in PARAMS.cluster_reach:
             centre = mean.copy()
             reach = np.array([reach_m / self._field.resolution, reach_rad])
             mean_near(mean, cloud, weights, centre, reach)

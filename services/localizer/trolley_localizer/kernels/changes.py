@@ -25,24 +25,24 @@ REACH = 3
 
 NOTHING, APPEARED, GONE = 0, 1, 2
 
-# Columns of what is kept of a cell: what it speaks for; the look that it last had a say in; looks
-# for and against in the present visit; visits that were for it; when the present visit began, the
-# first look for it was, and the last [s]; when an echo last ended in it [s]; the corners of where
-# the robot looked from [cells].
 KIND, LOOK, FOR, AGAINST, VISITS, BEGAN, FIRST, LAST, HIT = range(9)
 LEFT, LOW, RIGHT, HIGH = range(9, 13)
 COLUMNS = 13
+"""Columns of what is kept of a cell: what it speaks for; the look that it last had a say in; looks
+for and against in the present visit; visits that were for it; when the present visit began, the
+first look for it was, and the last [s]; when an echo last ended in it [s]; the corners of where the
+robot looked from [cells]."""
 
-# More visits than these make nothing surer; one that was against takes away two.
 MOST_VISITS = 8
+"""More visits than these make nothing surer."""
 _VISITS_LOST = 2
-
-# A wall goes on to both sides of where a beam went through: what was looked past at an edge, or
-# along a face, within the error of the pose, was not looked through [cells].
+"""A visit that was against a change takes away this many."""
 _SIDE = 2.0
 _SIDE_WALL = 1.5
-# An end this near to a wall of the map is that wall [cells].
+"""A wall goes on to both sides of where a beam went through: what was looked past at an edge, or
+along a face, within the error of the pose, was not looked through [cells]."""
 _AT_WALL = 2.0
+"""An end this near to a wall of the map is that wall [cells]."""
 
 
 class ChangeEvidence(NamedTuple):

@@ -11,8 +11,8 @@ from trolley.scanning.deskew import Points
 from trolley_localizer.kernels.elementary import sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
 
-# End points are computed in whole blocks: those left over would run one by one.
 _BLOCK = 32
+"""End points are computed in whole blocks: those left over would run one by one."""
 
 
 @kernel
@@ -116,12 +116,12 @@ def score_pose(
     return total / max(points.x.size, 1)
 
 
-# From BEHIND_MIRROR on a beam says nothing of the map.
 EXPLAINED = 0
 NOT_ON_MAP = 1
 BEHIND_MIRROR = 2
 SUSPECTED = 3
 UNUSED = 4
+"""Classes of beams; from BEHIND_MIRROR on a beam says nothing about the map."""
 
 
 @kernel
@@ -309,6 +309,7 @@ def count_through(
 
 _MAX_SHIFT = 2.0
 _MAX_TURN = 0.1
+"""A Gauss-Newton step moves the pose no farther than this [cells, rad]."""
 
 
 @kernel

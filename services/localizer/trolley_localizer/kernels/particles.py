@@ -90,12 +90,11 @@ def scatter_particles(
 _TWO_PI = 2.0 * math.pi
 _TURNS = 1.0 / _TWO_PI
 _EMPTY = np.uint64(0)
-_ONE = np.uint64(1)
 
 
 @kernel
-def update_weights(weights: NDArray[np.float32], score: NDArray[np.int32], gain: float) -> None:
-    """Multiply weights by exp(gain * score), and make their sum 1.
+def weigh(weights: NDArray[np.float32], score: NDArray[np.int32], gain: float) -> None:
+    """Multiply weights by exp(gain * score), up to a factor that all have in common.
 
     Args:
         weights: (n,), in place.
@@ -107,23 +106,20 @@ def update_weights(weights: NDArray[np.float32], score: NDArray[np.int32], gain:
         best = max(best, score[i])
     for i in range(score.size):
         weights[i] *= exp_below_zero(gain * (score[i] - best))
-    total = _sum_of(weights)
-    if not total > 1e-30:
-        # The old weights and the new evidence exclude each other: start from the evidence.
-        for i in range(score.size):
-            weights[i] = exp_below_zero(gain * (score[i] - best))
-        total = _sum_of(weights)
-    scale = 1.0 / total
-    for i in range(score.size):
-        weights[i] *= scale
 
 
 @kernel
-def _sum_of(weights: NDArray[np.float32]) -> float:
+def normalise(weights: NDArray[np.float32]) -> bool:
+    """Make the sum of weights 1, in place; False, without touching them, if there is none left."""
     total = 0.0
     for i in range(weights.size):
         total += weights[i]
-    return total
+    if not total > 1e-30:
+        return False
+    scale = 1.0 / total
+    for i in range(weights.size):
+        weights[i] *= scale
+    return True
 
 
 @kernel
@@ -219,7 +215,7 @@ def mean_near(
         out_mean: (3,) x, y [cells], yaw [rad] in `grid`, overwritten; `centre` if there are none.
         cloud: the particles.
         weights: (n,).
-        centre: (3,) only particles within `reach` of it count; headings are unwrapped about it.
+        centre: (3,) only particles within `reach` of it count; headings are unwrapped around it.
         reach: (2,) distance [cells] and angle [rad].
     """
     x, y, yaw = centre[0], centre[1], centre[2]

@@ -1,6 +1,7 @@
 """Beams that go on behind a wall of the map: mirrored, seen through a gap, or neither?"""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,37 +23,47 @@ MIRRORED = 4
 IMAGE = 5
 """It went on and saw the robot itself in a mirror."""
 
-# Where the normal stands in what is written about each beam.
 NORMAL_X, NORMAL_Y = 2, 3
+"""Columns of the wall's normal in what is written about each beam."""
 
-# A beam ended at the wall, or behind it, by this [m].
-_AT_WALL_M = 0.2
-_BEHIND_M = 0.3
-# The line of a wall is fitted to what lies so near to a hit; it must go on by so much on both
-# sides, since beams that graze an edge tell nothing; hits may lie so far from it [m].
-_WALL_REACH_M = 0.4
-_WALL_SIDE_M = 0.1
-_WALL_ROUGHNESS_M = 0.04
-_MIN_HITS = 4
-# Flatter beams are thrown too far about by a small error of the wall's direction (cosine).
-_LEAST_INCIDENCE = 0.3
-# A mirrored end lies this near to a wall [m], and more by this share of the way from the mirror.
-_NEAR_M = 0.1
-_NEAR_SHARE = 0.02
-# A plain end lies this near to a wall [m].
-_PLAIN_M = 0.15
-# The reflected way must be free of walls up to here before its end [m].
-_FREE_MARGIN_M = 0.3
-# The robot itself lies within this of its centre, and its lidar is at least so wide (radius) [m].
-_BODY_M = 0.35
-_LIDAR_M = 0.05
+
+class ReflectionParams(NamedTuple):
+    """When a beam counts as mirrored. All values were found by hand."""
+
+    at_wall_m: float = 0.2
+    behind_m: float = 0.3
+    """A beam ended at the wall, or behind it, by this [m]."""
+    wall_reach_m: float = 0.4
+    """The line of a wall is fitted to what lies this near to a hit [m]."""
+    wall_side_m: float = 0.1
+    """The wall must go on by this on both sides: beams that graze an edge tell nothing [m]."""
+    wall_roughness_m: float = 0.04
+    """Hits may lie this far from the line [m]."""
+    min_hits: int = 4
+    """A line is fitted to at least this many hits."""
+    min_incidence: float = 0.3
+    """Flatter beams are scattered too far by a small error of the wall's direction (cosine)."""
+    near_m: float = 0.1
+    near_share: float = 0.02
+    """A mirrored end lies this near to a wall [m], plus this share of its distance from the
+    mirror."""
+    plain_m: float = 0.15
+    """A plain end lies this near to a wall [m]."""
+    free_margin_m: float = 0.3
+    """The reflected path must be free of walls up to this far before its end [m]."""
+    body_m: float = 0.35
+    lidar_m: float = 0.05
+    """The robot lies within this of its centre, and its lidar is at least so wide (radius) [m]."""
+
+
+PARAMS = ReflectionParams()
 
 
 @kernel
 def first_wall(
     field: NDArray[np.float32], x: float, y: float, dx: float, dy: float, limit: float
 ) -> float:
-    """Return the way along a ray to the first wall of the map, infinite without one [cells].
+    """Return the distance along a ray to the first wall of the map, infinite without one [cells].
 
     Args:
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
@@ -122,9 +133,9 @@ def fit_wall(
     Returns:
         Whether the wall is straight and goes on to both sides.
     """
-    first, last = wall_about(hits, index, _WALL_REACH_M / resolution)
+    first, last = wall_about(hits, index, PARAMS.wall_reach_m / resolution)
     count = last - first + 1
-    if count < _MIN_HITS:
+    if count < PARAMS.min_hits:
         return False
     near = hits[first : last + 1]
     mx = near[:, 0].sum() / count
@@ -138,7 +149,7 @@ def fit_wall(
         cyy += dy * dy / count
     # The smaller eigenvalue is the mean square distance from the line.
     least = 0.5 * (cxx + cyy) - math.hypot(0.5 * (cxx - cyy), cxy)
-    if least > (_WALL_ROUGHNESS_M / resolution) ** 2:
+    if least > (PARAMS.wall_roughness_m / resolution) ** 2:
         return False
     along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
     tx = math.cos(along)
@@ -149,7 +160,7 @@ def fit_wall(
         lowest = min(lowest, way)
         highest = max(highest, way)
     out_line[:] = (mx, my, -ty, tx)
-    side = _WALL_SIDE_M / resolution
+    side = PARAMS.wall_side_m / resolution
     return lowest <= -side and highest >= side
 
 
@@ -180,7 +191,7 @@ def meet_mirror(
     cosine = -(ray[2] * nx + ray[3] * ny)
     if cosine < 0.0:
         nx, ny, cosine = -nx, -ny, -cosine
-    if cosine < _LEAST_INCIDENCE:
+    if cosine < PARAMS.min_incidence:
         return False
     to_line = ((ray[0] - line[0]) * nx + (ray[1] - line[1]) * ny) / cosine
     behind = ray[4] - to_line
@@ -190,7 +201,7 @@ def meet_mirror(
     back_x = ray[2] + 2.0 * cosine * nx
     back_y = ray[3] + 2.0 * cosine * ny
     out_back[:] = (x, y, back_x, back_y, behind)
-    return behind >= _BEHIND_M / resolution
+    return behind >= PARAMS.behind_m / resolution
 
 
 @kernel
@@ -202,7 +213,7 @@ def judge_passage(
     field: NDArray[np.float32],
     resolution: float,
 ) -> int:
-    """TrackingMonitor one beam that went on behind a wall.
+    """Judge one beam that went on behind a wall.
 
     Args:
         place: (5,) as `meet_mirror` writes it [cells].
@@ -215,25 +226,25 @@ def judge_passage(
     behind = back[4]
     end_x = back[0] + behind * back[2]
     end_y = back[1] + behind * back[3]
-    body = _BODY_M / resolution
+    body = PARAMS.body_m / resolution
     if math.hypot(end_x - base[0], end_y - base[1]) <= body:
         return IMAGE
     # How the reflected beam passes the place that it came from.
     abeam = abs((ray[0] - back[0]) * back[3] - (ray[1] - back[1]) * back[2])
     along = (ray[0] - back[0]) * back[2] + (ray[1] - back[1]) * back[3]
-    if abeam <= _LIDAR_M / resolution and 0.0 < along < behind - body:
+    if abeam <= PARAMS.lidar_m / resolution and 0.0 < along < behind - body:
         return NO_IMAGE
-    near = _NEAR_M / resolution + _NEAR_SHARE * behind
+    near = PARAMS.near_m / resolution + PARAMS.near_share * behind
     if sample_field(field, end_x, end_y) > near:
         return PASSED
     # A little off the wall, so that the ray does not meet it again.
     x = back[0] + place[NORMAL_X]
     y = back[1] + place[NORMAL_Y]
     free = first_wall(field, x, y, back[2], back[3], behind)
-    if free < behind - _FREE_MARGIN_M / resolution:
+    if free < behind - PARAMS.free_margin_m / resolution:
         return PASSED
     plain = sample_field(field, ray[0] + ray[4] * ray[2], ray[1] + ray[4] * ray[3])
-    return NOTHING if plain <= _PLAIN_M / resolution else MIRRORED
+    return NOTHING if plain <= PARAMS.plain_m / resolution else MIRRORED
 
 
 @kernel
@@ -249,14 +260,14 @@ def cast_beams(
     """Find where beams meet the map's walls, whatever they saw.
 
     Args:
-        out_rays: (n, 6) where a beam begins, its direction, its length, the way to the wall,
+        out_rays: (n, 6) where a beam begins, its direction, its length, the distance to the wall,
             overwritten [cells].
         out_hits: (n, 2) where it meets the wall, NaN where it meets none, overwritten [cells].
         pose: (3,) x, y [cells], yaw [rad] in `grid`.
         beams: (n,) end points, and where the laser was, in `base_link` [cells].
         classes: (n,) of the beams; unused ones and those behind known mirrors are left out.
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
-        margin: so far behind its end a beam is followed [cells].
+        margin: a beam is followed this far behind its end [cells].
     """
     end, start = beams
     cos = math.cos(pose[2])
@@ -308,7 +319,7 @@ def judge_beams(
     rays = np.empty((count, 6))
     line = np.empty(4)
     back = np.empty(5)
-    cast_beams(rays, hits, pose, beams, classes, field, 2.0 * _WALL_REACH_M / resolution)
+    cast_beams(rays, hits, pose, beams, classes, field, 2.0 * PARAMS.wall_reach_m / resolution)
     for i in range(count):
         out_verdict[i] = NOTHING
         if math.isnan(hits[i, 0]):
@@ -316,10 +327,10 @@ def judge_beams(
         cell = int(hits[i, 1] + 1.0) * field.shape[1] + int(hits[i, 0] + 1.0)
         out_cell[i] = 4 * cell + 2 * int(rays[i, 2] > 0.0) + int(rays[i, 3] > 0.0)
         behind_m = (rays[i, 4] - rays[i, 5]) * resolution
-        if abs(behind_m) <= _AT_WALL_M:
+        if abs(behind_m) <= PARAMS.at_wall_m:
             out_verdict[i] = STOPPED
         elif (
-            behind_m >= _BEHIND_M
+            behind_m >= PARAMS.behind_m
             and fit_wall(line, hits, i, resolution)
             and meet_mirror(out_place[i], back, line, rays[i], resolution)
         ):

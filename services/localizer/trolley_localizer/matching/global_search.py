@@ -13,30 +13,44 @@ from trolley_localizer.kernels import search as kernels
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore
 
-# A pose scores by end points within this distance of walls: wider than in the filter, since cells
-# and headings are tried in steps.
-SEARCH_SIGMA_M = 0.12
-# Of poses nearer than this only the best is aligned; aligned poses nearer than that are one place.
-APART_M = 0.6
-APART_RAD = 0.5
-SAME_M = 0.3
-SAME_RAD = 0.3
-# Places kept for the closer look.
-MAX_PLACES = 40
-# A place this far below the best mean score (0 ... 1) is not looked at.
-SCORE_MARGIN = 0.12
-MIN_SCORE = 0.25
-SEARCH_BEAMS = 90
-# Where even the best place is supported less than this, much has been moved about, and the search,
-# which looks at ends only, may have kept a place beside the right one: look about the first few.
-_CLEAR = 0.75
-_LOOK_ABOUT = 3
-# How far and how finely to look about a place.
-_AROUND_STEPS = 3
-_AROUND_STEP_M = 0.25
-_AROUND_RAD = 0.25
-_TOP_BLOCK_M = 1.6
-_LEAF_BLOCK_M = 0.1
+
+@dataclass(frozen=True, slots=True)
+class SearchParams:
+    """How the whole map is searched. All values were found by hand."""
+
+    sigma_m: float = 0.12
+    """A pose scores by end points this near to walls (standard deviation): wider than in the
+    filter, since cells and headings are tried in steps [m]."""
+    apart_m: float = 0.6
+    apart_rad: float = 0.5
+    """Of poses nearer to each other than this only the best is aligned [m, rad]."""
+    same_m: float = 0.3
+    same_rad: float = 0.3
+    """Aligned poses nearer to each other than this are one place [m, rad]."""
+    max_places: int = 40
+    """This many places get a closer look."""
+    score_margin: float = 0.12
+    """A place this far below the best mean score (0 ... 1) gets none."""
+    min_score: float = 0.25
+    """Nor does a place with a lower mean score."""
+    num_beams: int = 90
+    """Beams of the scan that are searched with."""
+    clear: float = 0.75
+    """Where even the best place is supported less than this, much has been moved about, and the
+    search, which looks at ends only, may have kept a place beside the right one: look around the
+    first few."""
+    num_unclear: int = 3
+    """... around so many."""
+    around_steps: int = 3
+    around_step_m: float = 0.25
+    around_rad: float = 0.25
+    """Steps to each side, their length [m], and the turn to each side [rad], around a place."""
+    top_block_m: float = 1.6
+    leaf_block_m: float = 0.1
+    """Edges of the largest and the smallest blocks of cells that branch and bound looks at [m]."""
+
+
+PARAMS = SearchParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +65,7 @@ class Place:
 def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
     """Compute the maxima of the score over blocks of cells, level by level."""
     resolution = field.resolution
-    levels = max(1, round(math.log2(_TOP_BLOCK_M / resolution))) + 1
+    levels = max(1, round(math.log2(PARAMS.top_block_m / resolution))) + 1
     rows = [field.grid.rows]
     cols = [field.grid.cols]
     for _ in range(1, levels):
@@ -66,7 +80,7 @@ def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
         rows=np.array(rows, np.int64),
         cols=np.array(cols, np.int64),
     )
-    sigma = SEARCH_SIGMA_M / resolution
+    sigma = PARAMS.sigma_m / resolution
     inner = field.distance[1:-1, 1:-1]
     cells = np.rint(255.0 * np.exp(np.float32(-0.5 / sigma**2) * inner * inner)).astype(np.uint8)
     pyramid.score[: sizes[0]] = cells.ravel()
@@ -84,7 +98,7 @@ def num_turns(points: Points, resolution: float) -> int:
     """Choose how many headings to try: far end points move by about a search sigma between."""
     reach = np.hypot(points.x, points.y) * resolution
     far = max(float(np.percentile(reach, 60)), 1.0) if reach.size else 1.0
-    step = min(max(1.2 * SEARCH_SIGMA_M / far, math.radians(0.75)), math.radians(4.0))
+    step = min(max(1.2 * PARAMS.sigma_m / far, math.radians(0.75)), math.radians(4.0))
     return math.ceil(2.0 * math.pi / step)
 
 
@@ -140,7 +154,9 @@ def is_near(one: NDArray[np.float64], other: NDArray[np.float64], resolution: fl
     """Say whether two aligned poses (3,) [cells, rad] are the same place."""
     shift = one - other
     turn = math.remainder(float(shift[2]), 2.0 * math.pi)
-    return math.hypot(shift[0], shift[1]) * resolution < SAME_M and abs(turn) < SAME_RAD
+    return (
+        math.hypot(shift[0], shift[1]) * resolution < PARAMS.same_m and abs(turn) < PARAMS.same_rad
+    )
 
 
 def find_places(
@@ -150,7 +166,7 @@ def find_places(
     matcher: MapMatcher,
 ) -> list[Place]:
     """Return the places that explain a scan best, best first, each aligned with the map."""
-    points = beams.spread(SEARCH_BEAMS)
+    points = beams.spread(PARAMS.num_beams)
     turns = num_turns(points, field.resolution)
     found = _search(field, pyramid, points, turns)
     places: list[Place] = []
@@ -163,8 +179,8 @@ def find_places(
         if matcher.may_stand(pose):
             places.append(Place(pose, support))
     places.sort(key=lambda place: -place.support.value)
-    if places and places[0].support.value < _CLEAR:
-        for place in places[:_LOOK_ABOUT]:
+    if places and places[0].support.value < PARAMS.clear:
+        for place in places[: PARAMS.num_unclear]:
             places += places_around(place.pose, field, beams, matcher)
     return _distinct(places, field.resolution)
 
@@ -183,9 +199,11 @@ def places_around(
         beams: of the scan.
         matcher: of the map.
     """
-    steps = np.arange(-_AROUND_STEPS, _AROUND_STEPS + 1) * (_AROUND_STEP_M / field.resolution)
+    steps = np.arange(-PARAMS.around_steps, PARAMS.around_steps + 1) * (
+        PARAMS.around_step_m / field.resolution
+    )
     places: list[Place] = []
-    for turn in (-_AROUND_RAD, 0.0, _AROUND_RAD):
+    for turn in (-PARAMS.around_rad, 0.0, PARAMS.around_rad):
         for dx in steps:
             for dy in steps:
                 for aligned, support in matcher.settle(pose + np.array([dx, dy, turn]), beams):
@@ -202,25 +220,25 @@ def _search(
     beam_cols = np.empty((turns, points.x.size), np.int32)
     kernels.turn_points(beam_rows, beam_cols, points, turns)
     top = pyramid.rows.size - 1
-    leaf = min(top, max(0, math.floor(math.log2(_LEAF_BLOCK_M / field.resolution) + 1e-6)))
+    leaf = min(top, max(0, math.floor(math.log2(PARAMS.leaf_block_m / field.resolution) + 1e-6)))
     bounds = np.empty((turns, int(pyramid.rows[top]), int(pyramid.cols[top])), np.float32)
     kernels.bound_top(bounds, pyramid, top, beam_rows, beam_cols)
     order = np.argsort(-bounds.ravel(), kind="stable").astype(np.int64)
     found = kernels.Found(
-        score=np.full(MAX_PLACES, -1.0, np.float32),
-        row=np.zeros(MAX_PLACES, np.int32),
-        col=np.zeros(MAX_PLACES, np.int32),
-        turn=np.zeros(MAX_PLACES, np.int32),
+        score=np.full(PARAMS.max_places, -1.0, np.float32),
+        row=np.zeros(PARAMS.max_places, np.int32),
+        col=np.zeros(PARAMS.max_places, np.int32),
+        turn=np.zeros(PARAMS.max_places, np.int32),
     )
     apart = np.array(
         [
-            round(APART_M / field.resolution),
-            round(APART_RAD / (2.0 * math.pi) * turns),
+            round(PARAMS.apart_m / field.resolution),
+            round(PARAMS.apart_rad / (2.0 * math.pi) * turns),
             turns,
         ],
         np.int64,
     )
-    limits = np.array([0.0, 255.0 * SCORE_MARGIN, 255.0 * MIN_SCORE])
+    limits = np.array([0.0, 255.0 * PARAMS.score_margin, 255.0 * PARAMS.min_score])
     kernels.search_blocks(
         found, pyramid, order, bounds, np.array([top, leaf]), (beam_rows, beam_cols), apart, limits
     )

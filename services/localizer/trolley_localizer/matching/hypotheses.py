@@ -1,4 +1,4 @@
-"""Several places at once, while one scan cannot tell which is right."""
+"""Follow several places at once while one scan cannot tell which of them is right."""
 
 import math
 from collections.abc import Sequence
@@ -13,29 +13,48 @@ from trolley_localizer.matching.global_search import Place, is_near
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore
 
-MAX_HYPOTHESES = 12
-# A new view is one from a place or heading this different.
-_VIEW_M = 0.15
-_VIEW_RAD = 0.2
-# From this motion on it is worth searching again.
-_STALE_M = 0.5
-_STALE_RAD = 0.7
-# A place whose support falls this far behind the best is given up.
-_GIVE_UP = 0.3
-# A place explained less than this stands out on the map of another building, too, in some scan, but
-# not in so many views. A robot that gets no other views does without after so many scans.
-_CLEAR = 0.7
-_FEW_VIEWS = 3
-_PATIENT_LOOKS = 30
-# A lead that has lasted so long may be smaller.
-_LASTING_LEAD = 0.8
-# How many times the usual lead a place needs that the scan supports only moderately.
-_DOUBTFUL_LEAD = 2.0
-# So many places are followed beside an estimate; those so far behind it at first are not.
-_MAX_RIVALS = 4
-_RIVAL_MARGIN = 0.1
-# A rival takes over when its support, summed over the views, leads by this.
-_TAKE_OVER = 0.3
+
+@dataclass(frozen=True, slots=True)
+class HypothesisParams:
+    """When a place stands out. All values were found by hand."""
+
+    max_places: int = 12
+    """Only the best places of a search are followed."""
+    view_m: float = 0.15
+    view_rad: float = 0.2
+    """A new view is one from a place [m] or heading [rad] this different."""
+    stale_m: float = 0.5
+    stale_rad: float = 0.7
+    """After this distance [m] or turn [rad] it is worth searching again."""
+    give_up: float = 0.3
+    """A place whose mean support falls this far behind the best is given up."""
+    clear: float = 0.7
+    """A place with less support stands out on the map of another building, too, in some scan, but
+    not in several views."""
+    few_views: int = 3
+    """... in this many views."""
+    patient_scans: int = 30
+    """A robot that gets no other views does without them after this many scans."""
+    lasting_lead: float = 0.8
+    """Share of the usual lead that is enough when it has lasted that long."""
+    doubtful_lead: float = 2.0
+    """This many times the usual lead is needed by a place that the scan supports moderately."""
+
+
+@dataclass(frozen=True, slots=True)
+class RivalParams:
+    """When a rival replaces the estimate. All values were found by hand."""
+
+    max_rivals: int = 4
+    """Only the best places are followed beside an estimate."""
+    margin: float = 0.1
+    """A place that is supported less than the estimate by more than this is no rival."""
+    take_over: float = 0.3
+    """A rival takes over when its support, summed over the views, leads by this."""
+
+
+PARAMS = HypothesisParams()
+RIVALS = RivalParams()
 
 
 @dataclass(slots=True)
@@ -43,7 +62,7 @@ class Votes:
     """What the scans say for one place: the mean of each view, summed over the views."""
 
     latest: float
-    """MatchScore by the newest scan, 0 ... 1."""
+    """Support by the newest scan, 0 ... 1."""
     _past: float = 0.0
     _sum: float = 0.0
     _scans: int = 0
@@ -83,7 +102,7 @@ class Hypothesis:
 
     @property
     def latest(self) -> float:
-        """MatchScore by the newest scan."""
+        """Support by the newest scan."""
         return self.votes.latest
 
 
@@ -97,7 +116,7 @@ class Hypotheses:
         self._matcher = matcher
         self._config = config
         self._views = 0
-        self._looks = 0
+        self._scans_seen = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items: list[Hypothesis] = []
@@ -105,15 +124,15 @@ class Hypotheses:
     def start(self, places: Sequence[Place]) -> None:
         """Begin with the places of a search, best first."""
         self._views = 1
-        self._looks = 0
+        self._scans_seen = 0
         self._since_view = Pose2D.identity()
         self._since_start = Pose2D.identity()
         self.items = [
             Hypothesis(p.pose.copy(), Votes(p.support.value), p.support.match)
-            for p in places[:MAX_HYPOTHESES]
+            for p in places[: PARAMS.max_places]
         ]
 
-    def move(self, step: Pose2D) -> None:
+    def predict(self, step: Pose2D) -> None:
         """Carry all places through one odometry step [m, m, rad]."""
         self._since_view = self._since_view @ step
         self._since_start = self._since_start @ step
@@ -122,15 +141,15 @@ class Hypotheses:
             before = Pose2D(float(item.pose[0]), float(item.pose[1]), float(item.pose[2]))
             item.pose = (before @ cells).as_array()
 
-    def look(self, beams: BeamSet) -> bool:
+    def update(self, beams: BeamSet) -> bool:
         """Align all places with a scan and let it vote.
 
         Returns:
             Whether it was a new view.
         """
-        self._looks += 1
+        self._scans_seen += 1
         since = self._since_view
-        is_new = math.hypot(since.x, since.y) > _VIEW_M or abs(since.yaw) > _VIEW_RAD
+        is_new = math.hypot(since.x, since.y) > PARAMS.view_m or abs(since.yaw) > PARAMS.view_rad
         for item in self.items:
             item.pose, support = self._aligned(item.pose, beams)
             item.votes.add(support.value, is_new_view=is_new)
@@ -155,7 +174,7 @@ class Hypotheses:
         """Give up places that fell behind or coincide with a better one."""
         kept: list[Hypothesis] = []
         for item in self.items:
-            if kept and (kept[0].total - item.total) / self._views > _GIVE_UP:
+            if kept and (kept[0].total - item.total) / self._views > PARAMS.give_up:
                 continue
             if any(is_near(item.pose, other.pose, self._field.resolution) for other in kept):
                 continue
@@ -190,20 +209,20 @@ class Hypotheses:
     def is_stale(self) -> bool:
         """Whether the robot has moved far since the places were found."""
         since = self._since_start
-        return math.hypot(since.x, since.y) > _STALE_M or abs(since.yaw) > _STALE_RAD
+        return math.hypot(since.x, since.y) > PARAMS.stale_m or abs(since.yaw) > PARAMS.stale_rad
 
     def winner(self) -> Hypothesis | None:
         """Return the place that stands out from all others, or None."""
         if not self.is_plausible:
             return None
         best = self.items[0]
-        has_waited = self._views >= _FEW_VIEWS or self._looks >= _PATIENT_LOOKS
-        if best.total < _CLEAR * self._views and not has_waited:
+        has_waited = self._views >= PARAMS.few_views or self._scans_seen >= PARAMS.patient_scans
+        if best.total < PARAMS.clear * self._views and not has_waited:
             return None
-        margin = self._config.search_margin * (_LASTING_LEAD if has_waited else 1.0)
+        margin = self._config.search_margin * (PARAMS.lasting_lead if has_waited else 1.0)
         if self._least_support(best) < self._config.good_support:
             # Where much has been moved about, only a place far ahead of all others will do.
-            margin *= _DOUBTFUL_LEAD
+            margin *= PARAMS.doubtful_lead
         second = self.items[1].total if len(self.items) > 1 else 0.0
         return best if best.total - second >= margin * self._views else None
 
@@ -224,15 +243,15 @@ class Rivals:
             places: none of them near the estimate.
             own: support of the estimate by the same scan, 0 ... 1.
         """
-        rivals = [p for p in places if p.support.value >= own - _RIVAL_MARGIN]
-        self._places.start(rivals[:_MAX_RIVALS])
+        rivals = [p for p in places if p.support.value >= own - RIVALS.margin]
+        self._places.start(rivals[: RIVALS.max_rivals])
         self._own = Votes(own)
 
-    def move(self, step: Pose2D) -> None:
+    def predict(self, step: Pose2D) -> None:
         """Carry all rivals through one odometry step [m, m, rad]."""
-        self._places.move(step)
+        self._places.predict(step)
 
-    def look(self, beams: BeamSet, pose: NDArray[np.float64], own: float) -> None:
+    def update(self, beams: BeamSet, pose: NDArray[np.float64], own: float) -> None:
         """Take one scan into account.
 
         Args:
@@ -240,8 +259,8 @@ class Rivals:
             pose: the estimate (3,) [cells, rad].
             own: support of the estimate, 0 ... 1.
         """
-        self._own.add(own, is_new_view=self._places.look(beams))
-        self._places.leave_out(pose, self._own.total - _RIVAL_MARGIN * self._places.views)
+        self._own.add(own, is_new_view=self._places.update(beams))
+        self._places.leave_out(pose, self._own.total - RIVALS.margin * self._places.views)
 
     @property
     def exist(self) -> bool:
@@ -260,4 +279,4 @@ class Rivals:
 
     def winner(self) -> Hypothesis | None:
         """Return the place that stands out from the estimate and all others, or None."""
-        return self._places.winner() if self.lead >= _TAKE_OVER else None
+        return self._places.winner() if self.lead >= RIVALS.take_over else None

@@ -12,14 +12,14 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley_localizer.kernels.layout import Lines
 
-# Farther from a wall the field is flat: a wall that far away cannot be the one that was hit.
 MAX_DISTANCE_M = 2.0
-
-# Smallest and largest variance that a pose can be set with [m^2, rad^2].
+"""Farther from a wall the field is flat: a wall that far away is not the one that was hit [m]."""
 LEAST_VARIANCE = 1e-6
 MOST_VARIANCE = 25.0
+"""Smallest and largest variance that a pose can be set with [m^2, rad^2]."""
 
-_FULL_SCORE = 65535
+FULL_SCORE = 65535
+"""Score of a cell that holds a wall."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ def build_field(grid: GridMap, config: LocalizerConfig) -> LikelihoodField:
     squares = np.arange(math.ceil(far * far) + 1, dtype=np.float64)
     likelihood = (1.0 - config.z_rand) * np.exp(-0.5 * squares / (sigma * sigma)) + config.z_rand
     log_range = -math.log(config.z_rand)
-    scores = np.rint((np.log(likelihood) / log_range + 1.0) * _FULL_SCORE).astype(np.uint16)
+    scores = np.rint((np.log(likelihood) / log_range + 1.0) * FULL_SCORE).astype(np.uint16)
     score = np.empty(distance.shape, np.uint16)
     for row in range(0, distance.shape[0], 256):
         part = distance[row : row + 256]

@@ -73,20 +73,30 @@ def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSe
     return BeamSet(seen.ends, seen.starts, classes, seen.echoes, blind)
 
 
-# Alignment starts with a wide reach and ends with a narrow one [m].
-WIDE_M = 0.3
-NARROW_M = 0.1
-_STEPS = 12
-# What beams that went through a wall of the map take off a pose's support, per share of all beams.
-# Where a piece of furniture was taken away they end at the wall behind it, which says little; a
-# beam that ends nowhere as well is next to impossible at the true place. Measured in rooms with a
-# third of the furniture moved, and on recorded drives: `astray` is 0 ... 0.03 at true places, and
-# 0.03 ... 0.14 at the wrong ones that explain as many ends.
-THROUGH_WEIGHT = 0.5
-ASTRAY_WEIGHT = 3.0
-# A wall is thinner than this: an end point that far behind its line is seen in the mirror [m].
-MIRROR_DEPTH_M = 0.1
-_MANY = 180
+@dataclass(frozen=True, slots=True)
+class MatchParams:
+    """How beams speak for a pose, and how a rough pose is aligned."""
+
+    wide_m: float = 0.3
+    narrow_m: float = 0.1
+    """Alignment starts with a wide reach and ends with a narrow one [m] (by hand)."""
+    max_steps: int = 12
+    """Gauss-Newton steps at each reach."""
+    through_weight: float = 0.5
+    astray_weight: float = 3.0
+    """What beams that went through a wall of the map take off a pose's support, per share of all.
+
+    Where a piece of furniture was taken away they end at the wall behind it, which says little; a
+    beam that ends nowhere as well is next to impossible at the true place. Measured in rooms with a
+    third of the furniture moved, and on recorded drives: `astray` is 0 ... 0.03 at true places, and
+    0.03 ... 0.14 at the wrong ones that explain as many ends."""
+    mirror_depth_m: float = 0.1
+    """A wall is thinner: an end point this far behind its line is seen in the mirror [m]."""
+    num_cast: int = 180
+    """About this many beams are followed through the map, and twice as many are scored."""
+
+
+PARAMS = MatchParams()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +117,10 @@ class MatchScore:
     @property
     def value(self) -> float:
         """The score less the contradictions, 0 ... 1."""
-        return max(0.0, self.score - THROUGH_WEIGHT * self.through - ASTRAY_WEIGHT * self.astray)
+        return max(
+            0.0,
+            self.score - PARAMS.through_weight * self.through - PARAMS.astray_weight * self.astray,
+        )
 
 
 class MapMatcher:
@@ -131,7 +144,7 @@ class MapMatcher:
         if not any(one.ax.size for one, _ in lines):
             return beams
         classes = beams.classes.copy()
-        depth = MIRROR_DEPTH_M / self._field.resolution
+        depth = PARAMS.mirror_depth_m / self._field.resolution
         marked = sum(
             kernels.mark_crossing(classes, pose, beams.end, beams.start, one, depth, mark)
             for one, mark in lines
@@ -156,7 +169,7 @@ class MapMatcher:
         )
         if looked_at == 0:
             return MatchScore(0.0, 0.0, 0.0, 0, 0.0), classes
-        every = max(1, seen.used.size // _MANY)
+        every = max(1, seen.used.size // PARAMS.num_cast)
         through, astray, cast = kernels.count_through(
             pose,
             seen.end,
@@ -166,7 +179,9 @@ class MapMatcher:
             self._config.through_margin_m * cells,
             every,
         )
-        score = score_pose(self._field.distance, seen.spread(_MANY * 2), pose, NARROW_M * cells)
+        score = score_pose(
+            self._field.distance, seen.spread(PARAMS.num_cast * 2), pose, PARAMS.narrow_m * cells
+        )
         cast = max(cast, 1)
         support = MatchScore(explained / looked_at, through / cast, astray / cast, looked_at, score)
         return support, classes
@@ -175,7 +190,7 @@ class MapMatcher:
         self,
         pose: NDArray[np.float64],
         beams: BeamSet,
-        reaches_m: Sequence[float] = (WIDE_M, NARROW_M),
+        reaches_m: Sequence[float] = (PARAMS.wide_m, PARAMS.narrow_m),
     ) -> NDArray[np.float64]:
         """Return the pose moved to where the scan fits best nearby.
 
@@ -191,7 +206,14 @@ class MapMatcher:
         for sigma_m in reaches_m:
             tuning = np.array([sigma_m / self._field.resolution, 1.0])
             refine_pose(
-                moved, information, self._field.distance, points, pose, self._weak, tuning, _STEPS
+                moved,
+                information,
+                self._field.distance,
+                points,
+                pose,
+                self._weak,
+                tuning,
+                PARAMS.max_steps,
             )
         return moved if np.isfinite(moved).all() else pose
 
@@ -203,7 +225,7 @@ class MapMatcher:
         From afar a piece of furniture that was moved can pull the pose off its place; from near by
         it cannot, but then a rough pose may be out of reach of the walls.
         """
-        poses = [self.align(pose, beams), self.align(pose, beams, (NARROW_M,))]
+        poses = [self.align(pose, beams), self.align(pose, beams, (PARAMS.narrow_m,))]
         options = [(option, self.score(option, beams)) for option in poses]
         return sorted(options, key=lambda option: -option[1].value)
 

@@ -7,7 +7,7 @@ import pytest
 from trolley import codes
 from trolley.codes import Refused
 from trolley.messages import Zone
-from trolley_localizer.zone_store import (
+from trolley_localizer.zone_rules import (
     MAX_ZONES,
     check_zone,
     mirror_lines,

@@ -1,0 +1,145 @@
+"""Proposes changes of the map to people: what has come, and what is gone."""
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.gridmap import GridMap
+from trolley.messages import MapChange, MapChanges
+from trolley.messages.request_params import WhichChange
+from trolley.runtime.service import Later, Service, answers, every
+from trolley_localizer.changes.change_file import ChangeFile, from_file, state_file, to_file
+from trolley_localizer.map_server import LoadedMap, MapServer
+from trolley_localizer.mapper_lease import MapperLease
+from trolley_localizer.to_messages import change_message
+
+SAVE_PERIOD_NS = 60_000_000_000
+"""What was seen is saved this often."""
+_LIKE_SHARE = 0.7
+"""Maps that share this much of their walls were made one from the other."""
+_RASTER_M = 0.2
+"""A change that moves by less is no news [m]."""
+
+
+class ChangeProposals:
+    """Publishes what the change detector of the map in use proposes; a person decides."""
+
+    def __init__(self, service: Service, maps: MapServer, lease: MapperLease) -> None:
+        self._service = service
+        self._maps = maps
+        self._lease = lease
+        self._published: list[MapChange] | None = None
+        self._watched: LoadedMap | None = None
+        self._saved_ns = 0
+
+    def open(self, loaded: LoadedMap) -> None:
+        """Change to another map, and go on with what was seen on it before."""
+        self._published = None
+        changes, grid = loaded.localizer.changes, loaded.localizer.field.grid
+        watched, self._watched = self._watched, None if changes is None else loaded
+        kept = self._seen_before(watched, grid, loaded.name)
+        if changes is not None and kept is not None:
+            if kept.is_of(grid):
+                from_file(changes, kept)
+            else:
+                self._service.log.info(
+                    "The map was turned or cropped; watching for changes anew", map=loaded.name
+                )
+        if not self._lease.is_held:
+            self._publish(loaded)
+
+    def _seen_before(
+        self, watched: LoadedMap | None, grid: GridMap, name: str
+    ) -> ChangeFile | None:
+        """Return what was seen on a map up to now, which may not be on disk yet."""
+        service = self._service
+        if watched is None or watched.localizer.changes is None:
+            return service.state.read(state_file(name), ChangeFile)
+        grid_before = watched.localizer.field.grid
+        before = to_file(watched.localizer.changes, grid_before)
+        if watched.name == name:
+            return before
+        service.save(state_file(watched.name), before)
+        own = service.state.read(state_file(name), ChangeFile)
+        return before if own is None and _is_like(grid_before, grid) else own
+
+    def repeat(self) -> None:
+        """Publish the proposals again at the next occasion."""
+        self._published = None
+
+    @every(5.0)
+    def propose(self) -> None:
+        """Publish what is proposed, if that has changed, and keep what was seen."""
+        if self._maps.current is None or self._lease.is_held:
+            return
+        self._publish(self._maps.current)
+        if self._service.monotonic_ns - self._saved_ns >= SAVE_PERIOD_NS:
+            self.save()
+
+    def save(self) -> None:
+        """Keep what was seen."""
+        self._saved_ns = self._service.monotonic_ns
+        if self._watched is not None and self._watched.localizer.changes is not None:
+            localizer = self._watched.localizer
+            kept = to_file(self._watched.localizer.changes, localizer.field.grid)
+            self._service.save(state_file(self._watched.name), kept)
+
+    def _publish(self, loaded: LoadedMap) -> None:
+        localizer, service = loaded.localizer, self._service
+        found = [change_message(one, localizer.field) for one in localizer.find_changes()]
+        before = self._published
+        if before is not None and _essence(found) == _essence(before):
+            return
+        if len(found) != len(before or []):
+            service.log.info("Changes of the map proposed", count=len(found))
+        self._published = found
+        message = MapChanges(stamp_ns=service.stamp_ns, map=loaded.name, changes=found)
+        service.publish(topics.CHANGES, message)
+
+    @answers(requests.CHANGES_DISMISS)
+    def dismiss(self, params: WhichChange) -> Later[MapChange]:
+        """Do not propose a change again."""
+        loaded = self._maps.ready()
+        changes, field = loaded.localizer.changes, loaded.localizer.field
+        proposed = [] if changes is None else changes.proposed
+        change = next((one for one in proposed if one.id == params.id), None)
+        if changes is None or change is None:
+            raise Refused(codes.UNKNOWN_NAME, f"No change {params.id!r} is proposed.")
+        reply: Later[MapChange] = self._service.later()
+        before = changes.dismissed
+        changes.dismiss(change)
+        message = change_message(change, field)
+
+        def saved(error: OSError | None) -> None:
+            if error is None:
+                self._publish(loaded)
+                reply.reply(message)
+                return
+            changes.dismissed = before
+            why = f"That could not be written to disk: {error.strerror}."
+            reply.refuse(Refused(codes.NOT_SAVED, why))
+
+        self._service.save(state_file(loaded.name), to_file(changes, field.grid), saved)
+        return reply
+
+
+def _is_like(one: GridMap, other: GridMap) -> bool:
+    """Say whether a map is another one with small changes, under a name of its own."""
+    if one.cells.shape != other.cells.shape or one.origin != other.origin:
+        return False
+    walls, others = one.occupied_mask() != 0, other.occupied_mask() != 0
+    return float((walls & others).sum()) >= _LIKE_SHARE * max(int((walls | others).sum()), 1)
+
+
+def _essence(changes: list[MapChange]) -> list[tuple[object, ...]]:
+    """Return what is worth another message: not that time goes by, nor a cell more or less."""
+    return [
+        (one.id, one.kind, one.score, round(len(one.strokes) ** 0.5), _middle(one))
+        for one in changes
+    ]
+
+
+def _middle(change: MapChange) -> tuple[float, float]:
+    """Return about where a change is, on a raster."""
+    xs, ys = zip(*change.points, strict=True)
+    return round(0.5 * (min(xs) + max(xs)) / _RASTER_M), round(
+        0.5 * (min(ys) + max(ys)) / _RASTER_M
+    )
