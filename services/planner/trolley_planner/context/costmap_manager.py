@@ -202,7 +202,9 @@ def position_trouble(context: PlanningContext, here: Pose2D) -> Refused | None:
     if not costmap.contains(in_grid.x, in_grid.y):
         return Refused(codes.OUTSIDE_MAP, "According to its pose, the robot is outside the map.")
     if costmap.is_wall(in_grid.x, in_grid.y):
-        return Refused(codes.LOST, "According to its pose, the robot is inside a wall; set its pose again.")
+        return Refused(
+            codes.LOST, "According to its pose, the robot is inside a wall; set its pose again."
+        )
     return None
 
 

@@ -33,7 +33,9 @@ def check_ready(inputs: Inputs, now_ns: int | None) -> None:
     missing = inputs.missing(has_time=now_ns is not None)
     if missing:
         raise Refused(
-            codes.NOT_READY, f"The planner is still waiting for {', '.join(missing)}.", missing=missing
+            codes.NOT_READY,
+            f"The planner is still waiting for {', '.join(missing)}.",
+            missing=missing,
         )
 
 
