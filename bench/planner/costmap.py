@@ -93,7 +93,7 @@ def drive(case: Case, scans: int) -> Timing:
         refreshed = time.process_time()
         reference.add_scan(sweep, now_ns)
         before = time.process_time()
-        reference.obstacle_layer.touch_all()
+        reference.obstacle_layer.mark_all_dirty()
         reference.refresh()
         if number >= 3:  # The first ones compile.
             whole = time.process_time() - before

@@ -16,7 +16,7 @@ from trolley_planner.driving.recovery import RecoveryAction
 GOAL_OCCUPIED = "Something stands on the goal."
 RECOVERY_SENTENCES = {
     RecoveryAction.WAIT: "Something is in the way; the robot waits for it to go.",
-    RecoveryAction.CLEAR: "The robot checks again what stands around it.",
+    RecoveryAction.CLEAR: "The robot looks again at what is around it.",
     RecoveryAction.BACK_UP: "The robot backs up along its own track.",
     RecoveryAction.TURN: "The robot turns to look around.",
     RecoveryAction.REROUTE: "The robot did not get through; it takes another route.",

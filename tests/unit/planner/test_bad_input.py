@@ -51,7 +51,7 @@ def test_on_a_map_of_nothing_known_no_goal_is_taken(ride) -> None:
     drive.step(4)
     refusal = refused(drive, Pose2D(3.0, 3.0, 0.0))
     assert refusal.code == codes.IN_OBSTACLE
-    assert "does not know" in refusal.message
+    assert "does not show" in refusal.message
 
 
 @pytest.mark.parametrize("outline", [CROSSED, BESIDE, [(0.1, 0.0), (-0.1, 0.0), (0.2, 0.0)]])

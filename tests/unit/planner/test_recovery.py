@@ -143,7 +143,7 @@ def test_another_way_is_taken_where_something_unseen_is_in_the_way(ride) -> None
     drive.send(Pose2D(6.0, 3.0, 0.0))
     assert drive.until_over(200.0).state == "arrived"
     told = [status.message for status in drive.statuses if status.state == "recovering"]
-    assert any("another way" in message for message in told)
+    assert any("another route" in message for message in told)
     assert world.touches == 0
 
 
@@ -159,7 +159,7 @@ def test_a_robot_without_room_neither_backs_up_nor_turns(ride) -> None:
     status = drive.until_over(150.0)
     assert (status.state, status.reason) == ("failed", codes.BLOCKED)
     told = {status.message for status in drive.statuses}
-    assert not any("turns" in message or "another way" in message for message in told)
+    assert not any("turns" in message or "another route" in message for message in told)
     assert world.touches == 0
 
 

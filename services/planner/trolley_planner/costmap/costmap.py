@@ -58,6 +58,7 @@ class CostmapParams:
 
 COSTMAP = CostmapParams()
 TABLE_STEP_M = 0.005
+"""Distance between two entries of an inflation table."""
 
 
 class Costmap:
