@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from support.flatland import Flatland, Ice, empty_room, two_rooms, with_block
 
 from trolley import codes
@@ -13,6 +14,9 @@ from trolley_planner.recovery import LADDER, Recovery, Try
 
 START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000
+
+
+pytestmark = pytest.mark.drives
 
 
 def two_doors() -> GridMap:

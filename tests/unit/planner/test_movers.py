@@ -19,6 +19,9 @@ STEP_S = 0.05
 HERE = Pose2D(0.0, 0.0, 0.0)
 
 
+pytestmark = pytest.mark.drives
+
+
 def mover(x: float, y: float, vx: float, vy: float) -> list[Mover]:
     """One thing of 0.2 m."""
     points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])

@@ -16,6 +16,9 @@ from trolley_planner.others import MOST_ROBOTS, Others, discs_of
 SECOND_NS = 1_000_000_000
 
 
+pytestmark = pytest.mark.drives
+
+
 def estimate(x: float, **changes: object) -> PoseEstimate:
     pose = Flatland(empty_room(), Pose2D(x, 1.0, 0.0)).estimate(0)
     return msgspec.structs.replace(pose, **changes)
