@@ -39,8 +39,8 @@ else
 	@$(BIN)/python -m pytest $(ARGS)
 endif
 
-unit: setup ## The tests of a minute, while you work: no other programs, no browser, no lint.
-	@$(BIN)/python -m pytest -m "not slow and not programs" --numprocesses auto --dist worksteal \
+unit: setup ## The quick tests, while you work: no whole drives, no other programs, no browser, no lint.
+	@$(BIN)/python -m pytest -m "not slow and not programs and not drives" --numprocesses auto --dist worksteal \
 		tests/unit tests/rules $(ARGS)
 
 slow: setup ## The tests that take longer: whole drives, more seeds, most of the browser's.

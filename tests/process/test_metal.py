@@ -42,7 +42,7 @@ def linorobot(make_metal: Callable[..., Metal]) -> Iterator[Metal]:
 
 
 def test_each_cause_sends_a_zero_for_good(linorobot: Metal) -> None:
-    """How soon it leaves is measured by `bench/zeros.py`."""
+    """How soon it leaves is measured by `bench/base/zeros.py`."""
     metal = linorobot
     metal.start_driving(AHEAD)
     metal.hand.let_go()

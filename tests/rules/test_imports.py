@@ -59,6 +59,7 @@ def test_library_is_imported_in_one_place_only(
     assert importers(sources, package, allowed) == []
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("module", ["trolley", "trolley_tour.service", "trolley_viz.service"])
 def test_what_needs_no_kernels_does_not_load_the_compiler(module: str) -> None:
     program = (
@@ -72,6 +73,7 @@ def test_what_needs_no_kernels_does_not_load_the_compiler(module: str) -> None:
     assert set(loaded.stdout.split()) <= ({"PIL"} if "viz" in module else set())
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize(
     ("module", "libraries"),
     [

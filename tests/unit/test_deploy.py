@@ -66,6 +66,7 @@ def analyze(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.programs
 @needs_systemd
 def test_units_pass_systemd_analyze_without_a_word(installed: Path) -> None:
     units = [*installed.glob("*.target"), *installed.glob("*.service")]
@@ -75,6 +76,7 @@ def test_units_pass_systemd_analyze_without_a_word(installed: Path) -> None:
     assert (checked.returncode, checked.stderr.strip()) == (0, "")
 
 
+@pytest.mark.programs
 @needs_systemd
 @pytest.mark.parametrize(
     "name", [*(unit.name for unit in SERVICES), "trolleyretry@trolley-base.service"]
@@ -167,6 +169,7 @@ def test_the_example_configuration_loads() -> None:
     assert config.path(config.map.file or "") == DEPLOY / "maps" / "home.yaml"
 
 
+@pytest.mark.programs
 def test_what_is_installed_is_pinned_and_no_tool_of_developers() -> None:
     printed = subprocess.run(
         [sys.executable, str(DEPLOY / "runtime_requirements.py")],

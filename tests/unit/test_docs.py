@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from trolley import topics
 from trolley.codes import SENTENCES
 from trolley.requests import REQUESTS
@@ -11,6 +13,7 @@ from trolley.requests import REQUESTS
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
+@pytest.mark.programs
 def test_generated_pages_are_up_to_date() -> None:
     checked = subprocess.run(
         [sys.executable, str(DOCS / "make_wire.py"), "--check"],

@@ -63,6 +63,7 @@ def test_lists_the_ports_that_are_there(tmp_path: Path, monkeypatch: pytest.Monk
     assert text.endswith(f"There are {by_id}/usb-a-lidar, {tmp_path}/ttyUSB0.")
 
 
+@pytest.mark.programs
 def test_names_the_process_that_holds_a_port(port: str) -> None:
     with start_holder(port) as process:
         try:

@@ -15,6 +15,8 @@ from support.waiting import PATIENCE_S, wait_until
 from trolley.runtime.supervision import Watchdog
 from trolley.supervisor import Supervisor
 
+pytestmark = pytest.mark.programs
+
 OBEDIENT = "import time\nwhile True: time.sleep(1)\n"
 STUBBORN = "import signal\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + OBEDIENT
 WRONG = "import sys\nsys.exit(2)\n"

@@ -56,6 +56,7 @@ def test_what_services_bring_along_is_listed_in_its_own_words(runner: CliRunner)
             assert f"{name} {command.get_short_help_str(limit=100)}" in listed
 
 
+@pytest.mark.programs
 def test_the_list_of_commands_imports_none_of_them() -> None:
     program = """
 import sys

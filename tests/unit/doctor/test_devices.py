@@ -100,6 +100,7 @@ def test_ports_are_looked_at_without_being_opened(port: str, tmp_path: Path) -> 
     assert lidar.forbidden == ""
 
 
+@pytest.mark.programs
 def test_a_program_that_holds_a_port_is_named_but_for_base(port: str, tmp_path: Path) -> None:
     hold = "import sys; f = open(sys.argv[1]); print(flush=True); input()"
     settings = write_settings(tmp_path / "robot.toml", port, str(tmp_path / "nothing"))

@@ -67,6 +67,7 @@ def test_what_is_no_grid_is_refused(
         GridMap("bad", resolution, origin, cells)
 
 
+@pytest.mark.programs
 def test_maps_and_poses_do_without_the_compiler() -> None:
     program = (
         "import sys, trolley.geometry, trolley.gridmap; "

@@ -36,6 +36,9 @@ STEP_NS = 50_000_000
 START = (5.5, 3.0, 0.4)
 
 
+pytestmark = pytest.mark.drives
+
+
 class Robot:
     """A base that drives as told, with a lidar, on a lock-step bus."""
 

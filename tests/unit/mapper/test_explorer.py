@@ -22,6 +22,9 @@ EDGE = 0.05
 START = Pose2D(1.0, 1.0, 0.0)
 
 
+pytestmark = pytest.mark.drives
+
+
 def two_rooms(open_at: float | None = 1.5) -> GridMap:
     """Two rooms of 3 x 3 m side by side with a door at y [m] of 0.8 m, if there is one."""
     cells = np.full((80, 140), UNKNOWN, np.int8)

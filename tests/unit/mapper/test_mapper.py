@@ -19,6 +19,9 @@ from .conftest import START, Drive
 MakeDrive = Callable[..., Drive]
 
 
+pytestmark = pytest.mark.drives
+
+
 def wall_error_m(found: GridMap, truth: GridMap, share: float = 0.95) -> float:
     """How far such a share of the walls of a map is from true ones at most."""
     away = distance_transform(truth.occupied_mask(), truth.resolution)

@@ -4,6 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.programs
+
 # In a process of its own: in that of other tests everything is compiled already.
 PROGRAM = """
 import gc

@@ -16,6 +16,9 @@ CONTROLLERS = ["mppi", "pursuit"]
 Place = Callable[[float], tuple[float, float]]
 
 
+pytestmark = pytest.mark.drives
+
+
 class Meeting:
     """A robot that drives along y = 3 from x = 1 to x = 6.5, and one person."""
 

@@ -27,6 +27,9 @@ OW..@
 """
 
 
+pytestmark = pytest.mark.drives
+
+
 def test_a_map_is_read_with_its_kinds_of_cells(tmp_path: Path) -> None:
     path = tmp_path / "a.map"
     path.write_text(MAP)

@@ -21,6 +21,9 @@ WIDE = [(0.23, 0.21), (-0.23, 0.21), (-0.23, -0.21), (0.23, -0.21)]
 HOOK = [(0.5, 0.15), (-0.1, 0.15), (-0.1, -0.15), (0.5, -0.15)]
 
 
+pytestmark = pytest.mark.drives
+
+
 def corner(width_m: float, second_way: bool = False) -> GridMap:
     """Two rooms, and a passage between them that turns at a right angle."""
     cells = np.full((120, 120), OCCUPIED, dtype=np.int8)

@@ -18,6 +18,9 @@ MakeRide = Callable[..., "object"]
 START = Pose2D(1.0, 3.0, 0.0)
 
 
+pytestmark = pytest.mark.drives
+
+
 def errors(ride, goal: Pose2D) -> tuple[float, float]:
     pose = ride.world.pose
     return pose.distance_to(goal), abs(wrap_angle(pose.yaw - goal.yaw))

@@ -14,6 +14,7 @@ from trolley.messages.types import floats_to_bytes
 from trolley_planner.fleet.neighbours import NEIGHBOURS, Neighbours, outline_discs
 
 SECOND_NS = 1_000_000_000
+pytestmark = pytest.mark.drives
 
 
 def estimate(x: float, **changes: object) -> PoseEstimate:

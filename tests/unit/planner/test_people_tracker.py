@@ -19,6 +19,9 @@ from trolley_planner.people.people_tracker import (
 STEP_S = 0.05
 
 
+pytestmark = pytest.mark.drives
+
+
 def mover(x: float, y: float, vx: float, vy: float) -> list[TrackedPerson]:
     """One thing of 0.2 m."""
     points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
@@ -17,6 +18,9 @@ from trolley_planner.costmap.footprint import Footprint
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 CONFIG = PlannerConfig(controller="pursuit")
 LIMITS = limits_of(CONFIG, 0.5, 1.5, 1.0)
+
+
+pytestmark = pytest.mark.drives
 
 
 def drive(context: PlanningContext, pose: Pose2D, ticks: int) -> tuple[list[Pose2D], list[Twist2D]]:

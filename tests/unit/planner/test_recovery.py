@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from support.flatland import Flatland, empty_room, two_rooms, with_block
 
 from trolley import codes
@@ -12,6 +13,9 @@ from trolley_planner.driving.recovery import RECOVERY_SEQUENCE, Recovery, Recove
 
 START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000
+
+
+pytestmark = pytest.mark.drives
 
 
 def two_doors() -> GridMap:

@@ -1,6 +1,7 @@
 """Who goes first, and where two robots do not fit side by side."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.flatland import empty_room, two_rooms, with_block
@@ -18,6 +19,9 @@ claims = st.builds(
     st.floats(0.0, 20.0),
     st.text("abc", min_size=1, max_size=2),
 )
+
+
+pytestmark = pytest.mark.drives
 
 
 def passages_of(grid: GridMap) -> Passages:

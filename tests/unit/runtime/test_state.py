@@ -92,6 +92,7 @@ def test_a_failed_write_leaves_the_old_content(folder: StateFolder, monkeypatch)
     assert len(list(folder.path.iterdir())) == 1
 
 
+@pytest.mark.programs
 def test_a_kill_in_between_leaves_one_content_whole(tmp_path: Path):
     """SIGKILL at any moment: the file holds all of one version or all of another."""
     file = tmp_path / "state"

@@ -176,7 +176,7 @@ def test_a_long_tour_is_not_slow_to_draw() -> None:
     draft = Draft("round", tuple(Point(pose=Pose2D(i // 2, 0.0, 0.0)) for i in range(1000)))
     asked: list[int] = []
 
-    def colour(index: int, _number: int) -> str:
+    def colour(index: int, _number: int) -> tuple[int, int, int]:
         asked.append(index)
         return COMING
 

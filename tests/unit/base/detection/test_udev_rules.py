@@ -90,6 +90,7 @@ def test_the_grammar_is_udevs(text: str) -> None:
             assert PART.fullmatch(part), part
 
 
+@pytest.mark.programs
 @pytest.mark.skipif(shutil.which("udevadm") is None, reason="udevadm is not installed")
 @pytest.mark.parametrize("text", texts(), ids=["written", "example"])
 def test_udev_itself_accepts_it(text: str, tmp_path: Path) -> None:
