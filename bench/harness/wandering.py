@@ -20,6 +20,7 @@ from trolley.messages import PoseEstimate
 from trolley.messages.request_params import SendGoal, SetPose
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
+from trolley_base.simulation.simulated_hardware import SimulatedHardware
 from trolley_base.world.world_file import load_world
 from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
@@ -229,10 +230,9 @@ class Wanderer:
 
     def lift(self, place: Pose2D) -> None:
         """Put the robot elsewhere; its wheels do not notice."""
-        run = self._base._simulated
-        assert run is not None
-        simulation = run._hardware._simulation
-        simulation._before = simulation._pose = place
+        hardware = self._base.hardware
+        assert isinstance(hardware, SimulatedHardware)
+        hardware.simulation.lift_robot(place)
 
     def explained_share(self, from_pose: Pose2D, at: Pose2D) -> float:
         """Share of what a lidar really sees at one pose that the map explains from another."""

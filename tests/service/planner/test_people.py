@@ -18,6 +18,7 @@ from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_from_bytes
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
+from trolley_base.simulation.simulated_hardware import SimulatedHardware
 from trolley_localizer.service import LocalizerService
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.service import PlannerService
@@ -92,11 +93,9 @@ class Hall:
 
     def send_people_home(self) -> None:
         """Take everybody out of the world."""
-        run = self._base._simulated
-        assert run is not None
-        simulation = run._hardware._simulation
-        simulation._walkers.clear()
-        simulation._circles[:, :2] = 1e3
+        hardware = self._base.hardware
+        assert isinstance(hardware, SimulatedHardware)
+        hardware.simulation.remove_people()
 
 
 @pytest.mark.parametrize("minutes", [0.5, pytest.param(10.0, marks=pytest.mark.slow)])

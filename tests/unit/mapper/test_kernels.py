@@ -23,7 +23,7 @@ def room(count: int = 240) -> Cloud:
         x = np.where(np.cos(angles) > 0.0, 3.5, -2.5) / np.cos(angles)
         y = np.where(np.sin(angles) > 0.0, 2.2, -1.8) / np.sin(angles)
     ranges = np.minimum(x, y).astype(np.float32)
-    points = (ranges * np.stack([np.cos(angles), np.sin(angles)])).T.copy()
+    points = (ranges * np.stack([np.cos(angles), np.sin(angles)])).T.astype(np.float64)
     normals = np.empty((count, 2))
     beams = np.arange(count, dtype=np.int32)
     lines.fit_normals(normals, points, beams, np.zeros(2), 2.0 * math.pi / count)

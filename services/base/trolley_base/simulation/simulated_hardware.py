@@ -104,7 +104,7 @@ class SimulatedHardware:
         odometry_steps: int = 2,
         battery: SimulatedBattery | None = None,
     ) -> None:
-        self._simulation = simulation
+        self.simulation = simulation
         self._start_ns = start_ns
         self._odometry_steps = odometry_steps
         self._steps = 0
@@ -126,25 +126,25 @@ class SimulatedHardware:
 
     def advance(self, now_ns: int) -> None:
         """Step the world up to robot time `now_ns`, in whole steps, never beyond."""
-        while self._start_ns + self._simulation.now_ns + STEP_NS <= now_ns:
-            self._simulation.step(self._chassis.take_command())
+        while self._start_ns + self.simulation.now_ns + STEP_NS <= now_ns:
+            self.simulation.step(self._chassis.take_command())
             self._steps += 1
             if self._battery is not None:
-                self._battery.step(self._simulation.truth().pose, STEP_NS)
+                self._battery.step(self.simulation.truth().pose, STEP_NS)
             if self._steps % self._odometry_steps == 0:
-                motion = self._simulation.take_motion()
+                motion = self.simulation.take_motion()
                 self._chassis.store(replace(motion, stamp_ns=self._start_ns + motion.stamp_ns))
-            for scan in self._simulation.take_scans():
+            for scan in self.simulation.take_scans():
                 self._lidar.store(replace(scan, stamp_ns=self._start_ns + scan.stamp_ns))
 
     def truth(self) -> TrueState:
         """Return what is really so, stamped in robot time."""
-        state = self._simulation.truth()
+        state = self.simulation.truth()
         return replace(state, stamp_ns=self._start_ns + state.stamp_ns)
 
     def set_others(self, others: list[OtherRobot]) -> None:
         """Say where the other robots of this world are."""
-        self._simulation.set_others(others)
+        self.simulation.set_others(others)
 
     def close(self) -> None:
         """Stop the wheels."""

@@ -27,12 +27,14 @@ from trolley_base.world.wheels import STANDING, Drive, WheelMotion
 
 STEP_NS = 10_000_000
 STEP_S = STEP_NS / 1e9
-# From this own speed towards a contact on, the robot has driven into it [m/s].
 COLLISION_SPEED = 0.02
-# A contact has ended when this gap has opened [m].
+"""A robot that approaches a contact at this speed or faster has driven into it [m/s]."""
 RELEASE_M = 0.01
-# Clearances beyond this are reported as this [m].
+"""A contact has ended when this gap has opened [m]."""
 MAX_CLEARANCE = 10.0
+"""Clearances beyond this are reported as this [m]."""
+FAR_AWAY_M = 1000.0
+"""Where people are put who have left the world [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,6 +190,16 @@ class Simulation:
         count = len(self._names)
         self._gaps, self._touches = np.empty(count), np.empty((count, 4))
         self._towards = np.empty(count)
+
+    def lift_robot(self, pose: Pose2D) -> None:
+        """Put the robot down somewhere else; its wheels do not notice."""
+        self._before = self._pose = pose
+
+    def remove_people(self) -> None:
+        """Take everybody out of the world."""
+        for _, place, _ in self._walkers:
+            self._circles[place, :2] = FAR_AWAY_M
+        self._walkers.clear()
 
     @property
     def now_ns(self) -> int:
