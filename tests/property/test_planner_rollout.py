@@ -10,10 +10,11 @@ from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
+from trolley.gridmap.kernels import interpolate
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
 from trolley_planner.control.rollout import advance, caution_speed, followed, moved
-from trolley_planner.costmap.footprint import FEW_DO_M, Footprint, bilinear
+from trolley_planner.costmap.footprint import FEW_DO_M, Footprint
 
 CONFIG = PlannerConfig()
 FOOTPRINT = Footprint.from_polygon([(0.3, 0.2), (-0.25, 0.2), (-0.25, -0.2), (0.3, -0.1)])
@@ -28,7 +29,7 @@ def plain_clearance(pose: Pose2D) -> float:
     nearest = math.inf
     for x, y in pose.transform_points(FOOTPRINT.edge_points):
         u, v = (float(x) - field.x) / field.fine_m, (float(y) - field.y) / field.fine_m
-        nearest = min(nearest, bilinear(field.distance_m, u, v))
+        nearest = min(nearest, interpolate(field.distance_m, u - 0.5, v - 0.5))
     return nearest - 0.5 * field.fine_m
 
 

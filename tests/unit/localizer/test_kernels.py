@@ -226,9 +226,9 @@ def test_only_what_ends_behind_a_line_is_marked() -> None:
 def test_a_ray_that_goes_on_behind_a_wall_contradicts_the_map() -> None:
     cols = np.arange(62, dtype=np.float32) - 1
     field = np.repeat(np.minimum(np.abs(cols - 30), 10)[None, :], 42, axis=0).astype(np.float32)
-    assert kernels.passes_wall(field, 10.5, 20.5, 0.0, 40.0, 4.0)
-    assert not kernels.passes_wall(field, 10.5, 20.5, 0.0, 21.0, 4.0)
-    assert not kernels.passes_wall(field, 10.5, 20.5, math.pi, 40.0, 4.0)
+    assert math.isfinite(kernels.first_wall(field, 10.5, 20.5, 1.0, 0.0, 36.0))
+    assert kernels.first_wall(field, 10.5, 20.5, 1.0, 0.0, 17.0) == math.inf
+    assert kernels.first_wall(field, 10.5, 20.5, -1.0, 0.0, 36.0) == math.inf
 
 
 def test_a_block_bounds_every_pose_in_it() -> None:

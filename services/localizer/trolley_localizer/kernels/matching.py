@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry.kernels import solve_spd
+from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
 from trolley.scanning.deskew import Points
 from trolley_localizer.kernels.elementary import sin_cos
@@ -78,15 +79,7 @@ def sample_field(field: NDArray[np.float32], x: float, y: float) -> float:
         x: column [cells].
         y: row [cells].
     """
-    col = min(max(x + 0.5, 0.0), field.shape[1] - 1.001)
-    row = min(max(y + 0.5, 0.0), field.shape[0] - 1.001)
-    c = int(col)
-    r = int(row)
-    fx = col - c
-    fy = row - r
-    low = field[r, c] + fx * (field[r, c + 1] - field[r, c])
-    high = field[r + 1, c] + fx * (field[r + 1, c + 1] - field[r + 1, c])
-    return low + fy * (high - low)
+    return interpolate(field, x + 0.5, y + 0.5)  # the ring shifts the cells by one
 
 
 @kernel
@@ -220,40 +213,42 @@ def explain_beams(
 
 
 @kernel
-def passes_wall(
-    field: NDArray[np.float32],
-    x: float,
-    y: float,
-    direction: float,
-    length: float,
-    margin: float,
-) -> bool:
-    """Say whether a ray meets a wall of the map well before its end.
+def first_wall(
+    field: NDArray[np.float32], x: float, y: float, dx: float, dy: float, limit: float
+) -> float:
+    """Return the distance along a ray to the first wall of the map, infinite without one [cells].
 
     Args:
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
         x: where the ray begins [cells], `y` alike.
         y: see `x`.
-        direction: [rad] in `grid`.
-        length: [cells].
-        margin: a wall within this distance of the end does not count [cells].
+        dx: its direction, a unit vector with `dy`.
+        dy: see `dx`.
+        limit: no farther than this [cells].
     """
-    cos = math.cos(direction)
-    sin = math.sin(direction)
+    before = 0.0
     travelled = 0.5
     last_row = field.shape[0] - 1
     last_col = field.shape[1] - 1
-    while travelled < length - margin:
-        col = x + travelled * cos + 1.0
-        row = y + travelled * sin + 1.0
+    while travelled < limit:
+        col = x + travelled * dx + 1.0
+        row = y + travelled * dy + 1.0
         if not (0.0 <= col < last_col and 0.0 <= row < last_row):
-            return False
+            return math.inf
         free = np.float64(field[int(row), int(col)])
         if free < 0.5:
-            return True
+            # The border of the cell lies between the last two steps.
+            for _ in range(5):
+                middle = 0.5 * (before + travelled)
+                if field[int(y + middle * dy + 1.0), int(x + middle * dx + 1.0)] < 0.5:
+                    travelled = middle
+                else:
+                    before = middle
+            return travelled
+        before = travelled
         # Cell centres lie within 0.71 of any point of the cell: a shorter step cannot miss.
         travelled += max(free - 1.42, 0.5)
-    return False
+    return math.inf
 
 
 @kernel
@@ -292,14 +287,14 @@ def count_through(
         dx = end.x[i] - start.x[i]
         dy = end.y[i] - start.y[i]
         looked_at += 1
-        if passes_wall(
-            field,
-            pose[0] + cos * start.x[i] - sin * start.y[i],
-            pose[1] + sin * start.x[i] + cos * start.y[i],
-            pose[2] + math.atan2(dy, dx),
-            math.hypot(dx, dy),
-            margin,
-        ):
+        length = math.hypot(dx, dy)
+        heading = pose[2] + math.atan2(dy, dx)
+        from_x = pose[0] + cos * start.x[i] - sin * start.y[i]
+        from_y = pose[1] + sin * start.x[i] + cos * start.y[i]
+        ahead = first_wall(
+            field, from_x, from_y, math.cos(heading), math.sin(heading), length - margin
+        )
+        if ahead < math.inf:
             if classes[i] == EXPLAINED:
                 through += 1
             else:

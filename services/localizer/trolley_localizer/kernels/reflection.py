@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley.scanning.deskew import Points
-from trolley_localizer.kernels.matching import BEHIND_MIRROR, UNUSED, sample_field
+from trolley_localizer.kernels.matching import BEHIND_MIRROR, UNUSED, first_wall, sample_field
 
 NOTHING = 0
 """The beam says nothing: unused, blocked before the wall, or ambiguous."""
@@ -57,45 +57,6 @@ class ReflectionParams(NamedTuple):
 
 
 PARAMS = ReflectionParams()
-
-
-@kernel
-def first_wall(
-    field: NDArray[np.float32], x: float, y: float, dx: float, dy: float, limit: float
-) -> float:
-    """Return the distance along a ray to the first wall of the map, infinite without one [cells].
-
-    Args:
-        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
-        x: where the ray begins [cells], `y` alike.
-        y: see `x`.
-        dx: its direction, a unit vector with `dy`.
-        dy: see `dx`.
-        limit: no farther than this [cells].
-    """
-    before = 0.0
-    way = 0.5
-    last_row = field.shape[0] - 1
-    last_col = field.shape[1] - 1
-    while way < limit:
-        col = x + way * dx + 1.0
-        row = y + way * dy + 1.0
-        if not (0.0 <= col < last_col and 0.0 <= row < last_row):
-            return math.inf
-        free = np.float64(field[int(row), int(col)])
-        if free < 0.5:
-            # The border of the cell lies between the last two steps.
-            for _ in range(5):
-                middle = 0.5 * (before + way)
-                if field[int(y + middle * dy + 1.0), int(x + middle * dx + 1.0)] < 0.5:
-                    way = middle
-                else:
-                    before = middle
-            return way
-        before = way
-        # Cell centres lie within 0.71 of any point of the cell: a shorter step cannot miss.
-        way += max(free - 1.42, 0.5)
-    return math.inf
 
 
 @kernel

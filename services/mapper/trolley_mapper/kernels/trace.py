@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.gridmap.kernels import begin_march, next_cell
 from trolley.jit import kernel
 
 
@@ -88,25 +89,10 @@ def lower_along(
     """
     x, y, dx, dy, length = beam
     rows, cols = log_odds.shape
-    col = math.floor(x)
-    row = math.floor(y)
-    step_col = 1 if dx > 0.0 else -1
-    step_row = 1 if dy > 0.0 else -1
-    next_x = ((col + (dx > 0.0)) - x) / dx if dx != 0.0 else math.inf
-    next_y = ((row + (dy > 0.0)) - y) / dy if dy != 0.0 else math.inf
-    per_col = abs(1.0 / dx) if dx != 0.0 else math.inf
-    per_row = abs(1.0 / dy) if dy != 0.0 else math.inf
-    travelled = 0.0
-    while travelled < length and 0 <= row < rows and 0 <= col < cols:
-        if marks[row, col] != mark:
-            marks[row, col] = mark
-            lowered = log_odds[row, col] - fall
-            log_odds[row, col] = max(lowered, -1000)
-        if next_x < next_y:
-            travelled = next_x
-            next_x += per_col
-            col += step_col
-        else:
-            travelled = next_y
-            next_y += per_row
-            row += step_row
+    at = begin_march((x, y), (dx, dy), (math.floor(y), math.floor(x)), 0.0)
+    while at.travelled < length and 0 <= at.row < rows and 0 <= at.col < cols:
+        if marks[at.row, at.col] != mark:
+            marks[at.row, at.col] = mark
+            lowered = log_odds[at.row, at.col] - fall
+            log_odds[at.row, at.col] = max(lowered, -1000)
+        at = next_cell(at)

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
 from trolley_planner.control.proximity import proximity_cost
 from trolley_planner.costmap.footprint import (
     Body,
     Field,
-    bilinear,
     clearance_at,
     clearance_turned,
     outline_clearance,
@@ -236,7 +236,8 @@ def downhill_point(field: Field, x: float, y: float, length_m: float) -> tuple[f
 @kernel
 def cost_at(field: Field, x: float, y: float) -> float:
     """Return the cost-to-go at a point [m of free floor]."""
-    return bilinear(field.cost_m, (x - field.x) / field.coarse_m, (y - field.y) / field.coarse_m)
+    col, row = (x - field.x) / field.coarse_m, (y - field.y) / field.coarse_m
+    return interpolate(field.cost_m, col - 0.5, row - 0.5)
 
 
 @kernel
@@ -307,7 +308,7 @@ def rollout(controls: NDArray[np.float64], start: NDArray[np.float64], scene: Sc
         x, y, cos, sin = moved(x, y, (cos, sin), (v, w), limits.dt)
         # `clearance_turned` by hand: passing `field` and `body` on takes as long as the look-up.
         cells = (x - field.x) * scale, (y - field.y) * scale
-        clearance = bilinear(distance_m, cells[0], cells[1]) - half
+        clearance = interpolate(distance_m, cells[0] - 0.5, cells[1] - 0.5) - half
         if clearance < inscribed:
             clearance -= inscribed + half
         elif clearance < far:

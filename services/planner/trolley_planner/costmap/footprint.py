@@ -13,6 +13,7 @@ from trolley.geometry.footprint import (
     footprint_from_polygon,
     inscribed_radius,
 )
+from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
 from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
@@ -113,19 +114,6 @@ def _edge_points(polygon: NDArray[np.float64], spacing_m: float) -> NDArray[np.f
 
 
 @kernel
-def bilinear(values: NDArray[np.float32], x_cells: float, y_cells: float) -> float:
-    """Return a grid's value between cell centres; outside, that of the nearest cell."""
-    rows, cols = values.shape
-    u = min(max(x_cells - 0.5, 0.0), cols - 1.001)
-    v = min(max(y_cells - 0.5, 0.0), rows - 1.001)
-    col, row = math.floor(u), math.floor(v)
-    a, b = u - col, v - row
-    low = values[row, col] + a * (values[row, col + 1] - values[row, col])
-    high = values[row + 1, col] + a * (values[row + 1, col + 1] - values[row + 1, col])
-    return low + b * (high - low)
-
-
-@kernel
 def clearance_at(
     field: Field, body: Body, x: float, y: float, yaw: float, enough_m: float
 ) -> float:
@@ -148,7 +136,7 @@ def clearance_turned(
     scale = 1.0 / field.fine_m
     u, v = (place[0] - field.x) * scale, (place[1] - field.y) * scale
     half = 0.5 * field.fine_m
-    centre = bilinear(field.distance_m, u, v) - half
+    centre = interpolate(field.distance_m, u - 0.5, v - 0.5) - half
     if centre >= body.circumscribed_m + enough_m:
         return enough_m
     if centre < body.inscribed_m:
@@ -195,6 +183,7 @@ def nearest_of(
     nearest = math.inf
     for index in range(points.shape[0]):
         px, py = points[index, 0], points[index, 1]
-        distance = bilinear(distance_m, u + cos * px - sin * py, v + sin * px + cos * py)
+        x, y = u + cos * px - sin * py, v + sin * px + cos * py
+        distance = interpolate(distance_m, x - 0.5, y - 0.5)
         nearest = min(nearest, distance)
     return nearest

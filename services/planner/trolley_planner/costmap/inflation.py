@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.gridmap.kernels import disc_box, is_in_disc
 from trolley.jit import kernel
 
 FREE, UNKNOWN, WALL = 0, 1, 2
@@ -124,13 +125,10 @@ def soften_disc(
     """
     rows, cols = weights.shape
     x, y = centre_cells
-    for row in range(
-        max(1, math.floor(y - radius_cells)), min(rows - 1, math.ceil(y + radius_cells))
-    ):
-        for col in range(
-            max(1, math.floor(x - radius_cells)), min(cols - 1, math.ceil(x + radius_cells))
-        ):
-            near = math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius_cells
+    top, left, bottom, right = disc_box(x, y, radius_cells, rows, cols)
+    for row in range(max(1, top), min(rows - 1, bottom)):
+        for col in range(max(1, left), min(cols - 1, right)):
+            near = is_in_disc(row, col, x, y, radius_cells)
             if near and weights[row, col] == LETHAL and distance_m[row, col] > 0.0:
                 weights[row, col] = weight
 
@@ -148,9 +146,8 @@ def close_disc(
     """
     rows, cols = weights.shape
     x, y = centre_cells
-    for row in range(max(0, math.floor(y - radius_cells)), min(rows, math.ceil(y + radius_cells))):
-        for col in range(
-            max(0, math.floor(x - radius_cells)), min(cols, math.ceil(x + radius_cells))
-        ):
-            if math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius_cells:
+    top, left, bottom, right = disc_box(x, y, radius_cells, rows, cols)
+    for row in range(top, bottom):
+        for col in range(left, right):
+            if is_in_disc(row, col, x, y, radius_cells):
                 weights[row, col] = LETHAL

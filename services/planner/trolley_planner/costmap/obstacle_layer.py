@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
+from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc, next_cell
 from trolley.jit import kernel
 from trolley_planner.sensing.beams import (
     CLEAR,
@@ -221,30 +222,16 @@ def trace_ray(
 
     Returns:
         How far it ran into a wall [cells], infinity where there was none.
-
-    Source:
-        Amanatides, Woo, A Fast Voxel Traversal Algorithm for Ray Tracing (1987).
     """
     rows, cols = walls.shape
     x, y, dx, dy = ray
-    row, col = math.floor(y), math.floor(x)
-    step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-    per_col = abs(1.0 / dx) if dx != 0.0 else math.inf
-    per_row = abs(1.0 / dy) if dy != 0.0 else math.inf
-    next_x = ((col + (dx > 0.0)) - x) / dx if dx != 0.0 else math.inf
-    next_y = ((row + (dy > 0.0)) - y) / dy if dy != 0.0 else math.inf
-    travelled = 0.0
-    while travelled < stretch[1] and 0 <= row < rows and 0 <= col < cols:
-        if walls[row, col]:
-            return travelled
-        if travelled >= stretch[0]:
-            see_through(grid, row, col, scan_number)
-        if next_x < next_y:
-            travelled, col = next_x, col + step_col
-            next_x += per_col
-        else:
-            travelled, row = next_y, row + step_row
-            next_y += per_row
+    at = begin_march((x, y), (dx, dy), (math.floor(y), math.floor(x)), 0.0)
+    while at.travelled < stretch[1] and 0 <= at.row < rows and 0 <= at.col < cols:
+        if walls[at.row, at.col]:
+            return at.travelled
+        if at.travelled >= stretch[0]:
+            see_through(grid, at.row, at.col, scan_number)
+        at = next_cell(at)
     return math.inf
 
 
@@ -390,14 +377,10 @@ def fade(grid: ObstacleGrid, now_ticks: int, kept_ticks: tuple[int, int, int]) -
 def forget_near(grid: ObstacleGrid, x_cells: float, y_cells: float, radius_cells: float) -> None:
     """Forget every obstacle seen whose cell centre lies within a circle [cells]."""
     rows, cols = grid.evidence.shape
-    for row in range(
-        max(0, math.floor(y_cells - radius_cells)), min(rows, math.ceil(y_cells + radius_cells))
-    ):
-        for col in range(
-            max(0, math.floor(x_cells - radius_cells)),
-            min(cols, math.ceil(x_cells + radius_cells)),
-        ):
-            near = math.hypot(col + 0.5 - x_cells, row + 0.5 - y_cells) <= radius_cells
+    top, left, bottom, right = disc_box(x_cells, y_cells, radius_cells, rows, cols)
+    for row in range(top, bottom):
+        for col in range(left, right):
+            near = is_in_disc(row, col, x_cells, y_cells, radius_cells)
             if near and grid.evidence[row, col] > 0:
                 grid.evidence[row, col] = 0
                 grid.hits[row, col] = 0
