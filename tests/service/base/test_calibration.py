@@ -263,7 +263,7 @@ def test_a_hand_on_teleop_ends_it(driving: Driving) -> None:
 
 def test_a_stop_ends_it(driving: Driving) -> None:
     driving.room.lockstep.ask(requests.BASE_STOP)
-    assert "stopped" in (driving.ends(1.0) or "")
+    assert "Stopped" in (driving.ends(1.0) or "")
 
 
 def test_a_lost_pose_ends_it(driving: Driving) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 import pytest
 from support.flatland import Flatland, empty_room, two_rooms, with_block
@@ -424,13 +425,10 @@ def test_a_jump_of_the_pose_by_metres_breaks_nothing(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     drive.send(Pose2D(6.5, 3.0, 0.0))
     drive.step(60)
-    senses = drive.navigator.inputs
-    import msgspec
-
     jumped = msgspec.structs.replace(
         drive.world.correction(drive.now_ns), pose=Pose2D(3.0, -1.0, 1.5)
     )
-    senses.take_correction(jumped)
+    drive.navigator.inputs.update_correction(jumped)
     drive.navigator.command(drive.now_ns + 1)
     assert drive.until_over().state == "arrived"
     assert drive.world.touches == 0

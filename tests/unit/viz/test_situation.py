@@ -179,7 +179,7 @@ CASES = [
     (known(goal=goal("arrived")), "It has arrived at kitchen."),
     (
         known(goal=goal("failed", reason="blocked")),
-        "It did not reach kitchen: something stands in the way and does not go.",
+        "It did not reach kitchen: something is in the way and does not move.",
     ),
     (known(goal=goal("canceled")), "Canceled. Ready."),
     (

@@ -40,7 +40,8 @@ POLL_S = 0.2
 def _epilog() -> str:
     options = {f"{kind}:{name}": text for kind in BOARDS for name, text in BOARDS[kind].items()}
     lists = {"Options of devices (several: linorobot:quiet,exact)": options, "Faults": KINDS}
-    blocks: list[str] = []
+    devices = f"Devices: {', '.join(BOARDS)}; {', '.join(LIDARS)}."
+    blocks = [devices]
     for title, known in lists.items():
         wide = max(map(len, known))
         rows = [f"  {name:<{wide}}  {text}" for name, text in known.items()]
@@ -48,16 +49,7 @@ def _epilog() -> str:
     return "\n\n".join(blocks)
 
 
-HELP = f"""Play motor boards and lidars at pseudo terminals, from a simulated world, until Ctrl-C.
-
-Devices: {", ".join(BOARDS)}; {", ".join(LIDARS)}. They share one robot: the board moves it, the
-lidars see from where it is. With --config the robot is as that file says (outline, lidar's pose,
-wheels). With --robot or --config it publishes sim/truth. What --fault takes can be typed while it
-runs, too.
-"""
-
-
-@click.command(name="emulate", help=HELP, epilog=_epilog())
+@click.command(name="emulate", epilog=_epilog())
 @click.argument("devices", nargs=-1, required=True, metavar="DEVICE[:OPTION,...]...")
 @click.option(
     "--world",
@@ -98,7 +90,12 @@ def emulate_command(
     ports: Path | None,
     faults: tuple[str, ...],
 ) -> None:
-    """Run the emulator; the help text stands above, with the devices of the catalogue."""
+    """Play motor boards and lidars at pseudo terminals, from a simulated world, until Ctrl-C.
+
+    They share one robot: the board moves it, the lidars see from where it is. With --config the
+    robot is as that file says (outline, lidar's pose, wheels). With --robot or --config it
+    publishes sim/truth. What --fault takes can also be typed while it runs.
+    """
     path: Path | None = given("config")
     config = None if path is None else load_config(path)
     try:
