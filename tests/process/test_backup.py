@@ -37,7 +37,7 @@ def test_a_backup_is_made_while_the_robot_runs_and_put_back_only_when_it_does_no
     assert "cellar" in poses.read_text()
     again = trolley("--config", str(config), "backup", "saved.tar.gz")
     assert again.returncode != 0
-    assert "stays as it is" in again.stderr
+    assert "already exists; not overwritten" in again.stderr
 
 
 def test_all_is_put_back(trolley: Trolley, config: Path, tmp_path: Path) -> None:

@@ -288,7 +288,7 @@ def test_packages_that_cannot_be_fetched_leave_what_runs_as_it_is(host: Host) ->
 
 def test_what_debian_leaves_out_is_fetched(host: Host) -> None:
     offline = host.install("robot", code=1, FAKE_NO_VENV="yes", FAKE_OFFLINE="yes")
-    assert "Is the network there?" in offline
+    assert "Is there a network?" in offline
     host.install("robot", FAKE_NO_VENV="yes")
     assert "-venv" in host.said("apt").splitlines()[-1]
 

@@ -223,7 +223,7 @@ def test_what_cannot_be_done_is_said_in_words(
     at = ("--connect", endpoint)
     before = recorded.read_bytes()
     for arguments, code, problem in (
-        (("record", str(recorded)), 2, "is there already"),
+        (("record", str(recorded)), 2, "already exists"),
         (("record", str(tmp_path / "no" / "x.mcap")), 2, "cannot be written"),
         (("record", "x.mcap", "--topics", "scam"), 2, "there is no topic 'scam'"),
         (("record", "x.mcap", "--robot", "nobody", "--seconds", "1"), 1, "Nothing was received"),

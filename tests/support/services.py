@@ -73,6 +73,7 @@ class Listener(Service):
     """Tells how many poses it knows: as its health's message."""
 
     name = "viz"
+    one_per_host = True
 
     def __init__(self, config: RobotConfig) -> None:
         self._config = config

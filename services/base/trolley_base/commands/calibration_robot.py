@@ -64,7 +64,7 @@ def refuse_narrow(robot: Robot, places: list[Place]) -> None:
         x, y = obstacle
         raise Refused(
             codes.BLOCKED,
-            f"Something stands in the way, {x:.2f} m ahead and {y:.2f} m to the left of the robot. "
+            f"Something is in the way, {x:.2f} m ahead and {y:.2f} m to the left of the robot. "
             "Give it more room or a shorter --side.",
         )
 
