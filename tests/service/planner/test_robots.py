@@ -28,8 +28,8 @@ def test_at_a_door_one_of_two_waits_and_says_for_whom(tmp_path: Path) -> None:
     house.send("b", 1.5, 3.0)
     all_arrive(house, 60.0)
     assert "Waiting for robot a at the door." in house.messages("b")
-    assert not any("Waits" in message for message in house.messages("a"))
-    waits = [status for status in house.said["b"] if "Waits" in status.message]
+    assert not any("Waiting" in message for message in house.messages("a"))
+    waits = [status for status in house.said["b"] if "Waiting" in status.message]
     assert {(status.state, status.reason) for status in waits} == {("recovering", codes.WAITING)}
 
 
