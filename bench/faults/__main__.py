@@ -27,7 +27,7 @@ from bench.faults.power_cut import cut_everywhere
 from bench.faults.robot import Missing, Rig, describe
 from bench.harness.figures import table
 
-HEADS = ("fault", "what happens", "stands after", "drives again after", "lost", "verdict")
+HEADS = ("fault", "what happens", "stopped after", "drives again after", "lost", "verdict")
 Group = Callable[[], list[Outcome]]
 
 

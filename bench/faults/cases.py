@@ -1,4 +1,4 @@
-"""Breaks one thing of a driving robot and looks what comes of it."""
+"""Breaks one thing of a driving robot and sees what happens."""
 
 import signal
 import time
@@ -10,14 +10,14 @@ from bench.faults.saved import lost
 
 from trolley import requests
 
-# Commands hold for 0.5 s at most; then comes the way to brake from 0.5 m/s with 0.8 m/s².
+# Commands hold for 0.5 s at most; then the robot brakes from 0.5 m/s at 0.8 m/s².
 COMMAND_LOST_S = 0.5 + 0.7
 # The pose is stale after 1 s; the planner says zero then.
 POSE_LOST_S = 1.0 + COMMAND_LOST_S
 BACK_WITHIN_S = 90.0
-# Nothing sets off by itself: so long it is watched.
+# For so long we watch that nothing sets off by itself.
 WATCHED_S = 2.0
-# What the network and the judge's 20 Hz add to a time.
+# What the network and the observer's 20 Hz add to a time.
 GRAIN_S = 0.15
 
 
@@ -28,18 +28,18 @@ class Outcome:
     fault: str
     happened: str
     stood_s: float | None = None
-    """None: it drove on."""
+    """None: it kept driving."""
     back_s: float | None = None
-    """None: there was nothing to come back from."""
+    """None: there was nothing to recover from."""
     lost: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
-    """What is not as it must be."""
+    """What is not as required."""
     has_robot: bool = True
 
     @property
     def cells(self) -> list[str]:
-        """As a row."""
-        stood = "drives on" if self.stood_s is None else f"{self.stood_s:.2f} s"
+        """Return the cells of the row."""
+        stood = "keeps driving" if self.stood_s is None else f"{self.stood_s:.2f} s"
         back = "at once" if self.back_s is None else f"{self.back_s:.1f} s"
         return [
             self.fault,
@@ -53,17 +53,17 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Fault:
-    """What is broken, and what must come of it.
+    """What is broken, and what must happen then.
 
     Attributes:
         name: of the row.
-        happens: what comes of it, in words.
+        happens: what happens then, in words.
         apply: breaks it, and may return when that came about (local monotonic time) [s].
         undo: mends it again, None: it mends itself.
         lasts_s: between the two [s].
         stands_s: the robot must stand so long after `apply` [s]; None: it may drive on.
         asks: whether the trip waits for a person afterwards.
-        restarts: the service that must be started again.
+        restarts: the service that must be restarted.
     """
 
     name: str
@@ -115,7 +115,7 @@ def _disturb(rig: Rig, fault: Fault, outcome: Outcome) -> None:
 
 
 def _let_it_go_on(rig: Rig, outcome: Outcome) -> None:
-    """A person comes; before that nothing may move."""
+    """Resume as a person would; before that, nothing may move."""
     rig.wait(lambda: rig.tour and rig.tour.state == "paused", BACK_WITHIN_S, "the trip waits")
     rig.wait(lambda: rig.speed < STANDS_MPS, 5.0, "the robot stands")
     watched_s = time.monotonic()
@@ -130,7 +130,7 @@ def _let_it_go_on(rig: Rig, outcome: Outcome) -> None:
         rig.ask_patiently(requests.TOUR_RESUME)
         time.sleep(0.5)
         if time.monotonic() > end_s:
-            raise Missing("the trip goes on")
+            raise Missing("the trip continues")
 
 
 def _signal(service: str, number: signal.Signals) -> Callable[[Rig], None]:
@@ -147,11 +147,11 @@ def _back(rig: Rig) -> None:
 
 HOW_IT_STANDS = {
     "base": ("the board stops by itself; the trip waits for a person", COMMAND_LOST_S, True),
-    "localizer": ("the planner stops without a pose; the trip goes on", POSE_LOST_S, False),
-    "planner": ("base holds without commands; the trip goes on", COMMAND_LOST_S, False),
-    "tour": ("the robot drives on to its goal; the trip is taken up", None, False),
+    "localizer": ("the planner stops without a pose; the trip continues", POSE_LOST_S, False),
+    "planner": ("base holds without commands; the trip continues", COMMAND_LOST_S, False),
+    "tour": ("the robot continues to its goal; the trip is resumed", None, False),
     "viz": ("nothing but the page stops", None, False),
-    "router": ("base holds without commands; the trip goes on", COMMAND_LOST_S, False),
+    "router": ("base holds without commands; the trip continues", COMMAND_LOST_S, False),
 }
 
 
@@ -170,19 +170,19 @@ def _frozen() -> list[Fault]:
     faults: list[Fault] = []
     for service, (happens, stands_s, asks) in HOW_IT_STANDS.items():
         stop, go = _signal(service, signal.SIGSTOP), _signal(service, signal.SIGCONT)
-        # A base that was away for a while comes back in the same run: the goal goes on.
+        # A base that was frozen for a while comes back in the same run: the goal continues.
         faults.append(
             Fault(
                 f"{service} frozen for 4 s",
-                "it goes on where it was" if stands_s is None else "stands, then goes on",
+                "it continues where it was" if stands_s is None else "stops, then continues",
                 stop,
                 go,
                 4.0,
                 stands_s,
             )
         )
-        if service != "router":  # in the terminal it is no child of the supervisor
-            happens = f"the watchdog starts it again; {happens}"
+        if service != "router":  # in the terminal it is not a child of the supervisor
+            happens = f"the watchdog restarts it; {happens}"
             name = f"{service} frozen for good"
             faults.append(
                 Fault(name, happens, stop, stands_s=stands_s, asks=asks, restarts=service)
@@ -199,7 +199,7 @@ def _without_router() -> list[Fault]:
 
 
 def _planner_cut_off() -> list[Fault]:
-    happens = "base holds without commands; the trip goes on"
+    happens = "base holds without commands; the trip continues"
     return [
         Fault(
             "planner cut off for 5 s, not told",
@@ -225,7 +225,7 @@ def _devices() -> list[Fault]:
     return [
         Fault(
             "lidar silent for 5 s",
-            "base holds 0.5 s after the last scan; the trip goes on",
+            "base holds 0.5 s after the last scan; the trip continues",
             lambda rig: rig.device_fault(f"{lidar}:silence+5"),
             None,
             5.0,
@@ -233,7 +233,7 @@ def _devices() -> list[Fault]:
         ),
         Fault(
             "lidar unplugged for 5 s",
-            "base holds and opens the port again; the trip goes on",
+            "base holds and reopens the port; the trip continues",
             lambda rig: rig.device_fault(f"{lidar}:unplug+5"),
             None,
             5.0,
@@ -241,7 +241,7 @@ def _devices() -> list[Fault]:
         ),
         Fault(
             "board unplugged for 5 s",
-            "the board stops by itself; base opens the port again; the trip goes on",
+            "the board stops by itself; base reopens the port; the trip continues",
             lambda rig: rig.device_fault(f"{board}:unplug+5"),
             None,
             5.0,
@@ -249,7 +249,7 @@ def _devices() -> list[Fault]:
         ),
         Fault(
             "board silent for 5 s",
-            "base holds without odometry; the trip goes on",
+            "base holds without odometry; the trip continues",
             lambda rig: rig.device_fault(f"{board}:silence+5"),
             None,
             5.0,

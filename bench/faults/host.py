@@ -34,7 +34,7 @@ DRIVES_S = 10.0
 YEAR_S = 365 * 86_400
 CLOCK_SHIFT = Path(__file__).with_name("clock_shift.c")
 CGROUP = Path("/sys/fs/cgroup/memory")
-# Requests that are refused, whatever they hold, and what they hold.
+# Requests that are refused whatever they contain, and what they contain.
 BALLAST: dict[str, Request[Any, Any]] = {
     "base": requests.BASE_RESUME,
     "localizer": requests.MAP_LIST,
@@ -98,9 +98,9 @@ def disks() -> list[Outcome]:
 def _on_bad_disk(
     rig: Rig, name: str, spoil: Callable[[], None], mend: Callable[[], None]
 ) -> list[Outcome]:
-    driving = Outcome(f"{name}: driving on", "the tour goes on")
-    saving = Outcome(f"{name}: saving", "refused with the reason; what was saved stands")
-    stopping = Outcome(f"{name}: stop", "answered; the robot stands")
+    driving = Outcome(f"{name}: driving on", "the tour continues")
+    saving = Outcome(f"{name}: saving", "refused with the reason; saved data is intact")
+    stopping = Outcome(f"{name}: stop", "answered; the robot stops")
     rig.wait_for_driving()
     before = rig.saved()
     spoil()
@@ -130,7 +130,7 @@ def _on_bad_disk(
             rig,
             Fault(
                 f"{name}: kill -9 of {one}",
-                "comes back with all it had",
+                "comes back with all its data",
                 kill,
                 stands_s=HOW_IT_STANDS[one][1],
                 restarts=one,
@@ -155,7 +155,7 @@ def _kill(service: str, rig: Rig) -> None:
 
 
 def _stop_and_go_on(rig: Rig, outcome: Outcome) -> None:
-    """Press stop while it drives; a person lets it go on."""
+    """Press stop while it drives; a person resumes it."""
     try:
         rig.wait_for_driving()
         began_s = time.monotonic()
@@ -180,7 +180,7 @@ def _stop_and_go_on(rig: Rig, outcome: Outcome) -> None:
 
 # Clocks.
 def clocks() -> list[Outcome]:
-    """The host's clock jumps by a year, both ways, under running services and over a restart."""
+    """The host's clock jumps by a year, back and forward, under running services and a restart."""
     compiler = shutil.which("cc")
     if compiler is None:
         return [Outcome("clock set by a year", "not tried: there is no C compiler")]
@@ -211,7 +211,7 @@ def _set_clock(rig: Rig, jump: Callable[[], None], words: str) -> list[Outcome]:
     rig.wait_for_driving()
     before_ns = rig.wait(now_ns, 10.0, "robot time")
     jump()
-    running = Outcome(f"clock set {words}", "nobody notices: robot time runs on")
+    running = Outcome(f"clock set {words}", "no effect: robot time runs on")
     time.sleep(DRIVES_S)
     passed_s = (rig.wait(now_ns, 10.0, "robot time") - before_ns) * 1e-9
     if not 0.5 * DRIVES_S < passed_s < 4.0 * DRIVES_S:
@@ -220,7 +220,7 @@ def _set_clock(rig: Rig, jump: Callable[[], None], words: str) -> list[Outcome]:
         rig.wait_for_driving()
     except Missing as missing:
         running.wrong.append(f"{missing} ({describe(rig)})")
-    # Robot time begins anew with base, and must not go back.
+    # Robot time starts again with base, and must not go back.
     kill = Fault(
         f"clock set {words}, then kill -9 of base",
         "robot time does not go back; the trip waits for a person",
@@ -239,7 +239,7 @@ def _set_clock(rig: Rig, jump: Callable[[], None], words: str) -> list[Outcome]:
 
 # CPU.
 def cpus() -> list[Outcome]:
-    """Other programs take all the time there is."""
+    """Other programs take all the CPU time."""
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as folder, Rig(Path(folder)) as rig:
         rig.prepare()
@@ -256,7 +256,7 @@ def cpus() -> list[Outcome]:
                     stack.callback(busy.kill)
                     os.setpriority(os.PRIO_PROCESS, busy.pid, nice)
                 time.sleep(DRIVES_S)
-                outcome.happened = "drives on as well as it can"
+                outcome.happened = "keeps driving as well as it can"
                 _stop_and_go_on(rig, outcome)
             outcome.lost = lost(before, rig.saved())
             if rig.collisions > collisions:
@@ -271,7 +271,7 @@ def _ignore(_: object) -> None:
 
 
 def _starve(service: str, rig: Rig) -> float:
-    """Let a service get no more memory than it has."""
+    """Give a service no more memory than it has."""
     pid = rig.pid(service)
     group = CGROUP / f"trolley-faults-{os.getpid()}-{service}"
     try:
@@ -284,7 +284,7 @@ def _starve(service: str, rig: Rig) -> float:
         resource.prlimit(pid, resource.RLIMIT_AS, (limit, limit))
 
     def has_ended() -> bool:
-        # What it has is enough for what it does; so it is given something to hold.
+        # It has enough memory for its work, so it is given something to hold.
         for _ in range(BALLAST_AT_ONCE):
             rig.connection.bus.get(
                 BALLAST[service].key(ROBOT), bytes(BALLAST_BYTES), "", 1.0, _ignore, lambda: None
@@ -306,7 +306,7 @@ def starving() -> list[Fault]:
     return [
         Fault(
             f"{service} out of memory",
-            f"is ended and started again; {words}",
+            f"is killed and restarted; {words}",
             partial(_starve, service),
             stands_s=stands_s,
             asks=asks,

@@ -13,11 +13,11 @@ from bench.harness.paths import DOCS, OUT
 PAGE = DOCS / "faults.md"
 KEPT = OUT / "faults"
 BEGIN, END = "<!-- table: python -m bench.faults --write -->", "<!-- end of table -->"
-HEADS = ("Fault", "What happens", "Stands after", "Drives again after", "Lost", "As it must be")
+HEADS = ("Fault", "What happens", "Stopped after", "Drives again after", "Lost", "As required")
 
 
 def keep_outcomes(group: str, outcomes: Sequence[Outcome]) -> None:
-    """Keep what a group found, until it is tried again."""
+    """Save what a group found, until it is tried again."""
     KEPT.mkdir(parents=True, exist_ok=True)
     load = os.getloadavg()[0]
     kept = {"day": date.today().isoformat(), "load": load, "outcomes": list(outcomes)}  # noqa: DTZ011
@@ -41,14 +41,14 @@ def write_page(groups: Sequence[str]) -> None:
             rows.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
     words = (
         f"Measured {max(days)} on {os.cpu_count()} cores ({platform.machine()}), at a load of "
-        f"{min(loads):.0f} to {max(loads):.0f}, what the faults themselves cause included."
+        f"{min(loads):.0f} to {max(loads):.0f}, including the load that the faults cause."
     )
     head = "| " + " | ".join(HEADS) + " |\n" + "|---" * len(HEADS) + "|"
     put_between(PAGE, f"{words}\n\n{head}\n" + "\n".join(rows), BEGIN, END)
 
 
 def put_between(page: Path, text: str, begin: str, end: str) -> None:
-    """Replace what stands between two lines of a page."""
+    """Replace the text between two lines of a page."""
     old = page.read_text(encoding="utf-8")
     head, _, rest = old.partition(begin)
     _, _, tail = rest.partition(end)

@@ -1,4 +1,4 @@
-"""What the soaks' readings say: figures on the screen, and tables in docs/soak.md."""
+"""Summarizes the soaks' readings: figures on the screen, and tables in docs/soak.md."""
 
 import json
 from collections import Counter
@@ -14,17 +14,17 @@ PAGE = DOCS / "soak.md"
 MARKS = "<!-- {} -->", "<!-- end of {} -->"
 # A run that leaks a particle cloud a minute would grow by this [MB / h].
 GROWTH_MB_H = 2.0
-# Python and the C library settle for so long after a start [s].
+# Python and the C library take this long to settle after a start [s].
 SETTLED_S = 60.0
 
 
 def read_last_run(path: Path) -> list[dict[str, Any]]:
-    """The readings of a run."""
+    """Return the readings of a run."""
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 def lockstep_figures(readings: list[dict[str, Any]]) -> list[Figure]:
-    """What came of the hours in lock-step."""
+    """Return the results of the hours in lock-step."""
     last = readings[-1]
     half = readings[len(readings) // 2 :]
     hours = [one["hours"] for one in half]
@@ -34,36 +34,36 @@ def lockstep_figures(readings: list[dict[str, Any]]) -> list[Figure]:
     return [
         Figure("simulated hours", f"{last['hours']:.2f}"),
         Figure("processor time", f"{last['cpu_s']:.0f} s"),
-        Figure("way driven", f"{last['driven_m'] / 1000.0:.2f} km"),
-        Figure("stops of the tour reached", str(last["reached"])),
-        Figure("missed, each with its reason", missed),
+        Figure("distance driven", f"{last['driven_m'] / 1000.0:.2f} km"),
+        Figure("tour stops reached", str(last["reached"])),
+        Figure("tour stops missed, by reason", missed),
         Figure("services killed", _listed(last["restarts"])),
-        Figure("trip paused until a person came", _listed(last["pauses"])),
+        Figure("trip paused until a person resumed it", _listed(last["pauses"])),
         Figure("stop pressed while driving", str(last["stops_pressed"])),
-        at_most("slowest until it stood", last["slowest_stop_s"], 1.5, "s", 2),
+        at_most("longest time to stop", last["slowest_stop_s"], 1.5, "s", 2),
         at_most("collisions", last["collisions"], 0, "", 0),
-        Figure("closest to anything solid", f"{last['closest_m']:.3f} m"),
-        at_most("anything else wrong", len(last["problems"]), 0, "", 0),
+        Figure("smallest distance to an obstacle", f"{last['closest_m']:.3f} m"),
+        at_most("other problems", len(last["problems"]), 0, "", 0),
         Figure("memory at the end", f"{last['memory_mb']:.0f} MB"),
-        at_most("growth over the second half", growth, GROWTH_MB_H, "MB/h", 2),
-        Figure("what it depends on", f"seed {last['seed']}: `{last['truth']}`"),
+        at_most("growth in the second half", growth, GROWTH_MB_H, "MB/h", 2),
+        Figure("seed, and hash of the true motion", f"seed {last['seed']}: `{last['truth']}`"),
     ]
 
 
 def process_figures(lines: list[dict[str, Any]]) -> list[Figure]:
-    """What came of the minutes with real processes."""
+    """Return the results of the minutes with real processes."""
     result = lines[-1]["result"]
     readings = lines[:-1]
     figures = [
         Figure("minutes", f"{result['minutes']:.1f}"),
-        at_least("killed", sum(result["kills"].values()), 1, "", 0),
-        Figure("whom", _listed(result["kills"])),
-        Figure("stops of the tour reached", str(result["reached"])),
-        Figure("missed, each with its reason", _listed(result["missed"])),
-        Figure("trip paused until a person came", _listed(result["pauses"])),
+        at_least("processes killed", sum(result["kills"].values()), 1, "", 0),
+        Figure("of which", _listed(result["kills"])),
+        Figure("tour stops reached", str(result["reached"])),
+        Figure("tour stops missed, by reason", _listed(result["missed"])),
+        Figure("trip paused until a person resumed it", _listed(result["pauses"])),
         at_most("collisions", result["collisions"], 0, "", 0),
-        at_most("lost of what was saved", len(result["lost"]), 0, "", 0),
-        at_most("anything else wrong", len(result["problems"]), 0, "", 0),
+        at_most("saved data lost", len(result["lost"]), 0, "", 0),
+        at_most("other problems", len(result["problems"]), 0, "", 0),
     ]
     for name in sorted({name for one in readings for name in one if name != "at_s"}):
         settled = [one[name][1] for one in readings if name in one and one[name][0] > SETTLED_S]

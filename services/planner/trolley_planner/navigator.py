@@ -196,7 +196,7 @@ class Navigator:
         return True
 
     def _blocking_robot(self, execution: GoalExecution) -> str | None:
-        """Return the name of a robot that stands in the way, where that is the trouble."""
+        """Return the name of the robot that is in the way, if that is the trouble."""
         is_blocked = execution.trouble == codes.BLOCKED
         return self._giving_way.blocking_robot(execution) if is_blocked else None
 

@@ -52,8 +52,8 @@ def trajectory_message(context: PlanningContext, frame: str, stamp_ns: int) -> P
 
 
 def blocked_by(robot: str | None) -> str | None:
-    """Return the sentence for a robot that stands in the way, None without one."""
-    return None if robot is None else f"Robot {robot} stands in the way."
+    """Return the sentence for a robot that is in the way, None without one."""
+    return None if robot is None else f"Robot {robot} is in the way."
 
 
 def recovery_sentence(execution: GoalExecution, robot: str | None = None) -> str:

@@ -1,4 +1,4 @@
-"""What the planner says on the wire when it does not get on, and what it takes from there."""
+"""What the planner says on the wire when it makes no progress, and what it takes from there."""
 
 import math
 from pathlib import Path

@@ -27,9 +27,9 @@ def test_at_a_door_one_of_two_waits_and_says_for_whom(tmp_path: Path) -> None:
     house.send("a", 6.5, 3.0)
     house.send("b", 1.5, 3.0)
     all_arrive(house, 60.0)
-    assert "Waits for robot a at the door." in house.messages("b")
-    assert not any("Waits" in message for message in house.messages("a"))
-    waits = [status for status in house.said["b"] if "Waits" in status.message]
+    assert "Waiting for robot a at the door." in house.messages("b")
+    assert not any("Waiting" in message for message in house.messages("a"))
+    waits = [status for status in house.said["b"] if "Waiting" in status.message]
     assert {(status.state, status.reason) for status in waits} == {("recovering", codes.WAITING)}
 
 
@@ -38,7 +38,7 @@ def test_two_that_meet_in_a_narrow_corridor_get_out_of_it(tmp_path: Path) -> Non
     house.send("a", 6.8, 3.0)
     house.send("b", 1.2, 3.0)
     all_arrive(house, 90.0)
-    assert "Waits for robot a at the narrow passage." in house.messages("b")
+    assert "Waiting for robot a at the narrow passage." in house.messages("b")
 
 
 @pytest.mark.slow
@@ -53,7 +53,7 @@ def test_four_come_through_a_narrow_corridor_from_both_sides(tmp_path: Path) -> 
 def test_a_parked_robot_stays_and_the_other_says_who_stands_there(tmp_path: Path) -> None:
     house = Household(tmp_path, two_rooms(), [WEST, Pose2D(4.0, 3.0, 1.0)])
     house.send("a", 6.8, 3.0)
-    waits = "Robot b stands in the way. The robot waits for it to go."
+    waits = "Robot b is in the way. The robot waits for it to go."
     assert house.lockstep.run_until(lambda: waits in house.messages("a"), 30.0)
     assert house.worlds[1].pose == Pose2D(4.0, 3.0, 1.0)
     assert house.touches == 0

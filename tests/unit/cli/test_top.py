@@ -177,8 +177,8 @@ def goal(state: GoalState, **fields: Any) -> GoalStatus:
         ((BASE, HERE, goal("driving", eta=12.0), None), "Driving to its goal, 12 s left."),
         ((BASE, HERE, goal("arrived"), None), "It has arrived."),
         (
-            (BASE, HERE, goal("failed", message="There is no way."), None),
-            "The last goal failed: There is no way.",
+            (BASE, HERE, goal("failed", message="There is no path."), None),
+            "The last goal failed: There is no path.",
         ),
         (
             (

@@ -1,4 +1,4 @@
-"""What the robot does when it does not get on."""
+"""What the robot does when it makes no progress."""
 
 import math
 

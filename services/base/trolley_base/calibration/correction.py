@@ -60,7 +60,7 @@ def combined(found: Correction, in_force: WheelScales) -> WheelScales:
     ratio = 1.0
     if bend != 0.0:
         if in_force.track_m is None:
-            raise ValueError("the track that the board counts with is not known")
+            raise ValueError("the track that the board assumes is not known")
         uneven = 0.5 * in_force.track_m * bend / angular
         ratio = (1.0 + uneven) / (1.0 - uneven)
     return WheelScales(linear, in_force.sideways, angular, ratio, in_force.track_m)

@@ -110,7 +110,7 @@ class Course:
 
 
 def squares_both_ways(side_m: float, runs: int) -> Course:
-    """Return squares left round and right round in turn, all over the floor to the left ahead."""
+    """Return squares in alternating directions, all on the floor ahead to the left."""
     aside = Pose2D(0.0, 0.0, QUARTER)
     places: list[Place] = []
     squares: list[tuple[Direction, int, int]] = []
@@ -125,9 +125,9 @@ def squares_both_ways(side_m: float, runs: int) -> Course:
 def find_obstacle(
     points_start: NDArray[np.float64], places: list[Place], radius_m: float
 ) -> tuple[float, float] | None:
-    """Return the nearest echo that stands in the way of a course, None if there is none.
+    """Return the nearest echo that blocks a course, None if there is none.
 
-    Rough: what hides behind something else is not seen from the start.
+    Rough: what is hidden behind something else cannot be seen from the start.
 
     Args:
         points_start: (n, 2) echoes x, y [m], seen from the start; not finite ones are left out.

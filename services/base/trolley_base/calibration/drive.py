@@ -94,12 +94,12 @@ class CalibrationDrive:
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing more is to be driven."""
+        """Whether the drive is over."""
         return self.problem is not None or len(self.stops) > len(self._places)
 
     @property
     def progress(self) -> str:
-        """How far it is, for a person."""
+        """Return the progress, for people."""
         place = max(1, min(len(self.stops), len(self._places)))
         return f"place {place} of {len(self._places)}"
 
@@ -204,9 +204,9 @@ class CalibrationDrive:
         if now_ns - heard_ns > PARAMS.silence_ns:
             return "the odometry fell silent"
         if self._uses_map and now_ns - max(self._begun_ns, self._sure_ns or 0) > PARAMS.unsure_ns:
-            return "the robot does not know surely where it is"
+            return "the robot is not sure where it is"
         if now_ns - self._leg_ns > PARAMS.max_place_ns:
-            return "the robot does not get on: something holds it, or it never comes to rest"
+            return "the robot makes no progress: something holds it, or it never comes to rest"
         return self._find_base_problem(now_ns)
 
     def _find_base_problem(self, now_ns: int) -> str | None:

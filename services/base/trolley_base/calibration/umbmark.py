@@ -26,7 +26,7 @@ class Return:
     """One square: where the robot ended, seen from where it began.
 
     Attributes:
-        direction: which way round.
+        direction: counter-clockwise or clockwise.
         measured: start_T_end as measured from outside.
         odometry: start_T_end by odometry.
     """
@@ -61,7 +61,7 @@ class Benchmark:
 
     @property
     def track_ratio(self) -> float:
-        """E_b: the effective track over the one that the board counts with."""
+        """E_b: the effective track over the one that the board assumes."""
         return 0.5 * math.pi / (0.5 * math.pi - self.alpha_rad)
 
     def wheel_ratio(self, side_m: float, track_m: float) -> float:

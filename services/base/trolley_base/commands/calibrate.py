@@ -1,4 +1,4 @@
-"""`trolley calibrate`: find what is systematically wrong with the odometry."""
+"""`trolley calibrate`: measure the systematic errors of the odometry."""
 
 import math
 from collections.abc import Callable
@@ -45,8 +45,8 @@ from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 BY_HAND_M, BY_HAND_RAD = 0.01, math.radians(2.0)
-"""Of a person with a tape measure, from where the robot was put down to where it stands."""
-WAYS: dict[Direction, str] = {"ccw": "left round", "cw": "right round"}
+"""Errors of a person with a tape measure, from the mark to where the robot stands."""
+WAYS: dict[Direction, str] = {"ccw": "counter-clockwise", "cw": "clockwise"}
 FREE_SIDE: dict[Direction, str] = {"ccw": "left", "cw": "right"}
 
 
@@ -57,20 +57,20 @@ def _result_options(command: F) -> F:
             is_flag=False,
             flag_value="",
             metavar="[ROBOT.TOML]",
-            help="Set [base.odometry] in this file, or in the one of --config; else it is printed.",
+            help="Set [base.odometry] in this file, or in that of --config [default: print it].",
         ),
         click.option(
             "--in-force",
             nargs=3,
             type=click.FloatRange(0.5, 2.0),
             metavar="LINEAR ANGULAR RATIO",
-            help="The scales that the robot uses now, where its robot.toml is not on this machine.",
+            help="The scales that the robot uses now, if its robot.toml is not on this machine.",
         ),
         click.option(
             "--track",
             type=click.FloatRange(0.02, 3.0),
             metavar="METRES",
-            help="The track that the board counts with, where no robot.toml says it.",
+            help="The track that the board assumes, if no robot.toml says it.",
         ),
     ]
     for option in reversed(options):
@@ -80,14 +80,14 @@ def _result_options(command: F) -> F:
 
 @click.group(name="calibrate")
 def calibrate_command() -> None:
-    """Find what is systematically wrong with the odometry, and correct it."""
+    """Measure the systematic errors of the odometry, and correct them."""
 
 
 @calibrate_command.command(name="square")
 @click.option("--side", default=1.0, show_default=True, type=click.FloatRange(0.3, 5.0))
 @click.option("--runs", default=3, show_default=True, type=click.IntRange(1, 20))
 @click.option("--speed", default=0.2, show_default=True, type=click.FloatRange(0.05, 0.5))
-@click.option("--by-hand", is_flag=True, help="You measure where the robot ends, with a tape.")
+@click.option("--by-hand", is_flag=True, help="Measure where the robot ends yourself, with a tape.")
 @click.option("--yes", is_flag=True, help="Do not ask before driving.")
 @_result_options
 @where_options
@@ -95,9 +95,10 @@ def calibrate_command() -> None:
 def square_command(
     side: float, runs: int, speed: float, by_hand: bool, yes: bool, **result: Any
 ) -> None:
-    """Drive squares of SIDE metres, left round and right round, RUNS times each (UMBmark).
+    """Drive squares of SIDE metres, RUNS times in each direction (UMBmark).
 
-    The localizer says where the robot really is, or you with --by-hand. Ctrl-C stops the robot.
+    The localizer measures where the robot really is; with --by-hand, you do. Ctrl-C stops the
+    robot.
     """
     with one_robot() as robot:
         in_force, path = _in_force(robot.name, result)
@@ -122,10 +123,10 @@ def square_command(
 @where_options
 @reports_errors
 def compare_command(seconds: float, **result: Any) -> None:
-    """Compare odometry and localizer for a while; somebody else drives the robot.
+    """Compare odometry and localizer for a while, as somebody else drives the robot.
 
-    Drive it by hand or let it drive a tour: straight on and turning, both ways round. Ctrl-C ends
-    it and evaluates what was heard.
+    Drive it by hand or let it drive a tour: straight stretches and turns in both directions.
+    Ctrl-C ends it early and evaluates what was heard so far.
     """
     comparison = Comparison()
     with one_robot() as robot:
@@ -155,8 +156,8 @@ def _drive_by_map(
     course = squares_both_ways(side, runs)
     refuse_narrow(robot, course.places)
     _confirm(
-        f"{robot.name} will drive {2 * runs} squares of {side:g} m, over the floor ahead of it to "
-        "the left. Is it free, and somebody there to stop it?",
+        f"{robot.name} will drive {2 * runs} squares of {side:g} m, on the floor ahead of it to "
+        "the left. Is the floor free, and is somebody there to stop the robot?",
         yes,
     )
     drive = CalibrationDrive(course.places, speed)
@@ -191,13 +192,11 @@ def _drive_by_hand(
 
 
 def _ask_end() -> tuple[Pose2D, float]:
-    """Ask where the robot ended, seen from its mark, and how sure its heading is."""
-    x = click.prompt(
-        "How far ahead of its mark does it stand, in metres (behind: minus)", type=float
-    )
-    y = click.prompt("How far to the left of it, in metres (right: minus)", type=float)
+    """Ask where the robot ended relative to its mark, and how certain its heading is."""
+    x = click.prompt("How far ahead of its mark is it, in metres (negative: behind)", type=float)
+    y = click.prompt("How far to the left of it, in metres (negative: right)", type=float)
     yaw = click.prompt(
-        "Turned to the left by how many degrees (Enter if not measured)", default="", type=str
+        "Turned to the left by how many degrees (Enter: not measured)", default="", type=str
     )
     try:
         end = Pose2D.from_array((x, y, math.radians(float(yaw)) if yaw else 0.0))
@@ -216,7 +215,7 @@ def _confirm(question: str, yes: bool) -> None:
 
 
 def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | None]:
-    """The scales that the robot uses now, and the file that is to be written.
+    """Return the scales that the robot uses now, and the file to write.
 
     Raises:
         ConfigError: the file cannot be used, belongs to another robot, or is none.
@@ -228,10 +227,10 @@ def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | No
         raise ConfigError("--write: there is no robot.toml; name one")
     if config is not None and config.robot.name != name:
         if wanted is not None:
-            raise ConfigError(f"{path} is of the robot {config.robot.name}, not of {name}")
+            raise ConfigError(f"{path} is the file of robot {config.robot.name}, not of {name}")
         config = None
     if config is None and result["in_force"] is None:
-        click.echo(f"No robot.toml of {name} here: taking 1 for the scales in force.", err=True)
+        click.echo(f"No robot.toml of {name} here: assuming that all its scales are 1.", err=True)
     scales = WheelScales() if config is None else scales_of(config)
     track_m: float | None = scales.track_m or result["track"]
     if result["in_force"] is not None:
@@ -246,11 +245,11 @@ def _propose(
     correction: Correction, in_force: WheelScales, path: Path | None, result: dict[str, Any]
 ) -> None:
     if correction.bend != 0.0 and in_force.track_m is None:
-        click.echo("The wheels' ratio is left out: say with --track what the board counts with.")
+        click.echo("The wheel ratio is left out: give --track, the track that the board assumes.")
         correction = replace(correction, bend=0.0)
     if correction == Correction():
         click.echo(
-            "There is nothing sure enough to propose; drive more of what is missing.", err=True
+            "Nothing is certain enough to propose; drive more of what was missing.", err=True
         )
         raise SystemExit(exits.FAILED)
     scales = combined(correction, in_force)
@@ -263,4 +262,4 @@ def _propose(
         return
     assert path is not None  # `_in_force` has refused that
     write_settings(path, settings)
-    click.echo(f"Set [base.odometry] in {path}. Start base again for it to take effect.")
+    click.echo(f"Set [base.odometry] in {path}. Restart base for it to take effect.")

@@ -53,7 +53,7 @@ def refuse_narrow(robot: Robot, places: list[Place]) -> None:
     about, laser = robot.latest(topics.ROBOT), robot.latest(topics.TF, "laser")
     scan = robot.latest(topics.SCAN)
     if about is None or laser is None or scan is None:
-        raise Refused(codes.NOT_READY, "There is no scan to see whether there is room.")
+        raise Refused(codes.NOT_READY, "There is no scan that could show whether there is room.")
     ranges = floats_from_bytes(scan.ranges).astype(np.float64)
     angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     is_echo = np.isfinite(ranges) & (ranges > 0.0)
@@ -70,10 +70,10 @@ def refuse_narrow(robot: Robot, places: list[Place]) -> None:
 
 
 def drive_course(robot: Robot, drive: CalibrationDrive, title: str) -> None:
-    """Drive until the course has ended; stand whatever happens.
+    """Drive the course to its end; whatever happens, the robot is stopped.
 
     Raises:
-        Refused: `aborted` with why it was given up.
+        Refused: `aborted`, with the reason.
     """
     progress = Progress()
     with ExitStack() as stack:
@@ -94,7 +94,7 @@ def drive_course(robot: Robot, drive: CalibrationDrive, title: str) -> None:
 
 
 def listen(robot: Robot, comparison: Comparison, seconds: float) -> None:
-    """Compare for so long; Ctrl-C ends it early."""
+    """Compare for `seconds`; Ctrl-C ends it early."""
     progress = Progress()
     end_s = time.monotonic() + seconds
     with robot.subscribe(topics.ODOM) as odometry, robot.subscribe(topics.POSE) as poses:
@@ -104,7 +104,7 @@ def listen(robot: Robot, comparison: Comparison, seconds: float) -> None:
                     comparison.update_pose(pose.message)
                 while (motion := odometry.next(0.0)) is not None:
                     comparison.update_odometry(motion.message)
-                progress.show(f"{left_s:.0f} s left, {len(comparison.legs)} pieces compared")
+                progress.show(f"{left_s:.0f} s left, {len(comparison.legs)} legs compared")
                 time.sleep(CONTROL_PERIOD_S)
         except KeyboardInterrupt:
             pass  # what was heard so far is evaluated

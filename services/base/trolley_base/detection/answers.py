@@ -27,7 +27,7 @@ _COUNTS_LINE = re.compile(rb"(?:^|\n)(-?\d+ -?\d+|Invalid Command)\r\n")
 
 
 class Info(NamedTuple):
-    """What a lidar says of itself."""
+    """A lidar's identification."""
 
     model: int
     firmware: str
@@ -73,7 +73,7 @@ def describe_lidar(
 
 
 def is_bridge(data: bytes) -> bool:
-    """Whether these are a ROSArduinoBridge's words to `b`: its baud rate, on a line of its own."""
+    """Whether this is a ROSArduinoBridge's reply to `b`: its baud rate, on a line of its own."""
     return _BAUD_LINE.search(data) is not None
 
 
@@ -84,7 +84,7 @@ def read_counts(data: bytes) -> str | None:
 
 
 def describe_bridge(counts: str | None) -> FoundDevice:
-    """Say what a ROSArduinoBridge's answer to `e` tells.
+    """Describe the device by a ROSArduinoBridge's answer to `e`.
 
     Args:
         counts: what `read_counts` found.
@@ -112,7 +112,7 @@ def _body(data: bytes, descriptor: bytes, length: int) -> bytes | None:
 def _describe_health(
     info: Info, serial: str, health: tuple[int, int] | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What a lidar says of itself in words, and what is wrong with it."""
+    """Return a lidar's identification in words, and its problems."""
     details = (f"firmware {info.firmware}", f"serial {serial}")
     if health is None:
         return details, ("It does not say how it is: a weak 5 V supply is the usual cause.",)

@@ -1,4 +1,4 @@
-"""Probes all ports at the same time, and says what is wrong where nothing is found."""
+"""Probes all ports at the same time, and says what is wrong if nothing is found."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ def detect_devices(
         What was seen, in the order of the ports.
 
     Raises:
-        KeyboardInterrupt: the person did not want to wait; the devices are left as found.
+        KeyboardInterrupt: the person did not want to wait; the devices are left as they were.
     """
     if not ports:
         return []
@@ -86,7 +86,7 @@ def detect_device(port: Port, interrupt: threading.Event) -> PortResult:
 
 
 def _why_nothing(received: dict[int, int]) -> str:
-    """Say what may be wrong where no known device answered."""
+    """Say what may be wrong if no known device answered."""
     most = max(received.values(), default=0)
     if most == 0:
         return (

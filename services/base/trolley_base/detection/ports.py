@@ -1,4 +1,4 @@
-"""Which serial ports there are, and by which name each of them stays the same.
+"""Lists serial ports, each with a name that does not change.
 
 `/dev/ttyUSB0` is whichever adapter was found first. udev keeps links that last: by-id names the
 adapter's serial number, by-path the socket that it is plugged into.
@@ -29,10 +29,10 @@ class Port:
     Attributes:
         device: the device file itself, no link.
         name: what a configuration should call it.
-        reason: why that name, one sentence; "" where there is nothing to say.
+        reason: why that name, one sentence; "" if there is nothing to say.
         description: what the adapter calls itself; "" if unknown.
         twin_serial: a serial number that it shares with another adapter here; "" if none.
-        properties: what udev knows of it.
+        properties: what udev knows about it.
     """
 
     device: str
@@ -54,8 +54,8 @@ def find_ports(
 
     Args:
         given: names of ports; those that could hold a device if there are none.
-        devices: where device files lie.
-        udev_data: where udev keeps what it knows of devices.
+        devices: folder of the device files.
+        udev_data: where udev stores what it knows about devices.
     """
     links = _links(devices)
     every = {os.path.realpath(path) for path in _candidates(devices)}

@@ -198,7 +198,7 @@ class Probe:
         recognise: Callable[[bytes], T | None],
         data: bytearray | None = None,
     ) -> T | None:
-        """Gather what comes until it is recognised or the time is over."""
+        """Collect input until it is recognised or time is up."""
         received = bytearray() if data is None else data
         left_s = seconds
         while left_s > 0.0:

@@ -14,9 +14,9 @@ class FoundDevice:
     Attributes:
         kind: what it is good for.
         model: as `robot.toml` calls it; None for one that Trolley has no driver for.
-        title: as people call it.
+        title: its usual name.
         baud: the line's speed at which it answered.
-        details: what it said of itself, such as `firmware 1.29`.
+        details: what it reported about itself, such as `firmware 1.29`.
         problems: what is wrong with it: sentences with what to do.
     """
 

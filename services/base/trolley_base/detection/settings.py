@@ -18,7 +18,7 @@ WHEELS = """\
 # diameter_m = 0.0          # of a driven wheel
 # track_m = 0.0             # between the middles of the left and the right wheel
 """
-"""What an `arduino_bridge` needs and nobody but its owner knows."""
+"""What an `arduino_bridge` needs and only its owner knows."""
 
 Settings = dict[tuple[str, ...], str | int | float]
 
@@ -29,7 +29,7 @@ class Proposal:
 
     Attributes:
         values: by their keys.
-        waiting: what must be commented out until a person has added to it.
+        waiting: what must be commented out until a person has completed it.
         appendix: comments that say what to add.
         notes: sentences for the person.
     """

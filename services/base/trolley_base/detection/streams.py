@@ -7,7 +7,7 @@ from trolley_base.drivers.lidars import MODELS
 from trolley_base.drivers.lidars.frames import FrameFinder
 
 ENOUGH_FRAMES = 5
-"""Each carries a checksum of 8 bits or more besides its header: this many are no accident."""
+"""Each carries a checksum of 8 bits or more besides its header: so many are no coincidence."""
 
 STREAM_BAUDS = tuple(
     dict.fromkeys(driver.facts.baud for driver in MODELS.values() if driver.frames is not None)

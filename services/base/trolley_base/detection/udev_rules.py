@@ -15,7 +15,7 @@ from trolley_base.detection.results import PortResult
 FILE = Path("/etc/udev/rules.d/99-trolley.rules")
 NAMES = {"board": "trolley-chassis", "lidar": "trolley-lidar"}
 PLAIN = re.compile(r"[A-Za-z0-9_.:@/+-]+")
-"""What may stand between quotes in a rule and means itself."""
+"""Characters that need no escaping between quotes in a rule."""
 
 HEAD = """\
 # Names that stay for the serial ports of a robot: /dev/trolley-chassis and /dev/trolley-lidar.
@@ -49,7 +49,7 @@ def render(seen: Sequence[PortResult], source: str = "99-trolley.rules") -> str:
 
 
 def _match(port: Port) -> tuple[str, str]:
-    """What a rule knows a port by, and how to say it; "" for a port that cannot be known again."""
+    """Return a rule's match for a port, and its description; no match if nothing identifies it."""
     serial, vendor = port.property("ID_SERIAL_SHORT"), port.property("ID_VENDOR_ID")
     model, path = port.property("ID_MODEL_ID"), port.property("ID_PATH")
     is_usable = all(PLAIN.fullmatch(text) for text in (serial, vendor, model))
@@ -67,4 +67,4 @@ def _match(port: Port) -> tuple[str, str]:
     name = Path(port.device).name
     if name.startswith(("ttyAMA", "ttyS")):
         return f'KERNEL=="{name}"', "this computer's own UART."
-    return "", f"udev knows nothing of {port.device} that it could be known by again."
+    return "", f"udev knows nothing about {port.device} that identifies it."

@@ -22,7 +22,7 @@ from trolley_base.emulators.robot import EmulatedRobot
 def base_settings(robot: EmulatedRobot) -> str:
     """Return the `[base]` part of a robot.toml for these devices, as TOML.
 
-    Of several lidars it takes the first.
+    If there are several lidars, the first is used.
     """
     base: dict[str, Any] = {"driver": "hardware"}
     for name, device in robot.devices.items():

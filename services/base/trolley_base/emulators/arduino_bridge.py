@@ -31,7 +31,7 @@ NO_SONAR_CM = 0
 
 @dataclass(frozen=True, slots=True)
 class WheelFacts:
-    """The robot's wheels: ticks of one turn of a wheel, its diameter, distance of the wheels."""
+    """The robot's wheels: ticks per wheel revolution, wheel diameter, track."""
 
     ticks_per_revolution: float = 1550.0
     diameter_m: float = 0.10
@@ -39,7 +39,7 @@ class WheelFacts:
 
     @property
     def ticks_per_m(self) -> float:
-        """Ticks in a metre of way."""
+        """Ticks per metre driven."""
         return self.ticks_per_revolution / (math.pi * self.diameter_m)
 
 
@@ -57,7 +57,7 @@ class ArduinoBridge(Board):
         self._use_base = use_base
         self._booted_ns = 0
         self.wired: dict[str, int] = {}
-        """What a pin reads whatever the world says, such as {"d4": 0}; set by faults."""
+        """Pins with a fixed reading, whatever the world says, such as {"d4": 0}; set by faults."""
         self._forget(0)
 
     def restart(self, now_ns: int) -> None:
@@ -75,12 +75,12 @@ class ArduinoBridge(Board):
         self._is_touching = False
 
     def opened(self, now_ns: int) -> None:
-        """DTR comes with opening, and DTR resets an Arduino."""
+        """Opening the port raises DTR, and DTR resets an Arduino."""
         self._remarks.append("the host opened the port: the board reboots")
         self.restart(now_ns)
 
     def wheels(self) -> Twist2D:
-        """Return the velocity that the targets of both wheels mean."""
+        """Return the velocity that the targets of both wheels amount to."""
         return self._as_twist(*self._target)
 
     def _as_twist(self, left: int, right: int) -> Twist2D:
@@ -101,7 +101,7 @@ class ArduinoBridge(Board):
         self._is_touching = simulation.truth().clearance < TOUCHING_M
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Answer each command that a CR ends."""
+        """Answer each command, which ends with a CR."""
         if now_ns < self._booted_ns:
             return
         for byte in data:
@@ -163,7 +163,7 @@ class ArduinoBridge(Board):
 
 
 def as_signed(count: int, bits: int) -> int:
-    """Wrap a count as a signed counter of so many bits does."""
+    """Wrap a count like a signed counter of this many bits."""
     half = 1 << (bits - 1)
     return (count + half) % (2 * half) - half
 

@@ -23,7 +23,7 @@ class DegreeLidar(SpinningLidar):
         self._ranges_mm: list[int] = []
 
     def restart(self, now_ns: int) -> None:
-        """Begin to stream."""
+        """Start streaming."""
         super().restart(now_ns)
         self._ranges_mm.clear()
 
@@ -35,7 +35,7 @@ class DegreeLidar(SpinningLidar):
         for time_ns, degree, range_mm in rows:
             is_first = degree % self._per_packet == 0 or self.is_stuck
             if not self._ranges_mm and not is_first:
-                continue  # a head that was stuck goes on in the middle of a packet
+                continue  # a head that was stuck continues in the middle of a packet
             if not self._ranges_mm:
                 self._index = degree // self._per_packet
             self._ranges_mm.append(range_mm)
@@ -44,5 +44,5 @@ class DegreeLidar(SpinningLidar):
                 self._ranges_mm = []
 
     def _encode(self, index: int, hz: float, ranges_mm: list[int]) -> bytes:
-        """Make a packet; `ranges_mm` 0 where there is none."""
+        """Make a packet; `ranges_mm` is 0 where there is no range."""
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""What an emulated device is: a state machine between bytes and a simulated world.
+"""The base class of emulated devices: a state machine between bytes and a simulated world.
 
 It has no port, thread or clock. `robot.py` hands it what the host wrote and each step of the world,
 and sends what it answers. All times are one monotonic clock in nanoseconds.
@@ -14,12 +14,12 @@ MOST_COMMANDS = 20_000
 
 
 class DeviceError(ValueError):
-    """A device that there is not, or an option that it does not have; the text says which."""
+    """A device or option that does not exist; the text says which."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Bytes that belong together: they leave from `due_ns` on."""
+    """Bytes that belong together, sent from `due_ns` on."""
 
     due_ns: int
     data: bytes
@@ -48,17 +48,17 @@ class Device:
         self._remarks: list[str] = []
 
     def restart(self, now_ns: int) -> None:
-        """Begin anew, as when the power comes."""
+        """Start from scratch, as at power-up."""
         raise NotImplementedError
 
     def opened(self, now_ns: int) -> None:
-        """The host has opened the port; few devices notice."""
+        """React to the host opening the port; few devices notice."""
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Take what the host wrote; a device that has nothing to receive with ignores it."""
+        """Take what the host wrote; a device that cannot receive ignores it."""
 
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
-        """Live through the step of the world that `simulation` has just made."""
+        """Advance by the step of the world that `simulation` has just made."""
         raise NotImplementedError
 
     def take_frames(self) -> list[Frame]:
@@ -67,7 +67,7 @@ class Device:
         return frames
 
     def take_remarks(self) -> list[str]:
-        """Return what is worth telling a person, since the last call."""
+        """Return what people should know, since the last call."""
         remarks, self._remarks = self._remarks, []
         return remarks
 
@@ -84,7 +84,7 @@ class Board(Device):
         """The newest commands, oldest first."""
 
     def wheels(self) -> Twist2D:
-        """Return what the wheels are told for the next step [m/s, rad/s]."""
+        """Return the command to the wheels for the next step [m/s, rad/s]."""
         raise NotImplementedError
 
     def _keep(self, now_ns: int, twist: Twist2D) -> None:

@@ -1,4 +1,4 @@
-"""Faults on demand: what may go wrong with a device, how it is written, when it holds.
+"""Faults on demand: what may go wrong with a device, how to write it, when it applies.
 
 ld19:silence@10+5           from 10 s after the start on, for 5 s
 linorobot:noise=500         from now on, 500 random bytes per second
@@ -36,7 +36,7 @@ FLOOD = 1.5
 
 
 class FaultError(ValueError):
-    """A fault that is not understood: one sentence that says what is expected."""
+    """A fault that cannot be parsed: one sentence that says what is expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,9 @@ class Fault:
     Attributes:
         device: the name of its port.
         kind: one of `KINDS`.
-        amount: of noise and cut.
-        pin: of pin: its name and what it reads.
-        start_s: after the start of the emulator; None: at once.
+        amount: for noise and cut.
+        pin: for pin: its name and what it reads.
+        start_s: since the start of the emulator; None: at once.
         duration_s: None: for ever.
         text: as it was written.
     """
@@ -66,7 +66,7 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
     """Read a fault.
 
     Raises:
-        FaultError: it is none, or not of these devices.
+        FaultError: it is not a fault, or not for one of these devices.
     """
     text = text.strip()
     match = _FAULT.fullmatch(text)
@@ -123,18 +123,18 @@ def _pin(text: str, kind: str, value: str | None) -> tuple[str, int]:
 
 
 class FaultPlan:
-    """Which faults hold when."""
+    """Keeps track of which faults are active when."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[float, Fault]] = []
         self._holding: list[tuple[float | None, Fault]] = []
 
     def add(self, fault: Fault, now_s: float) -> None:
-        """Let a fault begin at its time, now if it names none."""
+        """Schedule a fault for its time, or for now if it names none."""
         self._waiting.append((now_s if fault.start_s is None else fault.start_s, fault))
 
     def advance(self, now_s: float) -> tuple[list[Fault], list[Fault]]:
-        """Return the faults that begin now and those that end."""
+        """Return the faults that start now and those that end."""
         begun = [fault for start_s, fault in self._waiting if start_s <= now_s]
         self._waiting = [(start_s, fault) for start_s, fault in self._waiting if start_s > now_s]
         well = {fault.device for fault in begun if fault.kind == "ok"}
@@ -151,13 +151,13 @@ class FaultPlan:
         return begun, ended
 
     def of(self, device: str) -> dict[str, Fault]:
-        """Return the faults that hold for a device, by kind; of pins, by kind and pin."""
+        """Return the active faults of a device, by kind; those of pins by kind and pin."""
         mine = [fault for _, fault in self._holding if fault.device == device]
         return {" ".join(filter(None, (fault.kind, fault.pin[0]))): fault for fault in mine}
 
 
 class Damage:
-    """Does to a device's frames what its faults say.
+    """Applies a device's faults to its frames.
 
     Args:
         baud: of its line, for floods.
@@ -173,7 +173,7 @@ class Damage:
     def apply(
         self, frames: list[Frame], faults: dict[str, Fault], from_ns: int, to_ns: int
     ) -> list[Frame]:
-        """Return what is sent in a span of time in place of `frames`."""
+        """Return what is sent during a span of time instead of `frames`."""
         if frames:
             self._last = frames[-1].data
         if not faults:
@@ -201,7 +201,7 @@ class Damage:
         return Frame(frame.due_ns, frame.data[: int(self._rng.integers(len(frame.data)))])
 
     def _with_noise(self, frames: list[Frame], count: float, due_ns: int) -> list[Frame]:
-        """Put `count` bytes, on average, before one of the frames or behind them."""
+        """Put `count` bytes, on average, before one of the frames or after all of them."""
         self._owed += count
         now = int(self._owed)
         if now == 0:

@@ -62,7 +62,7 @@ class Ld19(SpinningLidar):
         self._points: list[tuple[int, float, int, int]] = []
 
     def restart(self, now_ns: int) -> None:
-        """Begin to stream."""
+        """Start streaming."""
         super().restart(now_ns)
         self._points.clear()
 

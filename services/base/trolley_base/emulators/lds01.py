@@ -1,6 +1,6 @@
 """HLS-LFCD2, the LDS-01 of a TurtleBot3: 60 packets of 6 degrees a turn.
 
-It streams when it gets power, as units do that were made since October 2017; `e` stops it, `b`
+It streams from power-up, like units made since October 2017; `e` stops it, `b`
 starts it.
 
 Source:

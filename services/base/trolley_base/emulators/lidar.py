@@ -27,11 +27,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LidarFacts:
-    """What a model is.
+    """The properties of a model.
 
     Attributes:
-        baud: of its line.
-        turns_hz: how fast its head turns.
+        baud: speed of its line.
+        turns_hz: revolutions per second of its head.
         range_min_m: nearest distance.
         range_max_m: farthest distance.
         sample_s: time between two samples; None: one sample in each degree.
@@ -51,8 +51,8 @@ class Mount:
     """How a lidar sits on the robot.
 
     Attributes:
-        base_T_laser: its place; x along the sensor's angle 0.
-        reversed: it turns the other way round, or hangs head down.
+        base_T_laser: its pose; x points along the sensor's angle 0.
+        reversed: it turns the other way, or is mounted upside down.
     """
 
     base_T_laser: Pose2D
@@ -61,7 +61,7 @@ class Mount:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """What was measured in one step, in order.
+    """The measurements of one step, in order.
 
     Attributes:
         times_ns: (n,) when.
@@ -82,7 +82,7 @@ class Samples:
 
 
 class Head:
-    """Says when which sample is taken, and where the head points then.
+    """Times the samples, and says where the head points at each.
 
     Args:
         facts: the model.
@@ -144,11 +144,11 @@ class SpinningLidar(Device):
         self._sense = -1.0 if facts.clockwise is not mount.reversed else 1.0
 
     def restart(self, now_ns: int) -> None:
-        """Begin anew: spinning, at angle 0."""
+        """Start from scratch: spinning, at angle 0."""
         self._spin(now_ns)
 
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
-        """Measure while the head turns, and send what is full."""
+        """Measure while the head turns, and send full packets."""
         if self._head is not None:
             times_ns, heads_deg = self._head.turn(to_ns, is_stuck=self.is_stuck)
             parts = np.clip((times_ns - from_ns) / (to_ns - from_ns), 0.0, 1.0)
@@ -156,7 +156,7 @@ class SpinningLidar(Device):
             self._emit(Samples(times_ns, heads_deg, ranges_m, self._head.hz))
 
     def _spin(self, now_ns: int, facts: LidarFacts | None = None) -> None:
-        """Begin to measure at angle 0, perhaps at another pace than the model's usual one."""
+        """Start measuring at angle 0, possibly at another rate than the model's usual one."""
         self._head = Head(facts or self.facts, self._rng, now_ns)
 
     def _halt(self) -> None:
@@ -167,13 +167,13 @@ class SpinningLidar(Device):
         raise NotImplementedError
 
     def _offset_deg(self, ranges_m: Floats) -> Floats:
-        """How far beside the head the beam is that finds something at these distances [deg]."""
+        """Return the angle between head and beam at these measured distances [deg]."""
         return np.zeros_like(ranges_m)
 
     def _measure(self, simulation: Simulation, parts: Floats, heads_deg: Floats) -> Floats:
-        """Cast the beams and spoil them as the sensor does; 0 where there is no range.
+        """Cast the beams and add the sensor's errors; 0 where there is no range.
 
-        Where a triangulating sensor looks depends on what it finds there: guess, look, correct.
+        The direction of a triangulating sensor depends on the range: guess, cast, correct.
         """
         num = len(heads_deg)
         draws = self._rng.random(num)
@@ -203,7 +203,7 @@ class SpinningLidar(Device):
 
 
 def triangulation_deg(ranges_m: Floats) -> Floats:
-    """YDLIDAR's correction: how far beside the head a triangulating sensor looks.
+    """YDLIDAR's correction: the angle between the head and a triangulating sensor's beam.
 
     Args:
         ranges_m: (n,) distances found, > 0.

@@ -26,7 +26,7 @@ class Line:
         """Bytes that found the buffer full."""
 
     def push(self, due_ns: int, data: bytes) -> None:
-        """Send from `due_ns` on, or as soon as what waits before it has gone."""
+        """Send from `due_ns` on, or as soon as the line is free."""
         start_ns = max(float(due_ns), self._free_ns)
         room = self._buffer_bytes - int((start_ns - due_ns) / self._byte_ns)
         self.dropped += max(0, len(data) - max(0, room))
@@ -36,7 +36,7 @@ class Line:
             self._free_ns = start_ns + len(data) * self._byte_ns
 
     def take(self, now_ns: int) -> bytes:
-        """Return the bytes that have wholly passed the line by now."""
+        """Return the bytes that have been fully transmitted by now."""
         gone: list[bytes] = []
         while self._queue:
             start_ns, data = self._queue[0]
@@ -51,6 +51,6 @@ class Line:
         return b"".join(gone)
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Drop what is queued."""
         self._queue.clear()
         self._free_ns = 0.0

@@ -51,7 +51,7 @@ class Requests:
 
 
 def xor_of(values: Iterable[int]) -> int:
-    """All of them combined by exclusive or."""
+    """Return the exclusive or of all bytes."""
     result = 0
     for value in values:
         result ^= value

@@ -6,7 +6,7 @@
         robot.truth().pose
 
 One thread steps the world by the monotonic clock, each step at its beginning, so that what happens
-within it reaches the line at its own moment. Lateness is made up for, no step is left out.
+within it reaches the line at its own moment. Delays are caught up on; no step is left out.
 """
 
 import select
@@ -42,7 +42,7 @@ from trolley_base.world import (
 from trolley_base.world.world_file import World
 
 TICK_MS = 2
-"""The longest wait: bytes leave in portions of so many ms."""
+"""The longest wait: bytes are sent in portions of this many ms."""
 MOST_STEPS = 10
 """Steps made up for at once; then the ports have their turn."""
 HOPELESS_NS = 1_000_000_000
@@ -152,7 +152,7 @@ class EmulatedRobot:
 
     @property
     def ports(self) -> Mapping[str, Path]:
-        """Under which names the host finds the devices, by theirs."""
+        """The names under which the host finds the devices, by device."""
         return {name: port.terminal.link for name, port in self._ports.items()}
 
     @property
@@ -167,17 +167,17 @@ class EmulatedRobot:
             raise RuntimeError("the emulator has died; what of stands above")
 
     def fault(self, text: str) -> None:
-        """Let something go wrong, written as `faults` says.
+        """Trigger a fault, written as in `faults`.
 
         Raises:
-            FaultError: it is not understood.
+            FaultError: it cannot be parsed.
         """
         fault = parse_fault(text, self.devices)
         with self._lock:
             self._plan.add(fault, self._elapsed_s)
 
     def truth(self) -> TrueState:
-        """Return what is really so; `stamp_ns` is local monotonic time."""
+        """Return the true state; `stamp_ns` is local monotonic time."""
         self.check()
         with self._lock:
             return self._state

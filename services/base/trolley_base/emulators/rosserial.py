@@ -60,7 +60,7 @@ class Receiver:
         self._pending = bytearray()
         self._began_ns = 0
         self.late = 0
-        """Frames that were not there within 20 ms."""
+        """Frames that were not complete within 20 ms."""
         self.refused = 0
         """Headers and frames with a wrong checksum."""
         self.too_long = 0
@@ -87,7 +87,7 @@ class Receiver:
                 yield message
 
     def _look(self) -> Message | None:
-        """Judge the frame so far; return it once it is whole and right."""
+        """Check the frame so far; return it once it is complete and valid."""
         frame = self._pending
         have = len(frame)
         if have == 2 and frame[1] != 0xFE:

@@ -1,4 +1,4 @@
-"""Publishes where an emulated robot really is, for viewers and tests to judge the others by."""
+"""Publishes where an emulated robot really is, as a reference for viewers and tests."""
 
 import threading
 import time
@@ -24,7 +24,7 @@ class TruthPublisher:
     Args:
         target: the robot and its routers.
         world: the world's name.
-        truth: returns what is so, stamped in local monotonic time.
+        truth: returns the true state, stamped in local monotonic time.
         tell: called with a line for a person.
     """
 
@@ -91,7 +91,7 @@ class TruthPublisher:
                 closer.close()
 
     def _message(self) -> Truth | None:
-        """What is so now, in robot time; None while nobody says what time it is."""
+        """Return the true state in robot time; None while the robot time is unknown."""
         state = self._truth()
         with self._lock:
             stamp_ns = self._time.now(state.stamp_ns)

@@ -1,1 +1,1 @@
-"""Reads what other systems know of a robot into `robot.toml`."""
+"""Imports other systems' settings of a robot into `robot.toml`."""

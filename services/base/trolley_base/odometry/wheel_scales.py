@@ -28,7 +28,7 @@ class WheelScales:
         sideways: the same along y.
         angular: true radians per reported radian.
         wheel_ratio: the right wheel's true diameter over the left one's.
-        track_m: the track that the board counts with [m]; None only where `wheel_ratio` is 1.
+        track_m: the track that the board assumes [m]; None only where `wheel_ratio` is 1.
 
     Raises:
         ValueError: a ratio without a track, or a scale that is not above zero.
@@ -46,7 +46,7 @@ class WheelScales:
         if not all(0.0 < scale < math.inf for scale in scales):
             raise ValueError(f"scales must be above 0, not {scales}")
         if self.wheel_ratio != 1.0 and self.track_m is None:
-            raise ValueError("wheel_ratio needs the track that the board counts with")
+            raise ValueError("wheel_ratio needs the track that the board assumes")
         object.__setattr__(self, "is_identity", all(scale == 1.0 for scale in scales))
 
     @property
@@ -107,12 +107,12 @@ def scales_of(config: RobotConfig) -> WheelScales:
         )
     except ValueError as error:
         raise ConfigError(
-            "[base.odometry] wheel_ratio needs the track that the board counts with: set "
+            "[base.odometry] wheel_ratio needs the track that the board assumes: set "
             "[base.chassis.wheels] track_m or [base.odometry] track_m"
         ) from error
 
 
 def counted_track_of(config: RobotConfig) -> float | None:
-    """Return the track that the board counts with [m], None where nothing says it."""
+    """Return the track that the board assumes [m], None where nothing says it."""
     wheels = config.base.chassis.wheels
     return config.base.odometry.track_m if wheels is None else wheels.track_m

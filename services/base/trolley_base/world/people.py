@@ -14,7 +14,7 @@ from trolley_base.world.spec import Person, Point
 
 @dataclass(frozen=True, slots=True)
 class GaitParams:
-    """How people walk; by hand, of a grown-up at the height of a low lidar."""
+    """How people walk; by hand, for an adult at the height of a low lidar."""
 
     leg_side: float = 0.5
     """Half the distance of the legs sideways, as a share of the body's radius."""
@@ -61,7 +61,7 @@ class Walker:
 
     @property
     def num_circles(self) -> int:
-        """How many circles this person is."""
+        """The number of circles that represent this person."""
         return 2 if self._person.legs else 1
 
     def circles(self) -> NDArray[np.float64]:
@@ -69,7 +69,7 @@ class Walker:
         return self._circles_at(self._leg, self._along)
 
     def step(self, dt: float, outline: NDArray[np.float64]) -> Walk:
-        """Walk on for `dt` seconds, unless the robot is in the way.
+        """Continue walking for `dt` seconds, unless the robot is in the way.
 
         Args:
             dt: duration [s].

@@ -2,7 +2,7 @@
 
 A beam is followed as a straight ray. Through the map it goes from cell to cell and ends exactly on
 the border of the first solid one; segments and circles are intersected in closed form. At a mirror
-it is reflected and goes on: its range is the length of the whole way, which is why a lidar sees the
+it is reflected and continues: its range is the length of the whole path, so a lidar sees the
 mirrored room behind the mirror. A beam that comes back from a mirror also meets the robot itself.
 
 Source:
@@ -21,7 +21,7 @@ from trolley.jit import kernel
 OPAQUE, MIRROR, MIRROR_LEFT, GLASS = range(4)
 """Kinds of segments: `MIRROR_LEFT` reflects on the left of who walks from its first to its end."""
 
-# A beam that was reflected this often has lost its strength.
+# A beam that was reflected this often is too weak to measure.
 MAX_BOUNCES = 4
 # A ray starts this far ahead of the mirror that reflected it, so that it cannot meet it again, nor
 # the wall that the mirror hangs on [m].
@@ -184,13 +184,13 @@ def _reflect(ray: NDArray[np.float64], segment: NDArray[np.float64], distance: f
 
 @kernel
 def beam_range(scene: Scene, ray: NDArray[np.float64], reach: float, draw: float) -> float:
-    """Return the length of a beam's way to its echo, inf if there is none within reach.
+    """Return the length of a beam's path to its echo, inf if there is none within reach.
 
     Args:
         scene: what there is.
         ray: (4,) start x, y [m] and unit vector, in `map`; overwritten.
-        reach: longest way [m].
-        draw: 0...1, decides what mirrors and panes that answer now and then do to this beam.
+        reach: longest path [m].
+        draw: 0...1, decides what partly reflecting mirrors and panes do to this beam.
     """
     travelled, skip = 0.0, -1
     for bounce in range(MAX_BOUNCES + 1):
@@ -205,7 +205,7 @@ def beam_range(scene: Scene, ray: NDArray[np.float64], reach: float, draw: float
             t = _body_range(scene.body, ray)
             if t < best:
                 best, index = t, -1
-        # A mirror that lies flush on its wall is met before the wall.
+        # A mirror that is flush with its wall is met before the wall.
         limit = best - _OFF_MIRROR if index >= 0 else best
         t = grid_range(scene.frame, scene.solid, ray[0], ray[1], ray[2], ray[3], limit)
         if t < limit:

@@ -34,7 +34,7 @@ class Segments:
     body: NDArray[np.int64]
 
     def joined(self, other: "Segments") -> "Segments":
-        """Return these and those."""
+        """Return both sets of pieces together."""
         return Segments(
             np.concatenate([self.points, other.points]),
             np.concatenate([self.kinds, other.kinds]),
@@ -64,7 +64,7 @@ def pieces_of(
 
 
 def no_segments() -> Segments:
-    """Return none."""
+    """Return an empty set of pieces."""
     return pieces_of(np.empty((0, 4)), 0)
 
 

@@ -34,7 +34,7 @@ RELEASE_M = 0.01
 MAX_CLEARANCE = 10.0
 """Clearances beyond this are reported as this [m]."""
 FAR_AWAY_M = 1000.0
-"""Where people are put who have left the world [m]."""
+"""Where people who have left the world are put [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +81,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class TrueState:
-    """What is really so.
+    """The true state.
 
     Attributes:
         stamp_ns: time since the simulation began.
@@ -192,7 +192,7 @@ class Simulation:
         self._towards = np.empty(count)
 
     def lift_robot(self, pose: Pose2D) -> None:
-        """Put the robot down somewhere else; its wheels do not notice."""
+        """Put the robot somewhere else; its wheels do not notice."""
         self._before = self._pose = pose
 
     def remove_people(self) -> None:
@@ -207,7 +207,7 @@ class Simulation:
         return self._now_ns
 
     def step(self, command: Twist2D) -> None:
-        """Move the world on by `STEP_NS`.
+        """Advance the world by `STEP_NS`.
 
         Args:
             command: the velocity that the robot is told to drive.
@@ -237,7 +237,7 @@ class Simulation:
         )
 
     def _move_people(self) -> list[int]:
-        """Let everybody walk; return the bodies of those who walked into the robot."""
+        """Move the people; return the bodies of those who walked into the robot."""
         touched: list[int] = []
         for body, place, walker in self._walkers:
             if walker.step(STEP_S, self._outline) is Walk.TOUCHED:
@@ -246,7 +246,7 @@ class Simulation:
         return touched
 
     def _move(self, motion: WheelMotion, dt: float) -> tuple[float, float]:
-        """Move the body; return the part of the way that was free, and the clearance."""
+        """Move the body; return the fraction of the step that was free, and the clearance."""
         pose = self._pose.as_array()
         things = Things(
             self._segments.points, self._segments.body, self._circles, self._circle_body
@@ -264,7 +264,7 @@ class Simulation:
         return part, clearance
 
     def _count_contacts(self, touched: list[int]) -> None:
-        """Count new contacts: 1 in `_state` is a bump that lasts, 2 a collision that lasts."""
+        """Count new contacts: 1 in `_state` is an ongoing bump, 2 an ongoing collision."""
         self._state[self._gaps > RELEASE_M] = 0
         pressed = np.flatnonzero((self._gaps < SKIN_M) | ~np.isnan(self._towards))
         for body in {*pressed.tolist(), *touched}:
@@ -279,7 +279,7 @@ class Simulation:
             self.contacts.append(Contact(self._now_ns, self._names[body], speed, level == 2))
 
     def truth(self) -> TrueState:
-        """Return what is really so now."""
+        """Return the true state now."""
         return TrueState(
             self._now_ns,
             self._pose,

@@ -18,7 +18,7 @@ from trolley.messages.types import NonNegative, Positive, Share
 Point = tuple[Finite, Finite]
 Polyline = Annotated[list[Point], Meta(min_length=2)]
 Scale = Annotated[float, Meta(gt=0.5, lt=2.0)]
-# Errors of a robot that drives at all stay far below these; larger values are typing errors.
+# The errors of any usable robot are far below these; larger values are typing errors.
 Spread = Annotated[float, Meta(ge=0.0, le=0.5)]
 
 
@@ -27,7 +27,7 @@ class WorldError(ValueError):
 
 
 class Box(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A solid rectangle, as a bag on the floor: centre, heading and size."""
+    """A solid rectangle, such as a bag on the floor: centre, heading and size."""
 
     x: Finite
     y: Finite
@@ -38,7 +38,7 @@ class Box(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Circle(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A solid round thing, as a bucket."""
+    """A solid round object, such as a bucket."""
 
     x: Finite
     y: Finite
@@ -79,8 +79,8 @@ class Person(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     The seed chooses where on the path the person is at first; with `starts_s` the person stands at
     the first point until that time instead. With `legs` the lidar (and the robot) meets two
     swinging legs in place of a round body. `stops_for_robot_m`: the person stands still rather
-    than come nearer to the robot than this, 0 walks until they touch. Who has been in each other's
-    way for `patience_s` turns round.
+    than come nearer to the robot than this, 0 walks until they touch. A person who has been blocked
+    for `patience_s` turns round.
     """
 
     path: Annotated[list[Point], Meta(min_length=1)]
@@ -96,7 +96,7 @@ class Person(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Wheels(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How well the wheels hold the floor, and how wrongly the board counts their turns.
+    """How well the wheels grip the floor, and how wrongly the board measures their motion.
 
     Each seed draws the scales of both wheels and of the track around the given ones, with the
     `…_std` as standard deviation. A scale of 1.02 reports two per cent more than was driven; the

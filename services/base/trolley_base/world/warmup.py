@@ -1,4 +1,4 @@
-"""Compiles the world's kernels by living through a moment with everything in it."""
+"""Compiles the world's kernels by simulating a moment with everything in it."""
 
 import numpy as np
 

@@ -99,7 +99,7 @@ class Drive:
 
 
 def _clamp(value: float, limit: float) -> float:
-    """Return the nearest value within the limit; what is no number stands still."""
+    """Return the nearest value within the limit; NaN counts as standing still."""
     return max(-limit, min(limit, value)) if math.isfinite(value) else 0.0
 
 

@@ -9,13 +9,13 @@ from trolley_base.world import WorldError, WorldSpec, decode_world
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A world as it lies on disk.
+    """A world as stored on disk.
 
     Attributes:
         name: the file's stem, the same for all robots in it.
         spec: what the file says.
         grid: the map that it names.
-        map_file: where that map lies.
+        map_file: path of that map.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Evidence, cell by cell, that the world is no longer as the map says.
+"""Evidence, cell by cell, that the world has changed since the map was made.
 
-A cell of the floor where echoes end speaks for a thing that has come, a cell of a wall that beams
-go through for one that is gone. Cells are kept in tiles, and only where there was such evidence.
+Echoes that end on a floor cell indicate that something has appeared; beams that pass through a
+wall cell, that it is gone. Cells are kept in tiles, and only where there was such evidence.
 """
 
 import math
@@ -21,7 +21,7 @@ TILE = 16
 TILE_CELLS = TILE * TILE
 
 REACH = 3
-"""What is gone is as much larger than what beams went through, at most [cells]."""
+"""What is gone may be larger than what beams passed through by at most this [cells]."""
 
 NOTHING, APPEARED, GONE = 0, 1, 2
 
@@ -34,15 +34,15 @@ first look for it was, and the last [s]; when an echo last ended in it [s]; the 
 robot looked from [cells]."""
 
 MOST_VISITS = 8
-"""More visits than these make nothing surer."""
+"""More visits than these add no certainty."""
 _VISITS_LOST = 2
-"""A visit that was against a change takes away this many."""
+"""A visit that contradicts a change cancels this many."""
 _SIDE = 2.0
 _SIDE_WALL = 1.5
-"""A wall goes on to both sides of where a beam went through: what was looked past at an edge, or
-along a face, within the error of the pose, was not looked through [cells]."""
+"""A wall must continue on both sides of where a beam went through: what was passed at an edge, or
+along a face, within the error of the pose, was not passed through [cells]."""
 _AT_WALL = 2.0
-"""An end this near to a wall of the map is that wall [cells]."""
+"""An end this close to a wall of the map is that wall [cells]."""
 
 
 class ChangeEvidence(NamedTuple):
@@ -60,7 +60,7 @@ class ChangeEvidence(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """When and where from a look is taken.
+    """When, and from where, a look is taken.
 
     Attributes:
         look: its number, from 1 on.
@@ -88,7 +88,7 @@ def find_row(evidence: ChangeEvidence, row: int, col: int) -> int:
 
 @kernel
 def claim_row(evidence: ChangeEvidence, row: int, col: int) -> int:
-    """Return where a cell is kept from now on, -1 if there is no room."""
+    """Allot a place in the table to a cell and return it, -1 if there is no room."""
     if evidence.tiles[row // TILE, col // TILE] < 0:
         if (evidence.used[0] + 1) * TILE_CELLS > evidence.table.shape[0]:
             return -1
@@ -99,7 +99,7 @@ def claim_row(evidence: ChangeEvidence, row: int, col: int) -> int:
 
 @kernel
 def end_visit(cell: NDArray[np.int32], clock_s: int) -> None:
-    """Sum up a visit to one cell (COLUMNS,), and begin another at a time [s]."""
+    """Conclude a visit to one cell (COLUMNS,), and begin another at a time [s]."""
     if cell[FOR] > cell[AGAINST]:
         cell[VISITS] = min(cell[VISITS] + 1, MOST_VISITS)
     elif cell[FOR] < cell[AGAINST]:
@@ -112,7 +112,7 @@ def end_visit(cell: NDArray[np.int32], clock_s: int) -> None:
 
 @kernel
 def vote(cell: NDArray[np.int32], kind: int, is_for: bool, moment: Moment) -> None:
-    """Let one look have its say about one cell, once.
+    """Count one look at one cell, once.
 
     Args:
         cell: (COLUMNS,) changed.
@@ -146,7 +146,7 @@ def vote(cell: NDArray[np.int32], kind: int, is_for: bool, moment: Moment) -> No
 
 @kernel
 def claim_about(evidence: ChangeEvidence, row: int, col: int, cells: NDArray[np.int8]) -> None:
-    """Keep the cells about one as well, so that it is known which of them are seen to stand."""
+    """Keep a cell's neighbours as well, to record which of them are seen to be there still."""
     for r in (max(row - REACH, 0), min(row + REACH, cells.shape[0] - 1)):
         for c in (max(col - REACH, 0), min(col + REACH, cells.shape[1] - 1)):
             claim_row(evidence, r, c)
@@ -156,7 +156,7 @@ def claim_about(evidence: ChangeEvidence, row: int, col: int, cells: NDArray[np.
 def place_rays(
     out_rays: NDArray[np.float64], pose: NDArray[np.float64], end: Points, start: Points
 ) -> None:
-    """Put the beams on the map.
+    """Transform the beams into the map.
 
     Args:
         out_rays: (n, 5) where a beam begins, its direction, its length, overwritten [cells].
@@ -187,7 +187,7 @@ def is_inside(cells: NDArray[np.int8], x: float, y: float) -> bool:
 def sees_end(
     evidence: ChangeEvidence, ray: NDArray[np.float64], cells: NDArray[np.int8], margin: float
 ) -> bool:
-    """Say whether no wall stands in a beam's way, but for those that seem to be gone.
+    """Say whether no wall blocks a beam, apart from those that seem to be gone.
 
     Args:
         evidence: what is known of the cells.
@@ -213,7 +213,7 @@ def sees_end(
 def count_hit(
     evidence: ChangeEvidence, x: float, y: float, cells: NDArray[np.int8], moment: Moment
 ) -> None:
-    """Let an echo speak for the walls that it ended at.
+    """Count an echo as evidence for the walls that it ended at.
 
     Args:
         evidence: what is known of the cells; changed.
@@ -232,7 +232,7 @@ def count_hit(
 
 @kernel
 def is_passed(field: NDArray[np.float32], x: float, y: float, dx: float, dy: float) -> bool:
-    """Say whether a wall goes on to both sides of where a beam is in it.
+    """Say whether a wall continues on both sides of where a beam is inside it.
 
     Args:
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
@@ -255,7 +255,7 @@ def is_passed(field: NDArray[np.float32], x: float, y: float, dx: float, dy: flo
 def may_testify(
     ray: NDArray[np.float64], verdict: int, cells: NDArray[np.int8], field: NDArray[np.float32]
 ) -> bool:
-    """Say whether a beam that went through walls tells that they are gone.
+    """Say whether a beam that went through walls shows that they are gone.
 
     It must end at a wall of the map, or where the map knows nothing, and not as in a mirror.
 
@@ -284,7 +284,7 @@ def take_echoes(
     limits: NDArray[np.float64],
     moment: Moment,
 ) -> None:
-    """Let the ends of the beams have their say.
+    """Count the ends of the beams as evidence.
 
     Args:
         evidence: what is known of the cells; changed.
@@ -328,7 +328,7 @@ def take_passages(
     limits: NDArray[np.float64],
     moment: Moment,
 ) -> None:
-    """Let the ways of the beams have their say, after `take_echoes`.
+    """Count the paths of the beams as evidence, after `take_echoes`.
 
     Args:
         evidence: what is known of the cells; changed.
@@ -337,7 +337,7 @@ def take_passages(
         verdicts: (n,) on the beams, see `reflection`.
         maps: the map's cells (rows, cols), and the distance to the nearest wall
             (rows + 2, cols + 2) [cells].
-        limits: (2,) how far a beam is followed, and how far before its end no more [cells].
+        limits: (2,) how far a beam is followed, and how far before its end it is not [cells].
         moment: of the look.
     """
     cells, field = maps
@@ -367,7 +367,7 @@ def take_passages(
 
 @kernel
 def is_at_edge(cells: NDArray[np.int8], row: int, col: int) -> bool:
-    """Say whether floor is near to a cell of a wall: there nothing is seen through for certain."""
+    """Say whether floor is near a wall cell: there, nothing is certainly seen through."""
     for r in range(max(row - REACH, 0), min(row + REACH + 1, cells.shape[0])):
         for c in range(max(col - REACH, 0), min(col + REACH + 1, cells.shape[1])):
             if 0 <= cells[r, c] < OCCUPIED_FROM:
@@ -383,14 +383,14 @@ def grow_gone(
     cells: NDArray[np.int8],
     since_s: int,
 ) -> None:
-    """Grow what is gone over its edges, as far as they were not seen to stand.
+    """Grow what is gone over its edges, unless they were seen to be there still.
 
     Args:
         mask: (rows, cols) of a window on the map: 1 where something is gone; grows.
         corner: row and column on the map where the window begins.
         evidence: what is known of the cells.
         cells: (rows, cols) of the map.
-        since_s: walls where echoes ended later than this stand [s].
+        since_s: walls where echoes ended later than this are still there [s].
     """
     rows, cols = mask.shape
     for _ in range(REACH):

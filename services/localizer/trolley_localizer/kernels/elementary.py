@@ -1,7 +1,7 @@
 """Sine, cosine and exponential in plain arithmetic.
 
-A loop with these becomes vector code. libm's take one number at a time: sine and cosine of each
-particle cost as much as the look-ups of its beams.
+A loop with these becomes vector code. libm's functions take one number at a time: with them, sine
+and cosine of each particle cost as much as the look-ups of its beams.
 """
 
 import math
@@ -19,7 +19,7 @@ _LEAST_EXPONENT = -40.0
 def sin_cos(angle: float) -> tuple[float, float]:
     """Return sine and cosine of an angle [rad], with errors below 1e-11 up to 1000 rad.
 
-    Whole half turns are taken off; Taylor's series serves the rest, within a quarter turn.
+    Whole half turns are subtracted; a Taylor series computes the rest, within a quarter turn.
     """
     half_turns = np.floor(angle * _HALF_TURNS + 0.5)
     rest = angle - half_turns * math.pi
@@ -35,9 +35,9 @@ def sin_cos(angle: float) -> tuple[float, float]:
 
 @kernel
 def exp_below_zero(exponent: float) -> float:
-    """Return exp of a number that is not positive, with a relative error below 1e-9; 0 below -40.
+    """Return exp of a non-positive number, with a relative error below 1e-9; 0 below -40.
 
-    Taylor's series serves a 64th of the exponent; its result is squared six times.
+    A Taylor series computes exp of a 64th of the exponent; its result is squared six times.
     """
     part = max(exponent, _LEAST_EXPONENT) * (1.0 / 64.0)
     power = 1.0

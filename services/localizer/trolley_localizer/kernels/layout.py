@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 class Cloud(NamedTuple):
     """Particles in frame `grid`.
 
-    float32 would do for the poses, but not for telling on which side of a cell's border a beam
-    ends: of the 120 000 beams of 2000 particles two or three would count in the wrong cell.
+    float32 would do for the poses, but not for deciding on which side of a cell's border a
+    beam ends: of the 120 000 beams of 2000 particles two or three would count in the wrong cell.
 
     Attributes:
         x: (n,) float64, columns [cells].

@@ -51,7 +51,7 @@ def score_particles(
     last_row = np.float64(table.shape[0] - 1)
     last_col = np.float64(table.shape[1] - 1)
     for i in range(cloud.x.size):
-        # One cell on: the ring. From there on truncation is floor, since nothing is negative.
+        # One cell further: the ring. From there on truncation is floor, since nothing is negative.
         x = cloud.x[i] + 1.0
         y = cloud.y[i] + 1.0
         c = cos[i]
@@ -127,7 +127,7 @@ def mark_crossing(
     depth: float,
     mark: int,
 ) -> int:
-    """Mark the beams that meet a line and go on behind it, seen from a pose.
+    """Mark the beams that cross a line and end behind it, seen from a pose.
 
     Args:
         out_class: (n,) `mark` is written where a used beam meets a line.
@@ -181,7 +181,7 @@ def explain_beams(
     field: NDArray[np.float32],
     near: float,
 ) -> tuple[int, int]:
-    """Tell the beams that end at a wall of the map from those that do not.
+    """Separate the beams that end at a wall of the map from those that do not.
 
     Args:
         out_class: (n,) EXPLAINED or NOT_ON_MAP is written where a beam is neither unused nor
@@ -270,7 +270,7 @@ def count_through(
         classes: (n,) EXPLAINED or NOT_ON_MAP; other beams are left out.
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
         margin: a wall within this distance of the end does not count [cells].
-        every: look at one beam in so many.
+        every: only every n-th beam is looked at.
 
     Returns:
         How many went through a wall and end at one, how many went through a wall and end at none,
@@ -377,7 +377,7 @@ def refine_pose(
         prior: (3,) expected pose, e.g. from odometry.
         prior_information: (3, 3) its inverse covariance.
         tuning: (2,) width of Welsch's function [cells] and the information of one beam [1/cells^2].
-        iterations: at most so many steps.
+        iterations: maximum number of steps.
 
     Source:
         Biber, Strasser, The Normal Distributions Transform (2003), for the scheme; Dennis, Welsch,

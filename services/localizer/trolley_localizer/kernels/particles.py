@@ -31,7 +31,7 @@ def move_particles(
         cloud: the particles.
         step: (3,) turn [rad], drive [cells], turn [rad].
         deviation: (4,) standard deviation of the three parts and of a slip to the left [cells].
-        wide_every: one particle in so many gets `wide_factor` times the noise.
+        wide_every: every n-th particle gets `wide_factor` times the noise.
         wide_factor: see `wide_every`.
         counter: first random number; four are used for each particle.
 
@@ -72,7 +72,7 @@ def scatter_particles(
     Args:
         cloud: the particles `first`, `first + every` and so on are overwritten.
         first: index of the first.
-        every: one particle in so many is drawn.
+        every: every n-th particle is drawn.
         mean: (3,) x, y [cells], yaw [rad] in `grid`.
         root: (3, 3) lower Cholesky factor of the covariance, same units.
         counter: first random number; three are used for each particle drawn.
@@ -94,7 +94,7 @@ _EMPTY = np.uint64(0)
 
 @kernel
 def weigh(weights: NDArray[np.float32], score: NDArray[np.int32], gain: float) -> None:
-    """Multiply weights by exp(gain * score), up to a factor that all have in common.
+    """Multiply weights by exp(gain * score), up to a common factor.
 
     Args:
         weights: (n,), in place.
@@ -110,7 +110,7 @@ def weigh(weights: NDArray[np.float32], score: NDArray[np.int32], gain: float) -
 
 @kernel
 def normalise(weights: NDArray[np.float32]) -> bool:
-    """Make the sum of weights 1, in place; False, without touching them, if there is none left."""
+    """Make the sum of weights 1, in place; False, leaving them as they are, if the sum is 0."""
     total = 0.0
     for i in range(weights.size):
         total += weights[i]

@@ -39,7 +39,7 @@ def random_bits(counter: np.uint64) -> np.uint64:
 def normal(counter: np.uint64) -> float:
     """Return a number of mean 0 and deviation 1 that belongs to a counter.
 
-    It is the sum of four uniform numbers, so never beyond 3.47; wider tails are the caller's.
+    It is the sum of four uniform numbers, so never beyond 3.47; the caller adds wider tails.
     """
     bits = random_bits(counter)
     total = (

@@ -1,4 +1,4 @@
-"""Beams that go on behind a wall of the map: mirrored, seen through a gap, or neither?"""
+"""Beams that continue behind a wall of the map: mirrored, seen through a gap, or neither?"""
 
 import math
 from typing import NamedTuple
@@ -15,16 +15,16 @@ NOTHING = 0
 STOPPED = 1
 """It ended at the wall, as it should."""
 PASSED = 2
-"""It went on, and what it saw is not what stands before the wall."""
+"""It continued, and what it saw is not what is in front of the wall."""
 NO_IMAGE = 3
-"""It went on, and in a mirror it would have met the lidar that it came from, but did not."""
+"""It continued; in a mirror it would have met its own lidar, but it did not."""
 MIRRORED = 4
-"""It went on and saw what stands before the wall, and nothing else fits."""
+"""It continued and saw what is in front of the wall, and nothing else fits."""
 IMAGE = 5
-"""It went on and saw the robot itself in a mirror."""
+"""It continued and saw the robot itself in a mirror."""
 
 NORMAL_X, NORMAL_Y = 2, 3
-"""Columns of the wall's normal in what is written about each beam."""
+"""Columns of the wall's normal in the record of each beam."""
 
 
 class ReflectionParams(NamedTuple):
@@ -34,9 +34,9 @@ class ReflectionParams(NamedTuple):
     behind_m: float = 0.3
     """A beam ended at the wall, or behind it, by this [m]."""
     wall_reach_m: float = 0.4
-    """The line of a wall is fitted to what lies this near to a hit [m]."""
+    """The line of a wall is fitted to what lies this close to a hit [m]."""
     wall_side_m: float = 0.1
-    """The wall must go on by this on both sides: beams that graze an edge tell nothing [m]."""
+    """The wall must extend this far on both sides: beams that graze an edge tell nothing [m]."""
     wall_roughness_m: float = 0.04
     """Hits may lie this far from the line [m]."""
     min_hits: int = 4
@@ -45,15 +45,15 @@ class ReflectionParams(NamedTuple):
     """Flatter beams are scattered too far by a small error of the wall's direction (cosine)."""
     near_m: float = 0.1
     near_share: float = 0.02
-    """A mirrored end lies this near to a wall [m], plus this share of its distance from the
+    """A mirrored end lies this close to a wall [m], plus this share of its distance from the
     mirror."""
     plain_m: float = 0.15
-    """A plain end lies this near to a wall [m]."""
+    """A plain end lies this close to a wall [m]."""
     free_margin_m: float = 0.3
     """The reflected path must be free of walls up to this far before its end [m]."""
     body_m: float = 0.35
     lidar_m: float = 0.05
-    """The robot lies within this of its centre, and its lidar is at least so wide (radius) [m]."""
+    """The robot lies within this of its centre, and its lidar has at least this radius [m]."""
 
 
 PARAMS = ReflectionParams()
@@ -83,7 +83,7 @@ def wall_about(hits: NDArray[np.float64], index: int, reach: float) -> tuple[int
 def fit_wall(
     out_line: NDArray[np.float64], hits: NDArray[np.float64], index: int, resolution: float
 ) -> bool:
-    """Fit a straight line to the wall about a hit, as seen from where the beams come from.
+    """Fit a straight line to the wall around a hit, as seen from the origin of the beams.
 
     Args:
         out_line: (4,) a point of the line [cells] and its unit normal, overwritten.
@@ -92,7 +92,7 @@ def fit_wall(
         resolution: cell edge [m].
 
     Returns:
-        Whether the wall is straight and goes on to both sides.
+        Whether the wall is straight and continues on both sides.
     """
     first, last = wall_about(hits, index, PARAMS.wall_reach_m / resolution)
     count = last - first + 1
@@ -133,7 +133,7 @@ def meet_mirror(
     ray: NDArray[np.float64],
     resolution: float,
 ) -> bool:
-    """Turn a beam back at a wall as if a mirror hung there.
+    """Reflect a beam at a wall as if a mirror hung there.
 
     Args:
         out_place: (5,) point of the wall's line, its normal towards the robot, and how far
@@ -145,7 +145,7 @@ def meet_mirror(
         resolution: cell edge [m].
 
     Returns:
-        Whether it goes on far enough behind the wall, and meets it steeply enough, to tell.
+        Whether it continues far enough behind the wall, and meets it steeply enough, to judge.
     """
     nx = line[2]
     ny = line[3]
@@ -174,7 +174,7 @@ def judge_passage(
     field: NDArray[np.float32],
     resolution: float,
 ) -> int:
-    """Judge one beam that went on behind a wall.
+    """Judge one beam that continued behind a wall.
 
     Args:
         place: (5,) as `meet_mirror` writes it [cells].
@@ -261,11 +261,11 @@ def judge_beams(
     field: NDArray[np.float32],
     resolution: float,
 ) -> None:
-    """Say what each beam tells of the wall of the map that it ought to end at.
+    """Judge each beam by the wall of the map that it should have ended at.
 
     Args:
         out_verdict: (n,) NOTHING, STOPPED, PASSED, NO_IMAGE, MIRRORED or IMAGE, overwritten.
-        out_place: (n, 5) where a beam that went on met the wall, the wall's normal towards the
+        out_place: (n, 5) where a beam that continued met the wall, the wall's normal towards the
             robot, and the depth behind it, written from PASSED on [cells].
         out_cell: (n,) four times the number of the wall's cell, and the quadrant that the beam
             points to; written where the verdict is not NOTHING.

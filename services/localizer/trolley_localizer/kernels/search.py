@@ -147,7 +147,7 @@ def bound_block(
 def keep_best(
     found: Found, score: float, row: int, col: int, turn: int, apart: NDArray[np.int64]
 ) -> float:
-    """Keep a pose if it is the best of its neighbourhood and among the best in all.
+    """Keep a pose if it is the best of its neighbourhood and among the best overall.
 
     Args:
         found: in place.

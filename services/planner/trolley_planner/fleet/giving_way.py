@@ -61,7 +61,7 @@ class Wait:
 
     name: str
     where: str
-    """In words: at which narrow place, or "to pass" where they face each other."""
+    """In words: at which narrow place, or "to pass" if they face each other."""
     since_ns: int
     place: Pose2D
     """Where the other robot was when it last moved."""
@@ -72,7 +72,7 @@ class Wait:
     @property
     def sentence(self) -> str:
         """What people read."""
-        return f"Waits for robot {self.name} {self.where}."
+        return f"Waiting for robot {self.name} {self.where}."
 
 
 class GivingWay:

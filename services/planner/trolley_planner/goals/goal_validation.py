@@ -165,5 +165,5 @@ def _no_path(context: PlanningContext, here: Pose2D, targets: list[Pose2D]) -> R
     blocked = [(round(float(x), 3), round(float(y), 3)) for x, y in in_frame]
     x, y = blocked[0]
     where = f"it is too narrow at x {x:.2f}, y {y:.2f}"
-    sentence = f"There is no way there for a robot of this size: {where}."
+    sentence = f"There is no path there for a robot of this size: {where}."
     return Refused(codes.NO_PATH, sentence, blocked=blocked)

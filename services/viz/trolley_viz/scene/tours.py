@@ -282,7 +282,7 @@ class TroubleLayer(Layer):
 
 
 def spot_text(spot: Spot) -> str:
-    """Say what happened last at a spot: "kitchen: There is no way there."."""
+    """Say what happened last at a spot: "kitchen: There is no path there."."""
     result = spot.newest
     name = result.name or f"stop {result.stop + 1}"
     why = codes.SENTENCES.get(result.code) or result.message or result.code
