@@ -18,8 +18,8 @@ STAMPS := $(VENV)/.stamps
 MEMBERS := common $(patsubst %/pyproject.toml,%,$(wildcard services/*/pyproject.toml))
 MEMBER_FILES := $(addsuffix /pyproject.toml,$(MEMBERS))
 KERNEL_FILES := $(shell grep -rlE --include='*.py' '^from trolley.jit import' common services)
-# Programs that say in their first lines how they are run; what others start does not.
-BENCHES = $(shell grep -rhoE '^(    )?(TROLLEY_DATA=\S+ )?python -m bench[a-z_.]+' --include='*.py' bench | grep -oE 'bench[a-z_.]+' | sort -u)
+# Programs that say in their first lines how they are run, without arguments that they need.
+BENCHES = $(shell grep -rhoE '^    (TROLLEY_DATA=\S+ )?python -m bench[a-z_.]+( \[|$$)' --include='*.py' bench | grep -oE 'bench[a-z_.]+' | sort -u)
 
 export UV_PYTHON_DOWNLOADS := never
 

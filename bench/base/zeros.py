@@ -1,6 +1,6 @@
 """How soon a zero leaves on the serial line after what should stop the robot.
 
-    python -m bench.base.zeros --tries 5
+    python -m bench.base.zeros [--tries 5]
 
 Base drives an emulated linorobot with an LD19 over pseudo-terminals. What is counted is the time
 from the cause to the first zero on the line after which nothing else comes; in each try also how

@@ -118,14 +118,14 @@ def _map_files(findings: Findings, folder: Path) -> Files:
 
 
 def _refuse_to_overwrite(output: Path, files: Files) -> None:
-    """Refuse where a file is there already; the same content is no harm."""
+    """Refuse if a file already exists with other content."""
     taken = [output] if output.exists() else []
     taken += [
         path for path, content in files.items() if path.exists() and path.read_bytes() != content
     ]
     if taken:
         raise click.UsageError(
-            f"{', '.join(map(str, taken))} is there already and stays as it is; say --force to "
+            f"{', '.join(map(str, taken))} already exists; not overwritten. Use --force to "
             f"overwrite it, or -o for another file"
         )
 

@@ -1,9 +1,4 @@
-"""Lidars by their model.
-
-A new model is a module here with its `DRIVER`, a line in `MODELS` below, its name in
-`trolley.config.hardware.LidarModel`, and a page in docs/hardware. `trolley detect` and the
-importers read the table.
-"""
+"""Lidars by their model: the table that `trolley detect` and the importers read, too."""
 
 from collections.abc import Mapping
 

@@ -42,7 +42,7 @@ def test_overwrites_nothing_unasked(package: Package, tmp_path: Path) -> None:
     output.write_text("mine")
     refused = run(package.folder, "-o", output)
     assert refused.exit_code == 2
-    assert "is there already" in refused.output
+    assert "already exists; not overwritten" in refused.output
     assert output.read_text() == "mine"
     assert run(package.folder, "-o", output, "--force").exit_code == 0
     assert load_config(output).robot.name == "trolley"
