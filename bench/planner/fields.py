@@ -71,7 +71,7 @@ class World:
             return self.published_m
         length = _shortest_m(self, radius_m)
         if length is None:
-            raise ValueError(f"{self.name}: there is no way for a robot of radius {radius_m} m")
+            raise ValueError(f"{self.name}: there is no path for a robot of radius {radius_m} m")
         return length
 
 
@@ -205,7 +205,7 @@ def _load_gazebo(path: Path) -> World:
     try:
         world = ElementTree.parse(path).getroot().find("world")
     except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: is no SDF file: {error}") from error
+        raise ValueError(f"{path}: is not an SDF file: {error}") from error
     if world is None:
         raise ValueError(f"{path}: holds no <world>")
     # Where a model stands now comes before where it was put first.
@@ -240,7 +240,7 @@ def _numbers(element: ElementTree.Element | None, name: str) -> tuple[float, ...
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError as error:
-        raise ValueError(f"{name}: {text.strip()!r} are no numbers") from error
+        raise ValueError(f"{name}: {text.strip()!r} are not numbers") from error
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name}: {text.strip()!r} are not all finite")
     return numbers
