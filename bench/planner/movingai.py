@@ -29,7 +29,7 @@ class Query:
     """Column and row, from the upper left."""
     goal: tuple[int, int]
     optimum: float
-    """Length of the shortest way [cells]."""
+    """Length of the shortest path [cells]."""
     shape: tuple[int, int] | None = field(default=None, compare=False)
     """Rows and columns that the map should have, None where the file does not say."""
     place: str = field(default="", compare=False)
