@@ -32,7 +32,7 @@ AT_ONCE_S = 0.1
 SILENCE_S = 0.5
 """Without a scan for so long, base holds."""
 REVOLUTION_S = 0.1
-"""One that was under way when the lidar fell silent may still be completed."""
+"""A scan that had begun when the lidar fell silent may still be completed."""
 SETTLED_S = 0.5
 
 

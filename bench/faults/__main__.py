@@ -1,4 +1,4 @@
-"""Breaks everything of a robot that can break, one thing after the other, and prints a table.
+"""Breaks everything on a robot that can break, one thing after another, and prints a table.
 
     python -m bench.faults [--only killed frozen router]
     python -m bench.faults --write
@@ -6,7 +6,7 @@
 The robot is the whole stack as real processes on an emulated board and lidar, and drives a tour
 without an end. For each fault: what happened, how long until the robot stood, how long until it
 drove again, and what was lost of what is saved, which must be nothing. Exits with 1 when something
-is not as it must be. What each group found last is kept in `out/faults`; `--write` puts it into
+is not as required. What each group found last is kept in `out/faults`; `--write` puts it into
 docs/faults.md. Disks, memory and priorities need root, the clock a C compiler, the power cut
 strace; what cannot be tried is said.
 """
@@ -32,7 +32,7 @@ Group = Callable[[], list[Outcome]]
 
 
 def _one_by_one(make: Callable[[], list[Fault]]) -> Group:
-    """Break one thing after the other of one robot."""
+    """Break one thing after another on one robot."""
 
     def run() -> list[Outcome]:
         with tempfile.TemporaryDirectory() as folder, Rig(Path(folder)) as rig:

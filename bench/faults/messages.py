@@ -93,14 +93,14 @@ def _stand(rig: Rig) -> None:
 
 
 def _drive_again(rig: Rig) -> None:
-    """A person lets it go on, or starts the tour anew where rubbish has ended it."""
+    """Resume as a person would, or restart the tour if rubbish has ended it."""
     rig.ask_patiently(requests.BASE_RESUME)
     rig.start_tour()
     rig.wait_for_driving(BACK_WITHIN_S)
 
 
 def _put_map_back(rig: Rig) -> None:
-    """A person loads the map of the house again: valid requests have made and saved another."""
+    """Load the house's map again, as a person would: valid requests made and saved another."""
     if rig.pose is None or rig.pose.map != MAP:
         truth = rig.seen[-1].truth.pose
         rig.ask_patiently(requests.MAP_LOAD, LoadMap(name=MAP, pose=truth))

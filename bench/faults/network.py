@@ -1,4 +1,4 @@
-"""A robot and a home router over a bad radio link: how long gaps last, and if old words move it.
+"""A robot and a home router on a bad radio link: how long gaps last, and if old commands move it.
 
     sudo python -m bench.faults.network [--only cut] [--write]
 
@@ -128,7 +128,7 @@ class House:
             self._router = None
 
     def pause_router(self, is_paused: bool) -> None:
-        """Freeze the home router, or let it go on."""
+        """Freeze the home router, or continue it."""
         assert self._router is not None
         self._router.send_signal(signal.SIGSTOP if is_paused else signal.SIGCONT)
 
@@ -181,7 +181,7 @@ def fastest_mps(seen: list[Seen]) -> float:
 
 
 def cut(house: House, seconds: float, is_held: bool = True) -> Row:
-    """Nothing gets through; a hand on teleop lets go as it begins, or just before it is over."""
+    """Nothing gets through; the teleop key is released as the cut begins, or before it ends."""
     began_s = time.monotonic()
     house.at_home.drive(0.15, began_s + 1.0 + (0.9 * seconds if is_held else 0.0))
     time.sleep(1.0)
@@ -205,7 +205,7 @@ def cut(house: House, seconds: float, is_held: bool = True) -> Row:
     states = {one.what for one in house.on_robot.seen("goal", cut_s)}
     words = [f"drove {moved:.2f} m/s before, {after:.2f} after it"]
     words.append(f"{len(came)} commands came late, {oldest_s:.2f} s at most" if came else "")
-    # A hand that holds on drives on after a short cut; what is older than a second never comes.
+    # With the key held, it drives on after a short cut; what is older than a second never comes.
     good = oldest_s < LEASE_S + 0.3 and (after < STANDS_MPS or (is_held and bool(came)))
     if answer is not None:
         words.append(f"goal: {answer.code} after {answer.took_s:.1f} s")

@@ -1,10 +1,10 @@
-"""The power goes at every write point of the state files: what stands on the disk afterwards?
+"""The power fails at every write point of the state files: what is on the disk afterwards?
 
     python -m bench.faults.power_cut
 
 All services run in lock-step and save what they save: places, tours, zones, the stop latch, robot
 time, the last pose, the chosen map, a trip, the history, the viewer's settings, a map. `strace`
-writes down every system call with which they touch the state folder. Then the power is cut after
+records every system call with which they touch the state folder. Then the power is cut after
 each of these calls, in each of the ways in which a disk may keep or lose what was not yet synced,
 and Trolley's own readers read what is left. Each file must hold what was last saved, or what was
 just being saved, and nothing else.
@@ -272,7 +272,7 @@ def _not_synced(done: list[Operation]) -> tuple[list[int], list[int]]:
 
 @dataclass
 class Verdict:
-    """What became of one file."""
+    """The fate of one file."""
 
     writes: int = 0
     states: int = 0

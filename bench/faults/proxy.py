@@ -1,4 +1,4 @@
-"""A TCP link that can be cut: what one service sees when only its own way to the router is gone."""
+"""A TCP link that can be cut: what a service sees when only its own link to the router is gone."""
 
 import contextlib
 import socket
@@ -42,7 +42,7 @@ class Proxy:
         self._drop()
 
     def cut(self) -> None:
-        """Pass nothing on, as a pulled cable: neither side is told."""
+        """Pass nothing on, like a pulled cable: neither side is told."""
         self._flows.clear()
 
     def break_off(self) -> None:

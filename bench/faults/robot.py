@@ -1,8 +1,8 @@
 """A robot on emulated devices, with everything in reach that can be broken.
 
-The board and the lidar are played by `trolley emulate`, so the robot goes on existing when base
-dies. Where it truly is comes over a router of its own, so whatever happens to the robot's router,
-the judge sees on.
+The board and the lidar are played by `trolley emulate`, so the robot continues to exist when base
+dies. Its true position comes over a router of its own, so whatever happens to the robot's router,
+the observer still sees it.
 """
 
 import contextlib
@@ -242,7 +242,7 @@ class Rig:
         return self.seen[-1].truth.collisions if self.seen else 0
 
     def stood_after(self, since_s: float) -> float | None:
-        """Seconds from then until the robot first stood, and did so for a while; None: not yet."""
+        """Seconds until the robot first stood still for a while; None: not yet."""
         stands_since_s: float | None = None
         for seen in tuple(self.seen):
             if seen.at_s <= since_s:
@@ -273,7 +273,7 @@ class Rig:
         return result
 
     def health(self, service: str) -> Health | None:
-        """What a service says of itself."""
+        """A service's report about itself."""
         return self.connection.latest(ROBOT, topics.HEALTH, service)
 
     def pid(self, service: str) -> int:
@@ -284,7 +284,7 @@ class Rig:
 
     @property
     def restarts(self) -> dict[str, int]:
-        """How often each service was started again."""
+        """How often each service was restarted."""
         return {name: child.restarts for name, child in self.supervisor.children.items()}
 
     def kill(self, pid: int) -> None:

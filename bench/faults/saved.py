@@ -1,4 +1,4 @@
-"""What is saved, and what of it was lost."""
+"""The saved data, and what of it was lost."""
 
 import sqlite3
 import tomllib
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# What a person saved: it must stand as it was, byte for byte.
+# What a person saved: it must stay as it was, byte for byte.
 KEPT = (
     "poses.toml",
     "tours.toml",
@@ -53,7 +53,7 @@ def read_saved(state: Path, robot: str) -> Saved:
 
 
 def lost(before: Saved, after: Saved) -> list[str]:
-    """What was there and is not, or is not as it was."""
+    """What was there and is gone or changed."""
     found = [
         f"{name} has changed" for name in before.kept if after.kept.get(name) != before.kept[name]
     ]

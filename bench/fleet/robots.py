@@ -52,9 +52,9 @@ PLACES = {
 }  # fmt: skip
 ENDED = ("arrived", "failed", "canceled")
 CHEAP = "[planner]\nrollouts = 96\ncontrol_rate_hz = 10.0\n"
-"""Fewer drives in thought and commands than usual, so that ten robots take one core and no more."""
+"""Fewer rollouts and commands than usual, so that ten robots need no more than one core."""
 STUCK_S = 180.0
-"""Nothing else than a deadlock keeps a robot standing with a goal for so long."""
+"""Only a deadlock keeps a robot with a goal standing for this long."""
 
 
 class Crowd(Service):
@@ -122,7 +122,7 @@ class Hermit(PlannerService):
 
 @dataclasses.dataclass
 class Visitor:
-    """One robot, what it was sent to do, and what became of it."""
+    """One robot, its goals, and their outcomes."""
 
     name: str
     place: str
@@ -197,7 +197,7 @@ class House:
         bus.subscribe(topics.GOAL.key(visitor.name), hear_goal)
 
     def step(self) -> None:
-        """Let a second pass, and send whoever is free somewhere else."""
+        """Let a second pass, and send each free robot somewhere else."""
         self.lockstep.run(1.0)
         for visitor in self.visitors:
             if visitor.goal is None and self.lockstep.now_s >= visitor.due_s:

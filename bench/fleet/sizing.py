@@ -6,8 +6,9 @@ First one simulated robot drives in lock-step, and its messages are counted. The
 messages of those sizes at those rates, as so many robots, through a router in Python, with one
 subscriber that hears what a viewer hears. Printed is the processor time of the router for a second
 of such traffic, whatever the machine has left for it: time for each message that it took, times the
-messages that the robots have in a second. The variants: robots that hear each other's way, routers
-in a tree (ten robots behind each, the viewer at the top), and `downsampling` at the viewer's side.
+messages that the robots have in a second. The variants: robots that hear each other's paths,
+routers in a tree (ten robots behind each, the viewer at the top), and `downsampling` at the
+viewer's side.
 """
 
 import argparse
@@ -131,7 +132,7 @@ def be_robots(port: int, first: int, count: int, traffic: Traffic, hears: bool) 
                 if next_s[index] <= now_s:
                     bus.put(key, payload, "application/msgpack", Qos.SENSOR)
                     counts["sent"] += 1
-                    # Who has no time for all of them sends fewer, as a robot does.
+                    # A process without time for all of them sends fewer, as a robot does.
                     next_s[index] = max(next_s[index] + period_s, now_s)
             time.sleep(0.005)
 

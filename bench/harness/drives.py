@@ -1,4 +1,4 @@
-"""Whole drives in lock-step: all services on a simulated robot, judged by the truth.
+"""Whole drives in lock-step: all services on a simulated robot, compared with the truth.
 
 The programs beside this file and the tests use it.
 """
@@ -44,7 +44,7 @@ pose = {{ x = {x}, y = {y}, yaw = {yaw} }}
 
 @dataclasses.dataclass(frozen=True)
 class Drive:
-    """How a trip went."""
+    """The outcome of a trip."""
 
     seed: int
     state: str

@@ -13,7 +13,7 @@ class Figure:
     what: str
     now: str
     target: str = ""
-    """What it ought to be; empty where it is only for comparison."""
+    """Its target; empty if it is only for comparison."""
     is_met: bool | None = None
 
 

@@ -80,16 +80,16 @@ class Recording:
         )
 
     def way_m(self) -> NDArray[np.float64]:
-        """The way driven until each scan (n,) [m]."""
+        """The distance driven until each scan (n,) [m]."""
         steps = np.hypot(*np.diff(self.reference[:, :2], axis=0).T)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def thinned(self, step_m: float, yaw_dev_rad: float, seed: int) -> "Recording":
-        """One scan each `step_m` of the way, with worse odometry between them.
+        """One scan every `step_m`, with worse odometry between them.
 
         Args:
-            step_m: way between two scans [m].
-            yaw_dev_rad: deviation of the heading per step; the way is 10 % off [rad].
+            step_m: distance between two scans [m].
+            yaw_dev_rad: deviation of the heading per step; the distance is 10 % off [rad].
             seed: of the errors.
         """
         kept = np.flatnonzero(np.diff(np.floor(self.way_m() / step_m), prepend=-1.0))
@@ -100,7 +100,7 @@ class Recording:
             step = self.odom_at(before).inverse() @ self.odom_at(after)
             scale = 1.0 + 0.1 * float(rng.standard_normal()) * (yaw_dev_rad > 0.0)
             turn = yaw_dev_rad * float(rng.standard_normal())
-            # Half of the turn before the step, half behind it: the way errs, too.
+            # Half of the turn before the step, half behind it: the distance errs, too.
             half = Pose2D(0.0, 0.0, 0.5 * turn)
             pose = pose @ half @ Pose2D(scale * step.x, scale * step.y, step.yaw) @ half
             odom.append(pose.as_array())
@@ -134,7 +134,7 @@ def read_recording(folder: Path, name: str, odom: str, reference: str) -> Record
 
 @dataclass(frozen=True)
 class Score:
-    """How well a drive was followed; one entry a scan, NaN where no pose was given."""
+    """How well a drive was followed; one entry per scan, NaN where no pose was given."""
 
     error_m: NDArray[np.float64]
     error_rad: NDArray[np.float64]

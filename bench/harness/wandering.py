@@ -29,9 +29,9 @@ APARTMENT = WORLDS / "apartment.yaml"
 START = Pose2D(0.549, 0.218, 0.2579)
 # Things of the world that are not on the map, with a robot's width about them: x, y, reach [m].
 IN_THE_WAY = ((4.25, 1.2, 0.5), (5.0, -1.35, 0.5))
-# An error above these is no error any more: the robot is elsewhere [m, rad].
+# Beyond these errors the robot counts as being elsewhere [m, rad].
 FAR_M, FAR_RAD = 0.5, math.radians(20.0)
-# After so long at one goal another is tried [s].
+# After this long at one goal, another is tried [s].
 PATIENCE_S = 40.0
 STEP_S = 0.1
 ENDED = ("idle", "arrived", "failed", "canceled")
@@ -113,7 +113,7 @@ def _is_in_a_room(pieces: NDArray[np.float64], rooms: list[tuple[float, ...]]) -
 
 @dataclass(frozen=True)
 class Track:
-    """What the localizer said and what was so, one entry a pose.
+    """What the localizer said and what was true, one entry per pose.
 
     Attributes:
         stamps_s: robot time of the poses [s].
@@ -214,7 +214,7 @@ class Wanderer:
         self.run_until(lambda: False, seconds)
 
     def _drive_on(self) -> None:
-        """Choose another goal where there is none, or where it takes too long."""
+        """Choose another goal if there is none, or if it takes too long."""
         if not self.poses or self.latest.state not in ("localized", "unsure"):
             return
         is_busy = bool(self._goals) and self._goals[-1].state not in ENDED
@@ -250,7 +250,7 @@ class Wanderer:
         self.lockstep.ask(requests.POSE_SET, SetPose(pose=pose))
 
     def track(self) -> Track:
-        """What was said and what was so."""
+        """What was said and what was true."""
         stamps = np.array([truth.stamp_ns for truth in self.truths], np.float64)
         x = np.array([truth.pose.x for truth in self.truths])
         y = np.array([truth.pose.y for truth in self.truths])

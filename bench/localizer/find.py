@@ -3,7 +3,7 @@
     TROLLEY_DATA=/path/to/recordings python -m bench.localizer.find [--scans 40] [--full]
 
 Random scans of the recordings: the robot stands there and must find itself; where it is not sure,
-it goes on with the drive for up to 2 m. An answer counts once it is `localized`; it is right within
+it continues the drive for up to 2 m. An answer counts once it is `localized`; it is right within
 0.3 m and 10 degrees. Then the time of a search in houses of 20 × 20 m and 60 × 60 m, one thread.
 """
 

@@ -34,7 +34,7 @@ DRIVE_S = 300.0
 
 @dataclass(frozen=True)
 class Kidnapping:
-    """What came of one; times count from the moment that the robot was moved."""
+    """The outcome of one; times count from the moment that the robot was moved."""
 
     doubted_s: float
     """Until it was not `localized` any more, or right again; infinite if never."""
@@ -47,7 +47,7 @@ class Kidnapping:
 
 
 def kidnap(robot: Wanderer, place: Pose2D) -> Kidnapping:
-    """Move the robot and see what it makes of that."""
+    """Move the robot and see how it reacts."""
     began, began_s = len(robot.poses), robot.lockstep.now_s
     robot.lift(place)
     times: dict[str, float] = {}

@@ -29,7 +29,7 @@ WAIT_S, UNNOTICED_S, NEAR_M, NEAR_RAD = 20.0, 2.0, 1.0, math.radians(45.0)
 
 @dataclass(frozen=True)
 class Start:
-    """What came of one."""
+    """The outcome of one."""
 
     right_s: float
     """Until it was `localized` where it is for good; infinite if not at the end."""

@@ -1,4 +1,4 @@
-"""The particle filter as the book has it, in numba: what `speed.py` compares with.
+"""The textbook's particle filter in numba, for `speed.py` to compare with.
 
 float64; sine, cosine, distance look-up and exp per beam; numba's own normal generator; particles
 drawn one by one until Fox's bound is reached.

@@ -1,15 +1,15 @@
-"""Exploring by itself: how much of a house is found, how far is driven, and what is touched.
+"""Exploring by itself: how much of a house is found, how far the robot drives, and what it hits.
 
     python -m bench.mapper.exploring [--house SIZE:SEED ...] [--apartment] [--mirror] [--perfect]
 
 In lock-step: simulated base (odometry 1-2 % wrong, a noisy lidar of 8 m), mapper and planner in
 generated houses of SIZE x SIZE m, and with --apartment in the demo's; with --mirror its mirror
 hangs there too, which no new map shows. Judged by the truth: the share of the floor that the map
-knows (where the robot can get, and 1 m round), the way, the time, and collisions.
+knows (where the robot can get, and 1 m around), the distance, the time, and collisions.
 
-Beside it what a robot drives that knows where it is, sees without errors and obeys at once, and
-the tour of one that knows the house beforehand: the fewest places from which all floor is seen, in
-the shortest order found. With --perfect only these two, in more houses.
+For comparison: the distance of a robot that knows where it is, sees without errors and obeys at
+once, and the tour of one that knows the house beforehand: the fewest places from which all floor
+is seen, in the shortest order found. With --perfect only these two, in more houses.
 """
 
 import argparse
@@ -53,12 +53,12 @@ HOUSES = ("6:1", "8:2", "10:3")
 PERFECT = ("6:1", "8:2", "10:3", "10:6", "12:4", "12:7", "15:5")
 LIMIT_S = 1500.0
 NUM_PLACES = 60
-"""So many places are candidates for the tour of who knows the house."""
+"""This many places are candidates for the tour of a robot that knows the house."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How it went."""
+    """The outcome of a run."""
 
     state: str
     message: str
@@ -66,7 +66,7 @@ class Outcome:
     way_m: float
     seconds: float
     home_m: float
-    """From where it ended to where it began."""
+    """Distance from the end to the start."""
     collisions: int
     cpu_s: float
 
@@ -104,7 +104,7 @@ def judged(
     truth: GridMap,
     run: tuple[Pose2D, float, float],
 ) -> Outcome:
-    """What came of it; `run` is where it began, the seconds that it took, and those of the CPU."""
+    """The outcome; `run` holds the start, the seconds that it took, and the CPU seconds."""
     home, seconds, cpu_s = run
     poses = [one.pose for one in truths]
     return Outcome(
@@ -137,7 +137,7 @@ def perfect(house: GridMap, start: Pose2D) -> Outcome:
 
 
 def scripted_way(house: GridMap, start: Pose2D, seed: int) -> float:
-    """Length of a short tour from which all floor is seen, by who knows the house [m]."""
+    """Length of a short tour from which all floor is seen, if the house is known [m]."""
     wanted, edge = wanted_floor(house, start), house.resolution
     passable = (distance_transform(1 - house.free_mask(), edge) >= CLEARANCE.passing_m).astype(
         np.uint8
@@ -178,7 +178,7 @@ def seen_cells(house: GridMap, place: Pose2D) -> NDArray[np.bool_]:
 
 
 def shortest_tour(ways: NDArray[np.float64]) -> float:
-    """Length of a round trip over all places, by turning pieces of it round (Croes 1958)."""
+    """Length of a round trip over all places, by reversing pieces of it (Croes 1958)."""
     order = list(range(len(ways)))
 
     def length(tour: list[int]) -> float:
@@ -211,7 +211,7 @@ def row(name: str, outcome: Outcome, scripted_m: float | None) -> list[str]:
     ]
 
 
-HEADS = ("", "ends", "found", "way", "scripted", "time", "to home", "collisions", "CPU", "says")
+HEADS = ("", "ends", "found", "driven", "scripted", "time", "to home", "collisions", "CPU", "says")
 
 
 def house_of(named: str) -> tuple[GridMap, Pose2D, int]:

@@ -47,7 +47,7 @@ class House:
 def make_house(
     area_m2: float, seed: int, lidar: LidarSpec, odometry_error: float, num_people: int
 ) -> House:
-    """Draw a house of about such an area; the error is a share of ways and turns."""
+    """Draw a house of about this area; the error is a share of distances and turns."""
     grid = draw_house(math.sqrt(area_m2) + 1.4, seed)
     rng = np.random.default_rng(seed)
     clearance = distance_transform(1 - grid.free_mask(), grid.resolution)
@@ -91,7 +91,7 @@ def _with_people(spec: WorldSpec, people: list[Person]) -> WorldSpec:
 
 
 def _walker(house: House, rng: np.random.Generator) -> Person:
-    """Somebody who walks to and fro between two places of the house."""
+    """A person who walks to and fro between two places of the house."""
     roads = Roads(house)
     while True:
         a, b = (roads.nearest(p) for p in free_poses(_mask(house), 0.05, 2, rng))
@@ -108,7 +108,7 @@ def _mask(house: House) -> GridMap:
 
 
 class Roads:
-    """Shortest ways over what can be reached, on every second cell."""
+    """Shortest paths over what can be reached, on every second cell."""
 
     def __init__(self, house: House) -> None:
         self._grid = house.grid
@@ -126,7 +126,7 @@ class Roads:
             joined = inside & (other >= 0)
             starts.append(np.flatnonzero(joined))
             ends.append(other[joined])
-            # Ways keep off the walls, as a person drives.
+            # Paths keep away from the walls, as a person drives.
             shy = 1.0 + 4.0 / clearance[self._rows, self._cols][joined]
             costs.append(math.hypot(dr, dc) * shy)
         size = len(self._rows)
@@ -157,7 +157,7 @@ class Roads:
         return np.array([self.point(node) for node in reversed(nodes)])
 
     def tour(self, start: Pose2D) -> NDArray[np.float64]:
-        """Points (n, 2) of a way past everything that can be reached and back to the start."""
+        """Points (n, 2) of a path past everything that can be reached and back to the start."""
         every = round(SPACING_M / (2 * self._grid.resolution))
         targets = np.flatnonzero((self._rows % every == 0) & (self._cols % every == 0))
         places = np.array([self.point(int(node)) for node in targets]).reshape(-1, 2)
@@ -206,7 +206,7 @@ def drive(house: House, seed: int) -> Iterator[tuple[ScanInput, Pose2D]]:
 
 
 def _towards(pose: Pose2D, point: NDArray[np.float64], stuck: int) -> Twist2D:
-    """The command that leads to a point ahead; a robot that somebody blocks backs off."""
+    """The command that leads to a point ahead; a robot that is blocked backs off."""
     if stuck > 100 and stuck % 100 < 30:
         return Twist2D(-0.1, 0.0, 0.3)
     bearing = math.remainder(

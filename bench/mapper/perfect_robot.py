@@ -44,8 +44,8 @@ class PerfectRobot:
         truth: the house, all of it.
         start: where it stands.
         zones: that it keeps out of.
-        fails: says of a goal whether the planner gives up on it.
-        fov_rad: what its lidar sees.
+        fails: whether the planner gives up on a goal.
+        fov_rad: field of view of its lidar.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class PerfectRobot:
             self._say(explorer, "driving")
 
     def _plan(self, goal: Pose2D) -> list[Pose2D] | None:
-        """The way over what is known, cell by cell."""
+        """The path over what is known, cell by cell."""
         floor = lay_out_area(self.grid, self.zones, self.pose, 0.2, (self.home, 1000.0))
         rows, cols = floor.kinds.shape
         room = distance_transform((floor.kinds != FREE_KIND).astype(np.uint8), floor.resolution)
@@ -201,7 +201,7 @@ def wanted_floor(truth: GridMap, start: Pose2D) -> NDArray[np.bool_]:
 
 
 def way_from(grid: GridMap, passable: NDArray[np.uint8], pose: Pose2D) -> NDArray[np.int32]:
-    """Cost of the way to each cell from a pose, (rows, cols)."""
+    """Cost of the path to each cell from a pose, (rows, cols)."""
     cost, seed = np.empty(passable.shape, np.int32), np.empty(passable.shape, np.int32)
     row, col = grid.world_to_cell(pose.as_array()[None, :2])[0]
     first = np.array([row * passable.shape[1] + col], np.int32)

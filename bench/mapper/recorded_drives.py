@@ -31,7 +31,7 @@ from trolley_mapper.slam.mapper import Mapper
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one drive: poses as the finished map has them, and what it took."""
+    """The outcome of one drive: poses as in the finished map, and the resources used."""
 
     poses: list[Pose2D]
     grid: GridMap
@@ -94,7 +94,7 @@ def backwards(recording: Recording) -> Recording:
 
 
 def sparse(recording: Recording, every: int) -> Recording:
-    """The same drive with one beam in so many."""
+    """The same drive with every n-th beam only."""
     return replace(
         recording,
         ranges=np.ascontiguousarray(recording.ranges[:, ::every]),
@@ -103,7 +103,7 @@ def sparse(recording: Recording, every: int) -> Recording:
 
 
 def without_scans(recording: Recording, each_s: float, long_s: float) -> Recording:
-    """The same drive with the lidar cut for so long, again and again."""
+    """The same drive with the lidar cut off again and again."""
     kept = recording.stamps % each_s >= long_s
     kept[: int(np.argmax(recording.stamps >= each_s))] = True
     return replace(
@@ -158,7 +158,7 @@ def row(folder: Path, name: str, recording: Recording, one: Result) -> list[str]
 
 
 def draw(one: Result, file: Path) -> None:
-    """Draw the map and the way on it."""
+    """Draw the map and the path on it."""
     shades = np.where(one.grid.cells < 0, 205, np.where(one.grid.cells >= 65, 0, 255))
     image = np.repeat(shades.astype(np.uint8)[..., None], 3, axis=2)
     cells = one.grid.world_to_cell(np.array([(p.x, p.y) for p in one.poses]))

@@ -1,4 +1,4 @@
-"""How true the mapper's maps of simulated houses are: walls, closed rooms, memory, time.
+"""How accurate the mapper's maps of simulated houses are: walls, closed rooms, memory, time.
 
     python -m bench.mapper.simulated_houses [--areas 30 100 300] [--seeds 2] [--full]
 
@@ -46,7 +46,7 @@ LIDARS = {
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one drive."""
+    """The outcome of one drive."""
 
     name: str
     house: House
@@ -61,7 +61,7 @@ class Result:
     loops: int
     mapping_share: float
     error_m: float
-    """Mean error of the poses, the whole turned and shifted to fit [m]."""
+    """Mean error of the poses, after a rigid fit of all of them [m]."""
     wall_share: float
     false_share: float
     leaks: int
@@ -179,7 +179,7 @@ def compare(
     cells = cells[truth.contains_cell(cells)]
     drawn[cells[:, 0], cells[:, 1]] = 1
     missing = seen & (distance_transform(drawn, truth.resolution) > near)
-    # People are no walls, but those who stood at the end are drawn rightly.
+    # People are not walls, but drawing those who stood still at the end is correct.
     is_false = sampled(away, truth, placed) > near
     free = fit.transform_points(found.cell_to_world(np.column_stack(np.nonzero(found.free_mask()))))
     inside = ndimage.binary_dilation(_floor(house), iterations=DEEP_CELLS)

@@ -1,4 +1,4 @@
-"""The best paths there are, computed the slow and exact way, to compare the planner's with."""
+"""Optimal paths, computed slowly and exactly, to compare the planner's paths with."""
 
 import math
 
@@ -10,14 +10,14 @@ from trolley_planner.paths.footprint_check import sift_up, take_first
 from trolley_planner.paths.lines import segment_cost
 
 AWAY = 1e-4
-"""Corners are taken so far outside the cell that they belong to [cells]."""
+"""Corners are placed this far outside their cell [cells]."""
 
 
 @kernel
-def grid_way(  # noqa: C901 - the textbook's in one piece
+def grid_way(  # noqa: C901 - the textbook's algorithm in one piece
     weights: NDArray[np.uint8], start: int, goal: int
 ) -> tuple[float, NDArray[np.int64]]:
-    """Cost and cells of the cheapest 8-connected way that cuts no corner, in weights times cells.
+    """Cost and cells of the cheapest 8-connected path that cuts no corner, in weights times cells.
 
     Dijkstra (1959) in float64; a step costs its length times the mean of its two weights.
     """
@@ -60,7 +60,7 @@ def grid_way(  # noqa: C901 - the textbook's in one piece
 
 
 def grid_cost(weights: NDArray[np.uint8], start: int, goal: int) -> float:
-    """Cost of that way, +inf if there is none."""
+    """Cost of that path, +inf if there is none."""
     return grid_way(weights, start, goal)[0]
 
 
@@ -81,7 +81,7 @@ def corners(weights: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 @kernel
 def shortest_length(nodes: NDArray[np.float64], weights: NDArray[np.uint8]) -> float:
-    """Length of the shortest way from the first of the nodes (n, 2) to the last [cells].
+    """Length of the shortest path from the first of the nodes (n, 2) to the last [cells].
 
     Dijkstra over all pairs of nodes that see each other.
     """
@@ -111,7 +111,7 @@ def shortest_length(nodes: NDArray[np.float64], weights: NDArray[np.uint8]) -> f
 def taut_length(
     weights: NDArray[np.uint8], start: tuple[float, float], goal: tuple[float, float]
 ) -> float:
-    """Length of the shortest of all ways between two points that touch no lethal cell [cells].
+    """Length of the shortest of all paths between two points that touch no lethal cell [cells].
 
     The visibility graph of Lozano-Perez and Wesley (1979) over the corners of the cells.
     """

@@ -1,9 +1,9 @@
-"""How long a scan takes in the costmap: mark, clear, and bring distances and weights up to date.
+"""How long the costmap takes for a scan: mark, clear, and update distances and weights.
 
 A robot drives through a house of 20 x 20 m at 5 cm whose map lacks some of the furniture, past
-people who walk. The reference takes in the same scans, but computes the distances and weights of
-the whole house anew after each, as a costmap that does not know what changed must. Times are
-those of the processor: other work on the machine counts little.
+people who walk. The reference takes the same scans, but recomputes the distances and weights of
+the whole house after each, as a costmap that does not know what changed must. Times are processor
+times, so other work on the machine matters little.
 
     python -m bench.planner.costmap [--full]
 """
@@ -54,7 +54,7 @@ class Timing(NamedTuple):
 
     @property
     def both(self) -> NDArray[np.float64]:
-        """The scan and what follows from it."""
+        """The scan and the update after it."""
         return self.scan + self.refresh
 
 
@@ -95,7 +95,7 @@ def drive(case: Case, scans: int) -> Timing:
         before = time.process_time()
         reference.obstacle_layer.mark_all_dirty()
         reference.refresh()
-        if number >= 3:  # The first ones compile.
+        if number >= 3:  # The first scans compile the kernels.
             whole = time.process_time() - before
             times[number - 3] = 1e3 * np.array([added - began, refreshed - added, whole])
     if not np.array_equal(costmap.weights, reference.weights):
@@ -104,7 +104,7 @@ def drive(case: Case, scans: int) -> Timing:
 
 
 def _sweeps(house: GridMap, case: Case, count: int) -> Iterator[Sweep]:
-    """What the lidar sees on its way through the house."""
+    """The scans of a drive through the house."""
     rng = np.random.default_rng(7)
     truth = _furnished(house, rng).occupied_mask()
     way = _way(house, rng)
@@ -152,7 +152,7 @@ def _way(house: GridMap, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _at(way: NDArray[np.float64], along_m: float) -> Pose2D:
-    """The pose after so much of a path, which begins anew at its end."""
+    """The pose at a distance along a path, which starts over at its end."""
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
     along_m %= float(lengths[-1]) - 0.1
     x, y = (float(np.interp(along_m, lengths, way[:, axis])) for axis in (0, 1))

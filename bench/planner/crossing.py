@@ -56,7 +56,7 @@ max_speed_mps = {speed}
 """
 
 # The wheels tell the heading as a gyroscope does: about a degree wrong after 10 m. Nobody corrects
-# the odometry here, and what it is wrong is no fault of the planner.
+# the odometry here, and its errors are not the planner's fault.
 _WORLD = """
 map = "floor.yaml"
 start = {{ x = 0.0, y = 0.0, yaw = 0.0 }}
@@ -91,11 +91,11 @@ class Setup:
     Attributes:
         name: what the tables call it.
         speed_mps: highest speed of planner, base and motors.
-        acceleration_mps2: of base and motors, both ways.
+        acceleration_mps2: of base and motors, speeding up and braking.
         turn_radps: highest turn rate.
         planner: more TOML for `[planner]`; None: the reference drives.
-        has_stop_field: whether base holds the robot before what it would hit. Without it the
-            planner shows what it does by itself.
+        has_stop_field: whether base holds the robot before what it would hit. Without it, the
+            planner is on its own.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Crossing:
-    """How it went."""
+    """The outcome."""
 
     world: str
     setup: str
@@ -202,11 +202,11 @@ class _Clock:
         node.step = self._timed(node.step, "planner_s")
 
     def begin(self) -> None:
-        """Count from now on."""
+        """Start counting."""
         self.planner_s = self.controller_s = 0.0
 
     def close(self) -> None:
-        """Leave everything as it was."""
+        """Restore everything."""
         for (owner, name), function in zip(self._owners, self._plain, strict=True):
             setattr(owner, name, function)
 
@@ -223,7 +223,7 @@ class _Clock:
 
 
 class _Judge:
-    """Looks at each truth once."""
+    """Checks each true state once."""
 
     def __init__(self, truths: list[Truth], goal: Pose2D) -> None:
         self._truths = truths
@@ -241,14 +241,14 @@ class _Judge:
         return 0.0 if self._began_ns is None else (self._now_ns - self._began_ns) * 1e-9
 
     def has_ended(self) -> bool:
-        """Whether it is decided how it went."""
+        """Whether the outcome is decided."""
         for truth in self._truths[self._seen :]:
             self._look(truth)
         self._seen = len(self._truths)
         return self._state is not None
 
     def ending(self, has_given_up: bool) -> Ending:
-        """How it went."""
+        """The outcome."""
         return self._state or ("failed" if has_given_up else "time-out")
 
     def _look(self, truth: Truth) -> None:
@@ -269,8 +269,8 @@ class _Judge:
 def _jerks(truths: list[Truth]) -> tuple[float, float]:
     """Root mean squares of the second derivatives of speed and turn rate.
 
-    Speeds are averaged over 0.2 s first: motors follow each command in a leap, which would count
-    for more the less its period fits that of the truth.
+    Speeds are averaged over 0.2 s first: motors follow each command in a jump, which would count
+    more the less its period matches that of the truth.
     """
     speeds = np.array([(truth.twist.vx, truth.twist.wz) for truth in truths])
     smooth = np.array([np.convolve(column, np.full(4, 0.25), mode="valid") for column in speeds.T])

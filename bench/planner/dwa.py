@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 CELL_M = 0.05
 CORNER = (-6.0, -10.0)
 SHAPE = (400, 480)
-# costmap_2d: echoes are marked and cleared up to here, and cost around what stands [m].
+# costmap_2d: echoes are marked and cleared up to here, and cost around obstacles [m].
 MARK_M, CLEAR_M, INFLATION_M, COST_SCALING, PADDING_M = 2.5, 3.0, 0.55, 10.0, 0.01
 # navfn: price of a free cell, and of a unit of cost.
 NEUTRAL, FACTOR = 50.0, 0.8
@@ -51,7 +51,7 @@ MAX_SPEED, MIN_SPEED, MIN_TURN, MAX_TURN = 0.5, 0.1, 0.4, 1.0
 ACC, TURN_ACC, ESCAPE_SPEED = 2.5, 3.2, 0.1
 SIM_S, STEP_S, V_SAMPLES, W_SAMPLES = 1.7, 0.1, 3, 20
 PATH_BIAS, GOAL_BIAS, OCC_SCALE, FORWARD_M = 32.0, 24.0, 0.01, 0.325
-# move_base: without a velocity for so long it forgets what it saw and turns round.
+# move_base: without a velocity for this long, it clears the costmap and turns around.
 PATIENCE_S, TURN_ROUND_S = 5.0, 7.0
 
 
@@ -81,12 +81,12 @@ class DwaService(Service):
 
     @on(topics.ODOM)
     def take_odometry(self, odometry: Odometry) -> None:
-        """Keep where the robot is."""
+        """Keep the latest odometry."""
         self._odometry = odometry
 
     @on(topics.SCAN)
     def take_scan(self, scan: Scan) -> None:
-        """Keep what it sees."""
+        """Keep the latest scan."""
         self._scan = scan
 
     @every(COSTMAP_S)
@@ -104,7 +104,7 @@ class DwaService(Service):
 
     @every(PLAN_S)
     def plan(self) -> None:
-        """Look for the way to the goal."""
+        """Search for the path to the goal."""
         if self._odometry is None:
             return
         prices = NEUTRAL + FACTOR * self._costs.astype(np.float32)

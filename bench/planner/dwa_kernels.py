@@ -12,7 +12,7 @@ from trolley.jit import kernel
 BLOCKED = np.float32(np.inf)
 """Price of a cell that must not be entered."""
 LETHAL, INSCRIBED = 254, 253
-"""Costs of costmap_2d: something stands there; the centre must not be there."""
+"""Costs of costmap_2d: an obstacle; the centre must not be there."""
 
 
 @kernel
@@ -22,7 +22,7 @@ def navfn_into(
     """Write each cell's cost-to-go, by Dijkstra's algorithm over 8 neighbours.
 
     Args:
-        out_costs: (rows, cols), overwritten; infinite where no way leads from.
+        out_costs: (rows, cols), overwritten; infinite where there is no path.
         prices: (rows, cols) of a straight step into a cell; the outermost cells are not entered.
         goal: row and column.
     """
@@ -90,7 +90,7 @@ def take_scan(
     """Clear the cells that beams pass and mark where they end.
 
     Args:
-        marks: (rows, cols) 1 where something stands, changed in place.
+        marks: (rows, cols) 1 for an obstacle, changed in place.
         beams: (n, 4) start x, y and end x, y [m] in the grid.
         cell_m: cell edge.
         reaches: echoes are marked up to the first, beams clear up to the second [m].

@@ -40,7 +40,7 @@ NOT_WORLDS = ("path_", "cspace_", "metrics_", "norm_metrics_")
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody who walks to and fro."""
+    """A person who walks to and fro."""
 
     path: tuple[tuple[float, float], tuple[float, float]]
     speed_mps: float
@@ -60,18 +60,18 @@ class World:
     """Length of the path that was published with the world [m]."""
 
     def shortest_m(self, radius_m: float) -> float:
-        """Length of the shortest way for a circle [m]; the people left out.
+        """Length of the shortest path for a circle [m], without the people.
 
         A published length comes first, so that scores can be compared.
 
         Raises:
-            ValueError: there is no way.
+            ValueError: there is no path.
         """
         if self.published_m is not None:
             return self.published_m
         length = _shortest_m(self, radius_m)
         if length is None:
-            raise ValueError(f"{self.name}: there is no way for a robot of radius {radius_m} m")
+            raise ValueError(f"{self.name}: there is no path for a robot of radius {radius_m} m")
         return length
 
 
@@ -109,7 +109,7 @@ def corridor(seed: int) -> World:
 
 
 def doors(seed: int) -> World:
-    """Walls across the way, each with a door somewhere, 0.65 to 0.9 m wide."""
+    """Walls across the path, each with a door somewhere, 0.65 to 0.9 m wide."""
     rng = np.random.default_rng((2, seed))
     half, thick = 2.5, 0.12
     long = GOAL_M + 3.0
@@ -123,7 +123,7 @@ def doors(seed: int) -> World:
 
 
 def people(seed: int) -> World:
-    """A hall 4 m wide in which five people cross the way or come towards the robot."""
+    """A hall 4 m wide in which five people cross the path or come towards the robot."""
     rng = np.random.default_rng((3, seed))
     half, long = 2.0, GOAL_M + 3.0
     boxes = tuple((0.5 * long - 1.5, side * (half + 0.1), long, 0.2) for side in (-1.0, 1.0))
@@ -205,7 +205,7 @@ def _load_gazebo(path: Path) -> World:
     try:
         world = ElementTree.parse(path).getroot().find("world")
     except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: is no SDF file: {error}") from error
+        raise ValueError(f"{path}: is not an SDF file: {error}") from error
     if world is None:
         raise ValueError(f"{path}: holds no <world>")
     # Where a model stands now comes before where it was put first.
@@ -240,7 +240,7 @@ def _numbers(element: ElementTree.Element | None, name: str) -> tuple[float, ...
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError as error:
-        raise ValueError(f"{name}: {text.strip()!r} are no numbers") from error
+        raise ValueError(f"{name}: {text.strip()!r} are not numbers") from error
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name}: {text.strip()!r} are not all finite")
     return numbers
@@ -332,7 +332,7 @@ def _field_and_pen(cells: NDArray[np.bool_]) -> Floats:
 
 
 def _shortest_m(world: World, radius_m: float, cell_m: float = 0.02) -> float | None:
-    """Length of the shortest way on a fine grid for a circle [m], with its corners cut."""
+    """Length of the shortest path on a fine grid for a circle [m], with its corners cut."""
     low, high = np.array([-3.5, -6.0]), np.array([GOAL_M + 3.0, 6.0])
     shape = tuple(np.round((high - low)[::-1] / cell_m).astype(int).tolist())
     blocked = np.zeros(shape, dtype=np.bool_)
@@ -367,7 +367,7 @@ def _cell(low: Floats, point: tuple[float, float], cell_m: float) -> tuple[int, 
 
 
 def _taut(blocked: NDArray[np.bool_], costs: NDArray[np.float32], start: tuple[int, int]) -> float:
-    """Length in cells of the way downhill, pulled taut: straight wherever that is free."""
+    """Length in cells of the path downhill, pulled taut: straight wherever that is free."""
     row, col = start
     way = [start]
     while costs[row, col] > 0.0:

@@ -69,7 +69,7 @@ def furnish(grid: GridMap, per_m2: float, seed: int) -> GridMap:
 def _spanning_tree(
     count: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which walls to the right and above are open: depth first, so that ways are long."""
+    """Which walls to the right and above are open: depth first, so that paths are long."""
     right = np.zeros((count, count), np.bool_)
     up = np.zeros((count, count), np.bool_)
     seen = np.zeros((count, count), np.bool_)

@@ -29,7 +29,7 @@ class Query:
     """Column and row, from the upper left."""
     goal: tuple[int, int]
     optimum: float
-    """Length of the shortest way [cells]."""
+    """Length of the shortest path [cells]."""
     shape: tuple[int, int] | None = field(default=None, compare=False)
     """Rows and columns that the map should have, None where the file does not say."""
     place: str = field(default="", compare=False)
@@ -50,7 +50,7 @@ class Query:
         for what, (x, y) in (("start", self.start), ("goal", self.goal)):
             if not (0 <= x < cols and 0 <= y < rows) or cells[y, x] == BLOCKED:
                 raise ValueError(
-                    f"{self.place}: the {what} ({x}, {y}) is no free cell of {path}; "
+                    f"{self.place}: the {what} ({x}, {y}) is not a free cell of {path}; "
                     "do the two belong together?"
                 )
 
@@ -119,7 +119,7 @@ def read_scen(path: Path) -> list[Query]:
                 f"start and goal, optimal length), found {line.strip()!r}; is the file complete?"
             ) from error
         if not 0.0 <= length < math.inf:
-            raise ValueError(f"{place}: the optimal length {optimum.strip()!r} is no length")
+            raise ValueError(f"{place}: the optimal length {optimum.strip()!r} is not a length")
         start, goal = (start_x, start_y), (goal_x, goal_y)
         name = name.strip().replace("\\", "/")
         # HOG writes 1 x 1 where it does not say.

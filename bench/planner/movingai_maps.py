@@ -5,9 +5,9 @@
 
 FOLDER is searched with all folders in it for `.scen` files; their maps lie beside them or
 anywhere in FOLDER. A point robot plans over free weights without inflation. For each map and for
-all: the ways along cells and the smooth paths as shares of the optimum, queries without a way
-though there is one, ways found where there is none, and the time of a query from weights to smooth
-path, nothing kept. The ways along cells keep to eight directions as the optimum does; smooth paths
+all: the grid paths and the smooth paths as shares of the optimum, queries without a path though
+there is one, paths found though there is none, and the time of a query from weights to smooth
+path, nothing kept. The grid paths keep to eight directions as the optimum does; smooth paths
 may be shorter. Each query that went wrong is named.
 """
 
@@ -45,20 +45,20 @@ CELLS_PER_M = 20.0
 
 @dataclass
 class Tally:
-    """What came of the queries on a map."""
+    """The results of the queries on a map."""
 
     grid_ratios: list[float] = field(default_factory=list)
     smooth_ratios: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     missed: int = 0
-    """No way found though there is one."""
+    """No path found though there is one."""
     wrong: int = 0
     """Starts or ends elsewhere, touches a cell that is not passable, or is shorter than can be."""
     failures: list[str] = field(default_factory=list)
-    """Of each of these, where the query stands and what went wrong."""
+    """Of each of these, the query's line and what went wrong."""
 
     def add(self, other: "Tally") -> None:
-        """Count another map's in."""
+        """Add another map's counts."""
         self.grid_ratios += other.grid_ratios
         self.smooth_ratios += other.smooth_ratios
         self.seconds += other.seconds
@@ -105,7 +105,7 @@ class Runner:
         self._fields = CostToGo((rows, cols), near_cells=-1.0)
 
     def ask(self, query: Query, tally: Tally) -> None:
-        """Plan, and count what came of it."""
+        """Plan, and count the result."""
         weights = self._weights[int(self._cells[query.start[1], query.start[0]])]
         cols = weights.shape[1]
         start, goal = ((x + 1.5, y + 1.5) for x, y in (query.start, query.goal))
@@ -117,7 +117,7 @@ class Runner:
         if found is None:
             if query.start == query.goal or query.optimum > 0.0:
                 tally.missed += 1
-                tally.failures.append(f"{query.place}: no way found")
+                tally.failures.append(f"{query.place}: no path found")
             return
         cells = found[0]
         points = np.stack([cells % cols, cells // cols], axis=1).astype(np.float64) + 0.5
@@ -133,7 +133,7 @@ class Runner:
         too_short = grid_length < query.optimum - 1e-3
         if touches or ends > 1e-6 or too_short or (query.optimum == 0.0 and start != goal):
             tally.wrong += 1
-            tally.failures.append(f"{query.place}: a wrong way of {smooth_length:.3f} cells")
+            tally.failures.append(f"{query.place}: a wrong path of {smooth_length:.3f} cells")
         if query.optimum > 0.0:
             tally.grid_ratios.append(grid_length / query.optimum)
             tally.smooth_ratios.append(smooth_length / query.optimum)
@@ -270,8 +270,8 @@ def main() -> None:
     print("\n".join(total.failures[:MOST_NAMED]), end="\n" if total.failures else "")
     show(
         [
-            at_most("no way found though there is one", total.missed, 0, digits=0),
-            at_most("wrong ways", total.wrong, 0, digits=0),
+            at_most("no path found though there is one", total.missed, 0, digits=0),
+            at_most("wrong paths", total.wrong, 0, digits=0),
             *_ratios("along cells", total.grid_ratios),
             *_ratios("smooth", total.smooth_ratios),
         ]

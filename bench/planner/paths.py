@@ -72,7 +72,7 @@ def speed(size_m: float, repeats: int) -> list[Figure]:
     nav = navfn.make_navfn(*costmap.shape)
     planner = GlobalPlanner(costmap)
     distance_m = costmap.distance_m
-    # By turns to two goals a cell apart, so that nothing kept is of use.
+    # Alternates between two goals a cell apart, so that nothing kept is of use.
     goals = [point(goal), point(goal - 1)]
     turn = 0
 
@@ -120,7 +120,7 @@ class Quality:
     nearer_m: list[float] = field(default_factory=list)
     """By how much the path comes nearer to something than the cheapest does."""
     num_wrong: int = 0
-    """Refused where there is a way, or a path through a lethal cell."""
+    """Refused though there is a path, or a path through a lethal cell."""
 
 
 def judge(kind: str, seed: int, quality: Quality) -> None:

@@ -10,7 +10,7 @@ fields of cylinders and 30 of each other kind; `--fast` lets the planner drive a
 off, unless `--stop-field` is given: the planner must not need it.
 
 A run is a success within 1 m of the goal, without touching anything, within 100 s. The score is
-the public one: success * OT / clip(t, 2 OT, 8 OT), where OT is the shortest way at 2 m/s.
+the public one: success * OT / clip(t, 2 OT, 8 OT), where OT is the shortest path at 2 m/s.
 """
 
 import argparse

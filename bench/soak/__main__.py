@@ -5,8 +5,8 @@
     python -m bench.soak --write
 
 In lock-step the simulated hours pass as fast as they can be computed, and the same seed gives the
-same drive. With `processes` it is the real thing at real time. Both keep their readings in
-`out/soak-*.jsonl` as they go; `--write` puts what is there into docs/soak.md.
+same drive. `processes` runs the real processes in real time. Both keep their readings in
+`out/soak-*.jsonl` as they go; `--write` puts what they hold into docs/soak.md.
 """
 
 import argparse
@@ -29,7 +29,7 @@ READING_EVERY_S = 600.0
 def run_lockstep(hours: float, seed: int) -> list[Figure]:
     """Drive for so long; what came of it."""
     out = _new_file("lockstep")
-    # What is saved is saved in memory: the disk is another program's business.
+    # State is saved in memory: disks are tested by another program.
     where = MEMORY if MEMORY.is_dir() else None
     with tempfile.TemporaryDirectory(dir=where) as folder:
         soak(hours, seed, Path(folder), min(READING_EVERY_S, hours * 3600.0 / 6.0), out)

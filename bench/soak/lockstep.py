@@ -42,7 +42,7 @@ BETWEEN_STOPS_S = 600.0
 # A stop that was pressed must end all motion within this time [s] ...
 STANDS_WITHIN_S = 1.5
 STANDS_MPS, DRIVES_MPS = 0.01, 0.2
-# ... and somebody lets the robot go on after this one [s].
+# ... and somebody resumes the robot after this one [s].
 PERSON_COMES_AFTER_S = 5.0
 # A tour whose next stop takes longer than all tries to drive there is stuck [s].
 STUCK_AFTER_S = 420.0
@@ -142,7 +142,7 @@ class Soak:
 
     # What happens.
     def run(self, seconds: float) -> None:
-        """Let time pass, with all that happens in it."""
+        """Let time pass, with all its events."""
         end_s = self.lockstep.now_s + seconds
         while self.lockstep.now_s < end_s:
             self.lockstep.run(STEP_S)
@@ -158,7 +158,7 @@ class Soak:
                 self._try(lambda: self.lockstep.ask(requests.TOUR_SKIP))
 
     def _be_a_person(self) -> None:
-        """Start the tour where there is none, and let go on what waits for somebody."""
+        """Start the tour if there is none, and resume what waits for a person."""
         tour = self._tour
         if tour is None or tour.state in ENDED:
             if self._pose is not None and self._pose.state == "localized":
@@ -189,7 +189,7 @@ class Soak:
             self.pauses[f"asked too early: {refused.code}"] += 1
 
     def _restart(self) -> None:
-        """Let one service die without a word and come back."""
+        """Let one service die without notice and come back."""
         name = self._random.choice(list(SERVICES))
         self.lockstep.kill(name)
         gc.collect()  # what a process that dies gives back at once
@@ -199,7 +199,7 @@ class Soak:
         self._next_restart_s = self.lockstep.now_s + self._random.uniform(*BETWEEN_RESTARTS_S)
 
     def _press_stop(self) -> None:
-        """Stop the robot while it drives, and see that it stands."""
+        """Stop the robot while it drives, and check that it stands still."""
         if not self._drives():
             return
         began_s = self.lockstep.now_s
@@ -255,7 +255,7 @@ class Soak:
 
 
 def new_results(before: list[StopResult], after: list[StopResult]) -> list[StopResult]:
-    """What came to a list that grows at its end and forgets its oldest entries."""
+    """Return the new entries of a list that grows at its end and drops its oldest."""
     for num_new in range(len(after)):
         kept = after[: len(after) - num_new]
         if before[len(before) - len(kept) :] == kept and len(kept) <= len(before):

@@ -1,4 +1,4 @@
-"""Real processes at real time, of which one after the other is killed at random."""
+"""Real processes in real time, killed at random one after another."""
 
 import json
 import random
@@ -19,14 +19,14 @@ from trolley.messages import StopResult, TourStatus
 
 BETWEEN_KILLS_S = (20.0, 60.0)
 VICTIMS = (*SERVICES, "router")
-# The router is no child of the supervisor here; its unit starts it again after this time [s].
+# The router is not a child of the supervisor here; its unit restarts it after this time [s].
 ROUTER_BACK_AFTER_S = 1.0
 READING_EVERY_S = 10.0
 STEP_S = 0.2
 
 
 class Watcher:
-    """Sees how the trip goes, and is the person who lets it go on."""
+    """Watches the trip, and resumes it as a person would."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig

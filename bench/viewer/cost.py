@@ -39,10 +39,10 @@ port = {viewer}
 
 
 class Used:
-    """What a process took since the last question."""
+    """The CPU share of a process since the last query."""
 
     def __init__(self, pid: int) -> None:
-        """Begin now."""
+        """Start now."""
         self._pid = pid
         self.begin()
 
@@ -122,7 +122,7 @@ def told(who: str, seen: Seen) -> list[Figure]:
         at_least(f"{who}: particles", seen.particles_hz, 0.8 * PARTICLES_HZ, "Hz", 1),
         Figure(f"{who}: from published to decoded, median", f"{seen.percentile(50):.3f} s"),
         at_most(f"{who}: from published to decoded, p95", seen.percentile(95), MAX_AGE_S, "s"),
-        at_most(f"{who}: scans under way, most", seen.backlog, MAX_BACKLOG, digits=0),
+        at_most(f"{who}: most scans in flight", seen.backlog, MAX_BACKLOG, digits=0),
     ]
 
 

@@ -182,7 +182,7 @@ def test_running_needs_a_configuration(trolley: Callable, monkeypatch: pytest.Mo
 def test_a_broker_that_is_none_is_refused(trolley: Callable) -> None:
     done = trolley("up", "--mqtt", "mqtt://home")
     assert done.returncode == 2
-    assert "'mqtt://home' is no broker" in done.stderr
+    assert "'mqtt://home' is not a broker" in done.stderr
 
 
 def test_the_router_runs_until_it_is_told_to_stop(port: int, trolley: Callable) -> None:

@@ -157,8 +157,8 @@ def test_writes_robot_toml_and_a_rule(tmp_path: Path, trolley: Trolley) -> None:
     [
         (["--write"], "make one first"),
         (["--write", "missing.toml"], "trolley init missing.toml"),
-        (["--write", "/dev/ttyUSB0"], "/dev/ttyUSB0 is no *.toml file"),
-        (["--udev", "/tmp/ports/ld19"], "/tmp/ports/ld19 is no *.rules file"),
+        (["--write", "/dev/ttyUSB0"], "/dev/ttyUSB0 is not a *.toml file"),
+        (["--udev", "/tmp/ports/ld19"], "/tmp/ports/ld19 is not a *.rules file"),
     ],
 )
 def test_refuses_before_it_looks(

@@ -421,7 +421,7 @@ def test_tls_with_a_certificate_authority_of_ones_own(
         ("", "[mqtt] broker is not set"),
         ('[mqtt]\nbroker = "b"\npassword_file = "no"\n', "password_file"),
         ('[mqtt]\nbroker = "b"\ntls_ca = "no.pem"\n', "tls_ca"),
-        ('[mqtt]\nbroker = "mqtt://b"\n', "is no broker"),
+        ('[mqtt]\nbroker = "mqtt://b"\n', "is not a broker"),
         ('[mqtt]\nbroker = "b"\nbase_topic = "a/#"\n', "base_topic"),
     ],
 )

@@ -60,7 +60,7 @@ def _devices_option(
     for name, known in ((board, get_args(Board)), (lidar, get_args(LidarModel))):
         if name not in known:
             raise click.BadParameter(
-                f"a board and a lidar such as linorobot,ld19 are wanted; {name!r} is none of "
+                f"give a board and a lidar, such as linorobot,ld19; {name!r} is not one of "
                 f"{', '.join(known)}"
             )
     return board, lidar

@@ -60,5 +60,5 @@ def split_broker(text: str) -> tuple[str, int | None]:
     found = BROKER.fullmatch(text)
     port = int(found["port"]) if found is not None and found["port"] else None
     if found is None or port == 0 or (port or 0) > 65_535:
-        raise ValueError(f"{text!r} is no broker: write host or host:port, such as 192.168.1.5")
+        raise ValueError(f"{text!r} is not a broker: write host or host:port, such as 192.168.1.5")
     return found["host"].strip("[]"), port

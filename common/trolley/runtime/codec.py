@@ -43,7 +43,7 @@ def decode(kind: type[T], payload: bytes, encoding: str = "") -> T:
     """Decode and validate a stream message; unknown fields are ignored.
 
     Raises:
-        BadPayload: The bytes are no valid `kind`.
+        BadPayload: The bytes are not a valid `kind`.
     """
     try:
         if detect_format(payload, encoding) == "json":
@@ -57,7 +57,7 @@ def decode_strict(kind: type[T], payload: bytes, encoding: str = "") -> T:
     """Decode the parameters of a request; unknown fields are refused by name, nothing is `{}`.
 
     Raises:
-        BadPayload: The bytes are no valid `kind`, or hold a field that it does not have.
+        BadPayload: The bytes are not a valid `kind`, or hold a field that it does not have.
     """
     if not payload.strip(_BLANK):
         payload, encoding = b"{}", MIME["json"]
@@ -70,7 +70,7 @@ def decode_parameters(kind: type[T], parameters: dict[str, str]) -> T:
     """Decode selector parameters (strings, numbers, booleans); `x`, `y`, `yaw` stand for `pose`.
 
     Raises:
-        BadPayload: They are no valid `kind`, or hold a parameter that it does not have.
+        BadPayload: They are not a valid `kind`, or hold a parameter that it does not have.
     """
     fields = {field.name for field in msgspec.structs.fields(cast("type[msgspec.Struct]", kind))}
     values: dict[str, Any] = dict(parameters)

@@ -41,7 +41,7 @@ class ChangeProposals:
                 from_file(changes, kept)
             else:
                 self._service.log.info(
-                    "The map was turned or cropped; watching for changes anew", map=loaded.name
+                    "The map was turned or cropped; restarted change detection", map=loaded.name
                 )
         if not self._lease.is_held:
             self._publish(loaded)

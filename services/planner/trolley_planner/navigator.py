@@ -176,7 +176,7 @@ class Navigator:
         wait, now_ns = self._giving_way.wait, now.now_ns
         if wait is None or self._giving_way.has_waited_enough(now_ns):
             name = "another" if wait is None else wait.name
-            self._end("failed", codes.BLOCKED, now_ns, f"Robot {name} does not drive on.")
+            self._end("failed", codes.BLOCKED, now_ns, f"Robot {name} is not moving on.")
             return Twist2D.zero()
         self._report("recovering", codes.WAITING, now_ns, wait.sentence)
         return self._giving_way.command(now)

@@ -13,7 +13,7 @@ from trolley_planner.control.rollout import DT_S, Limits
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.recovery import RecoveryAction
 
-GOAL_OCCUPIED = "Something stands on the goal."
+GOAL_OCCUPIED = "Something is on the goal."
 RECOVERY_SENTENCES = {
     RecoveryAction.WAIT: "Something is in the way; the robot waits for it to go.",
     RecoveryAction.CLEAR: "The robot looks again at what is around it.",

@@ -116,7 +116,7 @@ def test_a_published_grid_is_the_field_of_its_world(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
-        ("a.world", "<sdf><world>", "a.world: is no SDF"),
+        ("a.world", "<sdf><world>", "a.world: is not an SDF"),
         ("a.world", "<sdf></sdf>", "a.world: holds no <world>"),
         ("a.world", f"<sdf><world>{FLOOR}</world></sdf>", "a.world: no models"),
         ("a.world", sdf([(1.0, 2.0)]).replace("cylinder>", "box>"), "'unit_cylinder_0': only"),

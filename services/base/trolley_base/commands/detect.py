@@ -55,7 +55,7 @@ def detect_command(
         # A port behind such an option would be taken for the file, and written over.
         if value not in (None, USUAL, SCREEN) and Path(value).suffix != suffix:
             raise click.UsageError(
-                f"{value} is no *{suffix} file to write to; name ports before the options"
+                f"{value} is not a *{suffix} file to write to; name ports before the options"
             )
     path = _file_to_write(write) if write is not None else None
     text = robot_toml.read_text(path) if path is not None else ""

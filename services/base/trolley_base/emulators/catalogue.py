@@ -25,7 +25,7 @@ LIDARS: dict[str, MakeLidar] = {
 }
 BOARDS = {
     "linorobot": {
-        "exact": "its wheel speeds are no whole revolutions per minute",
+        "exact": "its wheel speeds are not rounded to whole revolutions per minute",
         "quiet": "built without DEBUG: no log lines",
         "no-imu": "no inertial unit answers",
     },

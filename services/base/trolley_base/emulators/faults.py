@@ -72,8 +72,8 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
     match = _FAULT.fullmatch(text)
     if match is None:
         raise FaultError(
-            f"{text!r} is no fault; write device:kind, device:kind=value, and @start and +duration "
-            "in seconds behind it, such as ld19:silence@10+5"
+            f"{text!r} is not a fault; write device:kind or device:kind=value, then optionally "
+            "@start and +duration in seconds, such as ld19:silence@10+5"
         )
     device, kind, value = match["device"], match["kind"], match["value"]
     if device not in devices:

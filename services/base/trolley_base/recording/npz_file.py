@@ -49,7 +49,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise DriverError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise DriverError(
-            f"{path}: not a recording (an npz file of plain numbers): {error}; record it anew"
+            f"{path}: not a recording (an npz file of plain numbers): {error}; record it again"
         ) from error
 
 

@@ -36,11 +36,11 @@ def test_faults_are_read(text: str, meant: tuple):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "is no fault"),
-        ("ld19", "is no fault"),
-        ("ld19:silence@", "is no fault"),
-        ("ld19:silence@-1", "is no fault"),
-        ("ld19:silence+5@1", "is no fault"),
+        ("", "is not a fault"),
+        ("ld19", "is not a fault"),
+        ("ld19:silence@", "is not a fault"),
+        ("ld19:silence@-1", "is not a fault"),
+        ("ld19:silence+5@1", "is not a fault"),
         ("xv11:silence", "no xv11 here, only linorobot, ld19"),
         ("ld19:explode", "no fault explode, only silence"),
         ("ld19:md5", "only linorobot"),

@@ -114,7 +114,7 @@ class LaunchReader:
             launch.problems.append(f"{self.shown(path)} cannot be read: {error.strerror}.")
         except expat.ExpatError as error:
             launch.problems.append(
-                f"{self.shown(path)}:{error.lineno} is no valid XML "
+                f"{self.shown(path)}:{error.lineno} is not valid XML "
                 f"({expat.ErrorString(error.code)}): nothing is taken from this file."
             )
         else:
@@ -260,7 +260,7 @@ def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, 
         line = f":{mark.line + 1}" if mark is not None else ""
         reason = getattr(error, "problem", None) or type(error).__name__
         problems.append(
-            f"{shown(path, folder)}{line} is no valid YAML ({reason}): "
+            f"{shown(path, folder)}{line} is not valid YAML ({reason}): "
             f"nothing is taken from this file."
         )
         found.clear()

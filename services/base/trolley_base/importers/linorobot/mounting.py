@@ -99,7 +99,7 @@ def _links(launch: Launch, problems: list[str]) -> dict[str, _Link]:
         rotation = _rotation(numbers[3:], is_tf2=node.package == "tf2_ros")
         if len(frames) != 2 or rotation is None:
             place = f"{node.arguments.file}:{node.arguments.line}"
-            problems.append(f"{place}: {node.arguments.value!r} is no static transform.")
+            problems.append(f"{place}: {node.arguments.value!r} is not a static transform.")
             continue
         parent_T_child = np.eye(4)
         parent_T_child[:3, :3] = rotation

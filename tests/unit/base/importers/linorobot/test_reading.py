@@ -133,7 +133,7 @@ def test_refuses_a_footprint_that_is_none(package: Package, footprint: str) -> N
 def test_names_file_and_line_of_broken_yaml(package: Package) -> None:
     package.write(COSTMAP, "obstacle_range: 2.5\nfootprint: [[-0.1, 0.1]\nnext: 1\n")
     findings = read_linorobot(package.folder, "2wd", "xv11")
-    assert f"{COSTMAP}:3 is no valid YAML" in notes(findings)
+    assert f"{COSTMAP}:3 is not valid YAML" in notes(findings)
     assert value(findings, "planner.max_speed_mps") == 0.35
 
 
@@ -142,7 +142,7 @@ def test_names_file_and_line_of_broken_xml(package: Package) -> None:
     broken = '<launch>\n  <node pkg="amcl" type="amcl" name="amcl" </node>\n</launch>\n'
     package.write(AMCL, broken)
     findings = read_linorobot(package.folder, "2wd", "xv11")
-    assert f"{AMCL}:2 is no valid XML" in notes(findings)
+    assert f"{AMCL}:2 is not valid XML" in notes(findings)
     assert "start.pose" not in findings.chosen
     assert findings.map_file is not None
 
@@ -233,7 +233,7 @@ def test_says_that_a_transform_is_none(package: Package, arguments: str) -> None
     package.change(LASER, "0.07 -0.01 0.1 0.5 0 0  /base_link /laser", arguments)
     findings = read_linorobot(package.folder, "2wd", "xv11")
     assert "base.lidar.pose" not in findings.chosen
-    assert "is no static transform" in notes(findings)
+    assert "is not a static transform" in notes(findings)
 
 
 def test_a_lidar_that_hangs_on_nothing_is_said(package: Package) -> None:
