@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.paths.footprint_check import sift_up, take_first
-from trolley_planner.paths.lines import segment_cost
+from trolley_planner.paths.path import segment_cost
 
 AWAY = 1e-4
 """Corners are placed this far outside their cell [cells]."""

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.paths.cost_to_go import CostToGo, Terrain
-from trolley_planner.paths.lines import polyline_cost, straighten
+from trolley_planner.paths.path import polyline_cost, straighten
 
 MOST_NAMED = 20
 CELLS_PER_M = 20.0

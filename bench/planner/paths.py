@@ -30,7 +30,7 @@ from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.lines import polyline_cost
+from trolley_planner.paths.path import polyline_cost
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])
 PEER_MS = {20.0: 5.0, 200.0: 710.0}

@@ -17,7 +17,7 @@ from trolley_planner.paths.cost_to_go import (
     coarsen_weights_into,
     retile,
 )
-from trolley_planner.paths.lines import polyline_cost, straighten
+from trolley_planner.paths.path import polyline_cost, straighten
 from trolley_planner.paths.search import STEP, price_of_step
 
 ROWS, COLS = 37, 50

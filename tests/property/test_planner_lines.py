@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley_planner.paths.lines import (
+from trolley_planner.paths.path import (
     polyline_cost,
     segment_cost,
     shortcut_into,

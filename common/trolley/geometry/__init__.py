@@ -1,6 +1,5 @@
 """Geometry in the plane: poses, velocities, frames, footprints and polygons."""
 
-from trolley.geometry.angles import angle_difference, wrap_angle, wrap_angles
 from trolley.geometry.footprint import (
     circumscribed_radius,
     footprint_from_box,
@@ -9,13 +8,6 @@ from trolley.geometry.footprint import (
     inscribed_radius,
 )
 from trolley.geometry.frames import FrameTree, Link, MissingLink
-from trolley.geometry.motion import (
-    exp_twist,
-    integrate_twist,
-    interpolate,
-    interpolate_straight,
-    log_pose,
-)
 from trolley.geometry.polygon import (
     check_polygon,
     distance_to_outline,
@@ -23,7 +15,20 @@ from trolley.geometry.polygon import (
     polygon_contains,
     segments_meet,
 )
-from trolley.geometry.pose import Finite, Pose2D, Twist2D, pose_from_quaternion
+from trolley.geometry.pose import (
+    Finite,
+    Pose2D,
+    Twist2D,
+    angle_difference,
+    exp_twist,
+    integrate_twist,
+    interpolate,
+    interpolate_straight,
+    log_pose,
+    pose_from_quaternion,
+    wrap_angle,
+    wrap_angles,
+)
 
 __all__ = [
     "Finite",

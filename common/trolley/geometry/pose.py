@@ -1,8 +1,11 @@
-"""Poses and velocities in the plane: the group SE(2) as plain values.
+"""Angles, poses and velocities in the plane as plain values, the group SE(2), motion along arcs.
 
 A transform is named after the two frames that it joins: `map_T_base` maps points given in
 `base_link` to `map`, and neighbouring names cancel: `map_T_laser = map_T_base @ base_T_laser`.
-x forward, y left [m], yaw counter-clockwise [rad].
+x forward, y left [m], yaw counter-clockwise [rad]. Angles are wrapped to (-pi, pi] by one rule.
+
+A robot that holds a constant body velocity drives an exact arc of a circle (a straight line
+when it does not turn); `exp_twist` and `log_pose` follow it without the error of small Euler steps.
 
 Source:
     Eade, Lie Groups for 2D and 3D Transformations (2017), sections 4 and 5 (SO(2), SE(2)).
@@ -17,7 +20,44 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trolley.geometry.angles import wrap_angle, wrap_angles
+TWO_PI = 2.0 * math.pi
+
+
+def wrap_angle(angle: float) -> float:
+    """Return the same direction within (-pi, pi].
+
+    An angle that is already in range comes back unchanged, bit for bit.
+
+    Args:
+        angle: finite [rad].
+
+    Raises:
+        ValueError: the angle is infinite (NaN comes back as NaN).
+    """
+    if -math.pi < angle <= math.pi:
+        return angle
+    wrapped = math.remainder(angle, TWO_PI)
+    return math.pi if wrapped <= -math.pi else wrapped
+
+
+def angle_difference(to_angle: float, from_angle: float) -> float:
+    """Return the shortest turn [rad] that leads from one direction to another.
+
+    Positive is counter-clockwise; opposite directions give +pi.
+    """
+    return wrap_angle(to_angle - from_angle)
+
+
+def wrap_angles(angles: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Wrap an array of any shape [rad] to (-pi, pi]; NaN stays NaN.
+
+    float32 input is wrapped in float64, since float32 pi is larger than pi.
+    """
+    wide = np.asarray(angles, dtype=np.float64)
+    wrapped = wide - TWO_PI * np.ceil((wide - math.pi) / TWO_PI)
+    wrapped = np.where(wrapped <= -math.pi, math.pi, np.minimum(wrapped, math.pi))
+    return np.where((wide > -math.pi) & (wide <= math.pi), wide, wrapped)
+
 
 # NaN passes a plain `float` field but fails every comparison, so bounds refuse it and both
 # infinities. msgspec checks them when it decodes, not when a value is constructed.
@@ -198,3 +238,72 @@ def pose_from_quaternion(x: float, y: float, orientation: Sequence[float]) -> Po
             f"about z only, so the first two numbers of x, y, z, w must be 0"
         )
     return Pose2D(float(x), float(y), wrap_angle(2.0 * math.atan2(qz, qw)))
+
+
+def exp_twist(twist: Twist2D, dt: float = 1.0) -> Pose2D:
+    """Return the pose reached from the origin with a constant velocity after `dt` seconds.
+
+    Args:
+        twist: body velocity; any turn rate, also zero or tiny.
+        dt: duration [s]; negative goes back along the same arc.
+    """
+    turn = twist.wz * dt
+    half = 0.5 * turn
+    # sin(t)/t and (1 - cos(t))/t; the half-angle form of the second has no cancellation near 0.
+    sin_over_turn = math.sin(turn) / turn if turn != 0.0 else 1.0
+    cos_over_turn = math.sin(half) * (math.sin(half) / half) if half != 0.0 else 0.0
+    dx, dy = twist.vx * dt, twist.vy * dt
+    return Pose2D(
+        sin_over_turn * dx - cos_over_turn * dy,
+        cos_over_turn * dx + sin_over_turn * dy,
+        wrap_angle(turn),
+    )
+
+
+def log_pose(pose: Pose2D) -> Twist2D:
+    """Return the constant velocity that reaches a pose from the origin in one second.
+
+    It is the inverse of `exp_twist` for turns in (-pi, pi]: the shorter way round.
+    """
+    turn = wrap_angle(pose.yaw)
+    half = 0.5 * turn
+    half_cot = half / math.tan(half) if half != 0.0 else 1.0
+    return Twist2D(
+        half_cot * pose.x + half * pose.y,
+        -half * pose.x + half_cot * pose.y,
+        turn,
+    )
+
+
+def integrate_twist(pose: Pose2D, twist: Twist2D, dt: float) -> Pose2D:
+    """Return where a robot at `pose` is after `dt` seconds of constant body velocity."""
+    return pose @ exp_twist(twist, dt)
+
+
+def interpolate(start: Pose2D, end: Pose2D, fraction: float) -> Pose2D:
+    """Return the pose at a fraction of the arc from `start` to `end`.
+
+    Args:
+        start: returned as it is (yaw wrapped) at fraction 0.
+        end: returned as it is (yaw wrapped) at fraction 1.
+        fraction: between 0 and 1; beyond, the motion goes on along the same arc.
+    """
+    if fraction == 0.0:
+        return start.wrapped()
+    if fraction == 1.0:
+        return end.wrapped()
+    return integrate_twist(start, log_pose(start.inverse() @ end), fraction)
+
+
+def interpolate_straight(start: Pose2D, end: Pose2D, fraction: float) -> Pose2D:
+    """Return the pose at a fraction of the straight line from `start` to `end`.
+
+    The heading turns evenly the shorter way round, whatever the direction of the line.
+    """
+    if fraction == 1.0:
+        return end.wrapped()
+    return Pose2D(
+        start.x + fraction * (end.x - start.x),
+        start.y + fraction * (end.y - start.y),
+        wrap_angle(start.yaw + fraction * angle_difference(end.yaw, start.yaw)),
+    )

@@ -17,11 +17,10 @@ from trolley.runtime.health import HealthReporter
 from trolley.runtime.host import Host
 from trolley.runtime.inbox import Inbox
 from trolley.runtime.log import Log
-from trolley.runtime.receiving import Feed, Receiver
+from trolley.runtime.receiving import Feed, Receiver, Watch
 from trolley.runtime.robot_time import RobotClocks
 from trolley.runtime.service import Service
 from trolley.runtime.serving import Server
-from trolley.runtime.watch import Watch
 from trolley.runtime.wire import Wire
 from trolley.topics import Topic
 

@@ -48,10 +48,11 @@ from trolley.runtime.bindings import (
 from trolley.runtime.bus import Reply
 from trolley.runtime.host import Host
 from trolley.runtime.log import Log
+from trolley.runtime.receiving import Watch
 from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import TimeSource
+from trolley.runtime.serving import Later
 from trolley.runtime.state import StateFolder
-from trolley.runtime.watch import Later, Watch
 from trolley.runtime.wire import Wire
 from trolley.topics import Topic
 

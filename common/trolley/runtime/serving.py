@@ -3,7 +3,7 @@
 import threading
 import unicodedata
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, Generic, TypeVar, cast
 
 from trolley import codes
 from trolley.codes import Refused
@@ -12,8 +12,9 @@ from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Newest, Query, has_wildcard, matches
 from trolley.runtime.context import Context
-from trolley.runtime.watch import Later
 from trolley.topics import Topic
+
+R = TypeVar("R")
 
 MAX_REQUEST_BYTES = 1 << 20
 ANSWER_WITHIN_S = 1.9
@@ -27,6 +28,39 @@ _TOO_MANY = codec.encode(
 )
 
 Hook = Callable[[dict[str, str]], dict[tuple[str, ...], Any]]
+
+
+class Later(Generic[R]):
+    """An answer that is still to come: call `reply` or `refuse` once, within 2 s."""
+
+    def __init__(self) -> None:
+        self._done: Callable[[R | Refused], None] | None = None
+        self._result: R | Refused | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it still waits for its answer."""
+        return self._result is None
+
+    def reply(self, value: R) -> None:
+        """Answer."""
+        self._settle(value)
+
+    def refuse(self, refusal: Refused) -> None:
+        """Refuse."""
+        self._settle(refusal)
+
+    def on_settled(self, done: Callable[[R | Refused], None]) -> None:
+        """Call `done` with the answer, at once if it is there (called by the runtime)."""
+        self._done = done
+        if self._result is not None:
+            done(self._result)
+
+    def _settle(self, result: R | Refused) -> None:
+        if self._result is None:
+            self._result = result
+            if self._done is not None:
+                self._done(result)
 
 
 class Server:

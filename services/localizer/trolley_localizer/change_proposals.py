@@ -1,15 +1,19 @@
 """Proposes changes of the map to people: what has come, and what is gone."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.gridmap import GridMap
 from trolley.messages import MapChange, MapChanges
 from trolley.messages.request_params import WhichChange
 from trolley.runtime.service import Later, Service, answers, every
+from trolley_localizer.changes.change_detector import Change
 from trolley_localizer.changes.change_file import ChangeFile, from_file, state_file, to_file
 from trolley_localizer.map_server import LoadedMap, MapServer
 from trolley_localizer.mapper_lease import MapperLease
-from trolley_localizer.to_messages import change_message
+from trolley_localizer.matching.likelihood_field import LikelihoodField
 
 SAVE_PERIOD_NS = 60_000_000_000
 """What was seen is saved this often."""
@@ -143,3 +147,35 @@ def _middle(change: MapChange) -> tuple[float, float]:
     return round(0.5 * (min(xs) + max(xs)) / _RASTER_M), round(
         0.5 * (min(ys) + max(ys)) / _RASTER_M
     )
+
+
+def change_message(change: Change, field: LikelihoodField) -> MapChange:
+    """Return a proposed change as one of `changes`."""
+    strokes = field.to_map_points(change.strokes.reshape(-1, 2)).reshape(-1, 2, 2)
+    points = field.to_map_points(change.outline)
+    return MapChange(
+        id=change.id,
+        kind=change.kind,
+        points=[_point(point) for point in points],
+        strokes=[(_point(start), _point(end)) for start, end in strokes],
+        width=field.resolution,
+        seconds=change.seconds,
+        score=min(max(change.score, 0.0), 1.0),
+        message=_sentence(change, field.resolution),
+    )
+
+
+def _sentence(change: Change, resolution: float) -> str:
+    """Say what has changed."""
+    first_row, first_col, last_row, last_col = change.box
+    low, high = sorted(((last_row - first_row + 1), (last_col - first_col + 1)))
+    size = f"{high * resolution:.1f} x {low * resolution:.1f} m"
+    minutes = max(1, round(change.seconds / 60))
+    since = "1 minute" if minutes == 1 else f"{minutes} minutes"
+    what = "Something has come" if change.kind == "appeared" else "Something is gone"
+    return f"{what}: about {size}, seen so for {since}."
+
+
+def _point(point: NDArray[np.float64]) -> tuple[float, float]:
+    x, y = (round(float(value), 4) for value in point)
+    return x, y

@@ -14,14 +14,13 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import MapError, load_map
+from trolley.gridmap import GridMap, MapError, load_map
 from trolley.gridmap.wire import map_message
 from trolley.messages import MapInfo, Zone
 from trolley.messages.request_params import LoadMap, Nothing
 from trolley.runtime.service import Later, Service, answers
 from trolley_localizer.core import Localizer
 from trolley_localizer.mapper_lease import MapperLease
-from trolley_localizer.to_messages import map_info
 from trolley_localizer.warmup import warm_up
 from trolley_localizer.zone_rules import read_seeds
 
@@ -291,3 +290,15 @@ def refuse_pose(localizer: Localizer, pose: Pose2D) -> None:
         raise Refused(codes.OUTSIDE_MAP, x=pose.x, y=pose.y)
     if problem == "in_obstacle":
         raise Refused(codes.IN_OBSTACLE, x=pose.x, y=pose.y)
+
+
+def map_info(grid: GridMap) -> MapInfo:
+    """Return what a map is, without its cells."""
+    return MapInfo(
+        name=grid.name,
+        frame="map",
+        resolution=grid.resolution,
+        width=grid.cols,
+        height=grid.rows,
+        origin=grid.origin,
+    )

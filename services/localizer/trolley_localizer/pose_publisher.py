@@ -1,18 +1,24 @@
 """Publishes what the localizer says after each scan."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trolley import topics
-from trolley.messages import BeamClasses, PoseEstimate, SuspectLine, Suspects
+from trolley.geometry import Pose2D
+from trolley.messages import (
+    BeamClasses,
+    Candidate,
+    ParticleCloud,
+    PoseEstimate,
+    SuspectLine,
+    Suspects,
+    Transform,
+)
+from trolley.messages.types import floats_to_bytes
 from trolley.runtime.service import Service
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.map_server import LoadedMap
-from trolley_localizer.to_messages import (
-    odom_transform,
-    particle_message,
-    pose_message,
-    suspect_lines,
-    unknown_pose,
-)
 
 BEAMS_PERIOD_NS = 95_000_000
 PARTICLES_PERIOD_NS = 195_000_000
@@ -66,3 +72,77 @@ class PosePublisher:
         self._suspects = lines
         stamp_ns = self._service.stamp_ns
         self._service.publish(topics.SUSPECTS, Suspects(stamp_ns=stamp_ns, lines=lines))
+
+
+def pose_message(estimate: Estimate, map_name: str) -> PoseEstimate:
+    """Return an estimate as the contract's `pose`."""
+    covariance = estimate.covariance
+    return PoseEstimate(
+        stamp_ns=estimate.stamp_ns,
+        map=map_name,
+        pose=estimate.map_T_base,
+        covariance=None if covariance is None else [float(value) for value in covariance.ravel()],
+        state=estimate.state,
+        match=_share(estimate.match),
+        spread=estimate.spread,
+        candidates=[
+            Candidate(pose=one.map_T_base, match=_share(one.match)) for one in estimate.candidates
+        ],
+        wants_turn=estimate.wants_turn,
+        message=estimate.message,
+    )
+
+
+def unknown_pose(stamp_ns: int, map_name: str | None, message: str) -> PoseEstimate:
+    """Return the `pose` of a robot of which nothing is known yet."""
+    return PoseEstimate(
+        stamp_ns=stamp_ns,
+        map=map_name,
+        pose=None,
+        covariance=None,
+        state="searching",
+        match=0.0,
+        spread=0.0,
+        message=message,
+    )
+
+
+def set_pose_message(
+    stamp_ns: int, map_name: str, pose: Pose2D, covariance: NDArray[np.float64]
+) -> PoseEstimate:
+    """Return the `pose` of a robot whose pose was set and has not been checked yet."""
+    return PoseEstimate(
+        stamp_ns=stamp_ns,
+        map=map_name,
+        pose=pose.wrapped(),
+        covariance=[float(value) for value in covariance.ravel()],
+        state="unsure",
+        match=0.0,
+        spread=0.0,
+        message="checking the pose against the scan",
+    )
+
+
+def odom_transform(stamp_ns: int, map_T_odom: Pose2D) -> Transform:
+    """Return `tf/odom`."""
+    return Transform(stamp_ns=stamp_ns, parent="map", child="odom", pose=map_T_odom)
+
+
+def particle_message(stamp_ns: int, localizer: Localizer) -> ParticleCloud:
+    """Return the hypotheses as `particles`."""
+    poses, weights = localizer.particles()
+    return ParticleCloud(
+        stamp_ns=stamp_ns, poses=floats_to_bytes(poses), weights=floats_to_bytes(weights)
+    )
+
+
+def suspect_lines(localizer: Localizer) -> list[SuspectLine]:
+    """Return the suspected mirrors as the lines of `suspects`."""
+    return [
+        SuspectLine(points=[(float(x), float(y)) for x, y in points], score=_share(score))
+        for points, score in localizer.suspects()
+    ]
+
+
+def _share(value: float) -> float:
+    return min(max(value, 0.0), 1.0)

@@ -17,9 +17,8 @@ from trolley_localizer.change_proposals import ChangeProposals
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_server import LoadedMap, MapServer, refuse_pose
 from trolley_localizer.mapper_lease import MapperLease
-from trolley_localizer.pose_publisher import PosePublisher
+from trolley_localizer.pose_publisher import PosePublisher, set_pose_message
 from trolley_localizer.start_pose import LastPoseStore, StartPose
-from trolley_localizer.to_messages import set_pose_message
 from trolley_localizer.zone_store import ZoneStore
 
 

@@ -20,17 +20,17 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, GoalStatus, OccupancyGrid, Odometry, Path, Scan
 from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley_planner import wire
-from trolley_planner.context.costmap_manager import CostmapManager
 from trolley_planner.context.motion_state import ControlInput, MotionState
-from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.path_timing import seconds_along, timed_poses
+from trolley_planner.context.planning_context import CostmapManager, PlanningContext
 from trolley_planner.driving.goal_execution import GoalExecution
+from trolley_planner.driving.route import seconds_along, timed_poses
 from trolley_planner.driving.spin_to_localize import SpinToLocalize
 from trolley_planner.fleet.giving_way import GivingWay
 from trolley_planner.fleet.neighbours import Neighbours
-from trolley_planner.goals.goal import Goal, Tolerances
-from trolley_planner.goals.goal_status import StatusBoard
-from trolley_planner.goals.goal_validation import (
+from trolley_planner.goals import (
+    Goal,
+    StatusBoard,
+    Tolerances,
     ValidatedGoal,
     check_ready,
     check_state,
@@ -322,7 +322,7 @@ class Navigator:
         """Check a goal against everything that is known.
 
         Raises:
-            Refused: see `goal_validation`.
+            Refused: see `goals`.
         """
         pose = goal_pose(params, self.inputs)
         check_state(self.inputs, now_ns)

@@ -30,7 +30,7 @@ from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.people.people_tracker import TrackedPerson, person_discs
+from trolley_planner.people import TrackedPerson, person_discs
 
 CELLS = 60
 EDGE_M = 0.05

@@ -13,6 +13,7 @@ from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.map_editing import apply
 from trolley.map_editing.proposals import ops_of
 from trolley.scanning.front_end import ScanInput
+from trolley_localizer.change_proposals import change_message
 from trolley_localizer.changes.change_detector import Change, ChangeDetector
 from trolley_localizer.changes.change_file import from_file, to_file, unpack
 from trolley_localizer.changes.shapes import box_of, convex_hull, runs_of, shared
@@ -21,7 +22,6 @@ from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.kernels.matching import BEHIND_MIRROR, explain_beams
 from trolley_localizer.matching.likelihood_field import build_field
 from trolley_localizer.matching.map_matcher import read_beams
-from trolley_localizer.to_messages import change_message
 
 BEAMS = 360
 RANGE_MAX = 8.0

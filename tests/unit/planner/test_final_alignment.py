@@ -7,9 +7,9 @@ import pytest
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
-from trolley_planner.control.controller import Motion, limits_of
-from trolley_planner.driving.final_alignment import FinalAlignment, limited_change
-from trolley_planner.goals.goal import Tolerances
+from trolley_planner.control.controller import Motion, limited_change, limits_of
+from trolley_planner.driving.goal_approach import FinalAlignment
+from trolley_planner.goals import Tolerances
 
 CONFIG = PlannerConfig()
 LIMITS = limits_of(CONFIG, 0.5, 1.5, 1.0)

@@ -6,7 +6,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley_planner.context.costmap_manager import CostmapManager
+from trolley_planner.context.planning_context import CostmapManager
 from trolley_planner.control.controller import Motion, limits_of
 from trolley_planner.control.rollout import Limits
 from trolley_planner.sensing.inputs import Inputs

@@ -1,10 +1,18 @@
-"""What one robot needs to plan on one map: costmaps, global planner, controller."""
+"""What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from trolley import codes
+from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import UNKNOWN, GridMap
+from trolley.messages import OccupancyGrid, Odometry, Robot, Scan, Suspects, Zones
+from trolley.messages.types import floats_from_bytes
 from trolley_planner.control.controller import Controller
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
@@ -12,6 +20,8 @@ from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.sensing.beams import ScanShape, Sweep
+from trolley_planner.sensing.inputs import Inputs
 
 WINDOW_MARGIN_M = 0.4
 
@@ -72,3 +82,211 @@ def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:
     y = round(centre.y / resolution_m) - count // 2
     cells = np.full((count, count), UNKNOWN, dtype=np.int8)
     return GridMap("odom", resolution_m, Pose2D(x * resolution_m, y * resolution_m, 0.0), cells)
+
+
+@dataclass(frozen=True, slots=True)
+class CostmapManagerParams:
+    """Upkeep of the costmap; by hand."""
+
+    fade_s: float = 1.0
+    """Time between two looks for what can be forgotten."""
+    edge_share: float = 0.25
+    """In frame `odom` the costmap moves when the robot comes this near to its edge, as a share
+    of its width."""
+
+
+MANAGER = CostmapManagerParams()
+
+
+class CostmapManager:
+    """Owns the planning context: costmaps, global planner, controller.
+
+    Args:
+        config: of the planner.
+        inputs: where the messages are.
+    """
+
+    def __init__(self, config: PlannerConfig, inputs: Inputs) -> None:
+        self._config = config
+        self._inputs = inputs
+        self.context: PlanningContext | None = None
+        self.is_other_map = False
+        """Whether the last rebuild was for a map of another name."""
+        self._robot: Robot | None = None
+        self._map: OccupancyGrid | None = None
+        self._zones: Zones | None = None
+        self._footprint: Footprint | None = None
+        self._footprint_problem = ""
+        self._suspected: tuple[PlanningContext, Suspects | None] | None = None
+        self._faded_ns = 0
+        self._num_jumps = 0
+
+    def require_context(self) -> PlanningContext:
+        """Return the planning context.
+
+        Raises:
+            Refused: it cannot be made of what is known.
+        """
+        if self.context is None:
+            raise Refused(codes.NOT_READY, self._footprint_problem or None)
+        return self.context
+
+    def trouble(self, now_ns: int) -> Refused | None:
+        """Return why the robot must not drive: it is blind, lost, or without a usable footprint.
+
+        A silent sensor is named first: without it there is no new pose either.
+        """
+        inputs, context = self._inputs, self.context
+        code = inputs.silence(now_ns) or inputs.pose_trouble(now_ns)
+        if code is not None:
+            return Refused(code)
+        if context is None:
+            return Refused(codes.NOT_READY, self._footprint_problem or None)
+        here = inputs.base_pose()
+        return None if here is None else position_trouble(context, here)
+
+    def rebuild(self) -> bool:
+        """Rebuild the context if robot, map or zones changed; True if so."""
+        inputs = self._inputs
+        robot, grid, zones = inputs.robot, inputs.map, inputs.zones
+        if robot is None or (inputs.frame == "map" and grid is None):
+            return False
+        is_new_robot = robot is not self._robot and self._update_robot(robot)
+        if self._footprint is None:
+            self.context = None
+            return is_new_robot
+        if inputs.frame == "odom":
+            return self._rebuild_around(self._footprint, robot, is_new_robot)
+        if is_new_robot or grid is not self._map or self.context is None:
+            self.is_other_map = (
+                self._map is not None and grid is not None and grid.name != self._map.name
+            )
+            self._map, self._zones = grid, None
+            self.context = PlanningContext(
+                _grid_of(grid) if grid is not None else empty_grid(Pose2D.identity(), 1.0, 0.1),
+                self._footprint,
+                self._config,
+                self._speed(robot),
+            )
+        elif zones is self._zones:
+            return False
+        if zones is not None:
+            self._zones = zones
+            fitting = zones.zones if self._map is None or zones.map == self._map.name else []
+            self.context.costmap.set_zones(fitting)
+        return True
+
+    def add_scan(self, scan: Scan, history: Sequence[Odometry], now_ns: int) -> bool:
+        """Put a scan into the costmap; False if it cannot be placed."""
+        inputs, context = self._inputs, self.context
+        ranges = floats_from_bytes(scan.ranges).astype(np.float32)
+        here = inputs.base_pose()
+        if context is None or here is None or inputs.pose_trouble(now_ns) is not None:
+            return False
+        if position_trouble(context, here) is not None:
+            return False
+        poses = inputs.sweep_poses(scan, len(ranges), history)
+        if poses is None or inputs.base_T_laser is None:
+            return False
+        if self._num_jumps != inputs.num_jumps:
+            # What was seen from a wrong place is in the wrong place.
+            self._num_jumps = inputs.num_jumps
+            context.costmap.forget_all()
+        if self._suspected != (context, inputs.suspects):
+            self._suspected = context, inputs.suspects
+            lines = [] if inputs.suspects is None else inputs.suspects.lines
+            context.costmap.set_suspects([line.points for line in lines])
+        shape = ScanShape(scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+        body = inputs.base_T_laser.inverse().transform_points(context.footprint.polygon)
+        context.costmap.add_scan(Sweep(ranges, shape, poses[0], poses[1], body), scan.stamp_ns)
+        return True
+
+    def maintain(self, now_ns: int) -> None:
+        """Forget what has been out of sight for long."""
+        if self.context is not None and now_ns - self._faded_ns >= MANAGER.fade_s * 1e9:
+            self._faded_ns = now_ns
+            self.context.costmap.forget_old(now_ns)
+
+    def update_position(self, here: Pose2D | None) -> None:
+        """Update where the robot is: keep-out zones open for a robot that must leave them."""
+        if self.context is not None and here is not None:
+            self.context.costmap.set_position(here.x, here.y)
+
+    def forget(self) -> None:
+        """Forget everything that the lidar has seen."""
+        if self.context is not None:
+            self.context.costmap.forget_all()
+
+    def _update_robot(self, robot: Robot) -> bool:
+        """Apply the robot's outline; True if it matters to the context."""
+        before, self._robot = self._robot, robot
+        if before is not None and (before.footprint, before.max_speed) == (
+            robot.footprint,
+            robot.max_speed,
+        ):
+            return False
+        try:
+            self._footprint = Footprint.from_polygon(robot.footprint)
+            self._footprint_problem = ""
+        except ValueError as error:
+            self._footprint = None
+            self._footprint_problem = f"The robot's footprint cannot be used: {error}."
+        return True
+
+    def _rebuild_around(self, footprint: Footprint, robot: Robot, is_new_robot: bool) -> bool:
+        """Make an empty costmap around the robot, in frame `odom`, where the old one ends."""
+        here = self._inputs.base_pose()
+        if here is None:
+            return False
+        context = self.context
+        if context is not None and not is_new_robot:
+            width, height = context.grid.size_m
+            in_grid = context.costmap.to_grid(here)
+            edge = MANAGER.edge_share * width
+            if edge <= in_grid.x <= width - edge and edge <= in_grid.y <= height - edge:
+                return False
+        config = self._config
+        grid = empty_grid(here, config.odom_size_m, config.odom_resolution_m)
+        self.context = PlanningContext(grid, footprint, config, self._speed(robot))
+        return True
+
+    def _speed(self, robot: Robot) -> float:
+        return min(robot.max_speed, self._config.max_speed_mps)
+
+
+def _grid_of(message: OccupancyGrid) -> GridMap:
+    """Return a map message as a grid."""
+    cells = np.frombuffer(message.cells, dtype=np.int8).reshape(message.height, message.width)
+    return GridMap(message.name, message.resolution, message.origin, cells.copy())
+
+
+def position_trouble(context: PlanningContext, here: Pose2D) -> Refused | None:
+    """Return why the robot cannot be where its pose says, None if it can."""
+    costmap = context.costmap
+    in_grid = costmap.to_grid(here)
+    if not costmap.contains(in_grid.x, in_grid.y):
+        return Refused(codes.OUTSIDE_MAP, "According to its pose, the robot is outside the map.")
+    if costmap.is_wall(in_grid.x, in_grid.y):
+        return Refused(
+            codes.LOST, "According to its pose, the robot is inside a wall; set its pose again."
+        )
+    return None
+
+
+def free_all_round(scan: Scan, base_T_laser: Pose2D, radius_m: float) -> bool:
+    """Say whether a scan shows that nothing stands within a circle about the robot's centre.
+
+    Args:
+        scan: must look all round.
+        base_T_laser: where the lidar sits.
+        radius_m: of the circle.
+    """
+    ranges = floats_from_bytes(scan.ranges).astype(np.float64)
+    covered = len(ranges) * scan.angle_increment
+    if len(ranges) == 0 or covered < 1.95 * math.pi:
+        return False
+    angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
+    is_echo = np.isfinite(ranges) & (ranges > max(scan.range_min, 0.0))
+    points = (ranges[is_echo] * np.stack([np.cos(angles[is_echo]), np.sin(angles[is_echo])])).T
+    distances = np.hypot(*base_T_laser.transform_points(points).T)
+    return bool((distances > radius_m).all())

@@ -119,6 +119,20 @@ def safe_command(
     return Twist2D.zero()
 
 
+def limited_change(before: Twist2D, wanted: Twist2D, limits: Limits, elapsed_s: float) -> Twist2D:
+    """Return the velocity nearest to `wanted` that the robot can have after `elapsed_s`."""
+    faster = limits.acceleration * elapsed_s
+    slower = limits.deceleration * elapsed_s
+    down = slower if before.vx > 0.0 else faster
+    up = slower if before.vx < 0.0 else faster
+    turn = limits.turn_acceleration * elapsed_s
+    return Twist2D(
+        min(max(wanted.vx, before.vx - down), before.vx + up),
+        0.0,
+        min(max(wanted.wz, before.wz - turn), before.wz + turn),
+    )
+
+
 def first_step(motion: Motion, controls: NDArray[np.float64], elapsed_s: float) -> Twist2D:
     """Return what to command now of a sequence (n, 2) of v, w, one for every `DT_S`.
 

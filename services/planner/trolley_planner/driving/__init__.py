@@ -1,1 +1,1 @@
-"""Driving to one goal: route, final approach, progress and recovery."""
+"""Driving to one goal: route, approach and recovery."""

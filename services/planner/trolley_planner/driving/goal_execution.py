@@ -9,28 +9,26 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.controller import Motion, safe_command
+from trolley_planner.control.controller import Motion, limited_change, safe_command
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
-from trolley_planner.control.path_timing import PathTimer
 from trolley_planner.control.proximity import PROXIMITY
 from trolley_planner.control.rollout import ROLLOUT, Limits, Target
-from trolley_planner.driving.contact_hold import ContactHold
-from trolley_planner.driving.final_alignment import limited_change
 from trolley_planner.driving.goal_approach import GoalApproach, can_turn_by
-from trolley_planner.driving.progress_checker import ProgressChecker
 from trolley_planner.driving.recovery import (
     RECOVERY,
     BackUp,
     Breadcrumbs,
+    ContactHold,
     LookAgain,
+    ProgressChecker,
     Recovery,
     RecoveryAction,
     Spin,
     Wait,
     free_turn,
 )
-from trolley_planner.driving.route import PASS_M, Route
-from trolley_planner.goals.goal import Goal
+from trolley_planner.driving.route import PASS_M, PathTimer, Route
+from trolley_planner.goals import Goal
 from trolley_planner.paths.path import PlannedPath
 
 

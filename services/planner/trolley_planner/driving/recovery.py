@@ -1,14 +1,185 @@
-"""Recovery: actions of rising effort, each bounded; the robot gives up when none has helped."""
+"""What keeps the robot from its goal, how that is noticed, and what it does about it.
+
+It waits while a person who came to it touches it. Where it does not get nearer it recovers: by
+actions of rising effort, each bounded; it gives up when none has helped.
+"""
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.geometry.polygon import distance_to_outline
 from trolley_planner.control.rollout import Limits
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.people import TrackedPerson
+from trolley_planner.sensing.beams import DX, DY, ECHO, X, Y
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressParams:
+    """What counts as progress, and as trouble; all by hand."""
+
+    turn_rad: float = 0.5
+    """A turn by this much is progress, too,"""
+    most_turn_rad: float = 3.0 * math.pi
+    """but not without end."""
+    slip_wheels_m: float = 0.3
+    """Wheels that drove this far"""
+    slip_share: float = 0.3
+    """while the robot moved less than this share of it are slipping."""
+    oscillation_m: float = 1.0
+    """A robot that drove this far without getting nearer goes back and forth."""
+
+
+PROGRESS = ProgressParams()
+
+
+@dataclass(slots=True)
+class _Mark:
+    """What was measured when the robot last got nearer."""
+
+    since_ns: int
+    remaining_m: float
+    pose: Pose2D
+    odom: Pose2D
+    travelled_m: float = 0.0
+    wheels_m: float = 0.0
+    turned_rad: float = 0.0
+    yaw: float = 0.0
+
+
+class ProgressChecker:
+    """Compares what is left of the path with what was left some seconds ago."""
+
+    def __init__(self, config: PlannerConfig) -> None:
+        self._distance_m = config.progress_distance_m
+        self._time_ns = round(config.progress_s * 1e9)
+        self._mark: _Mark | None = None
+        self._last: tuple[Pose2D, Pose2D] | None = None
+
+    def reset(self) -> None:
+        """Begin anew, as with a new path or after a try to get free."""
+        self._mark = None
+        self._last = None
+
+    def check(
+        self, now_ns: int, remaining_m: float, frame_T_base: Pose2D, odom_T_base: Pose2D
+    ) -> str | None:
+        """Return None while all is well, else the code of what is wrong.
+
+        Args:
+            now_ns: robot time.
+            remaining_m: what is left of the path.
+            frame_T_base: where the robot is by all that is known.
+            odom_T_base: where its wheels say it is.
+        """
+        mark, last = self._mark, self._last
+        self._last = (frame_T_base, odom_T_base)
+        if mark is None or last is None:
+            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=frame_T_base.yaw)
+            return None
+        mark.travelled_m += last[0].distance_to(frame_T_base)
+        mark.wheels_m += last[1].distance_to(odom_T_base)
+        turn = abs(wrap_angle(frame_T_base.yaw - last[0].yaw))
+        mark.turned_rad += turn
+        if mark.remaining_m - remaining_m >= self._distance_m:
+            self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=frame_T_base.yaw)
+            return None
+        turned = abs(wrap_angle(frame_T_base.yaw - mark.yaw))
+        if turned >= PROGRESS.turn_rad and mark.turned_rad < PROGRESS.most_turn_rad:
+            mark.yaw, mark.since_ns = frame_T_base.yaw, now_ns
+        return self._trouble(mark) if now_ns - mark.since_ns > self._time_ns else None
+
+    def _trouble(self, mark: _Mark) -> str:
+        """Say why the robot did not get nearer since `mark`."""
+        if self._last is None:
+            return codes.BLOCKED
+        moved = mark.pose.distance_to(self._last[0])
+        driven = mark.odom.distance_to(self._last[1])
+        if driven >= PROGRESS.slip_wheels_m and moved < PROGRESS.slip_share * driven:
+            return codes.SLIP
+        return codes.OSCILLATION if mark.wheels_m >= PROGRESS.oscillation_m else codes.BLOCKED
+
+
+@dataclass(frozen=True, slots=True)
+class ContactParams:
+    """When the robot stands still because somebody touches it; by hand."""
+
+    touch_m: float = 0.06
+    """Something nearer to the outline than this counts as touching: it includes the lidar's
+    noise."""
+    came_m: float = 0.4
+    """Whoever moved this near to the outline"""
+    lately_s: float = 1.0
+    """within this time is taken to be who touches it now."""
+
+
+CONTACT = ContactParams()
+
+
+class ContactHold:
+    """Tells people who came to the robot from what the robot drove up to.
+
+    People who walked into a robot step around it when it stands, and walk into it again when it
+    moves: so it waits for them to leave. It does not wait for what it drove up to, nor forever.
+
+    Args:
+        footprint: of the robot.
+        patience_s: how long it stands for the same touch at most.
+    """
+
+    def __init__(self, footprint: Footprint, patience_s: float) -> None:
+        self._footprint = footprint
+        self._patience_ns = round(patience_s * 1e9)
+        self._came_ns: int | None = None
+        self._since_ns: int | None = None
+        self._is_touched = False
+
+    def update(
+        self, now_ns: int, beams: NDArray[np.float64], people: Sequence[TrackedPerson], pose: Pose2D
+    ) -> None:
+        """Take a new scan in.
+
+        Args:
+            now_ns: robot time.
+            beams: (n, 6) of the scan in `grid` (columns: sensing.beams).
+            people: who moves according to it, in `grid`.
+            pose: of the robot, in `grid`.
+        """
+        if any(self._is_within(CONTACT.came_m, person.points, pose) for person in people):
+            self._came_ns = now_ns
+        seen = beams[beams[:, ECHO] > 0.0]
+        points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
+        self._is_touched = self._is_within(CONTACT.touch_m, points, pose)
+        if not self._is_touched:
+            self._since_ns = None
+        elif self._since_ns is None and self._has_come(now_ns):
+            self._since_ns = now_ns
+
+    def must_stand(self, now_ns: int) -> bool:
+        """Say whether the robot had better stand."""
+        since_ns = self._since_ns
+        return since_ns is not None and now_ns - since_ns < self._patience_ns
+
+    def _has_come(self, now_ns: int) -> bool:
+        return self._came_ns is not None and now_ns - self._came_ns < CONTACT.lately_s * 1e9
+
+    def _is_within(self, reach_m: float, points: NDArray[np.float64], pose: Pose2D) -> bool:
+        """Say whether one of some points (n, 2) in `grid` is so near to the outline."""
+        around = self._footprint.circumscribed_m + reach_m
+        near = points[np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y) < around]
+        if len(near) == 0:
+            return False
+        local = pose.inverse().transform_points(near)
+        return float(distance_to_outline(self._footprint.polygon, local).min()) < reach_m
 
 
 @dataclass(frozen=True, slots=True)

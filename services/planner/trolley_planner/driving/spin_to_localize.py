@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D, circumscribed_radius, footprint_from_polygon
-from trolley_planner.context.costmap_manager import free_all_round
+from trolley_planner.context.planning_context import free_all_round
 from trolley_planner.control.rollout import Limits
 from trolley_planner.driving.recovery import Spin
 from trolley_planner.sensing.inputs import Inputs

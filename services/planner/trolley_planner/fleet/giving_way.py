@@ -8,8 +8,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.controller import Motion
-from trolley_planner.driving.final_alignment import limited_change
+from trolley_planner.control.controller import Motion, limited_change
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.fleet.neighbours import Neighbour, moved_into
 from trolley_planner.fleet.right_of_way import (
@@ -21,7 +20,7 @@ from trolley_planner.fleet.right_of_way import (
     robot_standing_on,
 )
 from trolley_planner.fleet.waiting_pose import find_waiting_pose, is_clear
-from trolley_planner.goals.goal import Goal, Tolerances
+from trolley_planner.goals import Goal, Tolerances
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.costmap.footprint import NO_LIMITS, Body, Field, Footprint, clearance_at
-from trolley_planner.paths.lines import segment_cost, subdivide
-from trolley_planner.paths.path import SPACING_M
+from trolley_planner.paths.path import SPACING_M, segment_cost, subdivide
 
 
 class FootprintCheckParams(NamedTuple):

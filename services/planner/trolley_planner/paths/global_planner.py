@@ -11,8 +11,7 @@ from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
 from trolley_planner.paths.footprint_check import CheckedPath, FootprintCheck
-from trolley_planner.paths.lines import polyline_cost, straighten
-from trolley_planner.paths.path import PlannedPath
+from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten
 
 Point = tuple[float, float]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from trolley.geometry.angles import TWO_PI
+from trolley.geometry.pose import TWO_PI
 from trolley.messages import OverlayRule
 
 ROUNDING = 1e-9
