@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import load_map
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.filter.motion_model import split_step
 from trolley_localizer.filter.particle_filter import ParticleFilter
 from trolley_localizer.matching.likelihood_field import MAX_DISTANCE_M, LikelihoodField, build_field

@@ -12,7 +12,7 @@ from scipy.sparse import csgraph
 
 from trolley.geometry import Pose2D, Twist2D, interpolate
 from trolley.gridmap import GridMap, distance_transform
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_base.drivers.interface import LidarScan
 from trolley_base.world.simulation import RobotBody, Simulation
 from trolley_base.world.spec import LidarSpec, Person, Wheels, WorldSpec

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scanning.front_end import Reject, ScanInput, motion_since, problem_of
+from trolley.scanning import Reject, ScanInput, motion_since, problem_of
 from trolley_localizer.changes.change_detector import Change, ChangeDetector
 from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.estimate import CandidatePose, Estimate

@@ -12,7 +12,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus, Odometry, PoseEstimate, Scan, Suspects, Transform
 from trolley.messages.request_params import Nothing, SetPose
 from trolley.runtime.service import Service, Watch, answers, every, on
-from trolley.scanning.front_end import Reject, ScanAssembler, ScanInput
+from trolley.scanning import Reject, ScanAssembler, ScanInput
 from trolley_localizer.change_proposals import ChangeProposals
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_server import LoadedMap, MapServer, refuse_pose

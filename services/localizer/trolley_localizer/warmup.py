@@ -5,7 +5,7 @@ import numpy as np
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_localizer.changes.change_detector import ChangeDetector
 from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.core import Localizer

@@ -7,7 +7,7 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Odometry, Scan
 from trolley.runtime.service import Service
-from trolley.scanning.front_end import Reject, ScanAssembler, ScanInput
+from trolley.scanning import Reject, ScanAssembler, ScanInput
 
 SILENT_S = 1.0
 """A sensor that sent nothing for this long is silent [s]."""

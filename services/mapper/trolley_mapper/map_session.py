@@ -11,7 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.gridmap.wire import map_message
 from trolley.messages import OccupancyGrid, Zone
-from trolley.scanning.front_end import Reject, ScanInput
+from trolley.scanning import Reject, ScanInput
 from trolley_mapper.anchored_places import AnchoredPlaces
 from trolley_mapper.checkpoint import Checkpoint
 from trolley_mapper.slam.estimate import MapEstimate

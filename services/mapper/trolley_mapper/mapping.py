@@ -11,7 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import MappingState, MappingStatus, PoseEstimate, Zones
 from trolley.messages.request_params import Nothing, UndoMap, Yield
 from trolley.runtime.service import Service, answers, every
-from trolley.scanning.front_end import Reject, ScanInput
+from trolley.scanning import Reject, ScanInput
 from trolley_mapper import checkpoint as checkpoints
 from trolley_mapper.checkpoint import Checkpoint, Checkpointer
 from trolley_mapper.explore import sentences

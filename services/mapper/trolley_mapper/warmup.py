@@ -7,7 +7,7 @@ import numpy as np
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_mapper.explore import warmup
 from trolley_mapper.slam.mapper import Mapper
 

@@ -12,7 +12,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.map_editing import apply
 from trolley.map_editing.proposals import ops_of
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_localizer.change_proposals import change_message
 from trolley_localizer.changes.change_detector import Change, ChangeDetector
 from trolley_localizer.changes.change_file import from_file, to_file, unpack

@@ -9,7 +9,7 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
-from trolley.scanning.front_end import Reject
+from trolley.scanning import Reject
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.kernels.matching import BEHIND_MIRROR, EXPLAINED, NOT_ON_MAP, UNUSED

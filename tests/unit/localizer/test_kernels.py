@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley.geometry.kernels import solve_spd
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.kernels import matching as kernels
 from trolley_localizer.kernels.elementary import exp_below_zero, sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines

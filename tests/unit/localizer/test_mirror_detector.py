@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate

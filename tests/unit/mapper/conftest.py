@@ -9,7 +9,7 @@ import pytest
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
 

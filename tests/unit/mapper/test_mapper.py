@@ -9,7 +9,7 @@ import pytest
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, distance_transform
-from trolley.scanning.front_end import Reject
+from trolley.scanning import Reject
 from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.sentences import SLIPS
 from trolley_mapper.slam.serialization import pack

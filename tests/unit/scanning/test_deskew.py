@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D
-from trolley.scanning.deskew import deskew, is_blind
-from trolley.scanning.front_end import FrontEndParams, ScanInput
+from trolley.scanning import FrontEndParams, ScanInput, deskew, is_blind
 
 PARAMS = FrontEndParams(
     least_range_m=0.05, usable_range_share=0.9, telling_range_m=0.5, min_telling_share=0.1

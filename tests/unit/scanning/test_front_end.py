@@ -8,7 +8,7 @@ import pytest
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Odometry, Scan, Transform
-from trolley.scanning.front_end import (
+from trolley.scanning import (
     FrontEndParams,
     Motion,
     Reject,

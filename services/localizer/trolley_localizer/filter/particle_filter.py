@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.filter.motion_model import OdometryStep
 from trolley_localizer.kernels.layout import Cloud
 from trolley_localizer.kernels.matching import score_particles

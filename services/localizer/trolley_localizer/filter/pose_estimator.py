@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.filter.motion_model import move_covariance, split_step, step_covariance
 from trolley_localizer.filter.particle_filter import ParticleFilter, lower_root
 from trolley_localizer.kernels.matching import refine_pose, score_pose

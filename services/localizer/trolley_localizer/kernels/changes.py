@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trolley.gridmap import OCCUPIED_FROM
 from trolley.jit import kernel
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.kernels.matching import EXPLAINED, NOT_ON_MAP
 from trolley_localizer.kernels.reflection import IMAGE, MIRRORED
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from trolley.geometry.kernels import solve_spd
 from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.kernels.elementary import sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.kernels.matching import BEHIND_MIRROR, UNUSED, first_wall, sample_field
 
 NOTHING = 0

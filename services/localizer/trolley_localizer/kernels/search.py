@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 
 _TWO_PI = 2.0 * math.pi
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley.scanning.deskew import Points
+from trolley.scanning import Points
 from trolley_localizer.kernels import search as kernels
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore

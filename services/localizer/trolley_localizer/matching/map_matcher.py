@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
-from trolley.scanning.deskew import Points, deskew, is_blind
-from trolley.scanning.front_end import FrontEndParams, ScanInput
+from trolley.scanning import FrontEndParams, Points, ScanInput, deskew, is_blind
 from trolley_localizer.kernels import matching as kernels
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.kernels.matching import NOT_ON_MAP, UNUSED, refine_pose, score_pose

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from trolley.config.mapper import MapperConfig
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import Closure, LoopJob

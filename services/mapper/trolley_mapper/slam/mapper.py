@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.scanning.front_end import Motion, Reject, ScanInput, motion_since, problem_of
+from trolley.scanning import Motion, Reject, ScanInput, motion_since, problem_of
 from trolley_mapper.slam import sentences
 from trolley_mapper.slam.back_end import BackEnd, MapJob, Observation
 from trolley_mapper.slam.edges import odometry_edge, scan_match_edges

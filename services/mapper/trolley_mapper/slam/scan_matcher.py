@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, angle_difference
-from trolley.scanning.front_end import ScanInput
+from trolley.scanning import ScanInput
 from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.slam.local_map import LocalMap

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, interpolate
-from trolley.scanning.deskew import deskew, is_blind
-from trolley.scanning.front_end import FrontEndParams, ScanInput
+from trolley.scanning import FrontEndParams, ScanInput, deskew, is_blind
 from trolley_mapper.kernels import lines as kernels
 from trolley_mapper.kernels.layout import Cloud
 

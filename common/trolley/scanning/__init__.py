@@ -1,1 +1,0 @@
-"""From lidar messages to scans that algorithms can use: what localizer and mapper do first."""
