@@ -123,7 +123,7 @@ def test_one_browser_drives_and_the_other_is_told(
     wait_until(lambda: driven.twist().wz > 0.5, "it turns left")
     expect(other.get_by_text("Somebody else is driving")).to_be_visible()
     press(other, (1.0, 0.0))
-    assert driven.twist().wz > 0.0
+    assert driven.twist().wz >= 0.0  # a slow page may have let go by now, but nobody turns right
     one.mouse.up()
     driven.wait_until_it_stands()
     other.mouse.up()
