@@ -268,7 +268,7 @@ def test_a_stop_ends_it(driving: Driving) -> None:
 
 def test_a_lost_pose_ends_it(driving: Driving) -> None:
     driving.room.lockstep.kill("localizer")
-    assert driving.ends(4.0) == "the robot does not know surely where it is"
+    assert driving.ends(4.0) == "the robot is not sure where it is"
 
 
 def test_silent_odometry_ends_it(driving: Driving) -> None:

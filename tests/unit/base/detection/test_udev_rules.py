@@ -65,7 +65,7 @@ def test_writes_no_rule_for_what_cannot_be_known_again() -> None:
         [seen(LIDAR, "/dev/pts/7"), seen(BOARD, "/dev/x", ID_PATH='a", RUN+="b')]
     )
     assert rules(text) == []
-    assert "udev knows nothing of /dev/pts/7" in text
+    assert "udev knows nothing about /dev/pts/7" in text
 
 
 def test_gives_two_lidars_two_names() -> None:
