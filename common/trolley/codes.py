@@ -61,6 +61,7 @@ STOP_FIELD = "stop_field"
 SCAN_LOST = "scan_lost"
 LINK_LOST = "link_lost"
 COMMAND_LOST = "command_lost"
+COMMAND_LATE = "command_late"
 BUMPER = "bumper"
 CLIFF = "cliff"
 BATTERY = "battery"
@@ -117,6 +118,7 @@ SENTENCES: dict[str, str] = {
     SCAN_LOST: "The lidar is silent.",
     LINK_LOST: "The connection to the motor board is down.",
     COMMAND_LOST: "Velocity commands stopped arriving.",
+    COMMAND_LATE: "Velocity commands arrive more than half a second late and are not followed.",
     BUMPER: "The bumper was hit.",
     CLIFF: "A cliff sensor sees no floor.",
     BATTERY: "The battery is too low to drive.",

@@ -4,11 +4,11 @@ from trolley import codes, requests, topics
 from trolley.geometry import Twist2D
 from trolley.messages import BaseState, VelocityCommand
 from trolley.messages.request_params import Nothing
-from trolley.runtime.robot_time import TimeSource
 from trolley.runtime.service import Later, Service, answers, on
 from trolley_base.device_inputs import DeviceInputs
 from trolley_base.drivers import Hardware
 from trolley_base.odometry.wheel_scales import WheelScales
+from trolley_base.robot_clock import RobotClock
 from trolley_base.safety.estop_latch import EstopLatch
 from trolley_base.safety.safety_state import find_restriction
 from trolley_base.safety.velocity_limiter import Decision, VelocityLimiter
@@ -31,7 +31,7 @@ class DriveControl:
     def __init__(
         self,
         service: Service,
-        clock: TimeSource,
+        clock: RobotClock,
         cannot_drive: str,
         limiter: VelocityLimiter,
         scales: WheelScales,
@@ -72,7 +72,8 @@ class DriveControl:
     def take_command(self, command: VelocityCommand, source: str) -> None:
         """Keep a source's command until the next decision, or drop it and count why."""
         arrived_ns = self._clock.now(self._service.arrived_ns) or 0
-        rejected = self._limiter.offer(source, command, arrived_ns, self._service.stamp_ns)
+        foremost_ns = self._clock.foremost(self._service.monotonic_ns)
+        rejected = self._limiter.offer(source, command, arrived_ns, foremost_ns)
         if rejected is not None:
             name = f"cmd_vel/{rejected.value}"
             self._service.count(name)

@@ -27,6 +27,7 @@ class RobotClock:
         self._anchor_ns = 0
         self._anchor_monotonic_ns = 0
         self._reached_ns = 0
+        self._foremost_ns = 0
         self._late: tuple[int, int] | None = None
         self._fine_since_ns = 0
 
@@ -41,7 +42,7 @@ class RobotClock:
             rate: wanted robot seconds per real second.
             step_ns: how far the clock may be ahead of what was reached; None: it runs freely.
         """
-        self.epoch = self._reached_ns = epoch_ns
+        self.epoch = self._reached_ns = self._foremost_ns = epoch_ns
         self.rate = self._wanted_rate = rate
         self._step_ns = step_ns
         self._set_anchor(epoch_ns, monotonic_ns)
@@ -55,6 +56,14 @@ class RobotClock:
             return None
         now_ns = self._target_ns(monotonic_ns)
         return now_ns if self._step_ns is None else min(now_ns, self._reached_ns + self._step_ns)
+
+    def foremost(self, monotonic_ns: int) -> int:
+        """Return the latest robot time [ns] that others can believe it to be.
+
+        Those who follow the clock cannot know that the steps are late, so they are ahead of `now`
+        then, and wait where they are after the rate was lowered.
+        """
+        return max(self._foremost_ns, self._target_ns(monotonic_ns))
 
     def reached(self, now_ns: int, monotonic_ns: int) -> bool:
         """Say that everything has been brought to robot time `now_ns`.
@@ -87,6 +96,7 @@ class RobotClock:
         return self._change_rate(max(MIN_RATE, LOWER_TO * possible), monotonic_ns)
 
     def _change_rate(self, rate: float, monotonic_ns: int) -> bool:
+        self._foremost_ns = self.foremost(monotonic_ns)
         self._set_anchor(self._reached_ns, monotonic_ns)
         self.rate = rate
         self._late = None

@@ -79,7 +79,7 @@ def test_bad_commands_are_dropped_and_counted(rig: Rig) -> None:
     rig.run(2.0)
     rig.send(AHEAD, valid_for=0.0)
     rig.send(AHEAD, valid_for=-1.0)
-    rig.send(AHEAD, stamp_ns=rig.now_ns + 1_100_000_000)
+    rig.send(AHEAD, stamp_ns=rig.now_ns + 300_000_000)
     rig.run(0.1)
     rig.send(AHEAD, stamp_ns=rig.now_ns)
     rig.run(0.1)
@@ -88,8 +88,38 @@ def test_bad_commands_are_dropped_and_counted(rig: Rig) -> None:
     assert {name: n for name, n in rig.counters.items() if name.startswith("cmd_vel")} == {
         "cmd_vel/not_valid": 2,
         "cmd_vel/ahead": 1,
-        "cmd_vel/old": 1,
+        "cmd_vel/out_of_order": 1,
     }
+
+
+def test_what_was_recorded_of_a_drive_cannot_be_played_back_to_the_robot(rig: Rig) -> None:
+    """Nor can a command that waited on its way for longer than half a second."""
+    rig.run(2.0)
+    heard = [
+        VelocityCommand(stamp_ns=rig.now_ns + i * 50_000_000, twist=AHEAD, valid_for=0.5)
+        for i in range(10)
+    ]
+    for command in heard:
+        rig.lockstep.publish(topics.COMMAND, command, "teleop")
+        rig.run(0.05)
+    rig.run(1.0)
+    assert rig.truth.twist.is_zero
+    for command in heard:
+        rig.lockstep.publish(topics.COMMAND, command, "teleop")
+        rig.run(0.05)
+        assert rig.driven[-1].twist.is_zero
+    assert rig.counters["cmd_vel/old"] == 9
+    assert rig.counters["cmd_vel/repeated"] == 1, "the newest is known byte for byte"
+    assert (rig.state.mode, rig.state.reason) == ("held", codes.COMMAND_LATE)
+    rig.drive(0.5, 0.2)
+    assert (rig.state.mode, rig.state.source) == ("ok", "teleop")
+
+
+def test_a_command_that_is_valid_for_a_millisecond_moves_the_robot_for_a_moment(rig: Rig) -> None:
+    rig.send(AHEAD, valid_for=0.001)
+    rig.run(0.1)
+    assert rig.odometry[-1].pose.x > 0.0
+    assert rig.driven[-1].twist.is_zero
 
 
 @pytest.mark.parametrize(

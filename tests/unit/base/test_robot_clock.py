@@ -1,3 +1,5 @@
+from trolley.messages import Clock
+from trolley.runtime.robot_time import FollowedTime
 from trolley_base.robot_clock import Beat, RobotClock
 
 S = 1_000_000_000
@@ -80,6 +82,26 @@ def test_a_pause_is_made_up_for_at_the_same_rate() -> None:
     assert clock.rate == 1.0
     assert now_ns is not None
     assert abs(now_ns - monotonic_ns) < 2 * STEP
+
+
+def test_who_follows_the_clock_is_not_ahead_of_the_foremost_while_steps_are_late() -> None:
+    clock, followed = RobotClock(), FollowedTime()
+    clock.begin(EPOCH, 0, rate=10.0, step_ns=STEP)
+    monotonic_ns, heard_ns = 0, 0
+    while monotonic_ns < 5 * S:
+        reached_ns = clock.now(monotonic_ns)
+        assert reached_ns is not None
+        if monotonic_ns >= heard_ns:
+            said = Clock(stamp_ns=reached_ns, rate=clock.rate, epoch=EPOCH)
+            followed.update(said, monotonic_ns)
+            heard_ns = monotonic_ns + 100 * MS
+        monotonic_ns += 10 * MS  # 20 ms in 10 ms: 2 is possible, not 10
+        if clock.reached(reached_ns, monotonic_ns):
+            heard_ns = monotonic_ns
+        believed_ns = followed.now(monotonic_ns)
+        assert believed_ns is not None
+        assert believed_ns <= clock.foremost(monotonic_ns) + 1
+    assert clock.is_slowed
 
 
 def test_a_beat_is_due_at_once_and_then_keeps_its_phase() -> None:

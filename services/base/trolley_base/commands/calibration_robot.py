@@ -118,6 +118,7 @@ class _Live:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._stack = ExitStack()
+        self._stamp_ns = 0  # of the last command
 
     def __enter__(self) -> "_Live":
         enter, robot = self._stack.enter_context, self._robot
@@ -148,7 +149,8 @@ class _Live:
 
     def send(self, twist: Twist2D, now_ns: int) -> None:
         """Command a velocity."""
-        command = VelocityCommand(stamp_ns=now_ns, twist=twist, valid_for=VALID_S)
+        self._stamp_ns = max(now_ns, self._stamp_ns + 1)  # base drops what is not newer
+        command = VelocityCommand(stamp_ns=self._stamp_ns, twist=twist, valid_for=VALID_S)
         robot = self._robot
         robot.connection.publish(robot.name, topics.COMMAND, command, SOURCE)
 

@@ -9,10 +9,10 @@ from trolley.messages import VelocityCommand
 
 MAX_VALID_NS = 500_000_000
 """A command is good for at most this long, whatever its sender says [ns]."""
-MAX_AHEAD_NS = 1_000_000_000
+MAX_AGE_NS = 500_000_000
+"""A command that was stamped longer before its arrival is of a situation that is over [ns]."""
+MAX_AHEAD_NS = 200_000_000
 """A stamp may be ahead by this much; clocks that follow base's are never that far off [ns]."""
-ORDER_NS = 1_000_000_000
-"""Within this time after a source's command an older one of it is a straggler; later, a restart."""
 HOLD_NS = 1_000_000_000
 """After a source falls silent, base stands for this long before a lower one may drive [ns]."""
 
@@ -24,6 +24,8 @@ class Reject(enum.Enum):
     NOT_FINITE = "not_finite"
     NOT_VALID = "not_valid"
     OLD = "old"
+    REPEATED = "repeated"
+    OUT_OF_ORDER = "out_of_order"
     AHEAD = "ahead"
 
 
@@ -44,13 +46,21 @@ class Choice:
     lost: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Wish:
     """A source's newest command, in robot time of base's own clock."""
 
     twist: Twist2D
     scan_ns: int
-    expires_ns: int
+    arrived_ns: int
+    valid_ns: int
+    is_new: bool = True
+    """Whether no decision has been taken since it came."""
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Whether it still holds: as long as it is valid, and for one decision in any case."""
+        good_ns = MAX_VALID_NS if self.is_new else self.valid_ns
+        return now_ns - self.arrived_ns < good_ns
 
 
 class Arbiter:
@@ -66,12 +76,12 @@ class Arbiter:
     def __init__(self, priorities: Mapping[str, int]) -> None:
         self._priorities = dict(priorities)
         self._wishes: dict[str, _Wish] = {}
-        self._accepted: dict[str, tuple[int, int]] = {}
+        self._accepted: dict[str, VelocityCommand] = {}
         self._driving: str | None = None
         self._moved = False
 
     def offer(
-        self, source: str, command: VelocityCommand, arrived_ns: int, now_ns: int
+        self, source: str, command: VelocityCommand, arrived_ns: int, foremost_ns: int
     ) -> Reject | None:
         """Take a command, or say why not.
 
@@ -79,7 +89,7 @@ class Arbiter:
             source: who sent it.
             command: the velocity, and how long it is good for.
             arrived_ns: when it arrived.
-            now_ns: now.
+            foremost_ns: the latest that others can believe robot time to be.
         """
         if source not in self._priorities:
             return Reject.UNKNOWN_SOURCE
@@ -88,24 +98,31 @@ class Arbiter:
         # Written so that NaN is refused, too; an endless one is no number of seconds either.
         if not 0.0 < command.valid_for < float("inf"):
             return Reject.NOT_VALID
-        if command.stamp_ns > now_ns + MAX_AHEAD_NS:
+        if command.stamp_ns > foremost_ns + MAX_AHEAD_NS:
             return Reject.AHEAD
         last = self._accepted.get(source)
-        if last is not None and command.stamp_ns <= last[0] and arrived_ns - last[1] < ORDER_NS:
+        if command == last:
+            return Reject.REPEATED
+        if command.stamp_ns < arrived_ns - MAX_AGE_NS:
             return Reject.OLD
-        self._accepted[source] = command.stamp_ns, arrived_ns
+        if last is not None and command.stamp_ns <= last.stamp_ns:
+            return Reject.OUT_OF_ORDER
+        self._accepted[source] = command
         # The limit first: a number of seconds near the largest float is none of nanoseconds.
         valid_ns = round(min(command.valid_for, MAX_VALID_NS / 1e9) * 1e9)
-        self._wishes[source] = _Wish(command.twist, command.scan_ns, arrived_ns + valid_ns)
+        self._wishes[source] = _Wish(command.twist, command.scan_ns, arrived_ns, valid_ns)
         return None
 
     def choose(self, now_ns: int) -> Choice:
         """Say who drives now."""
-        fresh = [source for source, wish in self._wishes.items() if wish.expires_ns > now_ns]
+        fresh = [source for source, wish in self._wishes.items() if wish.is_fresh(now_ns)]
+        for wish in self._wishes.values():
+            wish.is_new = False
         best = max(fresh, key=self._rank, default=None)
         driving = self._driving
         if driving is not None and driving not in fresh:
-            silent_ns = now_ns - self._wishes[driving].expires_ns
+            silent = self._wishes[driving]
+            silent_ns = now_ns - (silent.arrived_ns + silent.valid_ns)
             is_lower = best is None or self._priorities[best] < self._priorities[driving]
             if is_lower and silent_ns < HOLD_NS:
                 return Choice(None, Twist2D.zero(), lost=self._moved)

@@ -32,6 +32,8 @@ class VelocityLimiterParams:
     """The stop field is named as the reason once it has held the robot for this long [ns]."""
     lost_shown_ns: int = 5_000_000_000
     """How long a loss of commands is shown if none comes [ns]."""
+    late_shown_ns: int = 1_000_000_000
+    """How long it is shown that a command came too late [ns]."""
 
 
 PARAMS = VelocityLimiterParams()
@@ -89,12 +91,16 @@ class VelocityLimiter:
         self._decided_ns: int | None = None
         self._blocked_since_ns: int | None = None
         self._lost_ns: int | None = None
+        self._late_ns: int | None = None
 
     def offer(
-        self, source: str, command: VelocityCommand, arrived_ns: int, now_ns: int
+        self, source: str, command: VelocityCommand, arrived_ns: int, foremost_ns: int
     ) -> Reject | None:
         """Take a command of a source, or say why not."""
-        return self._arbiter.offer(source, command, arrived_ns, now_ns)
+        rejected = self._arbiter.offer(source, command, arrived_ns, foremost_ns)
+        if rejected is Reject.OLD:
+            self._late_ns = arrived_ns
+        return rejected
 
     def forget(self) -> None:
         """Stand, and let only what arrives from now on move the robot."""
@@ -166,6 +172,13 @@ class VelocityLimiter:
             mode, reason, message = restriction.mode, restriction.reason, restriction.message
         elif since_ns is not None and now_ns - since_ns >= PARAMS.blocked_ns:
             mode, reason = "held", codes.STOP_FIELD
+            message = codes.SENTENCES[reason]
+        elif (
+            source is None
+            and self._late_ns is not None
+            and now_ns - self._late_ns < PARAMS.late_shown_ns
+        ):
+            mode, reason = "held", codes.COMMAND_LATE
             message = codes.SENTENCES[reason]
         elif self._lost_ns is not None and now_ns - self._lost_ns < PARAMS.lost_shown_ns:
             mode, reason = "held", codes.COMMAND_LOST
