@@ -12,6 +12,7 @@ from trolley.messages import Clock, Health
 from trolley.requests import Request
 from trolley.runtime.bindings import Binding, bindings_of
 from trolley.runtime.bus import Bus
+from trolley.runtime.clock_follower import ClockFollower
 from trolley.runtime.context import Context
 from trolley.runtime.health import HealthReporter
 from trolley.runtime.host import Host
@@ -46,6 +47,7 @@ class Node:
         self._bindings = bindings_of(service, *service.parts)
         owned = {binding.topic for binding, _ in self._bindings if binding.kind == "gets"}
         self._receiver = Receiver(self._context, owned)
+        self._clock_follower = ClockFollower(self._context, self._begin_epoch)
         self._server = Server(self._context)
         self._health = HealthReporter(self._context, self._server, label, host.usage)
         service.bind(Wire(self._context, self._receiver, self._server, self._health), host)
@@ -132,12 +134,11 @@ class Node:
                 raise TypeError(f"{method.__qualname__}: a binding without topic or request")
 
     def _follow_clock(self, clock: Clock, robot: str | None = None) -> None:
-        own = self._context.robot
-        robot = robot or own
-        if not self._context.clocks.update(robot, clock, self.inbox.arrived_ns):
-            return
-        self._receiver.forget_epoch(robot, clock.epoch)
-        if robot == own:
+        self._clock_follower.hear(robot or self._context.robot, clock, self.inbox.arrived_ns)
+
+    def _begin_epoch(self, robot: str, epoch_ns: int) -> None:
+        self._receiver.forget_epoch(robot, epoch_ns)
+        if robot == self._context.robot:
             self.service.epoch_began()
 
     def _look_after_itself(self) -> None:

@@ -10,6 +10,10 @@ SILENCE_NS = 1_000_000_000
 """After this long without a `clock` message there is no robot time."""
 WINDOW_NS = 10_000_000_000
 """How far back the messages count that robot time is computed from."""
+LEAP_NS = 2_000_000_000
+"""A message that would move robot time by more than this, in local time, is not believed [ns]."""
+LATE_NS = 60_000_000_000
+"""No pause of a base makes its clock fall behind what was told before by more than this [ns]."""
 
 
 class TimeSource(Protocol):
@@ -62,13 +66,30 @@ class FollowedTime:
         self._heard_ns: int | None = None
         self._last: int | None = None
 
-    def update(self, clock: Clock, arrived_ns: int) -> bool:
-        """Take in a message that arrived at local `arrived_ns`; True when a new epoch began."""
-        known = self._heard_ns is not None
-        silent = self._heard_ns is None or arrived_ns - self._heard_ns > SILENCE_NS
-        if known and clock.epoch < self.epoch and not silent:
+    def is_running(self, monotonic_ns: int) -> bool:
+        """Whether a message was taken in within the last second."""
+        return self._heard_ns is not None and monotonic_ns - self._heard_ns <= SILENCE_NS
+
+    def follows(self, clock: Clock, arrived_ns: int) -> bool:
+        """Whether a message is what the ones before it and the time since then allow."""
+        if self._heard_ns is None or (clock.epoch, clock.rate) != (self.epoch, self.rate):
             return False
-        began = not known or clock.epoch != self.epoch
+        latest_ns = self._heard[0].extended(self.rate, arrived_ns)
+        return clock.stamp_ns <= latest_ns + self._leap_ns(clock) and not self._is_behind(clock)
+
+    def agrees(self, clock: Clock, answer: Clock) -> bool:
+        """Whether what was heard can be of the base that gave `answer`."""
+        if (clock.epoch, clock.rate) != (answer.epoch, answer.rate):
+            return False
+        return abs(clock.stamp_ns - answer.stamp_ns) <= self._leap_ns(clock)
+
+    def update(self, clock: Clock, arrived_ns: int) -> bool:
+        """Take in a message that arrived at local `arrived_ns`; True when a new epoch began.
+
+        Whether it can be believed is decided before: see `follows`. Time that a wrong message had
+        moved far ahead begins anew, as in a new epoch.
+        """
+        began = self._heard_ns is None or clock.epoch != self.epoch or self._is_behind(clock)
         if began or clock.rate != self.rate:
             self._heard.clear()
         if began:
@@ -91,6 +112,13 @@ class FollowedTime:
         now = self._heard[0].extended(self.rate, monotonic_ns)
         self._last = now if self._last is None else max(self._last, now)
         return self._last
+
+    def _is_behind(self, clock: Clock) -> bool:
+        return self._last is not None and clock.stamp_ns < self._last - LATE_NS
+
+    @staticmethod
+    def _leap_ns(clock: Clock) -> int:
+        return round(LEAP_NS * max(1.0, clock.rate))
 
 
 class RobotClocks:
@@ -115,13 +143,10 @@ class RobotClocks:
         """The clock of a robot."""
         if robot == self._robot and self._own is not None:
             return self._own
-        return self._follow(robot)
+        return self.followed(robot)
 
-    def update(self, robot: str, clock: Clock, arrived_ns: int) -> bool:
-        """Take in a `clock` message of a robot; True when a new epoch began."""
-        return self._follow(robot).update(clock, arrived_ns)
-
-    def _follow(self, robot: str) -> FollowedTime:
+    def followed(self, robot: str) -> FollowedTime:
+        """The clock of a robot as heard on the wire."""
         if robot not in self._followed:
             self._followed[robot] = FollowedTime()
         return self._followed[robot]

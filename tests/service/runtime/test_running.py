@@ -111,6 +111,7 @@ def test_a_jump_of_robot_time_is_one_tick_not_many(lockstep: Lockstep):
     ticker = lockstep.add(Ticker())
     lockstep.publish(topics.CLOCK, make_clock(0))
     lockstep.run(0.5)
+    lockstep.run(1.0)  # while base is silent nobody can say what it ought to be
     before = len(ticker.robot_ticks)
     lockstep.publish(topics.CLOCK, make_clock(3600 * SECOND))
     assert len(ticker.robot_ticks) == before + 1
