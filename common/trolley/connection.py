@@ -24,6 +24,7 @@ from trolley.ports import ROUTER_PORT
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard
+from trolley.runtime.clock_follower import ANSWER_S, told
 from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
@@ -319,24 +320,61 @@ class Connection:
 class RobotTime:
     """The time of a robot, followed from its clock as long as the connection lasts.
 
-    Making one waits up to a second for the first word of the clock.
+    Making one waits up to a second for the first word of the clock. As services do, it asks base
+    about a word that does not follow from those before.
     """
 
     def __init__(self, connection: Connection, robot: str) -> None:
+        self._bus, self._key = connection.bus, topics.CLOCK.key(robot)
         self._clocks = connection.subscribe(robot, topics.CLOCK)
         self._time = FollowedTime()
-        first = self._clocks.next(CLOCK_PATIENCE_S)
-        if first is not None:
-            self._hear(first)
+        self._question: _ClockQuestion | None = None
+        end_s = time.monotonic() + CLOCK_PATIENCE_S
+        while self.now_ns() is None and (left_s := end_s - time.monotonic()) > 0.0:
+            if self._question is not None:
+                self._question.answered.wait(left_s)
+            elif (first := self._clocks.next(left_s)) is not None:
+                self._hear(first)
 
     def now_ns(self) -> int | None:
         """Robot time [ns], None where nothing was received from the robot for a second."""
         while (heard := self._clocks.next(0.0)) is not None:
             self._hear(heard)
+        if self._question is not None and self._question.answered.is_set():
+            self._question.settle(self._time)
+            self._question = None
         return self._time.now(time.monotonic_ns())
 
     def _hear(self, heard: Arrival[Clock]) -> None:
-        self._time.update(heard.message, round(heard.arrived_s * 1e9))
+        arrived_ns = round(heard.arrived_s * 1e9)
+        if self._time.follows(heard.message, arrived_ns):
+            self._time.update(heard.message, arrived_ns)
+        elif self._question is None:
+            self._question = _ClockQuestion(self._bus, self._key, heard.message, arrived_ns)
+
+
+class _ClockQuestion:
+    """Base is asked for its clock, because a message of it cannot be believed by itself."""
+
+    def __init__(self, bus: ZenohBus, key: str, clock: Clock, arrived_ns: int) -> None:
+        self.answered = threading.Event()
+        self._clock, self._arrived_ns = clock, arrived_ns
+        self._replies: list[Reply] = []
+        self._answered_ns = 0
+        self._asked_s = time.monotonic()
+        bus.get(f"{key}?format=msgpack", b"", "", ANSWER_S, self._replies.append, self._done)
+
+    def settle(self, followed: FollowedTime) -> None:
+        """Take in what came of it."""
+        timed_out = self._answered_ns * 1e-9 - self._asked_s >= ANSWER_S
+        answers = told(self._replies)
+        followed.settle(
+            self._clock, self._arrived_ns, answers, self._answered_ns, timed_out=timed_out
+        )
+
+    def _done(self) -> None:
+        self._answered_ns = time.monotonic_ns()
+        self.answered.set()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -110,6 +110,26 @@ def test_what_follows_is_believed_and_no_leap_is(
         assert abs(now - truth) <= (len(wrong) + 1) * 2 * SECOND * max(1.0, rate)
 
 
+@given(wrong=instances_of(Clock))
+def test_who_cannot_ask_believes_what_comes_twice(wrong: Any) -> None:
+    """As for a recording: no single message moves its time, and a restart of base does."""
+    followed = FollowedTime()
+    for tenth in range(20):
+        local, stamp = tenth * SECOND // 10, UNIX + tenth * SECOND // 10
+        followed.hear(Clock(stamp_ns=stamp, rate=1.0, epoch=UNIX), local)
+        if tenth == 10:
+            followed.hear(wrong, local + 1)
+        now = followed.now(local + 2)
+        assert now is not None
+        assert abs(now - stamp) <= 2 * SECOND + 2
+    for tenth in range(2):
+        stamp = 2 * UNIX + tenth * SECOND // 10
+        followed.hear(
+            Clock(stamp_ns=stamp, rate=1.0, epoch=2 * UNIX), 2 * SECOND + tenth * SECOND // 10
+        )
+    assert followed.now(2 * SECOND + SECOND // 10) == 2 * UNIX + SECOND // 10
+
+
 @given(clock=instances_of(Clock), later=st.integers(0, SECOND))
 def test_whatever_clock_is_valid_it_has_a_time(clock: Any, later: int) -> None:
     followed = FollowedTime()

@@ -44,7 +44,7 @@ class Recorder:
             clock = codec.decode(Clock, sample.payload, sample.encoding)
         except codec.BadPayload:
             return
-        self._time.update(clock, arrived_ns)
+        self._time.hear(clock, arrived_ns)
 
     def take(
         self, sample: Sample, arrived_ns: int, unix_ns: int, *, is_latest: bool = False
@@ -79,7 +79,7 @@ class Recorder:
             return
         self._heard[sample.key] = own_stamp_ns, hash(sample.payload)
         if isinstance(message, Clock):
-            self._time.update(message, arrived_ns)
+            self._time.hear(message, arrived_ns)
         at_ns = self._robot_ns(arrived_ns, unix_ns)
         stamp_ns = own_stamp_ns or at_ns
         self._writer.add(at_ns, sample.key, topic, sample.payload, sample.encoding, stamp_ns)

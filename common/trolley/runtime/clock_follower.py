@@ -1,13 +1,12 @@
 """Follows the clocks of robots; what cannot be true is not believed without asking their bases."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from trolley import topics
 from trolley.messages import Clock
 from trolley.runtime import codec
 from trolley.runtime.bus import Reply
 from trolley.runtime.context import Context
-from trolley.runtime.robot_time import FollowedTime
 
 ANSWER_S = 1.0
 """How long base may take to answer for a message."""
@@ -23,7 +22,6 @@ class ClockFollower:
 
     A message of another epoch or rate, or one that would move robot time by more than 2 s against
     what arrival times allow, counts only if base itself, asked for its clock, gives the same.
-    Where no base answers, a newer epoch is taken, and anything while there is no robot time.
 
     Args:
         context: the service's.
@@ -38,8 +36,9 @@ class ClockFollower:
 
     def hear(self, robot: str, clock: Clock, arrived_ns: int) -> None:
         """Take in a message of a robot, at once or when its base has answered."""
-        if self._context.clocks.followed(robot).follows(clock, arrived_ns):
-            self._take(robot, clock, arrived_ns)
+        followed = self._context.clocks.followed(robot)
+        if followed.follows(clock, arrived_ns):
+            followed.update(clock, arrived_ns)  # of the epoch that is known
         elif robot in self._asking:
             return
         elif arrived_ns - self._wrong_ns.get(robot, arrived_ns - ASK_AGAIN_NS) < ASK_AGAIN_NS:
@@ -64,12 +63,10 @@ class ClockFollower:
         self, robot: str, clock: Clock, arrived_ns: int, replies: list[Reply], timed_out: bool
     ) -> None:
         followed, now_ns = self._context.clocks.followed(robot), self._context.inbox.now_ns()
-        answer = _best(followed, [one for one in map(_decoded, replies) if one], now_ns)
-        if answer is not None and followed.agrees(clock, answer):
-            self._take(robot, clock, arrived_ns)
-            return
-        if answer is None and _may_be_true(followed, clock, arrived_ns, timed_out):
-            self._take(robot, clock, arrived_ns)
+        settled = followed.settle(clock, arrived_ns, told(replies), now_ns, timed_out=timed_out)
+        if settled.began:
+            self._began(robot, followed.epoch)
+        if settled.is_believed:
             return
         self._wrong_ns[robot] = now_ns
         self._context.count(IMPLAUSIBLE)
@@ -82,12 +79,11 @@ class ClockFollower:
             epoch=clock.epoch,
             rate=clock.rate,
         )
-        if answer is not None:
-            self._take(robot, answer, now_ns)
 
-    def _take(self, robot: str, clock: Clock, arrived_ns: int) -> None:
-        if self._context.clocks.followed(robot).update(clock, arrived_ns):
-            self._began(robot, clock.epoch)
+
+def told(replies: Iterable[Reply]) -> list[Clock]:
+    """What bases said of their clocks."""
+    return [clock for reply in replies if (clock := _decoded(reply)) is not None]
 
 
 def _decoded(reply: Reply) -> Clock | None:
@@ -97,15 +93,3 @@ def _decoded(reply: Reply) -> Clock | None:
         return codec.decode(Clock, reply.payload, reply.encoding)
     except codec.BadPayload:
         return None
-
-
-def _best(followed: FollowedTime, answers: list[Clock], now_ns: int) -> Clock | None:
-    """The answer that counts: of several bases, the one that is followed already."""
-    known = [one for one in answers if followed.follows(one, now_ns)]
-    return next(iter(known or answers), None)
-
-
-def _may_be_true(followed: FollowedTime, clock: Clock, arrived_ns: int, timed_out: bool) -> bool:
-    """Whether a message is taken that nobody contradicts."""
-    is_new = clock.epoch > followed.epoch and not timed_out
-    return is_new or not followed.is_running(arrived_ns)

@@ -2,7 +2,8 @@
 
 import dataclasses
 from collections import deque
-from typing import Protocol
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 from trolley.messages import Clock
 
@@ -50,6 +51,14 @@ class _Heard:
         return self.stamp_ns + round(rate * (monotonic_ns - self.arrived_ns))
 
 
+class Settled(NamedTuple):
+    """What came of a message that base was asked about."""
+
+    is_believed: bool
+    began: bool
+    """Whether a new epoch began."""
+
+
 class FollowedTime:
     """Robot time from `clock` messages.
 
@@ -64,6 +73,7 @@ class FollowedTime:
         self.rate: float = 1.0
         self._heard: deque[_Heard] = deque()
         self._heard_ns: int | None = None
+        self._doubted: Clock | None = None
         self._last: int | None = None
 
     def is_running(self, monotonic_ns: int) -> bool:
@@ -75,13 +85,49 @@ class FollowedTime:
         if self._heard_ns is None or (clock.epoch, clock.rate) != (self.epoch, self.rate):
             return False
         latest_ns = self._heard[0].extended(self.rate, arrived_ns)
-        return clock.stamp_ns <= latest_ns + self._leap_ns(clock) and not self._is_behind(clock)
+        return clock.stamp_ns <= latest_ns + _leap_ns(clock) and not self._is_behind(clock)
 
-    def agrees(self, clock: Clock, answer: Clock) -> bool:
-        """Whether what was heard can be of the base that gave `answer`."""
-        if (clock.epoch, clock.rate) != (answer.epoch, answer.rate):
-            return False
-        return abs(clock.stamp_ns - answer.stamp_ns) <= self._leap_ns(clock)
+    def settle(
+        self,
+        clock: Clock,
+        arrived_ns: int,
+        answers: Sequence[Clock],
+        answered_ns: int,
+        *,
+        timed_out: bool,
+    ) -> Settled:
+        """Take in a message that does not follow, or what base says instead.
+
+        Where no base answers, a newer epoch is taken, and anything while there is no robot time.
+
+        Args:
+            clock: the message.
+            arrived_ns: when it arrived.
+            answers: what base said when it was asked for its clock; of several the one that is
+                followed already counts.
+            answered_ns: when that arrived.
+            timed_out: whether a base may be there and had no time to answer.
+        """
+        known = [one for one in answers if self.follows(one, answered_ns)]
+        answer = next(iter(known or answers), None)
+        if answer is None:
+            is_new = clock.epoch > self.epoch and not timed_out
+            is_believed = is_new or not self.is_running(arrived_ns)
+        else:
+            is_believed = _is_of_one_base(clock, answer)
+        if is_believed:
+            return Settled(True, self.update(clock, arrived_ns))
+        return Settled(False, answer is not None and self.update(answer, answered_ns))
+
+    def hear(self, clock: Clock, arrived_ns: int) -> None:
+        """Take in a message where base cannot be asked: what does not follow has to come twice."""
+        doubted, self._doubted = self._doubted, None
+        is_allowed = self.follows(clock, arrived_ns) or not self.is_running(arrived_ns)
+        is_second = clock != doubted and _is_of_one_base(clock, doubted)
+        if is_allowed or is_second:
+            self.update(clock, arrived_ns)
+        else:
+            self._doubted = clock
 
     def update(self, clock: Clock, arrived_ns: int) -> bool:
         """Take in a message that arrived at local `arrived_ns`; True when a new epoch began.
@@ -116,9 +162,16 @@ class FollowedTime:
     def _is_behind(self, clock: Clock) -> bool:
         return self._last is not None and clock.stamp_ns < self._last - LATE_NS
 
-    @staticmethod
-    def _leap_ns(clock: Clock) -> int:
-        return round(LEAP_NS * max(1.0, clock.rate))
+
+def _leap_ns(clock: Clock) -> int:
+    return round(LEAP_NS * max(1.0, clock.rate))
+
+
+def _is_of_one_base(one: Clock, other: Clock | None) -> bool:
+    """Whether two messages can be of the same run of a base, at about the same time."""
+    if other is None or (one.epoch, one.rate) != (other.epoch, other.rate):
+        return False
+    return abs(one.stamp_ns - other.stamp_ns) <= _leap_ns(one)
 
 
 class RobotClocks:

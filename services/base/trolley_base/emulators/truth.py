@@ -115,7 +115,7 @@ class TruthPublisher:
         except codec.BadPayload:
             return
         with self._lock:
-            self._time.update(clock, arrived_ns)
+            self._time.hear(clock, arrived_ns)
 
     def _answer(self, query: Query, key: str) -> None:
         with self._lock:
