@@ -11,12 +11,12 @@ import pytest
 from support.processes import Process, RouterProcess, find_free_port, write_config
 from support.samples import make_place
 from support.waiting import PATIENCE_S, wait_until
-from support.wire import health_of, stored_names, wait_for_service
+from support.wire import health_of, read, stored_names, wait_for_service
 
 from trolley import topics
-from trolley.messages import BaseState, SavedPoses
+from trolley.messages import BaseState, Health, SavedPoses
 from trolley.runtime import codec
-from trolley.runtime.bus import Sample
+from trolley.runtime.bus import Query, Sample
 from trolley.runtime.clash import Run, host_name
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 from trolley.topics import Qos
@@ -195,15 +195,69 @@ def keeper_files(process: Process) -> set[str]:
     return {file.name for file in state.iterdir()} if state.is_dir() else set()
 
 
+ELDER = Run(started_ms=1, host="elder", pid=77)
+
+
+def show(bus: ZenohBus, run: Run) -> None:
+    bus.declare_token(topics.ALIVE.key("tester", "tour", str(run)))
+
+
+def answer_for(bus: ZenohBus, run: str) -> list[str]:
+    """Answer for the health of a run; what was asked is noted."""
+    key, asked = "trolley/tester/health/tour", list[str]()
+
+    def answer(query: Query) -> None:
+        asked.append(query.key)
+        health = Health(stamp_ns=0, state="ok", run=run)
+        query.reply(key, codec.encode(health, "msgpack"), codec.MIME["msgpack"])
+        query.finish()
+
+    bus.serve(key, answer)
+    return asked
+
+
+@pytest.mark.parametrize("run", [str(ELDER), ""], ids=["this release", "an earlier release"])
 def test_two_that_meet_after_a_reconnection_settle_it(
-    keeper: Process, bus: ZenohBus, router: RouterProcess
+    keeper: Process, bus: ZenohBus, router: RouterProcess, run: str
 ):
     """An older process, so far on the other side of a broken link, appears."""
-    elder = Run(started_ms=1, host="elder", pid=77)
-    bus.declare_token(topics.ALIVE.key("tester", "tour", str(elder)))
+    answer_for(bus, run)
+    show(bus, ELDER)
     assert keeper.wait() == 3
     assert "host=elder" in keeper.log
     assert "pid=77" in keeper.log
+
+
+def test_a_token_that_nobody_answers_for_ends_no_service(
+    service_process: StartService, keeper: Process, bus: ZenohBus
+):
+    """Neither one that runs nor one that starts."""
+    asked = answer_for(bus, str(Run(started_ms=3, host="somebody", pid=79)))
+    show(bus, ELDER)
+    wait_until(lambda: len(asked) >= 2, "it asks, and asks again")
+    assert keeper.is_running
+    keeper.kill()
+    later = service_process(KEEPER)
+    wait_until(lambda: is_up(bus, later), "it is up")
+    assert later.is_running
+
+
+def is_up(bus: ZenohBus, process: Process) -> bool:
+    """Whether the health of the service is answered for by this very process, and is good."""
+    found = [
+        codec.decode(Health, reply.payload, reply.encoding)
+        for reply in read(bus, "trolley/tester/health/tour")
+        if not reply.is_error
+    ]
+    return any(one.state == "ok" and f"-{process.pid}-" in one.run for one in found)
+
+
+def test_health_tells_the_run_of_the_token(keeper: Process, bus: ZenohBus):
+    (token,) = bus.alive("trolley/tester/alive/**")
+    assert is_up(bus, keeper)
+    health = health_of(bus, "tour")
+    assert health is not None
+    assert token.endswith(f"/{health.run}")
 
 
 def test_a_younger_one_and_a_stranger_are_ignored(keeper: Process, bus: ZenohBus):

@@ -8,7 +8,11 @@ from trolley.messages.types import Count, NonNegative, StampNs
 
 
 class Health(Struct, frozen=True, kw_only=True):
-    """How a service is, at 1 Hz on the local clock. `cpu` is the share of one core, `rss` bytes."""
+    """How a service is, at 1 Hz on the local clock. `cpu` is the share of one core, `rss` bytes.
+
+    `run` is that of the process, as in its token `alive/<service>/<run>`: of two processes of one
+    name the later ends only if the earlier one answers for its token here.
+    """
 
     stamp_ns: StampNs
     state: Literal["starting", "ok", "degraded", "failed"]
@@ -16,6 +20,7 @@ class Health(Struct, frozen=True, kw_only=True):
     counters: dict[str, Count] = {}
     cpu: NonNegative = 0.0
     rss: Count = 0
+    run: str = ""
 
 
 class Alive(Struct, frozen=True, kw_only=True):

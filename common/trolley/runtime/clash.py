@@ -1,7 +1,7 @@
 """The clash rule: of two processes of one service, the older one stays.
 
 Each shows a liveliness token that names host, process and start, and reads those of the others of
-its name; who has seen an older one ends.
+its name; who has seen an older one asks it, and ends when it answers.
 """
 
 import dataclasses
@@ -13,7 +13,17 @@ import time
 from collections.abc import Callable
 
 from trolley import topics
+from trolley.messages import Health
+from trolley.runtime import codec
+from trolley.runtime.bus import Query, Reply
 from trolley.runtime.zenoh_bus import ZenohBus
+
+ASK_S = 1.0
+"""How long an older process may take to answer."""
+ASK_AGAIN_S = 2.0
+"""Who shows a token and does not answer is asked again after this long."""
+ANSWER_S = 5.0
+"""One that starts waits this long for those that show a token to answer for it."""
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -57,28 +67,60 @@ def is_one_per_host(label: str) -> bool:
 class Elders:
     """The older processes of this service that are alive now.
 
+    A token proves nothing: anybody can show one. A process counts only once it has answered `get`
+    of `health/<label>` with its run, or without one, as Trolley did before it told runs.
+
     Args:
         bus: Where tokens are shown.
         robot: The robot's name.
         label: The service's name in keys.
         run: This process.
-        met: Called, on any thread, when an older one appears.
+        met: Called, on any thread, when an older one appears or answers.
     """
 
     def __init__(
         self, bus: ZenohBus, robot: str, label: str, run: Run, met: Callable[[], None]
     ) -> None:
+        self._bus = bus
         self._run = run
         self._met = met
         self._lock = threading.Lock()
-        self._known: set[Run] = set()
+        self._shown: dict[Run, float] = {}
+        """Those that show a token, and since when (local monotonic time)."""
+        self._answered: set[str] = set()
+        self._ask_at_s = 0.0
+        self._key = topics.HEALTH.key(robot, label)
+        self._early = bus.serve(self._key, self._answer)
         bus.declare_token(topics.ALIVE.key(robot, label, str(run)))
         bus.watch_tokens(topics.ALIVE.key(robot, label, "*"), self._see)
 
-    def oldest(self) -> Run | None:
-        """The oldest of them, None if this process is the oldest."""
+    def serves(self) -> None:
+        """Note that the service itself answers for its health from now on."""
+        self._early.close()
+
+    def ask(self) -> None:
+        """Ask those that show a token for their run, where that is due; never waits."""
+        now_s = time.monotonic()
         with self._lock:
-            return min(self._known, default=None)
+            if not self._shown or now_s < self._ask_at_s:
+                return
+            self._ask_at_s = now_s + ASK_AGAIN_S
+        self._bus.get(f"{self._key}?format=msgpack", b"", "", ASK_S, self._hear, lambda: None)
+
+    def oldest(self) -> Run | None:
+        """The oldest of them that has answered, None if there is none."""
+        with self._lock:
+            there = (run for run in self._shown if {str(run), ""} & self._answered)
+            return min(there, default=None)
+
+    def is_settled(self) -> bool:
+        """Whether everybody who shows a token has answered for it, or has had the time to."""
+        now_s = time.monotonic()
+        with self._lock:
+            return "" in self._answered or all(
+                str(run) in self._answered or now_s - since_s > ANSWER_S
+                for run, since_s in self._shown.items()
+            )
 
     def _see(self, key: str, is_there: bool) -> None:
         other = Run.parse(key.rpartition("/")[2])
@@ -86,8 +128,30 @@ class Elders:
             return
         with self._lock:
             if is_there:
-                self._known.add(other)
+                self._shown.setdefault(other, time.monotonic())
+                self._ask_at_s = 0.0
             else:
-                self._known.discard(other)
+                self._shown.pop(other, None)
+                self._answered -= {str(other), ""}
         if is_there:
             self._met()
+
+    def _answer(self, query: Query) -> None:
+        """Answer for this run, on a thread of the bus: the service itself is not up yet."""
+        fmt = codec.format_asked(codec.parse_parameters(query.parameters), "json")
+        health = Health(stamp_ns=0, state="starting", run=str(self._run))
+        query.reply(self._key, codec.encode(health, fmt), codec.MIME[fmt])
+        query.finish()
+
+    def _hear(self, reply: Reply) -> None:
+        if reply.is_error:
+            return
+        try:
+            health = codec.decode(Health, reply.payload, reply.encoding)
+        except codec.BadPayload:
+            return
+        if health.run == str(self._run):
+            return
+        with self._lock:
+            self._answered.add(health.run)
+        self._met()

@@ -17,9 +17,14 @@ class HealthReporter:
     """Publishes `health/<label>`; `usage` gives the share of a core and the resident bytes."""
 
     def __init__(
-        self, context: Context, server: Server, label: str, usage: Callable[[], tuple[float, int]]
+        self,
+        context: Context,
+        server: Server,
+        label: str,
+        usage: Callable[[], tuple[float, int]],
+        run: str,
     ) -> None:
-        self.latest = Health(stamp_ns=0, state="starting")
+        self.latest = Health(stamp_ns=0, state="starting", run=run)
         """What was published last, or is to be published first."""
         self._context = context
         self._server = server

@@ -37,7 +37,13 @@ class Node:
     """Runs one service on a bus: its life, its methods and its periods."""
 
     def __init__(
-        self, service: Service, robot: str, bus: Bus, host: Host, label: str | None = None
+        self,
+        service: Service,
+        robot: str,
+        bus: Bus,
+        host: Host,
+        label: str | None = None,
+        run: str = "",
     ) -> None:
         self.service = service
         self.inbox = Inbox(host.monotonic_ns)
@@ -49,7 +55,7 @@ class Node:
         self._receiver = Receiver(self._context, owned)
         self._clock_follower = ClockFollower(self._context, self._begin_epoch)
         self._server = Server(self._context)
-        self._health = HealthReporter(self._context, self._server, label, host.usage)
+        self._health = HealthReporter(self._context, self._server, label, host.usage, run)
         service.bind(Wire(self._context, self._receiver, self._server, self._health), host)
 
     @property

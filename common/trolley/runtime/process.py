@@ -157,16 +157,18 @@ class ServiceProcess:
     def _serve(self, bus: ZenohBus) -> int:
         elders = Elders(bus, self._robot, self._label, self._run, self._wake)
         end_s = time.monotonic() + CLASH_WAIT_S
-        while time.monotonic() < end_s:
+        while time.monotonic() < end_s or not elders.is_settled():
             if self._should_stop:
                 return 0
+            elders.ask()
             time.sleep(POLL_S)
         if elders.oldest() is not None:
             return self._give_way(elders.oldest())
         host = ProcessHost(self._robot, self._log, self._wake)
-        node = self._node = Node(self._service, self._robot, bus, host, self._label)
+        node = self._node = Node(self._service, self._robot, bus, host, self._label, str(self._run))
         try:
             node.open()
+            elders.serves()
             bus.on_connection(lambda is_up: node.reconnected() if is_up else None)
             self._supervision.ready()
             # What start-up made stays for good: the collector need not look at it again.
@@ -184,6 +186,7 @@ class ServiceProcess:
             node.step()
             if host.failure is not None:
                 raise host.failure
+            elders.ask()
             elder = elders.oldest()
             if elder is not None:
                 return self._give_way(elder)
