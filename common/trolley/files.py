@@ -1,6 +1,8 @@
 """Files that are written whole or not at all; broken ones are set aside."""
 
+import errno
 import os
+import stat
 import tempfile
 import time
 from collections.abc import Generator
@@ -9,6 +11,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 READABLE_BY_ALL, SECRET = 0o644, 0o600
+BROKEN, NEWER = "broken", "newer"
+"""How files are marked that were kept aside: the content is broken, or of a newer Trolley."""
+MOST_BYTES = 256 << 20
+"""No file that Trolley reads as a whole is larger."""
 
 
 def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) -> None:
@@ -68,13 +74,46 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def keep_aside(path: Path) -> Path:
-    """Rename a broken file to `<name>.broken-<Unix time>`, and say what it is called now.
+def read_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """The content of a regular file: a pipe would never end, and a device may do anything.
+
+    Raises:
+        OSError: It cannot be read, is no regular file, or is larger than `most_bytes`.
+    """
+    # Without O_NONBLOCK a pipe that nobody writes to would hold up the opening itself.
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(handle, "rb") as file:
+        status = os.fstat(handle)
+        if stat.S_ISDIR(status.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "It is not a regular file", str(path))
+        if status.st_size > most_bytes:
+            raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
+        return file.read(most_bytes)
+
+
+def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+    """The text, in UTF-8, of a regular file.
+
+    Raises:
+        OSError: As `read_file` does.
+        UnicodeDecodeError: It is not UTF-8.
+    """
+    return read_file(path, most_bytes).decode("utf-8")
+
+
+def keep_aside(path: Path, why: str = BROKEN) -> Path:
+    """Rename a file to `<name>.broken-<Unix time>`, and say what it is called now.
+
+    Args:
+        path: the file.
+        why: stands in place of `broken`.
 
     Raises:
         OSError: It cannot be renamed.
     """
-    first = path.with_name(f"{path.name}.broken-{int(time.time())}")
+    first = path.with_name(f"{path.name}.{why}-{int(time.time())}")
     aside, number = first, 1
     while aside.exists():
         number += 1

@@ -11,9 +11,11 @@ import numpy as np
 
 from trolley.config.problems import find_problems
 from trolley.doctor.finding import Finding, note, ok, problem, warning
+from trolley.files import BROKEN, NEWER, read_file, read_text
 from trolley.gridmap import GridMap
 from trolley.gridmap.io import MapError, load_map
 from trolley.messages import SavedPose, Zone
+from trolley.state_file import Unreadable, parse
 
 FINE_M, COARSE_M = 0.02, 0.1
 """Cell edges that work well."""
@@ -182,11 +184,11 @@ def _listed(names: list[str]) -> str:
 def read_list(file: Path, field: str, kind: type[Any]) -> list[Any] | Finding:
     """What a state file lists, or why it cannot be read; [] where there is none yet."""
     try:
-        plain = tomllib.loads(file.read_text("utf-8"))
-        return msgspec.convert(plain.get(field, []), type=list[kind])
+        content = parse(read_file(file), msgspec.defstruct("Listed", [(field, list[kind])]))
+        return getattr(content, field)
     except FileNotFoundError:
         return []
-    except (ValueError, msgspec.ValidationError, RecursionError) as error:
+    except (Unreadable, OSError) as error:
         return problem(
             "saved",
             f"{file} cannot be read: {error}.",
@@ -203,7 +205,7 @@ def chosen_map(state: Path, maps: Path, configured: Path | None) -> Path | None:
         configured: what `[map] file` names.
     """
     try:
-        said = tomllib.loads((state / "map.toml").read_text("utf-8"))
+        said = tomllib.loads(read_text(state / "map.toml"))
     except (OSError, ValueError):  # nobody chose one; the localizer reports a broken file
         said = {}
     stem = None if configured is None else configured.stem
@@ -217,7 +219,8 @@ def chosen_map(state: Path, maps: Path, configured: Path | None) -> Path | None:
 
 def check_kept_aside(state: Path) -> list[Finding]:
     """Whether files of the state had to be kept aside since they were broken."""
-    broken = [path.name for path in sorted(state.rglob("*.broken-*"))] if state.exists() else []
+    found = [*state.rglob(f"*.{BROKEN}-*"), *state.rglob(f"*.{NEWER}-*")] if state.exists() else []
+    broken = [path.name for path in sorted(found)]
     if not broken:
         return []
     return [

@@ -1,18 +1,27 @@
 """State that outlives a process: readable TOML files, set aside when broken."""
 
 import os
-import tomllib
+import stat
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import msgspec
-import tomli_w
 
 from trolley.config.load import DEFAULT_PATH
-from trolley.files import READABLE_BY_ALL, SECRET, keep_aside, make_folder, write_atomically
+from trolley.files import (
+    BROKEN,
+    NEWER,
+    READABLE_BY_ALL,
+    SECRET,
+    keep_aside,
+    make_folder,
+    read_file,
+    write_atomically,
+)
 from trolley.runtime.log import Log
+from trolley.state_file import Newer, Unreadable, parse_any_schema, render, schema_of
 
-T = TypeVar("T")
+S = TypeVar("S", bound=msgspec.Struct)
 
 
 INSTALLED_STATE = Path("/var/lib/trolley")
@@ -37,26 +46,32 @@ def state_root(config: Path | None = None) -> Path:
 
 
 class StateFolder:
-    """A folder of TOML files, one struct each."""
+    """A folder of TOML files, one struct each; the form of each is in `trolley.state_file`."""
 
     def __init__(self, path: Path, log: Log) -> None:
         self.path = path
         self._log = log
 
-    def read(self, name: str, kind: type[T]) -> T | None:
+    def read(self, name: str, kind: type[S]) -> S | None:
         """The content of `name`, None if there is none.
 
-        A file that cannot be read is kept aside as `<name>.broken-<Unix time>` and reported. Where
-        that fails, the folder cannot be written, so nothing will overwrite it either.
+        A file that cannot be used is kept aside as `<name>.broken-<Unix time>`, or `newer-` where a
+        newer Trolley wrote it, and reported. Where that fails, the folder cannot be written, so
+        nothing will overwrite it either. Of one of an older schema the original is kept as
+        `<name>.schema-<n>`.
         """
         path = self.path / name
         try:
-            return msgspec.convert(tomllib.loads(path.read_bytes().decode()), type=kind)
+            content = read_file(path)
+            found = parse_any_schema(content, kind)
         except (FileNotFoundError, NotADirectoryError):
             return None
-        except (ValueError, msgspec.ValidationError, RecursionError, OSError) as error:
-            self._keep_aside(path, str(error))
+        except (Unreadable, OSError) as error:
+            self._keep_aside(path, error)
             return None
+        if found.schema < schema_of(kind):
+            self._keep_original(path, content, found.schema)
+        return cast("S", found.value)
 
     def write(self, name: str, value: msgspec.Struct, *, is_secret: bool = False) -> None:
         """Write `value` whole or not at all; fields that are None are left out.
@@ -68,33 +83,34 @@ class StateFolder:
         Raises:
             OSError: It cannot be written; what stood there stands.
         """
-        plain = _without_none(msgspec.to_builtins(value))
         path = self.path / name
         make_folder(path.parent)
-        mode = SECRET if is_secret else READABLE_BY_ALL
-        write_atomically(path, tomli_w.dumps(plain).encode(), mode)
+        write_atomically(path, render(value), SECRET if is_secret else READABLE_BY_ALL)
 
-    def _keep_aside(self, path: Path, why: str) -> None:
+    def _keep_aside(self, path: Path, error: Exception) -> None:
+        why = error.strerror if isinstance(error, OSError) else error
         try:
-            aside = keep_aside(path)
-        except OSError as error:
+            aside = keep_aside(path, NEWER if isinstance(error, Newer) else BROKEN)
+        except OSError as besides:
             self._log.error(
                 "A state file can neither be read nor kept aside",
                 file=path,
                 why=why,
-                besides=error.strerror,
+                besides=besides.strerror,
             )
         else:
             self._log.error(
                 "A state file cannot be read and was kept aside", file=path, kept=aside, why=why
             )
 
-
-def _without_none(item: Any) -> Any:
-    """TOML has no null: drop such entries at any depth."""
-    if isinstance(item, dict):
-        entries = cast("dict[str, Any]", item)
-        return {name: _without_none(value) for name, value in entries.items() if value is not None}
-    if isinstance(item, list | tuple):
-        return [_without_none(value) for value in cast("list[Any]", item)]
-    return item
+    def _keep_original(self, path: Path, content: bytes, schema: int) -> None:
+        """Keep a file of an older schema beside the one that will take its place."""
+        original = path.with_name(f"{path.name}.schema-{schema}")
+        try:
+            write_atomically(original, content, stat.S_IMODE(path.stat().st_mode))
+        except OSError as error:
+            self._log.error(
+                "The original of an older state file was not kept", file=path, why=error.strerror
+            )
+        else:
+            self._log.info("An older state file was brought forward", file=path, kept=original)

@@ -1,6 +1,5 @@
 """Which zones are allowed on a map, and the file that they are seeded from."""
 
-import tomllib
 import unicodedata
 from pathlib import Path
 
@@ -11,9 +10,11 @@ from numpy.typing import NDArray
 
 from trolley import codes
 from trolley.codes import Refused
+from trolley.files import read_file
 from trolley.geometry.polygon import check_polygon
 from trolley.messages import Zone
 from trolley.messages.types import name_problem
+from trolley.state_file import Unreadable, parse
 
 MAX_ZONES = 500
 """More zones on one map are refused."""
@@ -105,18 +106,13 @@ def read_seeds(map_file: Path) -> list[Zone] | str:
     """Read `<map>.zones.toml` beside a map; a sentence says why it cannot be used."""
     file = map_file.with_name(f"{map_file.stem}.zones.toml")
     try:
-        found = msgspec.convert(tomllib.loads(file.read_text(encoding="utf-8")), type=ZoneFile)
+        found = parse(read_file(file), ZoneFile)
         return [check_zone(zone, zone.name) for zone in found.zones]
     except FileNotFoundError:
         return []
     except OSError as error:
         return f"{file}: cannot be read: {error.strerror}"
-    except (
-        UnicodeDecodeError,
-        tomllib.TOMLDecodeError,
-        msgspec.ValidationError,
-        RecursionError,
-    ) as error:
+    except Unreadable as error:
         return f"{file}: {error}"
     except Refused as refused:
         return f"{file}: {refused.message}"

@@ -7,23 +7,24 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from trolley.files import keep_aside, make_folder, write_atomically
+from trolley.files import BROKEN, NEWER, keep_aside, make_folder, read_file, write_atomically
 from trolley.messages import Zone
 from trolley.messages.mapping import MapName
 from trolley.runtime.service import Service
+from trolley.state_file import Newer, Unreadable, parse_encoded
 from trolley_mapper.slam.estimate import Anchor
 
 FILE = "mapping.bin"
 """The checkpoint's name in the robot's state folder."""
 PERIOD_NS = 30_000_000_000
 """Local time between two checkpoints."""
-_VERSION = 1
 
 
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
-    version: int = _VERSION
+    schema: int = 1
+    """Of the file; counted up when its form changes. Files of before it was told have none."""
     name: MapName
     extends: str | None = None
     zones: list[Zone] = []
@@ -115,23 +116,22 @@ def read(folder: Path) -> Checkpoint | str | None:
     """Read the checkpoint: None if there is none, a sentence if it cannot be used."""
     file = folder / FILE
     try:
-        checkpoint = msgspec.msgpack.decode(file.read_bytes(), type=Checkpoint)
+        return parse_encoded(read_file(file), Checkpoint, msgspec.msgpack.decode)
     except FileNotFoundError:
         return None
     except OSError as error:
         return f"The unfinished map cannot be read: {error.strerror}."
-    except (msgspec.MsgspecError, RecursionError):
-        return put_aside(folder)
-    return checkpoint if checkpoint.version == _VERSION else put_aside(folder)
+    except Unreadable as error:
+        return put_aside(folder, error)
 
 
-def put_aside(folder: Path) -> str:
+def put_aside(folder: Path, why: Exception) -> str:
     """Rename a checkpoint that cannot be used, and say so in a sentence."""
     try:
-        aside = keep_aside(folder / FILE)
+        aside = keep_aside(folder / FILE, NEWER if isinstance(why, Newer) else BROKEN)
     except OSError as error:
         return f"The unfinished map can be neither read nor moved aside: {error.strerror}."
-    return f"The unfinished map cannot be read; it is kept as {aside.name}."
+    return f"The unfinished map cannot be read ({why}); it is kept as {aside.name}."
 
 
 def _remove(folder: Path) -> str | None:

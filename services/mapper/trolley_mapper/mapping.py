@@ -127,8 +127,8 @@ class Mapping:
         if self.session is not session:
             return  # canceled meanwhile
         if isinstance(result, ValueError):
-            why = checkpoints.put_aside(self._service.state.path)
-            self._service.log.error(why, because=str(result))
+            why = checkpoints.put_aside(self._service.state.path, result)
+            self._service.log.error(why)
             self.end(why)
             return
         self.session = result or session

@@ -30,7 +30,9 @@ class StateFiles:
                 self._locked[name] = f"{name} cannot be read; nothing new is saved in it."
                 self._problems.set(name, self._locked[name])
             else:
-                self._problems.set(f"{name} before", f"{name} was broken and has been kept aside.")
+                self._problems.set(
+                    f"{name} before", f"{name} could not be read and was kept aside."
+                )
         return content
 
     def save(self, name: str, content: Struct, then: Callable[[str | None], None]) -> None:

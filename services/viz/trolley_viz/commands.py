@@ -1,18 +1,18 @@
 """`trolley viewer-link`: the links that let a browser on another host in."""
 
 import socket
-import tomllib
 from pathlib import Path
 
 import click
-import msgspec
 
 from trolley.cli.options import given, json_option, where_options
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import find_settings
 from trolley.cli.show import print_json
 from trolley.config import VizConfig
+from trolley.files import read_file
 from trolley.runtime.state import state_root
+from trolley.state_file import parse
 from trolley_viz.server.access import FILE, AccessTokens
 
 EVERYWHERE = ("0.0.0.0", "::", "")
@@ -46,7 +46,7 @@ def viewer_link(as_json: bool) -> None:
 
 def _read(path: Path) -> AccessTokens:
     try:
-        return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), type=AccessTokens)
+        return parse(read_file(path), AccessTokens)
     except FileNotFoundError:
         raise click.ClickException(f"{path} does not exist: start the viewer once") from None
     except (OSError, ValueError) as error:

@@ -184,6 +184,24 @@ def test_broken_file_is_kept_aside_and_reported(empty: "Home"):
     assert empty.lockstep.ask(requests.POSES_PUT, PLACE) == PLACE
 
 
+@pytest.mark.parametrize(
+    "content", ["", "[[songs]]\n", "schema = 2\nplaces = []\n"], ids=["empty", "foreign", "newer"]
+)
+def test_a_file_of_nothing_known_is_not_taken_for_no_places(empty: "Home", content: str):
+    empty.lockstep.ask(requests.POSES_PUT, PLACE)
+    folder = empty.lockstep.state / "trolley"
+    for name in ("poses.toml", "tours.toml"):
+        (folder / name).write_text(content)
+    health = empty.lockstep.record(topics.HEALTH, "tour")
+    empty.restart_tour()
+    empty.lockstep.run(1.5)
+    assert health[-1].state == "degraded"
+    assert "poses.toml" in health[-1].message
+    assert empty.lockstep.ask(requests.POSES_PUT, PLACE) == PLACE
+    asides = [*folder.glob("*.toml.broken-*"), *folder.glob("*.toml.newer-*")]
+    assert [aside.read_text() for aside in asides] == [content] * 2
+
+
 def test_file_that_cannot_be_opened_is_kept_aside_too(empty: "Home"):
     path = empty.lockstep.state / "trolley" / "poses.toml"
     path.unlink(missing_ok=True)

@@ -187,8 +187,11 @@ class MapEditor:
 
     # After a restart.
 
-    def _resume(self, plan: SwitchPlan | None) -> None:
+    def _resume(self, plan: SwitchPlan | str | None) -> None:
         if plan is None:
+            return
+        if isinstance(plan, str):
+            self._service.log.error(plan)
             return
         self._service.log.warning("Finishing an edit of the run before", map=plan.map)
         self._switch = MapSwitch(self._service, plan, self._resumed)

@@ -14,13 +14,15 @@ from msgspec import Struct
 
 from trolley import codes
 from trolley.codes import Refused
+from trolley.files import read_file, read_text
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, GridMap, MapError, load_map
 from trolley.map_editing import apply, merge
 from trolley.messages import EditMap, MapEdited, Merge, SavedPose, TakeBack, Tour, Zone
+from trolley.state_file import Unreadable, parse
 from trolley_mapper.edit.map_switch import SwitchPlan, store_plan
 from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
-from trolley_mapper.edit.map_versions import Change, MapVersions, Version
+from trolley_mapper.edit.map_versions import Change, MapVersions, Version, ZonesFile
 
 MAX_SHOWN = 2000
 """Wall points of a merged map that a preview shows."""
@@ -246,10 +248,10 @@ class _Edit:
             file.with_name(f"{file.stem}.zones.toml"),
         ):
             try:
-                return msgspec.convert(tomllib.loads(path.read_text("utf-8")), _ZoneFile).zones
+                return parse(read_file(path), ZonesFile).zones
             except FileNotFoundError:
                 continue
-            except (OSError, ValueError, msgspec.ValidationError, RecursionError) as error:
+            except (OSError, Unreadable) as error:
                 why = f"The zones of {name} cannot be read: {error}."
                 raise Refused(codes.NOT_SAVED, why) from error
         return []
@@ -338,10 +340,6 @@ _WORDS = {
 }
 
 
-class _ZoneFile(Struct, frozen=True, kw_only=True):
-    zones: list[Zone]
-
-
 class _LastPose(Struct, frozen=True, kw_only=True):
     map: str
 
@@ -351,7 +349,7 @@ def _others_on(state: Path, name: str) -> list[str]:
     found: list[str] = []
     for file in sorted(state.parent.glob("*/last_pose.toml")):
         try:
-            last = msgspec.convert(tomllib.loads(file.read_text("utf-8")), _LastPose)
+            last = msgspec.convert(tomllib.loads(read_text(file)), _LastPose)
         except (OSError, ValueError, msgspec.ValidationError):
             continue
         if file.parent != state and last.map == name:

@@ -10,11 +10,12 @@ from msgspec import Struct
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.files import make_folder, write_atomically
+from trolley.files import BROKEN, NEWER, keep_aside, make_folder, read_file, write_atomically
 from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, SavedPose, Tour, Zone, Zones
 from trolley.messages.request_params import LoadMap, Named
 from trolley.runtime.service import Service
+from trolley.state_file import Newer, Unreadable, parse_encoded
 from trolley_mapper.edit.map_versions import MapVersions
 
 PLAN_FILE = "map_edit.json"
@@ -37,6 +38,8 @@ class SwitchPlan(Struct, frozen=True, kw_only=True):
     Zones, places and tours are given as they are to be, so that telling twice does no harm.
     """
 
+    schema: int = 1
+    """Of the file; counted up when its form changes. Files of before it was told have none."""
     map: str
     """The map to be loaded."""
     of: str
@@ -65,19 +68,33 @@ def store_plan(state: Path, plan: SwitchPlan) -> None:
     write_atomically(state / PLAN_FILE, msgspec.json.encode(plan))
 
 
-def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | None:
-    """Return the plan that the last run did not carry out, None if there is none."""
+def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
+    """Return the plan that the last run did not carry out, None if there is none.
+
+    A plan that cannot be read is kept aside; a sentence says so.
+    """
     file = state / PLAN_FILE
     try:
-        plan = msgspec.json.decode(file.read_bytes(), type=SwitchPlan)
-    except (OSError, msgspec.DecodeError):
+        plan = parse_encoded(read_file(file), SwitchPlan, msgspec.json.decode)
+    except FileNotFoundError:
         return None
+    except (Unreadable, OSError) as error:
+        return _put_aside(file, error)
     now = versions.newest(plan.map)
     is_stored = plan.version is None or (now is not None and now.number == plan.version)
     if not is_stored:  # the power failed before the map was
         forget_plan(state)
         return None
     return plan
+
+
+def _put_aside(file: Path, why: Exception) -> str:
+    words = f"What the robot was to be told of an edited map cannot be read ({why})"
+    try:
+        aside = keep_aside(file, NEWER if isinstance(why, Newer) else BROKEN)
+    except OSError as error:
+        return f"{words}, nor be kept aside: {error.strerror}."
+    return f"{words}; it is kept as {aside.name}. Places and zones may lie where they lay before."
 
 
 def forget_plan(state: Path) -> None:

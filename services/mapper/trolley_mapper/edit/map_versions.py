@@ -17,25 +17,35 @@ from pathlib import Path
 from typing import cast
 
 import msgspec
-import tomli_w
 from msgspec import Struct
 
-from trolley.files import make_folder, sync_folder, write_atomically
+from trolley.files import make_folder, read_file, sync_folder, write_atomically
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, MapError, load_map
 from trolley.gridmap.description import read_description, render_description
 from trolley.gridmap.io import render_map
 from trolley.messages import Zone
+from trolley.state_file import render
 
+SCHEMA = 1
+"""Of the entry `trolley` in a map's YAML file; counted up when its form changes."""
 MAX_KEPT = 20
 """Former versions of a map; then the oldest is dropped."""
 _KEPT = re.compile(r"([0-9]{4,9})\.yaml")
 _REMEDY = "make room on the disk, or check the folder and its rights"
 
 
+class ZonesFile(Struct, frozen=True, kw_only=True):
+    """A file of zones, as the localizer keeps them too."""
+
+    zones: list[Zone]
+
+
 class Version(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What a map's YAML file says of its version."""
 
+    schema: int | None = None
+    """Of this entry; files of before it was told have none."""
     number: int
     before: int | None = None
     """The version that `take_back` goes back to."""
@@ -127,6 +137,7 @@ class MapVersions:
             zones_added=change.zones_added,
             what=change.what,
             saved_at=change.saved_at,
+            schema=SCHEMA,
         )
         self._replace(grid, now, version, zones_before, seeds)
         return version
@@ -154,6 +165,7 @@ class MapVersions:
             number=self.next_number(name),
             what=f"back to version {now.before}: {former.what}",
             saved_at=saved_at,
+            schema=SCHEMA,
         )
         self._replace(self.load_kept(name, now.before), now, version, zones_before, seeds)
         return version
@@ -172,6 +184,9 @@ class MapVersions:
     ) -> None:
         """Keep what there is, write the new image, and then, by the YAML file, let it count."""
         file = self.file_of(grid.name)
+        if now is not None and (now.schema or SCHEMA) > SCHEMA:
+            why = "a newer Trolley has changed it, and what it noted of that would be lost"
+            raise MapError(file, why, "upgrade Trolley, or save under another name")
         seed_file = file.with_name(f"{grid.name}.zones.toml")
         is_new = now is None and not file.with_name(f"{grid.name}.pgm").exists()
         stem = grid.name if is_new else f"{grid.name}@{version.number}"
@@ -230,11 +245,15 @@ class MapVersions:
         import yaml
 
         try:
-            document = cast("object", yaml.safe_load(file.read_bytes()))
+            document = cast("object", yaml.safe_load(read_file(file)))
             found = cast("dict[str, object]", document) if isinstance(document, dict) else {}
-            return msgspec.convert(found.get("trolley"), type=Version)
-        except (OSError, yaml.YAMLError, ValueError, msgspec.ValidationError, RecursionError):
+            said = found.get("trolley")
+        except (OSError, yaml.YAMLError, ValueError, RecursionError):
             return Version(number=otherwise)
+        try:
+            return msgspec.convert(said, type=Version)
+        except (ValueError, msgspec.ValidationError, RecursionError):
+            return Version(number=otherwise, schema=_schema(said))
 
 
 def write_map(folder: Path, name: str, grid: GridMap, zones: Sequence[Zone] = ()) -> str | None:
@@ -276,10 +295,12 @@ def _extra(version: Version) -> str:
     )
 
 
+def _schema(said: object) -> int | None:
+    """Return the schema of an entry whose form is not known, None where it tells none."""
+    schema = cast("dict[str, object]", said).get("schema") if isinstance(said, dict) else None
+    return schema if type(schema) is int else None
+
+
 def _toml(zones: Sequence[Zone]) -> bytes:
     """Return zones as the file that the localizer reads."""
-    rows = [
-        {key: value for key, value in msgspec.to_builtins(zone).items() if value is not None}
-        for zone in zones
-    ]
-    return tomli_w.dumps({"zones": rows}).encode()
+    return render(ZonesFile(zones=[*zones]))

@@ -83,7 +83,9 @@ class TripHistory:
     def _report(self, outcome: Outcome) -> None:
         """Report what was found broken in the file."""
         if outcome.kept is not None:
-            self._service.log.error("The history was broken and was kept aside", kept=outcome.kept)
-            self._problems.set(f"{FILE} before", f"{FILE} was broken and has been kept aside.")
+            self._service.log.error(
+                "The history cannot be read and was kept aside", kept=outcome.kept
+            )
+            self._problems.set(f"{FILE} before", f"{FILE} could not be read and was kept aside.")
         if outcome.num_unreadable:
             self._service.count("history/unreadable", outcome.num_unreadable)

@@ -9,11 +9,13 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from trolley.files import keep_aside, make_folder
+from trolley.files import NEWER, keep_aside, make_folder, sync_folder
 from trolley.messages import PastTrip
 from trolley_tour.stored.checks import parse_utc
 
 FILE = "history.sqlite"
+SCHEMA = 1
+"""Its `user_version`; 0 stands for 1, which Trolley did not tell at first."""
 MAX_TRIPS = 10_000
 """Older trips are dropped."""
 MAX_BYTES = 64 << 20
@@ -22,7 +24,7 @@ BUSY_S = 1.0
 """How long to wait for another reader of the file."""
 DAY_S = 86_400.0
 _CREATE = """
-CREATE TABLE IF NOT EXISTS trips (
+CREATE TABLE trips (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
     trip TEXT NOT NULL,
     name TEXT,
@@ -82,12 +84,15 @@ def read_trips(
 
 
 def _with_recovery(path: Path, act: Callable[[Path], Outcome]) -> Outcome:
-    """Run `act` on the file; one that is not a database is kept aside, and a new one begun."""
+    """Run `act` on the file; one that is no history of ours is kept aside, and a new one begun."""
     try:
         try:
             return act(path)
         except sqlite3.OperationalError:
             raise  # the disk: trying again elsewhere would not help
+        except _NewerHistory:
+            kept = keep_aside(path, NEWER)
+            return act(path)._replace(kept=kept.name)
         except sqlite3.DatabaseError:
             kept = keep_aside(path)
             return act(path)._replace(kept=kept.name)
@@ -95,14 +100,55 @@ def _with_recovery(path: Path, act: Callable[[Path], Outcome]) -> Outcome:
         return Outcome(problem=str(error))
 
 
+class _NewerHistory(sqlite3.DatabaseError):
+    """A newer Trolley has written the file."""
+
+
 @contextlib.contextmanager
 def _opened(path: Path) -> Generator[sqlite3.Connection]:
-    make_folder(path.parent)
+    """The database, in a transaction.
+
+    Raises:
+        sqlite3.DatabaseError: It is empty or of something else; `_NewerHistory`: of a newer
+            Trolley.
+    """
+    if not path.exists():
+        _make(path)
+    elif path.stat().st_size == 0:
+        raise sqlite3.DatabaseError("the file is empty")
+    with _connected(path) as connection:
+        _check(connection)
+        yield connection
+
+
+@contextlib.contextmanager
+def _connected(path: Path) -> Generator[sqlite3.Connection]:
     with contextlib.closing(sqlite3.connect(path, timeout=BUSY_S)) as connection, connection:
         # The end of a transaction is the deletion of its journal, and that is synced by this only.
         connection.execute("PRAGMA synchronous = EXTRA")
-        connection.execute(_CREATE)
         yield connection
+
+
+def _make(path: Path) -> None:
+    """Begin a history: under its name it is never empty, whenever the power fails."""
+    make_folder(path.parent)
+    fresh = path.with_name(f".{path.name}.new")
+    fresh.unlink(missing_ok=True)
+    with _connected(fresh) as connection:
+        connection.execute(_CREATE)
+        connection.execute(f"PRAGMA user_version = {SCHEMA}")
+    fresh.replace(path)
+    sync_folder(path.parent)
+
+
+def _check(connection: sqlite3.Connection) -> None:
+    """Refuse what is no history, or one of a newer schema."""
+    (schema,) = connection.execute("PRAGMA user_version").fetchone()
+    if schema > SCHEMA:
+        raise _NewerHistory(f"schema {schema}")
+    is_ours = connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'trips'").fetchone()
+    if not is_ours:
+        raise sqlite3.DatabaseError("there are no trips in it")
 
 
 def _unix(text: str | None) -> float | None:
@@ -125,6 +171,7 @@ def _insert(path: Path, trip: PastTrip, days: float) -> Outcome:
         if started is not None:
             connection.execute("DELETE FROM trips WHERE started < ?", (started - days * DAY_S,))
         connection.execute(_DROP_WHAT_DOES_NOT_FIT, (MAX_TRIPS, MAX_BYTES))
+        connection.execute(f"PRAGMA user_version = {SCHEMA}")
     return Outcome()
 
 

@@ -1,0 +1,142 @@
+"""The form of state files: readable TOML that says which schema it has.
+
+A file of today's schema is read. One of an older schema is brought forward step by step. What is
+empty, is of something else, or was written by a newer Trolley, is `Unreadable`: whoever took it
+for an empty list would overwrite it with one.
+"""
+
+import tomllib
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar, cast
+
+import msgspec
+import tomli_w
+from msgspec import Struct
+
+S = TypeVar("S", bound=Struct)
+
+_SCHEMA = "schema"
+_FIRST = 1
+"""Also of the files that do not say theirs: what Trolley wrote before they did."""
+
+
+class Unreadable(ValueError):
+    """A state file cannot be used; the text says why."""
+
+
+class Newer(Unreadable):
+    """A state file was written by a newer Trolley."""
+
+
+class Changed(Protocol):
+    """What the struct of a state file has once its form was changed for the first time.
+
+    Whoever changes what a file may hold, if only by a field, counts `SCHEMA` up and writes a step,
+    since an older Trolley would lose what it does not know.
+    """
+
+    SCHEMA: ClassVar[int]
+    """Of the files that are written; a struct without it is of schema 1."""
+
+    @classmethod
+    def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
+        """Return the content of a file of `schema` as that of the next schema."""
+        ...
+
+
+def schema_of(kind: type[Struct]) -> int:
+    """The schema in which files of this kind are written."""
+    return getattr(kind, "SCHEMA", _FIRST)
+
+
+class Read(NamedTuple):
+    """What a state file held."""
+
+    value: Any
+    schema: int
+    """Of the file, before it was brought forward."""
+
+
+def parse(content: bytes, kind: type[S]) -> S:
+    """The content of a state file.
+
+    Raises:
+        Unreadable: It is broken, empty or of something else; `Newer`: of a newer Trolley.
+    """
+    return cast("S", parse_any_schema(content, kind).value)
+
+
+def parse_any_schema(content: bytes, kind: type[Struct]) -> Read:
+    """The content of a state file, and which schema it was in.
+
+    Raises:
+        Unreadable: As `parse` does.
+    """
+    try:
+        plain: dict[str, Any] = tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:
+        raise Unreadable(str(error) or type(error).__name__) from error
+    schema = _take_schema(plain, kind)
+    for step in range(schema, schema_of(kind)):
+        plain = cast("Changed", kind).bring_forward(plain, step)
+    foreign = sorted(plain.keys() - set(kind.__struct_fields__))
+    if foreign:
+        raise Unreadable(f"it holds {', '.join(map(repr, foreign[:3]))}, which is not of this file")
+    if not plain:
+        raise Unreadable("it is empty")
+    try:
+        return Read(msgspec.convert(plain, type=kind), schema)
+    except (ValueError, msgspec.ValidationError, RecursionError) as error:
+        raise Unreadable(str(error)) from error
+
+
+class _Said(Struct):
+    schema: Annotated[int, msgspec.Meta(ge=1)] = _FIRST
+
+
+def parse_encoded(content: bytes, kind: type[S], decode: Callable[..., Any]) -> S:
+    """The content of a state file in JSON or msgpack, whose struct has a field `schema`.
+
+    Args:
+        content: of the file.
+        kind: what it should hold; the default of its field `schema` is the one that is known.
+        decode: `msgspec.json.decode` or `msgspec.msgpack.decode`.
+
+    Raises:
+        Unreadable: As `parse` does.
+    """
+    fields = {field.name: field for field in msgspec.structs.fields(kind)}
+    try:
+        _refuse_newer(decode(content, type=_Said).schema, fields[_SCHEMA].default)
+        return decode(content, type=kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise Unreadable(str(error) if content else "it is empty") from error
+
+
+def render(value: Struct) -> bytes:
+    """A state file with this content; fields that are None are left out."""
+    plain = _without_none(msgspec.to_builtins(value))
+    return tomli_w.dumps({_SCHEMA: schema_of(type(value)), **plain}).encode()
+
+
+def _take_schema(plain: dict[str, Any], kind: type[Struct]) -> int:
+    schema = plain.pop(_SCHEMA, _FIRST)
+    if type(schema) is not int or schema < 1:
+        raise Unreadable(f"its schema {schema!r:.20} is no number that Trolley has given")
+    _refuse_newer(schema, schema_of(kind))
+    return schema
+
+
+def _refuse_newer(schema: int, known: int) -> None:
+    if schema > known:
+        raise Newer(f"it was written by a newer Trolley (schema {schema}; this one knows {known})")
+
+
+def _without_none(item: Any) -> Any:
+    """TOML has no null: drop such entries at any depth."""
+    if isinstance(item, dict):
+        entries = cast("dict[str, Any]", item)
+        return {name: _without_none(value) for name, value in entries.items() if value is not None}
+    if isinstance(item, list | tuple):
+        return [_without_none(value) for value in cast("list[Any]", item)]
+    return item
