@@ -58,3 +58,40 @@ def test_modules_say_what_they_hold(sources: list["Source"]) -> None:
         if VAGUE_NAMES.intersection(source.path.with_suffix("").parts)
     ]
     assert vague == []
+
+
+# Where text goes to a terminal: both make it fit first. `trial` and `warmup` talk to a program.
+PRINTING_PLACES = {
+    Path("common/trolley/cli/printing.py"),
+    Path("common/trolley/runtime/process.py"),
+    Path("common/trolley/doctor/trial.py"),
+    Path("common/trolley/warmup.py"),
+}
+PRINTING = {
+    "click": {"echo", "secho", "echo_via_pager"},
+    "stdout": {"write", "writelines"},
+    "stderr": {"write", "writelines"},
+}
+
+
+def prints(node: ast.AST) -> bool:
+    """Whether a node prints, or is the name of what prints."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        return node.func.id == "print"
+    if not isinstance(node, ast.Attribute):
+        return False
+    owner = node.value
+    name = owner.id if isinstance(owner, ast.Name) else getattr(owner, "attr", "")
+    return node.attr in PRINTING.get(name, ())
+
+
+def test_all_text_is_printed_in_one_place(sources: list["Source"]) -> None:
+    """Names and sentences come from strangers: what prints them must make them harmless."""
+    places = [
+        f"{source.path}:{getattr(node, 'lineno', 0)}"
+        for source in sources
+        if source.path not in PRINTING_PLACES
+        for node in ast.walk(source.tree)
+        if prints(node)
+    ]
+    assert places == []

@@ -16,6 +16,7 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import where_options
+from trolley.cli.printing import say, show_error
 
 COMMANDS = {
     "demo": (
@@ -146,9 +147,9 @@ def main() -> None:
     try:
         code = cli.main(prog_name="trolley", standalone_mode=False)
     except click.exceptions.Abort:
-        click.echo("interrupted", err=True)
+        say("interrupted", err=True)
         sys.exit(exits.INTERRUPTED)
     except click.ClickException as error:
-        error.show()
+        show_error(error)
         sys.exit(exits.USAGE)
     sys.exit(code if isinstance(code, int) else exits.OK)

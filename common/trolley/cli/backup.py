@@ -9,6 +9,7 @@ import click
 
 from trolley.backup import FORMAT, BackupError, Manifest, Unpacked, save
 from trolley.cli.options import given, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, find_config
 from trolley.config.load import DEFAULT_PATH
@@ -50,9 +51,9 @@ def backup_command(file: Path | None, state: Path | None) -> None:
     except BackupError as error:
         raise click.ClickException(str(error)) from error
     for sentence in saved.left_out:
-        click.secho(sentence, err=True, fg="yellow")
+        say(sentence, err=True, fg="yellow")
     size_kb = target.stat().st_size / 1e3
-    click.echo(f"Saved {saved.num_files} files in {target} ({size_kb:.0f} kB).")
+    say(f"Saved {saved.num_files} files in {target} ({size_kb:.0f} kB).")
 
 
 def _target(file: Path | None, now: datetime) -> Path:
@@ -101,10 +102,10 @@ def restore_command(file: Path, state_only: bool, state: Path | None) -> None:
     except BackupError as error:
         raise click.ClickException(str(error)) from error
     made = f"made {unpacked.manifest.made_at} by Trolley {unpacked.manifest.version}"
-    click.echo(f"Restored {file} ({made}).")
+    say(f"Restored {file} ({made}).")
     for path in kept:
-        click.echo(f"The previous state is kept: {path}")
-    click.echo("Now start the services again.")
+        say(f"The previous state is kept: {path}")
+    say("Now start the services again.")
 
 
 def _put_back(unpacked: Unpacked, root: Path, config: Path | None, now: datetime) -> list[Path]:

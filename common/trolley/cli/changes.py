@@ -5,6 +5,7 @@ import click
 from trolley import codes, requests, topics
 from trolley.cli.map_edit import ask_to_edit
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json, print_table
 from trolley.client import Robot
@@ -40,17 +41,17 @@ def map_changes(
             raise Refused(codes.NOT_READY, "The localizer is not running, or a map is being made.")
         if accepted is not None:
             edited = _accept(robot, known, accepted, as_name)
-            click.echo(edited.message)
+            say(edited.message)
             return
         if dismissed is not None:
             for one in _chosen(known, dismissed):
                 robot.ask(requests.CHANGES_DISMISS, request_params.WhichChange(id=one.id))
-                click.echo(f"{one.id} will not be proposed again.")
+                say(f"{one.id} will not be proposed again.")
             return
     if as_json:
         print_json(known)
     elif not known.changes:
-        click.echo(f"No changes to the map {known.map} are proposed.")
+        say(f"No changes to the map {known.map} are proposed.")
     else:
         print_table(("ID", "SURE", "WHAT"), [_row(one) for one in known.changes])
 

@@ -3,6 +3,8 @@
 import click
 from click.shell_completion import get_completion_class
 
+from trolley.cli.printing import say
+
 
 @click.command(name="completion")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
@@ -17,4 +19,4 @@ def completion_command(ctx: click.Context, shell: str) -> None:
     """
     kind = get_completion_class(shell)
     assert kind is not None
-    click.echo(kind(ctx.find_root().command, {}, "trolley", "_TROLLEY_COMPLETE").source())
+    say(kind(ctx.find_root().command, {}, "trolley", "_TROLLEY_COMPLETE").source())

@@ -30,6 +30,7 @@ from trolley.cli.demo_run import (
     wait_for_localized,
     wait_for_services,
 )
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import (
     MQTT,
@@ -127,7 +128,7 @@ def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> N
     state: Path | None = options.pop("state")
     viz_port: int | None = options.pop("viz_port")
     if not headless and VIEWER not in installed_services():
-        click.secho("The viewer is not installed; continuing without it.", err=True, fg="yellow")
+        say("The viewer is not installed; continuing without it.", err=True, fg="yellow")
         headless = True
     choices = Choices(viz_port=None if headless else _viz_port(viz_port), **options)
     if choices.foxglove_port is not None:
@@ -143,7 +144,7 @@ def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> N
         with interruptible(), _scene(choices, state, verbose=verbose) as (environment, config):
             _run(choices, environment, config, tour=tour, headless=headless)
     except KeyboardInterrupt:
-        click.echo("The demo has ended.")
+        say("The demo has ended.")
         if tour:
             raise
 
@@ -186,7 +187,7 @@ def _run(
     if headless:
         modules.pop(VIEWER, None)
     settings = load_config(config)
-    click.echo(f"Starting robot {choices.name}: {', '.join(modules)} ...")
+    say(f"Starting robot {choices.name}: {', '.join(modules)} ...")
     # A recording does not wait for anybody, so it begins when everybody listens.
     held = ["base"] if choices.recording is not None else []
     children: dict[str, str | Sequence[str]] = {**modules}
@@ -211,8 +212,8 @@ def _run(
                     return
         if choices.has_places:
             at = "" if choices.port == ports.ROUTER_PORT else f" --connect {choices.endpoint}"
-            click.echo(f"Start the tour in the viewer, or: trolley tour start {TOUR_NAME}{at}")
-        click.echo("Ctrl-C ends the demo.")
+            say(f"Start the tour in the viewer, or: trolley tour start {TOUR_NAME}{at}")
+        say("Ctrl-C ends the demo.")
         wait_for_interrupt()
 
 
@@ -226,7 +227,7 @@ def _show(
         return None
     estimate = wait_for_localized(robot, LOCALIZED_WITHIN_S if tour else None)
     if estimate is None:
-        click.secho("The robot could not work out where it is.", err=True, fg="red")
+        say("The robot could not work out where it is.", err=True, fg="red")
         return exits.FAILED
-    click.echo(describe_localized(estimate, started_s))
+    say(describe_localized(estimate, started_s))
     return drive_tour(robot) if tour else None

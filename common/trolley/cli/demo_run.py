@@ -6,12 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-import click
-
 from trolley import codes, requests, topics
 from trolley.cli import exits
 from trolley.cli.demo_recording import duration_s
 from trolley.cli.demo_robot import PLACES, START, TOUR
+from trolley.cli.printing import say
 from trolley.cli.show import Progress, pose_text, seconds_text
 from trolley.cli.tour import all_reached, follow_trip
 from trolley.client import Robot
@@ -153,12 +152,12 @@ def _print_summary(status: TourStatus, watch: TruthWatch) -> None:
     took = sum(result.seconds for result in status.results)
     closest = "" if watch.closest_m is None else f", closest approach {watch.closest_m:.2f} m"
     collisions = f"{watch.collisions} collision{'' if watch.collisions == 1 else 's'}"
-    click.echo(
+    say(
         f"Tour {status.state}: {reached} of {len(TOUR.stops)} stops reached "
         f"in {seconds_text(took)}, {collisions}{closest}."
     )
     if status.reason:
-        click.echo(f"{status.message} ({status.reason})")
+        say(f"{status.message} ({status.reason})")
 
 
 def play_recording(robot: Robot, recording: Path) -> None:
@@ -184,7 +183,7 @@ def play_recording(robot: Robot, recording: Path) -> None:
             )
     progress.clear()
     counts = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
-    click.echo(
+    say(
         f"The recording has ended after {length_s:.0f} s: localized at "
         f"{_share(states, num_scans)} of {num_scans} scans ({counts or 'no pose at all'})."
     )

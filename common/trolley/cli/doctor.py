@@ -11,6 +11,7 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import given, json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, counted, print_json
 from trolley.config import ConfigError, find_config
@@ -120,9 +121,10 @@ def _print(found: list[Row], numbers: Counter[Level], *, verbose: bool) -> None:
             head + text, width, subsequent_indent=" " * len(head), break_on_hyphens=False
         )
         colour = _COLOURS[finding.level]
-        click.echo(click.style(lines[0][: len(word)], fg=colour) + lines[0][len(word) :])
+        say(lines[0][: len(word)], fg=colour, nl=False)
+        say(lines[0][len(word) :])
         for line in lines[1:]:
-            click.echo(line)
+            say(line)
         # Several findings may have one remedy: it stands below the last of them.
         is_said_below = following is not None and following.finding.remedy == finding.remedy
         if finding.remedy and finding.level > Level.OK and not is_said_below:
@@ -133,10 +135,10 @@ def _print(found: list[Row], numbers: Counter[Level], *, verbose: bool) -> None:
                 subsequent_indent=" " * (len(head) + 2),
                 break_on_hyphens=False,
             )
-            click.secho(remedy, bold=True)
+            say(remedy, bold=True)
     if shown:
-        click.echo()
-    click.echo(_summary(numbers))
+        say()
+    say(_summary(numbers))
     sys.stdout.flush()
 
 

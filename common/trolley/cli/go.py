@@ -11,6 +11,7 @@ from trolley import requests
 from trolley.cli import exits
 from trolley.cli.any_robot import ask_offers, in_order
 from trolley.cli.options import NumbersCommand, as_number, given, json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, seconds_text
 from trolley.client import Place, Robot, goal_to
@@ -69,9 +70,9 @@ def go_command(
     if as_json:
         print_json(status)
     elif no_wait:
-        click.echo(f"goal {status.id}: {status.state}")
+        say(f"goal {status.id}: {status.state}")
     else:
-        click.echo(_ending(status))
+        say(_ending(status))
     if not no_wait and status.state != "arrived":
         raise SystemExit(exits.FAILED)
 
@@ -83,7 +84,7 @@ def _whoever_is_first(goal: request_params.SendGoal) -> Generator[Robot]:
         raise click.UsageError("--any asks all robots: leave out --robot")
     with connected() as connection:
         name = in_order(ask_offers(connection, goal))[0]
-        click.echo(f"{name} goes", err=True)
+        say(f"{name} goes", err=True)
         yield Robot.over(connection, name)
 
 
@@ -93,7 +94,7 @@ def _preview(robot: Robot, goal: request_params.SendGoal, *, as_json: bool) -> N
         print_json(path)
         return
     poses = len(path.poses) // 12
-    click.echo(f"{seconds_text((poses - 1) * path.dt)} by {poses} poses in {path.frame}")
+    say(f"{seconds_text((poses - 1) * path.dt)} by {poses} poses in {path.frame}")
 
 
 def _follow(robot: Robot, goal: str | None, timeout: float | None) -> GoalStatus:
@@ -108,11 +109,11 @@ def _follow(robot: Robot, goal: str | None, timeout: float | None) -> GoalStatus
         progress.clear()
         if isinstance(error, Refused) and error.code != "timeout":
             raise
-        click.echo("Canceling the goal ...", err=True)
+        say("Canceling the goal ...", err=True)
         try:
             robot.cancel(goal)
         except Refused as refused:
-            click.echo(refused.message, err=True)
+            say(refused.message, err=True)
         raise
     finally:
         progress.clear()
@@ -149,4 +150,4 @@ def cancel_command(as_json: bool) -> None:
     if as_json:
         print_json(status)
     else:
-        click.echo(f"goal {status.id}: {status.state}")
+        say(f"goal {status.id}: {status.state}")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import load_config
 from trolley.config.describe import Key, Section, sections, to_toml
@@ -42,7 +43,7 @@ def init_command(path: Path, name: str, length: float, width: float, map_file: s
     except OSError as error:
         raise click.UsageError(f"{path} cannot be written: {error.strerror}") from error
     load_config(path)
-    click.echo(f"Wrote {path}. Next: `trolley up --config {path}`.")
+    say(f"Wrote {path}. Next: `trolley up --config {path}`.")
 
 
 def render(chosen: Mapping[str, str]) -> str:

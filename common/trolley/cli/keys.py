@@ -9,6 +9,7 @@ from typing import ParamSpec, TypeVar
 
 import click
 
+from trolley.cli.printing import say
 from trolley.ports import ROUTER_TLS_PORT
 from trolley.security.certificates import (
     ROLES,
@@ -74,7 +75,7 @@ _days = click.option(
 def init(keyring: Keyring) -> None:
     """Make the authority that signs all certificates (once)."""
     keyring.create(_now())
-    click.echo(
+    say(
         f"Made {keyring.folder}. Keep it safe and keep a copy: without it no certificate can be "
         "made or renewed.\nNext: `trolley keys router`, on or for the host that all others reach."
     )
@@ -96,7 +97,7 @@ def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, repla
     reached = hosts or (own, f"{own}.local")
     keys = keyring.issue("router", name, _until(days), reached, replace=replace)
     _say_made(keys)
-    click.echo(
+    say(
         f"Others reach it at {', '.join(reached)}, port {ROUTER_TLS_PORT}. Copy the files to that "
         f"host:\n{_copying(keys)}\nThen restart its router; its robot.toml needs no change."
     )
@@ -107,7 +108,7 @@ def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: b
     routers = [one for one in keyring.certificates() if one.role == "router"]
     host = routers[0].hosts[0] if routers and routers[0].hosts else "HOST"
     _say_made(keys)
-    click.echo(
+    say(
         f"Copy the folder's files to that host:\n{_copying(keys)}\n"
         f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{ROUTER_TLS_PORT}"]'
     )
@@ -155,7 +156,7 @@ def viewer(keyring: Keyring, name: str, days: int, replace: bool) -> None:
 def remove(keyring: Keyring, role: str, name: str) -> None:
     """Revoke a host, such as one that was lost."""
     keyring.remove(as_role(role), name)
-    click.echo(f"Removed {role} {name}.")
+    say(f"Removed {role} {name}.")
     _say_routers([one for one in keyring.certificates() if one.role == "router"])
 
 
@@ -173,7 +174,7 @@ def list_keys(keyring: Keyring, host_folder: Path | None) -> None:
     else:
         found = [keyring.authority(), *keyring.certificates()]
     for one in found:
-        click.echo(_line(one, _now()))
+        say(_line(one, _now()))
 
 
 def _line(one: Certificate, now: datetime) -> str:
@@ -188,7 +189,7 @@ def _line(one: Certificate, now: datetime) -> str:
 
 def _say_made(keys: HostKeys) -> None:
     until = next(one for one in read_certificates(keys.folder) if one.path == keys.certificate)
-    click.echo(f"Made {keys.folder}, valid until {until.not_after:%Y-%m-%d}.")
+    say(f"Made {keys.folder}, valid until {until.not_after:%Y-%m-%d}.")
 
 
 def _copying(keys: HostKeys) -> str:
@@ -200,9 +201,9 @@ def _copying(keys: HostKeys) -> str:
 
 def _say_routers(routers: list[Certificate]) -> None:
     if not routers:
-        click.echo("No router accepts it yet: run `trolley keys router`.")
+        say("No router accepts it yet: run `trolley keys router`.")
     for one in routers:
-        click.echo(
+        say(
             f"Copy {one.path.parent / ALLOWED} to the router {one.name} again, into its keys "
             "folder, and restart it: sudo systemctl restart trolley-router"
         )

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from trolley import codes, requests
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, print_json
 from trolley.client import Robot
@@ -66,7 +67,7 @@ def edit_map(name: str, as_name: str | None, dry_run: bool, as_json: bool, **wha
     if as_json:
         print_json(reply)
     else:
-        click.echo(f"Dry run, nothing is stored. {reply.message}" if dry_run else reply.message)
+        say(f"Dry run, nothing is stored. {reply.message}" if dry_run else reply.message)
 
 
 def ask_to_edit(robot: Robot, params: EditMap) -> MapEdited:

@@ -8,6 +8,7 @@ import click
 from trolley import codes, requests, topics
 from trolley.cli.map_edit import edit_map
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, print_json, seconds_text
 from trolley.client import Robot
@@ -216,4 +217,4 @@ def _show(status: MappingStatus, *, as_json: bool, text: str) -> None:
     if as_json:
         print_json(status)
     else:
-        click.echo(text)
+        say(text)

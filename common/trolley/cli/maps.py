@@ -11,6 +11,7 @@ from trolley import codes, requests, topics
 from trolley.cli.changes import map_changes
 from trolley.cli.mapping import add_commands
 from trolley.cli.options import NumbersCommand, json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table
 from trolley.client import Robot
@@ -67,11 +68,11 @@ def map_info(as_json: bool) -> None:
 
 def _print_map(grid: OccupancyGrid, counts: dict[str, int]) -> None:
     size = f"{grid.width * grid.resolution:.2f} x {grid.height * grid.resolution:.2f} m"
-    click.echo(f"{grid.name} in frame {grid.frame}")
-    click.echo(f"{size}: {grid.width} x {grid.height} cells of {grid.resolution:g} m")
-    click.echo(f"origin {pose_text(grid.origin)}")
+    say(f"{grid.name} in frame {grid.frame}")
+    say(f"{size}: {grid.width} x {grid.height} cells of {grid.resolution:g} m")
+    say(f"origin {pose_text(grid.origin)}")
     total = max(1, grid.width * grid.height)
-    click.echo(", ".join(f"{count / total:.1%} {what}" for what, count in counts.items()))
+    say(", ".join(f"{count / total:.1%} {what}" for what, count in counts.items()))
 
 
 @map_command.command(name="list")
@@ -85,7 +86,7 @@ def list_maps(as_json: bool) -> None:
     if as_json:
         print_json(names)
     else:
-        click.echo("\n".join(names) or "There is no map.")
+        say("\n".join(names) or "There is no map.")
 
 
 @map_command.command(name="load", cls=NumbersCommand)
@@ -102,7 +103,7 @@ def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) ->
     if as_json:
         print_json(info)
     else:
-        click.echo(f"The robot now uses the map {info.name}.")
+        say(f"The robot now uses the map {info.name}.")
 
 
 def ask_to_load(robot: Robot, params: request_params.LoadMap) -> MapInfo:
@@ -141,7 +142,7 @@ def zones_command(as_json: bool) -> None:
     if as_json:
         print_json(zones)
     elif not zones.zones:
-        click.echo(f"The map {zones.map} has no zones.")
+        say(f"The map {zones.map} has no zones.")
     else:
         print_table(("NAME", "KIND", "SIZE", "POINTS"), [_row(zone) for zone in zones.zones])
 

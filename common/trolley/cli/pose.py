@@ -7,6 +7,7 @@ import click
 
 from trolley import codes, requests, topics
 from trolley.cli.options import NumbersCommand, as_number, json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table
 from trolley.client import Robot
@@ -35,8 +36,8 @@ def pose_command(ctx: click.Context, as_json: bool) -> None:
         print_json(found)
         return
     assert found.pose is not None
-    click.echo(f"{pose_text(found.pose)}  on {found.map}")
-    click.echo(f"{found.state}, {found.match:.0%} of the beams fit the map{_deviation(found)}")
+    say(f"{pose_text(found.pose)}  on {found.map}")
+    say(f"{found.state}, {found.match:.0%} of the beams fit the map{_deviation(found)}")
 
 
 def _where_is(robot: Robot) -> CapturedPose | PoseEstimate:
@@ -77,7 +78,7 @@ def set_pose(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
     if as_json:
         print_json(estimate)
     else:
-        click.echo(f"{estimate.state} at {pose_text(estimate.pose or pose)}")
+        say(f"{estimate.state} at {pose_text(estimate.pose or pose)}")
 
 
 @pose_command.command(name="find")
@@ -101,7 +102,7 @@ def find_pose(as_json: bool) -> None:
     if as_json:
         print_json(found)
     elif found.pose is not None:
-        click.echo(f"{found.state} at {pose_text(found.pose)}")
+        say(f"{found.state} at {pose_text(found.pose)}")
     if found.state not in ("localized", "unsure"):
         raise Refused(codes.LOST, found.message or "The robot was not found on the map.")
 
@@ -120,7 +121,7 @@ def save_pose(name: str, replace: bool, icon: str, as_json: bool) -> None:
     if as_json:
         print_json(saved)
     else:
-        click.echo(f"saved {saved.name}: {pose_text(saved.pose)}")
+        say(f"saved {saved.name}: {pose_text(saved.pose)}")
 
 
 @pose_command.command(name="list")
@@ -136,7 +137,7 @@ def list_poses(as_json: bool) -> None:
     if as_json:
         print_json(saved.poses)
     elif not saved.poses:
-        click.echo("No places are saved yet; save one with `trolley pose save NAME`.")
+        say("No places are saved yet; save one with `trolley pose save NAME`.")
     else:
         print_table(("NAME", "MAP", "X", "Y", "YAW", "SAVED"), [_row(pose) for pose in saved.poses])
 
@@ -155,4 +156,4 @@ def delete_pose(name: str) -> None:
     """Delete the saved place NAME."""
     with one_robot() as robot:
         robot.ask(requests.POSES_DELETE, request_params.Named(name=name))
-    click.echo(f"deleted {name}")
+    say(f"deleted {name}")

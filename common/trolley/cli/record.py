@@ -13,6 +13,7 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, counted, seconds_text
 from trolley.client import Robot
@@ -105,12 +106,12 @@ def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | 
         listener.close()
     if not writer.num_messages:
         path.unlink()
-        click.secho(f"Nothing was received from {robot.name}.", err=True, fg="red")
+        say(f"Nothing was received from {robot.name}.", err=True, fg="red")
         return exits.FAILED
-    click.echo(f"{path}: {counted(writer.num_messages, 'message')}, {writer.size / 1e6:.1f} MB.")
+    say(f"{path}: {counted(writer.num_messages, 'message')}, {writer.size / 1e6:.1f} MB.")
     for reason, number in {**recorder.counts, "lost, the disk is too slow": listener.lost}.items():
         if number:
-            click.secho(f"{counted(number, 'message')}: {reason}", err=True, fg="yellow")
+            say(f"{counted(number, 'message')}: {reason}", err=True, fg="yellow")
     return exits.OK
 
 
@@ -170,8 +171,8 @@ def _silence(seconds: float) -> str:
 
 def _say_why(path: Path, writer: "RecordingWriter", error: OSError) -> None:
     why = "The disk is full" if error.errno == errno.ENOSPC else f"It cannot be written ({error})"
-    click.echo(err=True)
-    click.secho(
+    say(err=True)
+    say(
         f"{why}, so recording has stopped. {path} is complete up to here: {writer.size / 1e6:.1f} "
         "MB.",
         err=True,

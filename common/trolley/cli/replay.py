@@ -12,6 +12,7 @@ import msgspec
 
 from trolley.cli import exits
 from trolley.cli.options import given, where_options
+from trolley.cli.printing import say
 from trolley.cli.record import patterns_option, until_signalled
 from trolley.cli.robots import connected, reports_errors
 from trolley.cli.show import Progress, counted, seconds_text
@@ -126,22 +127,22 @@ class _Play:
             raise ConfigError(
                 f"there is a robot called {name} already; give another name with --as"
             )
-        click.echo(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
+        say(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
         with closing(Stage(connection, name)) as stage:
             has_begun = self._turn(stage)
             while loop and has_begun and not self._is_over(stage):
                 self._turn(stage)
             usurper = stage.usurper
         for sentence in self._recording.damage.sentences():
-            click.secho(sentence, err=True, fg="yellow")
+            say(sentence, err=True, fg="yellow")
         if usurper is not None:
             text = f"A robot called {name} has come up, so the replay has ended."
-            click.secho(text, err=True, fg="red")
+            say(text, err=True, fg="red")
             return exits.FAILED
         if not has_begun:
-            click.secho("Nothing was played: --start is past the end.", err=True, fg="red")
+            say("Nothing was played: --start is past the end.", err=True, fg="red")
             return exits.FAILED
-        click.echo(f"Played {counted(self._num_messages, 'message')}.")
+        say(f"Played {counted(self._num_messages, 'message')}.")
         return exits.OK
 
     def _is_over(self, stage: "Stage") -> bool:

@@ -5,11 +5,10 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
-import click
-
 from trolley import codes
 from trolley.cli import exits
 from trolley.cli.options import given
+from trolley.cli.printing import say
 from trolley.cli.show import as_json
 from trolley.client import Robot
 from trolley.codes import Refused
@@ -82,9 +81,9 @@ def _report(error: Exception, *, wants_json: bool) -> None:
             code, text, details = "bad_config", str(error), {}
     if wants_json:
         message = error.message if isinstance(error, Refused) else str(error)
-        click.echo(as_json({"code": code, "message": message, "details": details}), err=True)
+        say(as_json({"code": code, "message": message, "details": details}), err=True)
     else:
-        click.secho(text, err=True, fg="red")
+        say(text, err=True, fg="red")
 
 
 def _list_robots(error: SeveralRobots) -> str:

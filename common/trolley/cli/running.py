@@ -12,6 +12,7 @@ import click
 
 from trolley import ports
 from trolley.cli.options import given, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, RobotConfig, ZenohSection, find_config, load_config
 from trolley.config.mqtt import BROKER_VARIABLE, split_broker
@@ -124,7 +125,7 @@ def supervised(
 
 
 def _warn(text: str) -> None:
-    click.secho(text, err=True, fg="yellow")
+    say(text, err=True, fg="yellow")
 
 
 def announce_viewer(config: RobotConfig) -> None:
@@ -133,12 +134,12 @@ def announce_viewer(config: RobotConfig) -> None:
     host = "127.0.0.1" if config.viz.host in ("0.0.0.0", "") else config.viz.host
     while not ports.is_listening(config.viz.port):
         if time.monotonic() > deadline_s:
-            click.secho("The viewer did not start.", err=True, fg="yellow")
+            say("The viewer did not start.", err=True, fg="yellow")
             return
         time.sleep(CHECK_PERIOD_S)
-    click.echo(f"Viewer: http://{host}:{config.viz.port}")
+    say(f"Viewer: http://{host}:{config.viz.port}")
     if config.viz.foxglove_port is not None:
-        click.echo(f"Foxglove: ws://{config.viz.foxglove_host}:{config.viz.foxglove_port}")
+        say(f"Foxglove: ws://{config.viz.foxglove_host}:{config.viz.foxglove_port}")
 
 
 def wait_for_interrupt() -> NoReturn:
@@ -192,14 +193,14 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
         environment[BROKER_VARIABLE] = mqtt
     elif not config.mqtt.broker:
         modules.pop(MQTT, None)
-    click.echo(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
+    say(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
     try:
         with interruptible(), supervised(modules, environment, carried):
             if VIEWER in modules:
                 announce_viewer(config)
             wait_for_interrupt()
     except KeyboardInterrupt:
-        click.echo("All services have stopped.")
+        say("All services have stopped.")
 
 
 def _router_of(config: RobotConfig, local: str) -> AbstractContextManager[None]:

@@ -8,14 +8,15 @@ import time
 from collections.abc import Sequence
 from typing import Any, cast
 
-import click
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.cli.printing import can_say, say, say_over
 from trolley.geometry import Pose2D
 from trolley.messages.arrays import arrays_of
 from trolley.runtime.codec import to_plain
+from trolley.sanitize import escape
 
 SHORTEN_TO = 8
 QUIET_PERIOD_S = 5.0
@@ -24,12 +25,17 @@ NARROWEST = 20
 
 def as_json(value: Any, *, indent: int | None = 2) -> str:
     """A message, or plain values that hold messages, as JSON for a program."""
-    return json.dumps(_plain(value), indent=indent, ensure_ascii=False)
+    text = json.dumps(_plain(value), indent=indent, ensure_ascii=False)
+    if not can_say(text):
+        return json.dumps(_plain(value), indent=indent)
+    if text.replace("\n", "").isprintable():
+        return text
+    return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
 
 
 def print_json(value: Any) -> None:
     """Print a value as JSON."""
-    click.echo(as_json(value))
+    say(as_json(value))
 
 
 def _plain(value: Any) -> Any:
@@ -118,12 +124,11 @@ def seconds_text(seconds: float | None) -> str:
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print columns as wide as they need to be; nothing but the heads if there are no rows."""
-    lengths = [[len(click.unstyle(text)) for text in row] for row in (heads, *rows)]
-    widths = [max(column) for column in zip(*lengths, strict=True)]
-    for index, (row, length) in enumerate(zip((heads, *rows), lengths, strict=True)):
-        cells = zip(row, length, widths, strict=True)
-        line = "  ".join(text + " " * (width - used) for text, used, width in cells)
-        click.echo(click.style(line.rstrip(), bold=True) if index == 0 else line.rstrip())
+    lines = [[escape(text) for text in row] for row in (heads, *rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for index, row in enumerate(lines):
+        cells = zip(row, widths, strict=True)
+        say("  ".join(text.ljust(width) for text, width in cells).rstrip(), bold=index == 0)
 
 
 class Progress:
@@ -142,17 +147,18 @@ class Progress:
         """Show `text`; without a terminal only when `kind` changes, and every 5 s."""
         if self._live:
             width = max(NARROWEST, shutil.get_terminal_size().columns - 1)
-            line = text[:width]
-            click.echo("\r" + line.ljust(self._length), nl=False, err=True)
+            line = escape(text)[:width]
+            say_over(line.ljust(self._length))
             self._length = len(line)
             return
         now_s = time.monotonic()
         if kind != self._kind or now_s - self._printed_s >= QUIET_PERIOD_S:
-            click.echo(text, err=True)
+            say(text, err=True)
             self._kind, self._printed_s = kind, now_s
 
     def clear(self) -> None:
         """Take the line away, so that something else can be printed."""
         if self._length:
-            click.echo("\r" + " " * self._length + "\r", nl=False, err=True)
+            say_over(" " * self._length)
+            say_over("")
             self._length = 0

@@ -10,6 +10,7 @@ from trolley import topics
 from trolley.cli import exits
 from trolley.cli.columns import Column, table_lines
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robot_sentence import robot_sentence
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table, seconds_text
@@ -151,7 +152,7 @@ def _print_all(found: list[dict[str, Any]]) -> None:
     print_table(("ROBOT", "NOW"), [(one["name"], sanitize(one["sentence"])) for one in found])
     for one in found:
         for problem in one["problems"]:
-            click.secho(sanitize(f"{one['name']}: {problem}"), fg="red")
+            say(sanitize(f"{one['name']}: {problem}"), fg="red")
 
 
 def _print(found: dict[str, Any]) -> None:
@@ -160,24 +161,24 @@ def _print(found: dict[str, Any]) -> None:
     kind = ""
     if robot is not None:
         kind = f", {'simulated ' if robot.simulated else ''}{robot.drive}"
-    click.secho(sanitize(f"{found['name']}{title}{kind}"), bold=True)
-    click.echo(sanitize(found["sentence"]))
-    click.echo()
-    click.echo(sanitize(f"base   {_base_text(found['base'])}"))
-    click.echo(sanitize(f"pose   {_pose_text(found['pose'], found['pose_age'])}"))
-    click.echo(sanitize(f"goal   {_goal_text(found['goal'])}"))
-    click.echo(sanitize(f"trip   {_trip_text(found['trip'])}"))
-    click.echo()
+    say(sanitize(f"{found['name']}{title}{kind}"), bold=True)
+    say(sanitize(found["sentence"]))
+    say()
+    say(sanitize(f"base   {_base_text(found['base'])}"))
+    say(sanitize(f"pose   {_pose_text(found['pose'], found['pose_age'])}"))
+    say(sanitize(f"goal   {_goal_text(found['goal'])}"))
+    say(sanitize(f"trip   {_trip_text(found['trip'])}"))
+    say()
     width = shutil.get_terminal_size().columns
     rows = [_service_row(name, service) for name, service in found["services"].items()]
     head, lines = table_lines(COLUMNS, rows, width)
-    click.secho(head, bold=True)
+    say(head, bold=True)
     for line, row in zip(lines, rows, strict=True):
-        click.secho(line, fg=_COLOURS.get(row[1]))
+        say(line, fg=_COLOURS.get(row[1]))
     if found["problems"]:
-        click.echo()
+        say()
         for problem in found["problems"]:
-            click.secho(sanitize(problem), fg="red")
+            say(sanitize(problem), fg="red")
 
 
 def _base_text(base: BaseState | None) -> str:

@@ -3,6 +3,7 @@
 import click
 
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import print_json
 from trolley.connection import RobotUnreachable
@@ -24,7 +25,7 @@ def stop_command(everybody: bool, as_json: bool) -> None:
             print_json(stopped)
         else:
             for name, state in sorted(stopped.items()):
-                click.echo(f"{name}: {state.mode}")
+                say(f"{name}: {state.mode}")
         if missing or not stopped:
             raise RobotUnreachable(f"NOT STOPPED: no connection to {', '.join(missing) or 'any'}")
         return
@@ -33,7 +34,7 @@ def stop_command(everybody: bool, as_json: bool) -> None:
     if as_json:
         print_json(state)
     else:
-        click.echo("Stopped. `trolley resume` lets it drive.")
+        say("Stopped. `trolley resume` lets it drive.")
 
 
 @click.command(name="resume")
@@ -47,7 +48,7 @@ def resume_command(as_json: bool) -> None:
     if as_json:
         print_json(state)
     else:
-        click.echo(
+        say(
             "Resumed; it can drive again."
             if state.mode == "ok"
             else f"Resumed, but it cannot drive yet ({state.mode}): {state.message}"

@@ -18,6 +18,7 @@ from trolley.cli.teleop_keys import (
     NO_MORE_FOCUS,
     NO_MORE_RELEASES,
 )
+from trolley.sanitize import escape
 
 ENDING = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _HIDE_CURSOR, _SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
@@ -107,7 +108,7 @@ class Terminal:
         Raises:
             TerminalGone: It was closed.
         """
-        data = text.encode(errors="replace")
+        data = text.encode(sys.stdout.encoding or "utf-8", "replace")
         try:
             while data:
                 data = data[os.write(self._output, data) :]
@@ -120,9 +121,10 @@ class Terminal:
         They are cut to the width of the terminal.
         """
         width = shutil.get_terminal_size().columns - 1
+        plain = [(escape(text)[:width], colour) for text, colour in lines]
         cut = [
-            click.style(text[:width], fg=colour) if colour and self._has_colours else text[:width]
-            for text, colour in lines
+            click.style(text, fg=colour) if colour and self._has_colours else text
+            for text, colour in plain
         ]
         if self._whole_screen:
             ends = f"{_REST_OF_LINE}\n"

@@ -10,6 +10,7 @@ import click
 from trolley import codes, topics
 from trolley.cli import exits
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import as_json as to_json
 from trolley.cli.show import print_json
@@ -35,7 +36,7 @@ def read_frames(robot: Robot) -> Frames:
         try:
             set_link(tree, link.parent, child, link.pose, link.stamp_ns, pose_stamp_ns)
         except ValueError as error:  # anybody may publish a frame, also one that closes a loop
-            click.echo(f"tf/{child} is left out: {error}", err=True)
+            say(f"tf/{child} is left out: {error}", err=True)
             continue
         heights[child] = link.z
     return Frames(tree, heights, robot.connection.robot_now_ns(robot.name))
@@ -48,14 +49,14 @@ def _plain(found: Relation) -> dict[str, Any]:
 def _print(found: Relation) -> None:
     x, y, z = found.translation
     qx, qy, qz, qw = found.rotation
-    click.echo(f"distance    {found.distance:.3f} m")
-    click.echo(f"bearing     {found.bearing:.3f} rad ({math.degrees(found.bearing):.1f}°)")
-    click.echo(f"translation {x:.3f} {y:.3f} {z:.3f} m")
-    click.echo(
+    say(f"distance    {found.distance:.3f} m")
+    say(f"bearing     {found.bearing:.3f} rad ({math.degrees(found.bearing):.1f}°)")
+    say(f"translation {x:.3f} {y:.3f} {z:.3f} m")
+    say(
         f"rotation    yaw {found.yaw:.3f} rad ({math.degrees(found.yaw):.1f}°), "
         f"quaternion {qx:.4f} {qy:.4f} {qz:.4f} {qw:.4f}"
     )
-    click.echo("age         " + ("-" if found.age is None else f"{found.age:.2f} s"))
+    say("age         " + ("-" if found.age is None else f"{found.age:.2f} s"))
 
 
 @click.command(name="tf")
@@ -85,14 +86,14 @@ def tf_command(parent: str, child: str, follow: bool, period: float, as_json: bo
                 raise Refused("missing_link", why, missing=missing.missing) from missing
             if not follow:
                 break
-            click.echo(to_json(_plain(found), indent=None) if as_json else _line(found))
+            say(to_json(_plain(found), indent=None) if as_json else _line(found))
             time.sleep(period)
     if as_json:
         print_json(_plain(found))
     else:
         _print(found)
     if found.stale:
-        click.secho(f"{codes.STALE}: " + "; ".join(found.stale), err=True, fg="red")
+        say(f"{codes.STALE}: " + "; ".join(found.stale), err=True, fg="red")
         raise SystemExit(exits.FAILED)
 
 

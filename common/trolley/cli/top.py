@@ -14,6 +14,7 @@ import msgspec
 from trolley import topics
 from trolley.cli import exits
 from trolley.cli.options import given, json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robot_sentence import robot_sentence
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, print_json
@@ -198,7 +199,7 @@ def _print_once(watcher: Watcher, order: Order, *, as_json: bool) -> None:
         print_json(_plain(picture))
         return
     for text, colour in lines_of(picture, shutil.get_terminal_size().columns, None):
-        click.secho(text, fg=colour)
+        say(text, fg=colour)
 
 
 def _plain(picture: Picture) -> dict[str, Any]:

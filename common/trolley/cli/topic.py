@@ -10,6 +10,7 @@ import click
 from trolley import topics
 from trolley.cli import exits
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, as_json, counted, describe, print_json, print_table
 from trolley.client import Robot
@@ -124,7 +125,7 @@ def echo_topic(
                 arrival = messages.next(timeout)
                 if arrival is None:
                     text = f"{name}: nothing was received in {timeout:g} s"
-                    click.secho(text, err=True, fg="red")
+                    say(text, err=True, fg="red")
                     raise SystemExit(exits.FAILED)
                 _print(topic, arrival, full=full, to_json=as_json)
                 left = None if left is None else left - 1
@@ -134,12 +135,12 @@ def _print(topic: Topic[Any], arrival: Arrival[Any], *, full: bool, to_json: boo
     key = "/".join(topic.key(arrival.robot, *arrival.parts).split("/")[2:])
     if to_json:
         line = arrival.message if not arrival.parts else {"topic": key, "message": arrival.message}
-        click.echo(as_json(line, indent=None))
+        say(as_json(line, indent=None))
         return
     if arrival.parts:
-        click.secho(key, bold=True)
-    click.echo(describe(arrival.message, full=full))
-    click.echo("---")
+        say(key, bold=True)
+    say(describe(arrival.message, full=full))
+    say("---")
 
 
 @topic_command.command(name="hz")
@@ -169,9 +170,9 @@ def topic_rate(name: str, seconds: float, as_json: bool) -> None:
     if as_json:
         print_json({"topic": name, **result})
     elif len(times) < 2:
-        click.echo(f"{counted(len(times), 'message')} in {seconds:g} s")
+        say(f"{counted(len(times), 'message')} in {seconds:g} s")
     else:
-        click.echo(
+        say(
             f"{result['hz']:.2f} Hz, gaps {result['gap_min']:.3f} to {result['gap_max']:.3f} s "
             f"(deviation {result['gap_std']:.4f} s), {result['bytes']:.0f} bytes each, "
             f"{result['messages']} messages"

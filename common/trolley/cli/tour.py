@@ -5,6 +5,7 @@ import click
 from trolley import codes, requests, topics
 from trolley.cli import PluggedGroup, exits
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table, seconds_text
 from trolley.client import Robot
@@ -36,7 +37,7 @@ def start_tour(name: str, no_wait: bool, as_json: bool) -> None:
     if as_json:
         print_json(status)
     else:
-        click.echo(_summary(status))
+        say(_summary(status))
     if not no_wait and not all_reached(status):
         raise SystemExit(exits.FAILED)
 
@@ -58,7 +59,7 @@ def follow_trip(robot: Robot, trip: str | None, *, quiet: bool = False) -> TourS
             if shown < len(status.results) and not quiet:
                 progress.clear()
                 for result in status.results[shown:]:
-                    click.echo(result_text(result))
+                    say(result_text(result))
             shown = len(status.results)
             progress.show(_summary(status), f"{status.state} {status.reason} {status.stop}")
     finally:
@@ -96,7 +97,7 @@ def _control(name: str, request: Request[request_params.Nothing, TourStatus], te
         if as_json:
             print_json(status)
         else:
-            click.echo(_summary(status))
+            say(_summary(status))
 
     del control
 
@@ -125,7 +126,7 @@ def list_tours(as_json: bool) -> None:
     if as_json:
         print_json(tours)
     elif not tours:
-        click.echo("No tours are stored yet; use `trolley tour import` or the viewer.")
+        say("No tours are stored yet; use `trolley tour import` or the viewer.")
     else:
         rows = [(tour.name, str(len(tour.stops)), _laps(tour), _times(tour)) for tour in tours]
         print_table(("NAME", "STOPS", "LAPS", "TIMES"), rows)
@@ -156,7 +157,7 @@ def show_tour(name: str, as_json: bool) -> None:
     if as_json:
         print_json(tour)
         return
-    click.echo(f"{tour.name}: {_laps(tour)}" + (f", {_times(tour)}" if tour.schedule else ""))
+    say(f"{tour.name}: {_laps(tour)}" + (f", {_times(tour)}" if tour.schedule else ""))
     rows = [_stop_row(index, stop) for index, stop in enumerate(tour.stops)]
     print_table(("STOP", "PLACE", "VIA", "STAY", "IF IT FAILS"), rows)
 
@@ -183,12 +184,12 @@ def trip_history(since: str | None, limit: int, stops: bool, as_json: bool) -> N
     if as_json:
         print_json(trips)
     elif not trips:
-        click.echo("There have been no trips yet.")
+        say("There have been no trips yet.")
     elif stops:
         for trip in trips:
-            click.echo("  ".join(_row(trip)))
+            say("  ".join(_row(trip)))
             for result in trip.results:
-                click.echo(f"    {result_text(result)}")
+                say(f"    {result_text(result)}")
     else:
         print_table(
             ("STARTED", "TOUR", "STATE", "TOOK", "STOPS REACHED", "REASON"), list(map(_row, trips))

@@ -8,6 +8,8 @@ import sys
 import time
 from typing import Any
 
+from trolley.sanitize import escape
+
 _COLOURS = {logging.WARNING: "\033[33m", logging.ERROR: "\033[31m", logging.CRITICAL: "\033[31m"}
 _FIELDS = "trolley_fields"
 LIMIT_S = 5.0
@@ -52,11 +54,6 @@ class Log:
             self._logger.log(level, "%s", message, extra={_FIELDS: fields})
 
 
-def _printable(text: str) -> str:
-    """Escape line ends and control sequences: what a stranger sent goes to a terminal here."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
 class _TerminalFormatter(logging.Formatter):
     """`12:03:04 localizer  Map loaded  map=home`, warnings in colour where there is a terminal."""
 
@@ -66,13 +63,14 @@ class _TerminalFormatter(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         fields: dict[str, Any] = getattr(record, _FIELDS, {})
-        tail = "".join(f"  {name}={_printable(str(value))}" for name, value in fields.items())
+        tail = "".join(f"  {name}={escape(str(value))}" for name, value in fields.items())
         level = "" if record.levelno < logging.WARNING else f"{record.levelname.lower()}: "
         service = record.name.removeprefix("trolley.")
         at = self.formatTime(record, "%H:%M:%S")
-        line = f"{at} {service:<10} {level}{record.getMessage()}{tail}"
+        line = f"{at} {service:<10} {level}{escape(record.getMessage())}{tail}"
         if record.exc_info:
-            line += "\n" + self.formatException(record.exc_info)
+            trace = self.formatException(record.exc_info).splitlines()
+            line += "".join(f"\n{escape(part)}" for part in trace)
         colour = _COLOURS.get(record.levelno) if self._colour else None
         return f"{colour}{line}\033[0m" if colour else line
 
@@ -81,8 +79,9 @@ class _JournalFields(logging.Filter):
     """Turns the fields into journal fields: `TROLLEY_MAP=home`."""
 
     def filter(self, record: logging.LogRecord) -> bool:
+        record.msg, record.args = escape(record.getMessage()), None
         for name, value in getattr(record, _FIELDS, {}).items():
-            setattr(record, f"trolley_{name}", str(value))
+            setattr(record, f"trolley_{name}", escape(str(value)))
         return True
 
 

@@ -27,6 +27,7 @@ from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder, state_root
 from trolley.runtime.supervision import Supervision, end_with_parent
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus_patiently
+from trolley.sanitize import fit
 from trolley.security.host_keys import KeysError, keys_for
 
 EXIT_CRASHED, EXIT_CONFIG, EXIT_CLASH = 1, 2, 3
@@ -253,6 +254,6 @@ def main(
         config = load_config(path)
         service = service_class(config)
     except ConfigError as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(fit(f"{error}\n", sys.stderr.encoding))
         sys.exit(EXIT_CONFIG)
     sys.exit(ServiceProcess(service, config).main())

@@ -7,6 +7,7 @@ import click
 
 from trolley import codes, requests, topics
 from trolley.cli.options import json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json
 from trolley.client import Robot
@@ -59,10 +60,10 @@ def import_tour(
         print_json({"tour": tour, "poses": poses})
         return
     for number, pose in enumerate(poses, start=1):
-        click.echo(f"{number:>3}  {pose.name}  {pose_text(pose.pose)}")
+        say(f"{number:>3}  {pose.name}  {pose_text(pose.pose)}")
     on_map = f" on the map {poses[0].map}" if poses[0].map else ""
     verb = "would be saved" if dry_run else "is saved"
-    click.echo(f"The tour {tour.name} with {len(poses)} stops{on_map} {verb}.")
+    say(f"The tour {tour.name} with {len(poses)} stops{on_map} {verb}.")
 
 
 def _stem(file_name: str) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from trolley.cli.options import given, json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import find_settings
 from trolley.cli.show import print_json
@@ -40,8 +41,8 @@ def viewer_link(as_json: bool) -> None:
     if as_json:
         print_json(links)
         return
-    click.echo(f"To drive:         {links['operator']}")
-    click.echo(f"To look and stop: {links['viewer']}")
+    say(f"To drive:         {links['operator']}")
+    say(f"To look and stop: {links['viewer']}")
 
 
 def _read(path: Path) -> AccessTokens:

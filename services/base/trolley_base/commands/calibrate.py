@@ -10,6 +10,7 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import given, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.client import Robot
 from trolley.config import ConfigError, find_config, load_config
@@ -107,13 +108,13 @@ def square_command(
         legs, returns = measure(robot, side, runs, speed, yes)
     found = estimate(legs, knows_length=not by_hand)
     correction = usable(found)
-    click.echo("\n".join(describe_estimate(found)))
+    say("\n".join(describe_estimate(found)))
     before, after = (
         benchmark([_return(*one, correction=kind) for one in returns], side)
         for kind in (Correction(), correction)
     )
-    click.echo("\n".join(describe_benchmark(before, after, side)))
-    click.echo(describe_fit(legs, correction))
+    say("\n".join(describe_benchmark(before, after, side)))
+    say(describe_fit(legs, correction))
     _propose(correction, in_force, path, result)
 
 
@@ -134,7 +135,7 @@ def compare_command(seconds: float, **result: Any) -> None:
         robot.pose()  # refuses where there is no localizer
         listen(robot, comparison, seconds)
     if not comparison.legs:
-        click.echo(
+        say(
             "Nothing to compare: the robot drove less than a metre and two radians while the "
             "localizer was sure.",
             err=True,
@@ -142,8 +143,8 @@ def compare_command(seconds: float, **result: Any) -> None:
         raise SystemExit(exits.FAILED)
     found = estimate(comparison.legs)
     correction = usable(found)
-    click.echo("\n".join(describe_estimate(found)))
-    click.echo(describe_fit(comparison.legs, correction))
+    say("\n".join(describe_estimate(found)))
+    say(describe_fit(comparison.legs, correction))
     _propose(correction, in_force, path, result)
 
 
@@ -230,7 +231,7 @@ def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | No
             raise ConfigError(f"{path} is the file of robot {config.robot.name}, not of {name}")
         config = None
     if config is None and result["in_force"] is None:
-        click.echo(f"No robot.toml of {name} here: assuming that all its scales are 1.", err=True)
+        say(f"No robot.toml of {name} here: assuming that all its scales are 1.", err=True)
     scales = WheelScales() if config is None else scales_of(config)
     track_m: float | None = scales.track_m or result["track"]
     if result["in_force"] is not None:
@@ -245,21 +246,19 @@ def _propose(
     correction: Correction, in_force: WheelScales, path: Path | None, result: dict[str, Any]
 ) -> None:
     if correction.bend != 0.0 and in_force.track_m is None:
-        click.echo("The wheel ratio is left out: give --track, the track that the board assumes.")
+        say("The wheel ratio is left out: give --track, the track that the board assumes.")
         correction = replace(correction, bend=0.0)
     if correction == Correction():
-        click.echo(
-            "Nothing is certain enough to propose; drive more of what was missing.", err=True
-        )
+        say("Nothing is certain enough to propose; drive more of what was missing.", err=True)
         raise SystemExit(exits.FAILED)
     scales = combined(correction, in_force)
     words = describe_track(scales)
     if words is not None:
-        click.echo(words)
+        say(words)
     settings = settings_of(scales, with_track=result["track"] is not None)
     if result["write"] is None:
-        click.echo(f"\nFor robot.toml:\n\n{as_toml(settings)}")
+        say(f"\nFor robot.toml:\n\n{as_toml(settings)}")
         return
     assert path is not None  # `_in_force` has refused that
     write_settings(path, settings)
-    click.echo(f"Set [base.odometry] in {path}. Restart base for it to take effect.")
+    say(f"Set [base.odometry] in {path}. Restart base for it to take effect.")

@@ -9,6 +9,7 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import given, json_option, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, print_json, print_table
 from trolley.config import ConfigError, find_config
@@ -103,7 +104,7 @@ def _progress(one: PortResult, left: int) -> str:
 def _show(seen: Sequence[PortResult]) -> None:
     """Print a table, and below it what is to be said of each port."""
     if not seen:
-        click.echo(
+        say(
             "There is no serial port: is anything plugged in, and by a data cable (not "
             "charge-only)? In a virtual machine or container, is the device passed on?"
         )
@@ -123,17 +124,17 @@ def _show(seen: Sequence[PortResult]) -> None:
         if one.found is not None and one.port.reason:
             remarks.append(one.port.reason)
         if remarks:
-            click.echo(f"\n{one.port.name}")
+            say(f"\n{one.port.name}")
         for remark in remarks:
-            click.echo(f"  {remark}")
+            say(f"  {remark}")
 
 
 def _show_settings(proposal: Proposal) -> None:
     for note in proposal.notes:
-        click.echo(f"\n{note}")
+        say(f"\n{note}")
     if proposal.values:
-        click.echo("\nFor robot.toml (`trolley detect --write` puts it there):\n")
-        click.echo(settings.render(proposal), nl=False)
+        say("\nFor robot.toml (`trolley detect --write` puts it there):\n")
+        say(settings.render(proposal), nl=False)
 
 
 def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
@@ -143,18 +144,18 @@ def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
     if quiet:
         return
     for note in proposal.notes:
-        click.echo(f"\n{note}")
+        say(f"\n{note}")
     if new == old:
-        click.echo(f"\n{path} stays as it is.")
+        say(f"\n{path} stays as it is.")
         return
-    click.echo(f"\nChanged in {path}:\n")
-    click.echo(robot_toml.difference(path, old, new), nl=False)
+    say(f"\nChanged in {path}:\n")
+    say(robot_toml.difference(path, old, new), nl=False)
 
 
 def _give_rule(udev: str, seen: Sequence[PortResult], *, quiet: bool) -> None:
     if udev == SCREEN:
         if not quiet:
-            click.echo("\n" + udev_rules.render(seen), nl=False)
+            say("\n" + udev_rules.render(seen), nl=False)
         return
     path = Path(udev)
     try:
@@ -162,7 +163,7 @@ def _give_rule(udev: str, seen: Sequence[PortResult], *, quiet: bool) -> None:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
     if not quiet:
-        click.echo(f"\nWrote {path}; its first lines say how to install it.")
+        say(f"\nWrote {path}; its first lines say how to install it.")
 
 
 def _plain(seen: Sequence[PortResult], proposal: Proposal) -> dict[str, Any]:

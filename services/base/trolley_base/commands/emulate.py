@@ -12,6 +12,7 @@ import click
 from trolley import worlds
 from trolley.cli.demo_robot import pose_option
 from trolley.cli.options import given, where_options
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import interruptible
 from trolley.config import RobotConfig, load_config
@@ -100,7 +101,7 @@ def emulate_command(
     config = None if path is None else load_config(path)
     try:
         body = _body(config, world, seed, start, laser)
-        tell = _say_nothing if quiet else click.echo
+        tell = _say_nothing if quiet else say
         robot = EmulatedRobot(devices, body, ports, tell)
         for fault in faults:
             robot.fault(fault)
@@ -117,7 +118,7 @@ def emulate_command(
         raise click.UsageError(str(error)) from error
     except KeyboardInterrupt:
         if not quiet:
-            click.echo("The devices are gone.")
+            say("The devices are gone.")
 
 
 def _body(
@@ -149,15 +150,15 @@ def _target() -> Target | None:
 
 
 def _say_nothing(_line: str) -> None:
-    """In place of `click.echo`, where nothing is to be said."""
+    """In place of `say`, where nothing is to be said."""
 
 
 def _announce(robot: EmulatedRobot) -> None:
     for line in describe_ports(robot):
-        click.echo(line)
-    click.echo("\nIn a robot.toml:\n")
-    click.echo(base_settings(robot))
-    click.echo(
+        say(line)
+    say("\nIn a robot.toml:\n")
+    say(base_settings(robot))
+    say(
         "Ctrl-C ends it. Type a fault, such as "
         f"{next(iter(robot.ports))}:silence+2, to make trouble."
     )
@@ -180,4 +181,4 @@ def _serve(robot: EmulatedRobot) -> None:
             try:
                 robot.fault(line)
             except FaultError as error:
-                click.secho(str(error), err=True, fg="red")
+                say(str(error), err=True, fg="red")

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from trolley.cli.init import render
+from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import print_table
 from trolley.config import ConfigError
@@ -133,6 +134,6 @@ def _refuse_to_overwrite(output: Path, files: Files) -> None:
 def _report(findings: Findings, output: Path) -> None:
     print_table(("taken", "from"), findings.taken)
     for note in findings.notes:
-        click.echo(f"\n{note}")
-    click.echo(f"\nWrote {output}. Next: `trolley detect --write {output}` on the robot finds the")
-    click.echo(f"ports' lasting names; then `trolley up --config {output}`.")
+        say(f"\n{note}")
+    say(f"\nWrote {output}. Next: `trolley detect --write {output}` on the robot finds the")
+    say(f"ports' lasting names; then `trolley up --config {output}`.")

@@ -1,0 +1,68 @@
+"""What commands print moves no terminal, and fits what the terminal can show."""
+
+import io
+import json
+import sys
+from collections.abc import Callable
+
+import click
+import pytest
+
+from trolley.cli import show
+from trolley.cli.printing import say, say_over, show_error
+
+NAMES = ("\x1b]0;owned\x07lime", "\x9b2Jlime", "lime\u202e", "K\u00fcche \u66f8\u658e")
+
+
+class Terminal(io.TextIOWrapper):
+    """Takes what its encoding has, as strictly as PYTHONIOENCODING asks for."""
+
+    def __init__(self, encoding: str) -> None:
+        super().__init__(io.BytesIO(), encoding=encoding, errors="strict", write_through=True)
+
+    @property
+    def shown(self) -> str:
+        buffer = self.buffer
+        assert isinstance(buffer, io.BytesIO)
+        return buffer.getvalue().decode(self.encoding)
+
+
+@pytest.fixture(params=["utf-8", "latin-1", "ascii"])
+def take_terminal(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[], Terminal]:
+    def take() -> Terminal:
+        """Put it in place; pytest takes its own away only when a test has begun."""
+        terminal = Terminal(request.param)
+        monkeypatch.setattr(sys, "stdout", terminal)
+        monkeypatch.setattr(sys, "stderr", terminal)
+        return terminal
+
+    return take
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_from_outside_moves_no_terminal(take_terminal: Callable[[], Terminal], name: str):
+    terminal = take_terminal()
+    say(f"{name}: stopped", fg="red")
+    say(name, err=True)
+    show.print_table(("ROBOT", "NOW"), [(name, "drives"), ("a", name)])
+    show_error(click.UsageError(f"there is no {name}"))
+    shown = terminal.shown
+    assert shown.replace("\n", "").isprintable()
+    assert "lime" in shown or "K" in shown
+
+
+def test_a_line_that_is_written_over_stays_one_line(take_terminal: Callable[[], Terminal]):
+    terminal = take_terminal()
+    say_over("driving to\nlime\x1b[A")
+    assert terminal.shown == "\rdriving to\\nlime\\x1b[A"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_json_is_the_same_text_for_a_program(take_terminal: Callable[[], Terminal], name: str):
+    terminal = take_terminal()
+    show.print_json({"name": name, name: [1]})
+    shown = terminal.shown
+    assert shown.replace("\n", "").isprintable()
+    assert json.loads(shown) == {"name": name, name: [1]}
