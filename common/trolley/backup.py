@@ -26,7 +26,15 @@ import msgspec
 import tomli_w
 
 from trolley.config import ConfigError, RobotConfig, load_config
-from trolley.files import READABLE_BY_ALL, SECRET, sync_folder, write_atomically, written_atomically
+from trolley.files import (
+    READABLE_BY_ALL,
+    SECRET,
+    open_file,
+    read_file,
+    sync_folder,
+    write_atomically,
+    written_atomically,
+)
 
 FORMAT = 1
 MANIFEST, STATE, CONFIG, CONFIG_FILE = "trolley-backup.toml", "state", "config", "robot.toml"
@@ -149,7 +157,9 @@ def _add_file(archive: tarfile.TarFile, name: str, path: Path, left_out: list[st
     """Put a file into the archive; False where it has gone meanwhile."""
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
-        content = _database(path, left_out) if path.suffix == ".sqlite" else path.read_bytes()
+        content = (
+            _database(path, left_out) if path.suffix == ".sqlite" else read_file(path, MAX_BYTES)
+        )
     except FileNotFoundError:
         return False
     _add(archive, name, content, _kept_mode(mode))
@@ -297,7 +307,8 @@ def _unpack(source: Path, folder: Path) -> Manifest:
     num_bytes, manifest = 0, None
     try:
         with (
-            gzip.open(source) as stream,
+            open_file(source) as file,
+            gzip.open(file) as stream,
             tarfile.open(fileobj=stream, mode="r:") as archive,
         ):
             for number, entry in enumerate(archive):

@@ -13,6 +13,7 @@ from typing import BinaryIO
 READABLE_BY_ALL, SECRET = 0o644, 0o600
 BROKEN, NEWER = "broken", "newer"
 """How files are marked that were kept aside: the content is broken, or of a newer Trolley."""
+NOT_REGULAR = "It is a pipe or a device, not a file"
 MOST_BYTES = 256 << 20
 """No file that Trolley reads as a whole is larger."""
 
@@ -74,21 +75,31 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def open_file(path: Path) -> BinaryIO:
+    """Open a regular file to read: a pipe would never end, and a device may do anything.
+
+    Raises:
+        OSError: It cannot be read, or is no regular file.
+    """
+    # Without O_NONBLOCK a pipe that nobody writes to would hold up the opening itself.
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    mode = os.fstat(handle).st_mode
+    if stat.S_ISREG(mode):
+        return os.fdopen(handle, "rb")
+    os.close(handle)
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    raise OSError(errno.EINVAL, NOT_REGULAR, str(path))
+
+
 def read_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
-    """The content of a regular file: a pipe would never end, and a device may do anything.
+    """The content of a regular file.
 
     Raises:
         OSError: It cannot be read, is no regular file, or is larger than `most_bytes`.
     """
-    # Without O_NONBLOCK a pipe that nobody writes to would hold up the opening itself.
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(handle, "rb") as file:
-        status = os.fstat(handle)
-        if stat.S_ISDIR(status.st_mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        if not stat.S_ISREG(status.st_mode):
-            raise OSError(errno.EINVAL, "It is not a regular file", str(path))
-        if status.st_size > most_bytes:
+    with open_file(path) as file:
+        if os.fstat(file.fileno()).st_size > most_bytes:
             raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(path))
         return file.read(most_bytes)
 

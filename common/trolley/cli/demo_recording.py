@@ -10,6 +10,7 @@ import tomli_w
 
 from trolley.cli.demo_robot import Choices
 from trolley.config import ConfigError
+from trolley.files import open_file
 from trolley.gridmap import GridMap, MapError, save_map
 from trolley.messages import OccupancyGrid, Zones
 from trolley.messages.mapping import MapName
@@ -48,7 +49,7 @@ def duration_s(recording: Path) -> tuple[float, int]:
     if recording.suffix == RECORDED:
         drive = _read(recording)
         return drive.seconds, len(drive.scans)
-    with np.load(recording, allow_pickle=False) as archive:
+    with open_file(recording) as file, np.load(file, allow_pickle=False) as archive:
         stamps = archive["stamps"]
     return float(stamps[-1] - stamps[0]), len(stamps)
 

@@ -12,6 +12,7 @@ import tomli_w
 
 from trolley import worlds
 from trolley.config import ConfigError
+from trolley.files import open_file, read_text
 from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.messages import Stop, Tour
 from trolley.ports import ROUTER_PORT
@@ -114,9 +115,9 @@ def write_settings(choices: Choices, folder: Path) -> Path:
 def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
     try:
         world = worlds.find(choices.world or WORLD)
-        plain = tomllib.loads(world.read_text(encoding="utf-8"))
+        plain = tomllib.loads(read_text(world))
         map_file = choices.map_file or worlds.find(str(plain["map"]), beside=world.parent)
-    except (FileNotFoundError, KeyError, tomllib.TOMLDecodeError) as error:
+    except (OSError, KeyError, ValueError) as error:
         raise ConfigError(f"--world: {error}") from error
     simulated: dict[str, Any] = {"world": str(world), "seed": choices.seed, "rate": choices.speed}
     start = choices.start
@@ -173,7 +174,7 @@ def _recorded(choices: Choices, recording: Path) -> tuple[dict[str, Any], Path, 
 def first_reference(recording: Path) -> Pose2D | None:
     """The first reference pose of a drive in an npz file, None if it has none."""
     try:
-        with np.load(recording, allow_pickle=False) as archive:
+        with open_file(recording) as file, np.load(file, allow_pickle=False) as archive:
             rows = archive["reference"] if "reference" in archive.files else None
             return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
     except (OSError, ValueError) as error:

@@ -17,6 +17,7 @@ from trolley.config.planner import PlannerConfig
 from trolley.config.robot import MapSection, RobotSection, StartSection, ZenohSection
 from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
+from trolley.files import read_text
 
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
@@ -63,7 +64,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ConfigError: It cannot be read.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_text(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, cast
 
+from trolley.files import read_file
 from trolley.geometry import Pose2D, wrap_angle
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -130,7 +131,7 @@ def _load_yaml(file: Path) -> dict[str, Any]:
     try:
         if file.stat().st_size > _MAX_BYTES:
             raise MapError(file, "it is too large for a map's description", remedy)
-        document: object = yaml.safe_load(file.read_bytes())
+        document: object = yaml.safe_load(read_file(file))
     except OSError as error:
         raise MapError(file, f"it cannot be read ({error.strerror})", remedy) from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:

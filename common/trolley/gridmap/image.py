@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.files import open_file
 from trolley.gridmap.description import MapDescription, MapError
 from trolley.gridmap.grid import FREE, OCCUPIED, UNKNOWN
 
@@ -36,12 +37,13 @@ def read_cells(file: Path, description: MapDescription) -> NDArray[np.int8]:
 
     too_large = (Image.DecompressionBombError, Image.DecompressionBombWarning)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(file, formats=_FORMATS)
-        with image:
-            _check_size(file, image.width, image.height)
-            return _decode(image, description)[::-1].copy()
+        with open_file(file) as stream:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", Image.DecompressionBombWarning)
+                image = Image.open(stream, formats=_FORMATS)
+            with image:
+                _check_size(file, image.width, image.height)
+                return _decode(image, description)[::-1].copy()
     except FileNotFoundError as error:
         raise MapError(
             file, "there is no such image", "check 'image:' in the YAML file beside it"

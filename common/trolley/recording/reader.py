@@ -15,6 +15,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from trolley.files import open_file
 from trolley.recording.layout import (
     MAX_RECORD_BYTES,
     WIRE,
@@ -197,7 +198,7 @@ class RecordingFile:
 
     def _open(self) -> IO[bytes]:
         try:
-            return self.path.open("rb")
+            return open_file(self.path)
         except OSError as error:
             raise BadRecording(f"{self.path}: cannot be read: {error.strerror or error}") from error
 

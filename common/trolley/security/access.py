@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from trolley.files import read_file
 from trolley.security.host_keys import HostKeys, KeysError
 
 
@@ -29,7 +30,7 @@ def security_of(keys: HostKeys) -> Security:
     from trolley.security.roles import access_control
 
     try:
-        content = keys.allowed.read_bytes()
+        content = read_file(keys.allowed)
     except OSError as error:
         raise KeysError(f"{keys.allowed}: {error.strerror}") from error
     return Security(keys, access_control(parse_certificates(content, keys.allowed)))

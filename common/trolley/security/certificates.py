@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from trolley.files import read_file
 from trolley.security.host_keys import KeysError
 
 Role = Literal["robot", "operator", "viewer", "router"]
@@ -136,7 +137,7 @@ def read_certificates(folder: Path) -> list[Certificate]:
     found: list[Certificate] = []
     for path in sorted(folder.glob("*.pem")):
         try:
-            content = path.read_bytes()
+            content = read_file(path)
         except PermissionError:
             if path.stem == "key":  # as it should be
                 continue

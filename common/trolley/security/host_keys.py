@@ -4,6 +4,8 @@ import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
 
+from trolley.files import open_file
+
 DEFAULT_FOLDER = Path("/etc/trolley/keys")
 AUTHORITY, CERTIFICATE, KEY, ALLOWED = "ca.pem", "cert.pem", "key.pem", "allowed.pem"
 
@@ -56,7 +58,7 @@ def find_keys(folder: Path) -> HostKeys | None:
         if not folder.exists():
             return None
         for path in needed:
-            with path.open("rb"):
+            with open_file(path):
                 pass
     except OSError as error:
         raise KeysError(

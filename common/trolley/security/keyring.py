@@ -11,7 +11,7 @@ from collections.abc import Generator, Sequence
 from datetime import datetime
 from pathlib import Path
 
-from trolley.files import READABLE_BY_ALL, SECRET, write_atomically
+from trolley.files import READABLE_BY_ALL, SECRET, read_file, write_atomically
 from trolley.security.certificates import (
     Certificate,
     Pair,
@@ -126,9 +126,7 @@ class Keyring:
 
     def _authority(self) -> Pair:
         try:
-            return Pair(
-                (self.folder / AUTHORITY).read_bytes(), (self.folder / AUTHORITY_KEY).read_bytes()
-            )
+            return Pair(read_file(self.folder / AUTHORITY), read_file(self.folder / AUTHORITY_KEY))
         except FileNotFoundError as error:
             raise KeysError(
                 f"there is no authority in {self.folder}: start with `trolley keys init`"
@@ -139,7 +137,7 @@ class Keyring:
     def _tell_routers(self) -> None:
         """Write the accepted certificates into every router's folder."""
         certificates = self.certificates()
-        content = b"".join(one.path.read_bytes() for one in certificates)
+        content = b"".join(read_file(one.path) for one in certificates)
         for one in certificates:
             if one.role == "router":
                 folder = one.path.parent

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import ConfigError, RobotConfig
+from trolley.files import read_file
 from trolley.geometry import footprint_from_box, footprint_from_polygon, footprint_from_radius
 from trolley.messages import Robot
 from trolley.messages.motion import MAX_MESH_BYTES
@@ -57,7 +58,7 @@ def _mesh_of(config: RobotConfig) -> bytes | None:
         return None
     path = config.path(config.robot.mesh)
     try:
-        mesh = path.read_bytes()
+        mesh = read_file(path)
     except OSError as error:
         raise ConfigError(f"[robot.mesh] {path}: cannot be read: {error.strerror}") from error
     if len(mesh) > MAX_MESH_BYTES:

@@ -16,6 +16,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from trolley.config import ConfigError, RobotConfig
+from trolley.files import read_text
 
 KEEP_ALIVE_S = 10
 """A broker that is silent for this long, or half as long again, is taken for lost."""
@@ -264,7 +265,7 @@ def broker_of(config: RobotConfig, will: tuple[str, bytes]) -> Broker:
     if mqtt.password_file:
         path = config.path(mqtt.password_file)
         try:
-            password = path.read_text(encoding="utf-8").partition("\n")[0].strip()
+            password = read_text(path).partition("\n")[0].strip()
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError(f"[mqtt] password_file {path} cannot be read: {error}") from error
     tls = None

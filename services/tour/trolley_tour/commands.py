@@ -1,7 +1,7 @@
 """`trolley tour import`: turns the goal list of a ROS script into saved poses and a tour."""
 
+import sys
 from pathlib import Path
-from typing import TextIO
 
 import click
 
@@ -12,16 +12,18 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json
 from trolley.client import Robot
 from trolley.codes import Refused
+from trolley.files import read_text
 from trolley.geometry import angle_difference
 from trolley.messages import SavedPose, Tour, name_problem
 from trolley_tour.goal_points import GoalPoint, GoalPointsError, read_goal_points, tour_of
 
+STANDARD_INPUT = Path("-")
 SAME_M, SAME_RAD = 0.01, 0.01
 """A saved pose this near to an imported one is the same place."""
 
 
 @click.command(name="import")
-@click.argument("file", type=click.File("r", encoding="utf-8"))
+@click.argument("file", type=click.Path(allow_dash=True, path_type=Path))
 @click.option("--name", help="What to call the tour; else the file's name.")
 @click.option(
     "--map", "map_name", default="", help="The places' map; else the robot's present one."
@@ -32,7 +34,7 @@ SAME_M, SAME_RAD = 0.01, 0.01
 @json_option
 @reports_errors
 def import_tour(
-    file: TextIO, name: str | None, map_name: str, replace: bool, dry_run: bool, as_json: bool
+    file: Path, name: str | None, map_name: str, replace: bool, dry_run: bool, as_json: bool
 ) -> None:
     """Save the GoalPoints list of FILE ("-": standard input) as places and a tour.
 
@@ -40,12 +42,14 @@ def import_tour(
     alone; it is only read, never run. The comment behind a goal is its name.
     """
     try:
-        points = read_goal_points(file.read())
+        points = read_goal_points(_text(file))
     except UnicodeDecodeError as error:
-        raise click.ClickException(f"{file.name} is not UTF-8 text") from error
+        raise click.ClickException(f"{file} is not UTF-8 text") from error
+    except OSError as error:
+        raise click.ClickException(f"{file} cannot be read: {error.strerror}") from error
     except GoalPointsError as error:
         raise click.ClickException(str(error)) from error
-    tour = tour_of(points, name or _stem(file.name))
+    tour = tour_of(points, name or ("imported" if file == STANDARD_INPUT else file.stem))
     problem = name_problem(tour.name)
     if problem is not None:
         raise click.BadParameter(f"{problem} (give another with --name)", param_hint="--name")
@@ -66,8 +70,10 @@ def import_tour(
     say(f"The tour {tour.name} with {len(poses)} stops{on_map} {verb}.")
 
 
-def _stem(file_name: str) -> str:
-    return Path(file_name).stem if file_name not in ("-", "<stdin>") else "imported"
+def _text(file: Path) -> str:
+    if file == STANDARD_INPUT:
+        return sys.stdin.buffer.read().decode("utf-8")
+    return read_text(file)
 
 
 def _refuse_taken(robot: Robot, points: list[GoalPoint], tour: Tour) -> None:

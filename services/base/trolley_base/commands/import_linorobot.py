@@ -12,7 +12,7 @@ from trolley.cli.robots import reports_errors
 from trolley.cli.show import print_table
 from trolley.config import ConfigError
 from trolley.config.describe import to_toml
-from trolley.files import write_atomically
+from trolley.files import read_file, write_atomically
 from trolley.gridmap.description import read_description, render_description
 from trolley_base.commands.robot_toml import check_text, replace_text
 from trolley_base.importers.linorobot.findings import Findings
@@ -108,21 +108,21 @@ def _map_files(findings: Findings, folder: Path) -> Files:
     stem = re.sub(r"[^A-Za-z0-9_.-]", "_", source.stem)
     description = read_description(source)
     image = source.parent / description.image
-    content = source.read_bytes()
+    content = read_file(source)
     if description.image != image.name or stem != source.stem:
         image_name = f"{stem}{image.suffix}"
         content = render_description(replace(description, image=image_name)).encode("utf-8")
     else:
         image_name = image.name
     findings.set("map.file", f"{MAPS}/{stem}.yaml")
-    return {folder / image_name: image.read_bytes(), folder / f"{stem}.yaml": content}
+    return {folder / image_name: read_file(image), folder / f"{stem}.yaml": content}
 
 
 def _refuse_to_overwrite(output: Path, files: Files) -> None:
     """Refuse if a file already exists with other content."""
     taken = [output] if output.exists() else []
     taken += [
-        path for path, content in files.items() if path.exists() and path.read_bytes() != content
+        path for path, content in files.items() if path.exists() and read_file(path) != content
     ]
     if taken:
         raise click.UsageError(

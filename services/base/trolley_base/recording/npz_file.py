@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.files import open_file
 from trolley.geometry import Pose2D
 from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.recording.recording import Recording
@@ -39,7 +40,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         # Opened here since numpy leaves a file open that it cannot read. Pickled objects would be
         # code from a stranger; numbers need none.
-        with path.open("rb") as stream:
+        with open_file(path) as stream:
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise DriverError(f"{path}: not an npz file but a single array; save it with savez")

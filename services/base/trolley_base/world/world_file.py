@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from trolley.files import read_file
 from trolley.gridmap import GridMap, MapError, load_map
 from trolley_base.world import WorldError, WorldSpec, decode_world
 
@@ -31,7 +32,7 @@ def load_world(path: Path) -> World:
         WorldError: naming the file, the key, and what is expected there.
     """
     try:
-        text = path.read_bytes()
+        text = read_file(path)
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror}") from error
     spec = decode_world(text, str(path))

@@ -221,7 +221,7 @@ class MapVersions:
         image = file.parent / description.image
         stem = f"{now.number:04d}"
         kept = replace(description, image=f"{stem}{image.suffix.lower()}")
-        write_atomically(folder / kept.image, image.read_bytes())
+        write_atomically(folder / kept.image, read_file(image))
         write_atomically(folder / f"{stem}.zones.toml", _toml(zones))
         text = render_description(kept) + _extra(now)
         write_atomically(folder / f"{stem}.yaml", text.encode())
@@ -283,7 +283,7 @@ def _own_image(file: Path) -> Path | None:
     One that somebody else put there is left alone: other files may name it.
     """
     image = file.parent / read_description(file).image
-    is_ours = "\ntrolley:" in file.read_text(encoding="utf-8")
+    is_ours = "\ntrolley:" in read_file(file).decode()
     return image if is_ours and image.parent == file.parent and image.stem == file.stem else None
 
 

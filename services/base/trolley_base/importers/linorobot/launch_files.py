@@ -16,10 +16,14 @@ from xml.parsers import expat
 
 import yaml
 
+from trolley.files import read_file, read_text
+
 SUBSTITUTION = re.compile(r"\$\(\s*(\w+)([^)]*)\)")
 TRUE, FALSE = ("true", "1"), ("false", "0")
 DEEPEST = 12
 """Deeper than this, files include each other in a circle."""
+DEEPEST_XML = 100
+"""No launch file nests elements deeper than this; each level costs a call to walk through."""
 
 
 class Value(NamedTuple):
@@ -82,6 +86,10 @@ class _Element:
     children: "list[_Element]" = field(default_factory=list["_Element"])
 
 
+class NotRead(Exception):
+    """A file is XML that no launch file holds: why."""
+
+
 class Unresolved(Exception):
     """A substitution that cannot be made: why."""
 
@@ -117,6 +125,8 @@ class LaunchReader:
                 f"{self.shown(path)}:{error.lineno} is not valid XML "
                 f"({expat.ErrorString(error.code)}): nothing is taken from this file."
             )
+        except NotRead as error:
+            launch.problems.append(f"{self.shown(path)}:{error}: nothing is taken from this file.")
         else:
             _FileReader(self, path, given, launch, depth).visit(root)
 
@@ -249,7 +259,7 @@ def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, 
     """
     found: dict[str, Value] = {}
     try:
-        loader = yaml.SafeLoader(path.read_text(encoding="utf-8"))
+        loader = yaml.SafeLoader(read_text(path))
         root = loader.get_single_node()
         if root is not None:
             _flatten(loader, root, path, found)
@@ -292,12 +302,15 @@ def _parse(path: Path) -> _Element:
     Raises:
         OSError: it cannot be read.
         expat.ExpatError: it is no XML.
+        NotRead: it is nested too deeply, or defines entities.
     """
     root = _Element("", {}, 0)
     open_elements = [root]
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        if len(open_elements) > DEEPEST_XML:
+            raise NotRead(f"{parser.CurrentLineNumber} is nested more than {DEEPEST_XML} deep")
         element = _Element(tag, attributes, parser.CurrentLineNumber)
         open_elements[-1].children.append(element)
         open_elements.append(element)
@@ -305,9 +318,13 @@ def _parse(path: Path) -> _Element:
     def end(_tag: str) -> None:
         open_elements.pop()
 
+    def define(*_: object) -> None:
+        raise NotRead(f"{parser.CurrentLineNumber} defines an entity, which may unfold without end")
+
     parser.StartElementHandler = start
+    parser.EntityDeclHandler = define
     parser.EndElementHandler = end
-    parser.Parse(path.read_bytes(), True)
+    parser.Parse(read_file(path), True)
     return root.children[0]
 
 
@@ -315,7 +332,7 @@ def _own_names(folder: Path) -> set[str]:
     """The names under which a package's launch files may speak of itself."""
     names = {"linorobot", folder.resolve().name}
     try:
-        text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+        text = read_file(folder / "package.xml").decode("utf-8", "replace")
     except OSError:
         return names  # no package.xml: then it is one of the usual names
     found = re.search(r"<name>\s*([\w-]+)\s*</name>", text)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from trolley.files import read_file
 from trolley.geometry import footprint_from_polygon, footprint_from_radius, pose_from_quaternion
 from trolley.gridmap import MapError, load_map
 from trolley_base.importers.linorobot.findings import Findings
@@ -159,7 +160,7 @@ def _take_map(findings: Findings) -> None:
 
 def _looks_like_map(path: Path) -> bool:
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_file(path).decode("utf-8", "replace")
     except OSError:
         return False  # what cannot be read is no map that could be taken
     return all(re.search(rf"(?m)^{key}:", text) for key in ("image", "resolution", "origin"))
