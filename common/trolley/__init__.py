@@ -3,8 +3,7 @@
 `from trolley import Robot` talks to a robot; services are built on `trolley.runtime`.
 """
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # `typing` takes longer than all else that a program begins with
 if TYPE_CHECKING:
     from trolley.client import Robot
     from trolley.codes import Refused
@@ -20,7 +19,7 @@ _PLACES = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Import the client when it is first asked for: services need none of it."""
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -16,7 +16,8 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import where_options
-from trolley.cli.printing import say, show_error
+from trolley.cli.printing import show_error
+from trolley.start import EndingAtOnce, leave
 
 COMMANDS = {
     "demo": (
@@ -69,10 +70,10 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command."""
         if cmd_name in COMMANDS:
-            module = importlib.import_module(COMMANDS[cmd_name][0])
+            with EndingAtOnce():
+                module = importlib.import_module(COMMANDS[cmd_name][0])
             return getattr(module, f"{cmd_name}_command")
-        entry = plugins().get(cmd_name)
-        return None if entry is None else entry.load()
+        return _loaded(plugins().get(cmd_name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing any."""
@@ -86,6 +87,11 @@ class LazyGroup(click.Group):
 def plugins() -> dict[str, EntryPoint]:
     """Entry points of commands that other packages bring along, by name."""
     return {entry.name: entry for entry in entry_points(group=PLUGINS)}
+
+
+def _loaded(entry: EntryPoint | None) -> click.Command | None:
+    with EndingAtOnce():
+        return None if entry is None else entry.load()
 
 
 def _short_help(entry: EntryPoint) -> str:
@@ -115,7 +121,7 @@ class PluggedGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """One of the group's own commands, else one of an installed service."""
         entry = plugins().get(f"{self.name}-{cmd_name}")
-        return super().get_command(ctx, cmd_name) or (None if entry is None else entry.load())
+        return super().get_command(ctx, cmd_name) or _loaded(entry)
 
 
 def _epilog() -> str:
@@ -144,12 +150,12 @@ def cli(ctx: click.Context) -> None:
 
 def main() -> None:
     """Run the command line."""
+    code: object = exits.INTERRUPTED
     try:
         code = cli.main(prog_name="trolley", standalone_mode=False)
     except click.exceptions.Abort:
-        say("interrupted", err=True)
-        sys.exit(exits.INTERRUPTED)
+        leave("interrupted\n", exits.INTERRUPTED)
     except click.ClickException as error:
         show_error(error)
-        sys.exit(exits.USAGE)
+        code = exits.USAGE
     sys.exit(code if isinstance(code, int) else exits.OK)

@@ -1,6 +1,6 @@
 """`python -m trolley.cli` is `trolley`."""
 
-from trolley.cli import main
+from trolley.start import command
 
 if __name__ == "__main__":
-    main()
+    command()

@@ -4,7 +4,7 @@ import os
 import tempfile
 import time
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, get_args
 
@@ -38,7 +38,7 @@ from trolley.cli.running import (
     announce_viewer,
     check_port,
     installed_services,
-    interruptible,
+    say_ended,
     supervised,
     wait_for_interrupt,
 )
@@ -46,6 +46,7 @@ from trolley.client import Robot
 from trolley.config import ConfigError, load_config
 from trolley.config.hardware import Board, LidarModel
 from trolley.connection import Connection
+from trolley.interrupts import Interrupts
 from trolley.runtime.zenoh_bus import open_router
 
 DEFAULT_VIZ_PORT = 8080
@@ -140,11 +141,15 @@ def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> N
     if tour and not choices.has_places:
         raise ConfigError(f"--tour drives the tour {TOUR_NAME}, which belongs to the apartment")
     check_port(choices.port, "choose another one with --port (and --name for a second robot)")
+    interrupts = Interrupts()
     try:
-        with interruptible(), _scene(choices, state, verbose=verbose) as (environment, config):
-            _run(choices, environment, config, tour=tour, headless=headless)
+        with (
+            interrupts.handled(),
+            _scene(choices, state, verbose=verbose) as (environment, config),
+        ):
+            _run(interrupts, choices, environment, config, tour=tour, headless=headless)
     except KeyboardInterrupt:
-        say("The demo has ended.")
+        say_ended(interrupts, "The demo has ended.")
         if tour:
             raise
 
@@ -180,7 +185,13 @@ def _names_state() -> bool:
 
 
 def _run(
-    choices: Choices, environment: dict[str, str], config: Path, *, tour: bool, headless: bool
+    interrupts: Interrupts,
+    choices: Choices,
+    environment: dict[str, str],
+    config: Path,
+    *,
+    tour: bool,
+    headless: bool,
 ) -> None:
     modules = installed_services()
     modules.pop(MQTT, None)
@@ -193,11 +204,14 @@ def _run(
     children: dict[str, str | Sequence[str]] = {**modules}
     if choices.devices is not None:
         children["emulator"] = emulator_command(choices, config)
-    with supervised(children, environment, open_router([choices.endpoint]), held) as supervisor:
+    router = open_router([choices.endpoint])
+    with supervised(interrupts, children, environment, router, held) as supervisor:
         if not headless:
             announce_viewer(settings)
         started_s = time.monotonic()
-        with Connection([choices.endpoint]) as connection:
+        with ExitStack() as stack:
+            with interrupts.held():  # a session that is lost while it is made hangs at the end
+                connection = stack.enter_context(Connection([choices.endpoint]))
             robot = Robot.over(connection, choices.name)
             assert settings.map.file is not None
             for name in held:

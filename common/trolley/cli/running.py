@@ -3,7 +3,7 @@
 import signal
 import time
 from collections.abc import Collection, Generator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NoReturn
@@ -11,11 +11,13 @@ from typing import NoReturn
 import click
 
 from trolley import ports
+from trolley.cli import exits
 from trolley.cli.options import given, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, RobotConfig, ZenohSection, find_config, load_config
 from trolley.config.mqtt import BROKER_VARIABLE, split_broker
+from trolley.interrupts import Interrupts
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
 from trolley.runtime.zenoh_bus import NotConnected, open_router
@@ -78,25 +80,8 @@ def check_port(port: int, option: str) -> None:
 
 
 @contextmanager
-def interruptible() -> Generator[None]:
-    """Let SIGTERM end this process as Ctrl-C does: by KeyboardInterrupt, once."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-
-    def interrupt(_number: int, _frame: object) -> None:
-        for number in numbers:  # nothing disturbs the tidying up
-            signal.signal(number, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
 def supervised(
+    interrupts: Interrupts,
     modules: Mapping[str, str | Sequence[str]],
     environment: Mapping[str, str],
     router: AbstractContextManager[None] | None,
@@ -104,28 +89,46 @@ def supervised(
 ) -> Generator[Supervisor]:
     """A `router` (None: somebody else's) and the services as children.
 
-    Those in `held` are started later, by `Supervisor.release`.
+    Those in `held` are started later, by `Supervisor.release`. All have ended when this ends,
+    whenever the person loses patience.
 
     Raises:
         ConfigError: The port is taken, or a service cannot run with this configuration.
     """
-    with ExitStack() as stack:
-        if router is not None:
-            try:
-                stack.enter_context(router)
-            except NotConnected as error:
-                raise ConfigError(str(error)) from error
-        supervisor = stack.enter_context(Supervisor(modules, environment, _warn, held))
+    stack = ExitStack()
+    try:
+        with interrupts.held():
+            if router is not None:
+                try:
+                    stack.enter_context(router)
+                except NotConnected as error:
+                    raise ConfigError(str(error)) from error
+            supervisor = stack.enter_context(Supervisor(modules, environment, _warn, held))
         try:
             yield supervisor
         except KeyboardInterrupt:
             if supervisor.failure is not None:
                 raise ConfigError(supervisor.failure) from None
             raise
+    finally:
+        with interrupts.held():
+            stack.close()
 
 
 def _warn(text: str) -> None:
-    say(text, err=True, fg="yellow")
+    with suppress(OSError):  # the terminal may be gone; the children are ended all the same
+        say(text, err=True, fg="yellow")
+
+
+def say_ended(interrupts: Interrupts, text: str) -> None:
+    """Say that all was ended on demand, where the terminal is there to say so.
+
+    Raises:
+        SystemExit: It is not: it was closed.
+    """
+    if interrupts.number == signal.SIGHUP:
+        raise SystemExit(exits.HUNG_UP)
+    say(text)
 
 
 def announce_viewer(config: RobotConfig) -> None:
@@ -143,7 +146,7 @@ def announce_viewer(config: RobotConfig) -> None:
 
 
 def wait_for_interrupt() -> NoReturn:
-    """Wait for Ctrl-C or SIGTERM, which come as KeyboardInterrupt."""
+    """Wait for Ctrl-C and its like, which come as KeyboardInterrupt."""
     while True:
         time.sleep(0.2)  # not `signal.pause`: it sleeps on when the signal came just before it
 
@@ -194,13 +197,14 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
     elif not config.mqtt.broker:
         modules.pop(MQTT, None)
     say(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
+    interrupts = Interrupts()
     try:
-        with interruptible(), supervised(modules, environment, carried):
+        with interrupts.handled(), supervised(interrupts, modules, environment, carried):
             if VIEWER in modules:
                 announce_viewer(config)
             wait_for_interrupt()
     except KeyboardInterrupt:
-        say("All services have stopped.")
+        say_ended(interrupts, "All services have stopped.")
 
 
 def _router_of(config: RobotConfig, local: str) -> AbstractContextManager[None]:

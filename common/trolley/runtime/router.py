@@ -18,7 +18,7 @@ def run_router(
     security: Security | None = None,
     downsample: Mapping[str, float] | None = None,
 ) -> None:
-    """Be the router until SIGTERM or SIGINT; logs, and tells systemd when it is ready.
+    """Be the router until SIGTERM, SIGINT or SIGHUP; logs, and tells systemd when it is ready.
 
     The arguments are those of `router_config`.
 
@@ -31,7 +31,7 @@ def run_router(
     def end(_number: int, _frame: object) -> None:
         stop.set()
 
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, end)
     log, supervision = Log("router"), Supervision()
     with open_router(listen, uplink, security, downsample):

@@ -1,7 +1,6 @@
 """`python -m trolley_base --config robot.toml`."""
 
-from trolley.runtime.process import main
-from trolley_base.service import BaseService
+from trolley.start import service
 
 if __name__ == "__main__":
-    main(BaseService)
+    service("trolley_base.service", "BaseService")

@@ -1,7 +1,6 @@
 """Run the localizer as a process: `python -m trolley_localizer --config robot.toml`."""
 
-from trolley.runtime.process import main
-from trolley_localizer.service import LocalizerService
+from trolley.start import service
 
 if __name__ == "__main__":
-    main(LocalizerService)
+    service("trolley_localizer.service", "LocalizerService")

@@ -1,7 +1,6 @@
 """Run the mapper as a process: `python -m trolley_mapper --config robot.toml`."""
 
-from trolley.runtime.process import main
-from trolley_mapper.service import MapperService
+from trolley.start import service
 
 if __name__ == "__main__":
-    main(MapperService)
+    service("trolley_mapper.service", "MapperService")

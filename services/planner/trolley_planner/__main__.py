@@ -1,7 +1,6 @@
 """Run the planner as a process: `python -m trolley_planner --config robot.toml`."""
 
-from trolley.runtime.process import main
-from trolley_planner.service import PlannerService
+from trolley.start import service
 
 if __name__ == "__main__":
-    main(PlannerService)
+    service("trolley_planner.service", "PlannerService")

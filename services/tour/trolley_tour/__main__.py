@@ -1,7 +1,6 @@
 """Run the tour as a process: `python -m trolley_tour --config robot.toml`."""
 
-from trolley.runtime.process import main
-from trolley_tour.service import TourService
+from trolley.start import service
 
 if __name__ == "__main__":
-    main(TourService)
+    service("trolley_tour.service", "TourService")

@@ -1,7 +1,6 @@
 """Run the viewer: `python -m trolley_viz --config robot.toml`."""
 
-from trolley.runtime.process import main
-from trolley_viz.service import VizService
+from trolley.start import service
 
 if __name__ == "__main__":
-    main(VizService)
+    service("trolley_viz.service", "VizService")

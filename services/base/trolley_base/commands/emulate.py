@@ -14,10 +14,11 @@ from trolley.cli.demo_robot import pose_option
 from trolley.cli.options import given, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
-from trolley.cli.running import interruptible
+from trolley.cli.running import say_ended
 from trolley.config import RobotConfig, load_config
 from trolley.connection import Target, find_target
 from trolley.geometry import Pose2D
+from trolley.interrupts import Interrupts
 from trolley_base.description import footprint_of
 from trolley_base.emulators import (
     DeviceError,
@@ -99,13 +100,14 @@ def emulate_command(
     """
     path: Path | None = given("config")
     config = None if path is None else load_config(path)
+    interrupts = Interrupts()
     try:
         body = _body(config, world, seed, start, laser)
         tell = _say_nothing if quiet else say
         robot = EmulatedRobot(devices, body, ports, tell)
         for fault in faults:
             robot.fault(fault)
-        with interruptible(), ExitStack() as stack:
+        with interrupts.handled(), ExitStack() as stack:
             stack.enter_context(robot)
             if not quiet:
                 _announce(robot)
@@ -118,7 +120,7 @@ def emulate_command(
         raise click.UsageError(str(error)) from error
     except KeyboardInterrupt:
         if not quiet:
-            say("The devices are gone.")
+            say_ended(interrupts, "The devices are gone.")
 
 
 def _body(

@@ -1,0 +1,71 @@
+"""Where Trolley's programs begin, before anything is imported that takes its time.
+
+Python turns Ctrl-C into an exception wherever it happens to be, and in the middle of an import that
+is a page of traceback about nothing. Until a program has something to tidy up, Ctrl-C simply ends
+it, as it does other programs: by the signal itself, without a word. This module imports only what
+Python has loaded by itself, so that there is hardly a moment before.
+"""
+
+import os
+import signal
+import sys
+
+INTERRUPTED = 130
+"""As shells call the end by Ctrl-C."""
+
+
+def command() -> None:
+    """Run the command line."""
+    try:
+        with EndingAtOnce():
+            from trolley.cli import main
+        main()
+    except KeyboardInterrupt:
+        leave("interrupted\n", INTERRUPTED)
+    finally:
+        _end_at_once()  # there is nothing left to tidy up
+
+
+def service(module: str, name: str) -> None:
+    """Run a service as this process.
+
+    Args:
+        module: where it is.
+        name: its class, or what makes one of a configuration.
+    """
+    _end_at_once()  # its process knows itself when it has something to tidy up
+    from importlib import import_module
+
+    main = import_module("trolley.runtime.process").main
+    main(getattr(import_module(module), name))
+
+
+def leave(words: str, code: int) -> None:
+    """End at once: what was begun has been ended, and a library may be caught in the middle."""
+    _end_at_once()
+    try:
+        sys.stdout.flush()
+        sys.stderr.write(words)
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        pass  # the terminal is gone, or closed already
+    finally:
+        os._exit(code)
+
+
+class EndingAtOnce:
+    """Lets Ctrl-C end the program by itself meanwhile, as while modules are imported."""
+
+    def __enter__(self) -> None:
+        self._before = signal.getsignal(signal.SIGINT)
+        _end_at_once()
+
+    def __exit__(self, *_: object) -> None:
+        if signal.getsignal(signal.SIGINT) is not self._before:
+            signal.signal(signal.SIGINT, self._before)
+
+
+def _end_at_once() -> None:
+    """Let SIGINT end the program, unless it is ignored as in a shell's background."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
