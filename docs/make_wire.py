@@ -49,7 +49,15 @@ and then publishes the whole list. Names are 1 to 64 letters, digits, single spa
 (JSON or msgpack), or in the selector: `…/@do/goal/send?name=living%20room`. The answer comes within
 2 s; a refusal is an error reply `{code, message, details}`.
 
-**Time.** `stamp_ns` is robot time, the clock of `base`; 0 means that the sender has none.
+**Time.** `stamp_ns` is robot time, the clock of `base`; 0 means that the sender has none. A `clock`
+of another epoch or rate, or one that would move robot time by more than 2 s against what arrival
+times allow, counts only if `base` gives the same when asked by `get`; else it is dropped and
+counted as `clock/implausible`.
+
+**Driving.** A velocity command on `cmd_vel/<source>` is dropped, and counted by the reason, if it is
+stamped more than 0.5 s before its arrival or more than 0.2 s ahead of robot time, is not newer than
+the last one of its source, or is the same again. Whoever holds a velocity sends it again with a new
+stamp, 10 to 30 times a second.
 """
 
 QUALITIES = {

@@ -94,7 +94,8 @@ class VelocityCommand(Struct, frozen=True, kw_only=True):
 
     `scan_ns` is the stamp of the scan it was computed with, 0 if none. On `cmd_vel/<source>` it is
     what the source asks for, on `cmd_vel` what `base` drives. Whether `valid_for` is usable is for
-    `base` to judge and count, so any finite number passes here.
+    `base` to judge and count, so any finite number passes here; however short it is, the
+    command holds for one control period.
     """
 
     stamp_ns: StampNs
