@@ -80,6 +80,7 @@ GROUPS: dict[str, Group] = {
     "cpus": fault_host.cpus,
     "malformed": _with_rig(fault_messages.malformed),
     "oversized": _with_rig(fault_messages.oversized),
+    "foreign": _with_rig(fault_messages.foreign),
     "floods": _with_rig(fault_messages.flood_standing),
     "flooded": _with_rig(fault_messages.flood_driving),
 }

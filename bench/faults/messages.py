@@ -7,13 +7,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from bench.faults.cases import BACK_WITHIN_S, COMMAND_LOST_S, GRAIN_S, Outcome
 from bench.faults.payloads import HUGE_BYTES, Target, broken, targets, valid
 from bench.faults.robot import ROBOT, STANDS_MPS, Missing, Rig, describe
 from bench.faults.saved import lost
 
-from trolley import codes, requests
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.connection import RobotUnreachable
 from trolley.messages import ErrorReply
@@ -40,6 +41,9 @@ DRIVING_KEYS = (
     "@do/poses/put",
 )
 MAP = "apartment"
+HEARD_S = 4.0
+"""Longer than anybody may wait for an answer about what was heard."""
+NUM_PLAYED = 60
 REFUSALS = (codes.BAD_REQUEST, codes.TOO_LARGE, codes.UNKNOWN_NAME)
 
 
@@ -215,6 +219,63 @@ def oversized(rig: Rig) -> list[Outcome]:
         "the others broke the sender's own link or were a stop, which is obeyed"
     )
     return [outcome]
+
+
+def foreign(rig: Rig) -> Iterator[Outcome]:
+    """Words that were true once, or are of nobody: clocks, signs of life, recorded commands."""
+    rig.wait_for_driving()
+    heard: list[bytes] = []
+    key = topics.COMMAND.key(ROBOT, "planner")
+    listening = rig.connection.listen(key, lambda sample: heard.append(sample.payload))
+    for what, act in (
+        ("clock messages that leap", _leap),
+        ("signs of life of older services", _pretend),
+    ):
+        outcome = Outcome(what, "nobody believes them; it drives on")
+        before, restarts, began_s = rig.saved(), rig.restarts, time.monotonic()
+        act(rig)
+        time.sleep(HEARD_S)
+        outcome.stood_s = rig.stood_after(began_s)
+        if outcome.stood_s is not None and rig.speed < STANDS_MPS:
+            outcome.wrong.append(f"it stands ({describe(rig)})")
+        if rig.restarts != restarts:
+            outcome.wrong.append(f"services ended: {rig.restarts}, before {restarts}")
+        outcome.lost = lost(before, rig.saved())
+        rig.wait_for_driving(BACK_WITHIN_S)
+        yield outcome
+    listening.close()
+    outcome = Outcome("recorded commands, played back", "")
+    _stand(rig)
+    rig.ask_patiently(requests.BASE_RESUME)  # nothing sets off by itself
+    before, restarts, began_s = rig.saved(), rig.restarts, time.monotonic()
+    for source in ("planner", "teleop"):
+        for payload in heard[-NUM_PLAYED:]:
+            mime = codec.MIME["msgpack"]
+            rig.connection.bus.put(topics.COMMAND.key(ROBOT, source), payload, mime, Qos.COMMAND)
+            time.sleep(0.05)
+    _see_that_nothing_happened(rig, before, restarts, began_s, outcome)
+    outcome.happened = f"{2 * len(heard[-NUM_PLAYED:])} commands: none is followed"
+    yield outcome
+
+
+def _leap(rig: Rig) -> None:
+    """One message each: this run far ahead, a run of the far future, a clock gone wild."""
+    clock = rig.connection.latest(ROBOT, topics.CLOCK)
+    if clock is None:
+        raise Missing("the clock")
+    for wrong in (
+        msgspec.structs.replace(clock, stamp_ns=2**62),
+        msgspec.structs.replace(clock, stamp_ns=2**62, epoch=2**62),
+        msgspec.structs.replace(clock, rate=1e4),
+    ):
+        rig.connection.publish(ROBOT, topics.CLOCK, wrong)
+        time.sleep(0.5)
+
+
+def _pretend(rig: Rig) -> None:
+    """Show a token of an older process of every service."""
+    for service in rig.supervisor.children:
+        rig.connection.bus.declare_token(topics.ALIVE.key(ROBOT, service, "elder-77-1"))
 
 
 def _expect_refusal(rig: Rig, target: Target, what: str, payload: bytes, outcome: Outcome) -> None:

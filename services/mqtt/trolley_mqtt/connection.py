@@ -270,10 +270,11 @@ def broker_of(config: RobotConfig, will: tuple[str, bytes]) -> Broker:
             raise ConfigError(f"[mqtt] password_file {path} cannot be read: {error}") from error
     tls = None
     if mqtt.is_encrypted:
-        authority = str(config.path(mqtt.tls_ca)) if mqtt.tls_ca else None
+        authority = config.path(mqtt.tls_ca) if mqtt.tls_ca else None
         try:
-            tls = ssl.create_default_context(cafile=authority)
-        except OSError as error:
+            accepted = None if authority is None else read_text(authority)
+            tls = ssl.create_default_context(cadata=accepted)
+        except (OSError, ValueError) as error:
             raise ConfigError(f"[mqtt] tls_ca {authority} cannot be used: {error}") from error
     return Broker(
         host=host,
