@@ -18,7 +18,9 @@ def command() -> None:
     """Run the command line."""
     try:
         with EndingAtOnce():
-            from trolley.cli import main
+            from importlib import import_module
+
+            main = import_module("trolley.cli").main
         main()
     except KeyboardInterrupt:
         leave("interrupted\n", INTERRUPTED)
