@@ -26,6 +26,8 @@ from trolley_base.drivers.serial_device import (
 )
 from trolley_base.drivers.serial_port import SerialPort
 
+pytestmark = pytest.mark.drives
+
 LINE = Line(115_200)
 
 
