@@ -8,11 +8,13 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 
 import zenoh
 
 from trolley.runtime.bus import Query, Reply, Sample
+from trolley.runtime.door.keeper import Door, is_far
+from trolley.runtime.open_files import allow_many_files
 from trolley.runtime.uplink_sockets import given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
 from trolley.security.access import Security
@@ -46,14 +48,21 @@ def open_router(
         NotConnected: It cannot listen: the port is taken, or the keys cannot be used.
     """
     zenoh.init_log_from_env_or("off")
-    try:
-        session = zenoh.open(router_config(listen, uplink, security, downsample))
-    except zenoh.ZError as error:
-        where = ", ".join(listen)
-        raise NotConnected(
-            f"cannot listen at {where}: is another router running there? ({error})"
-        ) from error
-    with session, given_up_when_unanswered([*listen, *uplink]):
+    allow_many_files()
+    with ExitStack() as stack:
+        try:
+            doors = [stack.enter_context(closing(Door(one))) for one in listen if is_far(one)]
+            inside = [one for one in listen if not is_far(one)] + [door.inside for door in doors]
+            session = zenoh.open(router_config(inside, uplink, security, downsample))
+        except (zenoh.ZError, OSError, ValueError) as error:
+            where = ", ".join(listen)
+            raise NotConnected(
+                f"cannot listen at {where}: is another router running there? ({error})"
+            ) from error
+        stack.enter_context(session)
+        stack.enter_context(given_up_when_unanswered(uplink))
+        for door in doors:
+            stack.enter_context(door.kept_open())
         yield
 
 
