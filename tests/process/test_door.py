@@ -1,4 +1,4 @@
-"""Hosts without a certificate at the port for other hosts: a real router, and what they may delay."""
+"""Hosts without a certificate at a real router's port for other hosts: whom they may delay."""
 
 import os
 import resource
@@ -68,7 +68,9 @@ class Home:
         command = ["-c", PROGRAM, "router", *listen, "--keys", str(router.folder)]
         self.router = Process(command, folder / "router.log", {"TROLLEY_CONFIG": ""})
         stack.callback(self.router.kill)
-        self.inside = wait_until(self.try_local, "the router")
+        inside = wait_until(self.try_local, "the router")
+        assert inside is not None
+        self.inside = inside
         self.inside.bus.declare_token(ALIVE)
 
     def try_local(self) -> Connection | None:

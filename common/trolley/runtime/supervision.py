@@ -29,7 +29,8 @@ class Supervision:
         self.period_s: float | None = watchdog_us * 1e-6 / 3 if watchdog_us else None
         """How often `alive` is wanted; None: never."""
         # Made now: a process that has run out of files can still say that it lives.
-        self._channel = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC
+        self._channel = socket.socket(socket.AF_UNIX, kind) if self._address else None
 
     def ready(self) -> None:
         """The service does its work from now on."""
@@ -48,7 +49,7 @@ class Supervision:
         self._notify("STOPPING=1")
 
     def _notify(self, text: str, flags: int = 0) -> None:
-        if not self._address:
+        if self._channel is None:
             return
         try:
             self._channel.sendto(text.encode(), flags, self._address)

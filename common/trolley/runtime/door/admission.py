@@ -124,9 +124,9 @@ class Admission:
         self._add(guest, Stage.SILENT)
         limits = self._limits
         if self._count(address, *Stage) > limits.guests_per_address:
-            self._drop_oldest(Stage.SILENT, address) or self._drop_oldest(Stage.GREETED, address)
+            self._drop_oldest_outside(address)
         if self.num_guests > limits.guests:
-            self._drop_oldest(Stage.SILENT) or self._drop_oldest(Stage.GREETED)
+            self._drop_oldest_outside()
         return guest
 
     def greet(self, guest: Guest, now_s: float) -> None:
@@ -203,11 +203,10 @@ class Admission:
         self._drop(oldest)
         return True
 
-    def _drop_oldest(self, stage: Stage, address: str | None = None) -> bool:
-        oldest = self._oldest(stage, address)
+    def _drop_oldest_outside(self, address: str | None = None) -> None:
+        oldest = self._oldest(Stage.SILENT, address) or self._oldest(Stage.GREETED, address)
         if oldest is not None:
             self._drop(oldest)
-        return oldest is not None
 
     def _oldest(self, stage: Stage, address: str | None = None) -> Guest | None:
         if address is not None and not self._count(address, stage):

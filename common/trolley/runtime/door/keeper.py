@@ -20,7 +20,7 @@ from trolley.runtime.supervision import Watchdog
 from trolley.runtime.uplink_sockets import UNANSWERED_MS
 
 MODULE = "trolley.runtime.door"
-LOOK_S = 0.1
+CHECK_S = 0.1
 AGAIN_S = 1.0
 """A process that ended is started again after so long."""
 WATCHDOG_S = 5.0
@@ -99,7 +99,7 @@ class Door:
                 elif process is not None and watchdog.is_silent(now_s):
                     self._log.warning("The door hangs")
                     process.kill()
-                if end.wait(LOOK_S):
+                if end.wait(CHECK_S):
                     break
             if process is not None:
                 _end(process)

@@ -21,7 +21,7 @@ ACCEPTED_AT_ONCE = 64
 BREATH_S = 0.02
 """After so many the others have their turn: 3,200 connections a second cost an eighth of a core."""
 WITHOUT_FILES_S = 0.2
-LOOK_S = 0.1
+TURN_S = 0.1
 WAITING_BYTES = 64 * 1024
 """No more than this waits here for a slow link: what is old is of no use to a robot."""
 TOLD_EVERY_S = 60.0
@@ -132,7 +132,7 @@ class Door:
             self._admission.drop_overdue(now_s)
             self._let_in()
             self._tell(now_s)
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(TURN_S)
 
     def _accept(self) -> None:
         for _ in range(ACCEPTED_AT_ONCE):
