@@ -23,19 +23,19 @@ class Limits:
     inside: int = 64
     """Less than the 100 that Zenoh accepts at once, so that a place for local programs is left."""
     inside_per_address: int = 32
-    unproven_per_address: int = 8
+    unproven_per_address: int = 4
     """Inside, but not proven yet."""
     hello_s: float = 4.0
     """For the hello; who links a router gives up after as long (`OPEN_TIMEOUT_MS`)."""
     proof_s: float = 4.0
     """For the rest of the handshake."""
-    patience_s: float = 1.0
+    patience_s: float = 1.5
     """An unproven guest may stay for so long even if others want its place."""
     idle_s: float = 15.0
     """A proven guest that says nothing for so long has gone: Zenoh says something every 2.5 s."""
-    burst: int = 16
+    burst: int = 6
     """So many are let in one after another without a pause."""
-    entries_per_s: float = 5.0
+    entries_per_s: float = 4.0
     """And then so many a second: each that fails costs the router 0.1 s (see the package)."""
     remembered: int = 256
     """So many addresses with a proven guest are let in before unknown ones."""
@@ -120,13 +120,17 @@ class Admission:
 
     def arrive(self, address: str, now_s: float) -> Guest:
         """Add a guest; it may itself be among the `dropped`."""
+        limits = self._limits
+        # Room is made before it comes in: else it were itself the oldest silent one.
+        if self._count(address, *Stage) >= limits.guests_per_address:
+            self._drop_oldest_outside(address)
+        if self.num_guests >= limits.guests:
+            self._drop_oldest_outside()
         guest = Guest(address, now_s)
         self._add(guest, Stage.SILENT)
-        limits = self._limits
-        if self._count(address, *Stage) > limits.guests_per_address:
-            self._drop_oldest_outside(address)
-        if self.num_guests > limits.guests:
-            self._drop_oldest_outside()
+        is_too_much = self._count(address, *Stage) > limits.guests_per_address
+        if is_too_much or self.num_guests > limits.guests:
+            self._drop(guest)
         return guest
 
     def greet(self, guest: Guest, now_s: float) -> None:
