@@ -161,6 +161,8 @@ def test_the_limits_hold_and_a_lawful_host_comes_in_whatever_others_do(seed: int
             lawful = greeted(admission, LAWFUL, now_s)
             guests.add(lawful)
             tries += 1
+        if lawful is not None:
+            lawful.heard_s = now_s
         while (entered := admission.let_in(now_s)) is not None:
             if entered is lawful:
                 admission.prove(entered, now_s)

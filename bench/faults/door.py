@@ -1,0 +1,123 @@
+"""Strangers at the port for other hosts: local programs and lawful hosts must not wait for them."""
+
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from bench.faults.cases import BACK_WITHIN_S, Outcome
+from bench.faults.robot import ROBOT, Missing, Rig, describe
+from bench.faults.saved import lost
+
+from trolley import requests
+from trolley.connection import Connection, RobotUnreachable
+from trolley.messages.request_params import AskHistory
+from trolley.security.host_keys import HostKeys
+from trolley.security.keyring import Keyring
+
+CLIENT = Path(__file__).parent / "door_client.py"
+MANY = 2000
+HANGS_S = 15.0
+# As required of a robot at whose door 2,000 connections hang.
+LOCAL_WITHIN_S, FAR_WITHIN_S, BACK_TO_NORMAL_S = 0.2, 5.0, 5.0
+ORDINARY_S = 1.0
+HOWS = {
+    "silent": "that say nothing",
+    "half": "that say half a TLS hello",
+    "hello": "that say a TLS hello and no more",
+    "drip": "that say a byte a second",
+    "rubbish": "that speak no TLS",
+}
+SAME, OTHERS = ["127.0.0.1"], [f"127.0.0.{number}" for number in range(2, 6)]
+
+
+def strangers() -> list[Outcome]:
+    """Hang at the door in all ways, from a lawful host's own address and from four others."""
+    outcomes: list[Outcome] = []
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        ring, now = Keyring(folder / "ring"), datetime.now(UTC)
+        ring.create(now)
+        until = now + timedelta(days=1)
+        keys = ring.issue("router", "home", until, ["127.0.0.1"], replace=False)
+        person = ring.issue("operator", "anna", until, replace=False)
+        port = _free_port()
+        words = ["--listen", f"tls/0.0.0.0:{port}", "--keys", str(keys.folder)]
+        rig = stack.enter_context(Rig(folder / "rig", router=words))
+        rig.prepare()
+        for how, words in HOWS.items():
+            for addresses, whence in ((SAME, "from its own address"), (OTHERS, "from four others")):
+                if how in ("silent", "hello") or addresses is OTHERS:
+                    name = f"{MANY} connections {words} {whence}, coming again when sent away"
+                    outcome = Outcome(name, "")
+                    try:
+                        _hang(rig, outcome, port, person, how, addresses)
+                    except Missing as missing:
+                        outcome.wrong.append(f"{missing} ({describe(rig)})")
+                    print(" | ".join(outcome.cells), flush=True)
+                    outcomes.append(outcome)
+    return outcomes
+
+
+def _hang(
+    rig: Rig, outcome: Outcome, port: int, person: HostKeys, how: str, addresses: list[str]
+) -> None:
+    rig.wait_for_driving(BACK_WITHIN_S)
+    before, collisions = rig.saved(), rig.collisions
+    command = [sys.executable, str(CLIENT), str(port), how, str(MANY), str(HANGS_S), *addresses]
+    far = f"tls/127.0.0.1:{port}"
+    local_s: list[float] = []
+    far_s: list[float] = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as crowd:
+        assert crowd.stdout is not None
+        crowd.stdout.readline()
+        while crowd.poll() is None:
+            local_s.append(_seconds(lambda: _ask(rig.endpoint, None)))
+            local_s.append(_seconds(lambda: rig.ask(requests.TOUR_HISTORY, AskHistory())))
+            far_s.append(_seconds(lambda: _ask(far, person)))
+            time.sleep(0.3)
+    ended_s = time.monotonic()
+    normal_s = None
+    while normal_s is None and time.monotonic() < ended_s + BACK_TO_NORMAL_S:
+        if _seconds(lambda: _ask(far, person)) < ORDINARY_S:
+            normal_s = time.monotonic() - ended_s
+    rig.wait_for_driving(BACK_WITHIN_S)
+    outcome.happened = (
+        f"local requests and new sessions answer within {max(local_s):.2f} s; a link with a "
+        f"certificate comes up within {max(far_s):.1f} s ({len(far_s)} of them)"
+    )
+    if max(local_s) > LOCAL_WITHIN_S:
+        outcome.wrong.append(f"{max(local_s):.2f} s for a local request")
+    if max(far_s) > FAR_WITHIN_S:
+        outcome.wrong.append(f"{max(far_s):.1f} s for a lawful link")
+    if normal_s is None:
+        outcome.wrong.append(f"not as before {BACK_TO_NORMAL_S:.0f} s later")
+    outcome.lost = lost(before, rig.saved())
+    if rig.collisions > collisions:
+        outcome.wrong.append(f"{rig.collisions - collisions} collisions")
+
+
+def _ask(endpoint: str, keys: HostKeys | None) -> None:
+    """Ask the robot something over a session of one's own."""
+    try:
+        with Connection([endpoint], 30.0, keys) as connection:
+            connection.ask(ROBOT, requests.TOUR_HISTORY, AskHistory())
+    except RobotUnreachable as problem:
+        raise Missing(f"{endpoint}: {problem}") from problem
+
+
+def _seconds(act: Callable[[], object]) -> float:
+    began_s = time.monotonic()
+    act()
+    return time.monotonic() - began_s
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

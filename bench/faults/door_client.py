@@ -1,0 +1,75 @@
+"""Hangs at a port with many connections, and comes again where it is sent away.
+
+python -m bench.faults.door_client PORT HOW COUNT SECONDS ADDRESS...
+
+`bench.faults` starts it. HOW is `silent`, `half`, `hello`, `drip` (a byte a second) or `rubbish`.
+Prints a line once all have connected for the first time.
+"""
+
+import asyncio
+import contextlib
+import ssl
+import sys
+
+CALM_S = 1.0
+"""Before it comes again; half of them at a time would be a flood, not a crowd."""
+SYN_S = 10.0
+
+
+def hello() -> bytes:
+    """What a TLS client says first."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    said = ssl.MemoryBIO()
+    with contextlib.suppress(ssl.SSLWantReadError):
+        context.wrap_bio(ssl.MemoryBIO(), said, server_hostname="home").do_handshake()
+    return said.read()
+
+
+HELLO = hello()
+WORDS = {"silent": b"", "half": HELLO[:100], "hello": HELLO, "drip": HELLO, "rubbish": b"GET /\r\n"}
+
+
+async def _hang(port: int, how: str, address: str, connected: asyncio.Semaphore) -> None:
+    is_first = True
+    while True:
+        writer: asyncio.StreamWriter | None = None
+        try:
+            opening = asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0))
+            reader, writer = await asyncio.wait_for(opening, SYN_S)
+            if is_first:
+                connected.release()
+                is_first = False
+            if how == "drip":
+                for place in range(len(HELLO)):
+                    writer.write(HELLO[place : place + 1])
+                    await writer.drain()
+                    await asyncio.sleep(1.0)
+            writer.write(WORDS[how])
+            while await reader.read(4096):
+                pass
+        except OSError:
+            pass  # sent away: that is what it came for
+        finally:
+            if writer is not None:
+                writer.close()
+        await asyncio.sleep(CALM_S)
+
+
+async def _main() -> None:
+    port, how, count, seconds, *addresses = sys.argv[1:]
+    connected = asyncio.Semaphore(0)
+    tasks = [
+        asyncio.create_task(_hang(int(port), how, addresses[i % len(addresses)], connected))
+        for i in range(int(count))
+    ]
+    for _ in tasks:
+        await connected.acquire()
+    print("all there", flush=True)
+    await asyncio.sleep(float(seconds))
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+if __name__ == "__main__":
+    asyncio.run(_main())
