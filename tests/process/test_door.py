@@ -102,14 +102,12 @@ class Home:
 
     def door(self) -> int:
         """The process that stands at the port."""
-        children = Path(f"/proc/{self.router.pid}/task")
-        found = {int(pid) for task in children.iterdir() for pid in _words(task / "children")}
-        (door,) = wait_until(lambda: found, "the door")
+        (door,) = wait_until(self._children, "the door")
         return door
 
-
-def _words(path: Path) -> list[str]:
-    return path.read_text().split()
+    def _children(self) -> list[int]:
+        threads = Path(f"/proc/{self.router.pid}/task").iterdir()
+        return [int(pid) for one in threads for pid in (one / "children").read_text().split()]
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Marker, SavedPose, Transform, VelocityCommand
 from trolley.messages.request_params import Nothing, SendGoal
 from trolley.requests import Request
+from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import NotConnected, open_router
 from trolley.security.access import security_of
@@ -234,6 +235,25 @@ def test_each_role_does_what_it_may_and_no_more(
     assert code_of(operator, requests.BASE_RESUME) == "ok"
     assert list(viewer.stop_all()) == ["one"]
     assert robot.stopped
+
+
+def test_what_is_put_to_many_keys_at_once_passes_no_rule_by(
+    house: House, endpoint: str, add_robot: Callable
+) -> None:
+    """Zenoh's rules allow `tf/*` to an operator, the pattern, though `tf/odom` is forbidden."""
+    add_robot("one")
+    operator = house.connect(house.home, house.keyring.host("operator", "anna"))
+    heard = Heard(house.connect(endpoint), "one")
+    wait_until(lambda: operator.robots() == ["one"], "the robot is seen")
+    payload = codec.encode(frame("odom"), "msgpack")
+
+    def put_all() -> None:
+        for key in ("one/tf/*", "one/tf/**", "*/tf/camera", "one/tf/od$*"):
+            operator.bus.put(f"trolley/{key}", payload, codec.MIME["msgpack"], Qos.SENSOR)
+        put(operator, topics.TF, frame("camera"), "camera")
+
+    heard.wait_for({"tf/camera"}, put_all)
+    assert heard.names == {"tf/camera"}
 
 
 def test_a_viewer_shows_itself_and_what_was_clicked(
