@@ -1,17 +1,24 @@
 """The router as a service: what it proves to whoever watches it."""
 
+import os
 import socket
+import stat
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from support.processes import Process, find_free_port
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
+from trolley import topics
 from trolley.connection import Connection, RobotUnreachable
 from trolley.runtime.supervision import Watchdog
+from trolley.security.keyring import Keyring
 
 FEW_FILES = 64
 PROGRAM = f"""
@@ -65,3 +72,67 @@ def test_a_router_that_takes_no_new_session_falls_silent_and_lives(
         wait_until(lambda: not is_silent(), "it is well again")
         assert opens()
         assert router.terminate() == 0
+
+
+@pytest.fixture
+def at_a_socket(tmp_path: Path) -> Iterator[str]:
+    """A router of a PC with several users: it lets other hosts in, and its own group."""
+    ring, now = Keyring(tmp_path / "ring"), datetime.now(UTC)
+    ring.create(now)
+    keys = ring.issue("router", "home", now + timedelta(days=1), ["127.0.0.1"], replace=False)
+    os.chmod(tmp_path, 0o755)
+    endpoint = f"unixsock-stream/{tmp_path}/router"
+    words = ["--listen", endpoint, "--listen", f"tls/127.0.0.1:{find_free_port()}"]
+    command = ["-c", PROGRAM, "router", *words, "--keys", str(keys.folder)]
+    router = Process(command, tmp_path / "router.log", {"TROLLEY_CONFIG": ""})
+
+    def listens() -> bool:
+        assert router.is_running, router.log
+        return "Listening" in router.log
+
+    try:
+        wait_until(listens, "the router")
+        yield endpoint
+    finally:
+        router.kill()
+
+
+def test_who_may_open_the_socket_of_a_router_may_do_everything(at_a_socket: str) -> None:
+    with (
+        Connection([at_a_socket], PATIENCE_S) as speaker,
+        Connection([at_a_socket], PATIENCE_S) as listener,
+    ):
+        speaker.bus.declare_token(topics.ALIVE.key("one", "base", "run-1-2"))
+        wait_until(lambda: listener.robots() == ["one"], "it is heard")
+    assert stat.S_IMODE(os.stat(at_a_socket.partition("/")[2]).st_mode) == 0o660
+
+
+OTHER_USER = """
+import os, sys
+from trolley.runtime.zenoh_bus import NotConnected, open_bus
+endpoint, group = sys.argv[1:]
+os.setgroups([]); os.setgid(int(group)); os.setuid(65534)
+try:
+    with open_bus([endpoint], 1.0):
+        print("came in")
+except NotConnected:
+    print("stayed outside")
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user")
+def test_another_user_of_the_host_comes_in_only_by_the_group(at_a_socket: str) -> None:
+    path = Path(at_a_socket.partition("/")[2])
+    for folder in path.parents:
+        if not folder.stat().st_mode & 1:
+            folder.chmod(folder.stat().st_mode | 1)
+    group = 54321
+
+    def comes_in(of_group: int) -> str:
+        command = [sys.executable, "-c", OTHER_USER, at_a_socket, str(of_group)]
+        return subprocess.check_output(command, text=True).strip()
+
+    assert comes_in(group) == "stayed outside"
+    os.chown(path, 0, group)
+    assert comes_in(group) == "came in"
+    assert comes_in(group + 1) == "stayed outside"

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from trolley.config import load_config
+from trolley.runtime.open_files import MANY
 
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "deploy"
@@ -110,6 +111,11 @@ def test_a_unit_runs_its_service_and_says_what_it_may_use(unit: Path) -> None:
     own = {line.partition("=")[0] for line in unit.read_text("utf-8").splitlines() if "=" in line}
     shared = {line.partition("=")[0] for line in COMMON.read_text("utf-8").splitlines()}
     assert own & shared <= {"Environment", "#"} | {key for key in own if key.startswith("#")}
+
+
+def test_the_router_may_open_all_the_files_that_it_asks_for() -> None:
+    # Its sandbox would not let it raise the limit itself.
+    assert values(SYSTEMD / "trolley-router.service", "LimitNOFILE") == [str(MANY)]
 
 
 def test_all_units_come_back_for_ever_but_not_in_a_frenzy() -> None:

@@ -1,6 +1,7 @@
 """How many files and sockets a process may have open."""
 
 import resource
+from contextlib import suppress
 
 MANY = 16_384
 """A connection needs one; Linux gives 1,024 unless asked, and allows many more."""
@@ -11,4 +12,5 @@ def allow_many_files() -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MANY if hard == resource.RLIM_INFINITY else min(MANY, hard)
     if soft != resource.RLIM_INFINITY and soft < wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        with suppress(OSError, ValueError):  # a sandbox may forbid it, and fewer do as well
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

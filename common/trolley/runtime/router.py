@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
-from trolley.runtime.zenoh_bus import NotConnected, open_bus, open_router
+from trolley.runtime.zenoh_bus import SOCKET, NotConnected, open_bus, open_router
 from trolley.security.access import Security
 
 LONGEST_WAIT_S = 3600.0
-NEAR = ("tcp/", "unixsock-stream/")
+NEAR = ("tcp/", SOCKET)
 """How this host's own programs come."""
 NOBODY = "trolley/@nobody"
 """A key that nobody uses: the router's own answer to it is enough."""

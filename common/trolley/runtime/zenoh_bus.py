@@ -9,6 +9,7 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
 
 import zenoh
 
@@ -23,6 +24,10 @@ from trolley.topics import Qos
 
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
+
+SOCKET = "unixsock-stream/"
+SOCKET_MODE = 0o660
+"""A Unix socket is for its owner and its group; Zenoh leaves it to its owner alone."""
 
 _PRIORITIES = {
     Qos.SENSOR: (zenoh.Priority.INTERACTIVE_HIGH, zenoh.CongestionControl.DROP, False),
@@ -60,6 +65,9 @@ def open_router(
                 f"cannot listen at {where}: is another router running there? ({error})"
             ) from error
         stack.enter_context(session)
+        for one in listen:
+            if one.startswith(SOCKET):
+                Path(one.removeprefix(SOCKET)).chmod(SOCKET_MODE)
         stack.enter_context(given_up_when_unanswered(uplink))
         for door in doors:
             stack.enter_context(door.kept_open())

@@ -54,14 +54,18 @@ def grants(role: str, name: str) -> list[Grant]:
 def access_control(certificates: Iterable[Certificate]) -> dict[str, Any]:
     """Zenoh's `access_control` for a router that lets these certificates in over TLS.
 
-    Programs of the router's own host, which come over loopback without TLS, may do everything.
+    Programs of the router's own host, which come over loopback without TLS or over a Unix socket
+    that they may open, may do everything.
     """
     rules: list[Rule] = [
         _rule("out", "egress", Grant(EVERYTHING, ANYTHING)),
         _rule("local-in", "ingress", Grant(EVERYTHING, ANYTHING)),
     ]
-    subjects: list[Rule] = [{"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]}]
-    policies: list[Rule] = [{"rules": ["local-in", "out"], "subjects": ["local"]}]
+    subjects: list[Rule] = [
+        {"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]},
+        {"id": "socket", "link_protocols": ["unixsock-stream"]},
+    ]
+    policies: list[Rule] = [{"rules": ["local-in", "out"], "subjects": ["local", "socket"]}]
     for certificate in certificates:
         who = certificate.common_name
         made = [
