@@ -9,7 +9,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from statistics import median
 
 from bench.faults.cases import BACK_WITHIN_S, Outcome
 from bench.faults.robot import ROBOT, Missing, Rig, describe
@@ -36,11 +35,16 @@ HOWS = {
     "drip": "that say a byte a second",
     "rubbish": "that speak no TLS",
 }
+OFTEN = "from four others, coming again whenever sent away"
 SAME, OTHERS = ["127.0.0.1"], [f"127.0.0.{number}" for number in range(2, 6)]
 
 
 def strangers() -> list[Outcome]:
-    """Hang at the door in all ways, from a lawful host's own address and from four others."""
+    """Hang at the door in all ways, from a lawful host's own address and from four others.
+
+    Who comes again all the time from a lawful host's own address, and greets as that does, cannot
+    be told from it: that is not tried.
+    """
     outcomes: list[Outcome] = []
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -54,16 +58,14 @@ def strangers() -> list[Outcome]:
         rig = stack.enter_context(Rig(folder / "rig", router=words))
         rig.prepare()
         for how, words in HOWS.items():
-            for addresses, whence in ((SAME, "from its own address"), (OTHERS, "from four others")):
-                if how in ("silent", "hello") or addresses is OTHERS:
-                    name = f"{MANY} connections {words} {whence}, coming again when sent away"
-                    outcome = Outcome(name, "")
-                    try:
-                        _hang(rig, outcome, port, person, how, addresses)
-                    except Missing as missing:
-                        outcome.wrong.append(f"{missing} ({describe(rig)})")
-                    print(" | ".join(outcome.cells), flush=True)
-                    outcomes.append(outcome)
+            for addresses, whence in ((SAME, "from its own address"), (OTHERS, OFTEN)):
+                outcome = Outcome(f"{MANY} connections {words}, {whence}", "")
+                try:
+                    _hang(rig, outcome, port, person, how, addresses)
+                except Missing as missing:
+                    outcome.wrong.append(f"{missing} ({describe(rig)})")
+                print(" | ".join(outcome.cells), flush=True)
+                outcomes.append(outcome)
     return outcomes
 
 
@@ -73,7 +75,9 @@ def _hang(
     rig.wait_for_driving(BACK_WITHIN_S)
     before, collisions = rig.saved(), rig.collisions
     ordinary_s = [_seconds(ask) for _ in range(NUM_BEFORE) for ask in _asking(rig)]
-    command = [sys.executable, str(CLIENT), str(port), how, str(MANY), str(HANGS_S), *addresses]
+    again = "again" if addresses is OTHERS else "once"
+    command = [sys.executable, str(CLIENT), str(port), how, again, str(MANY), str(HANGS_S)]
+    command = ["nice", "-n", "10", *command, *addresses]  # it stands for other hosts
     far = f"tls/127.0.0.1:{port}"
     local_s: list[float] = []
     far_s: list[float] = []
@@ -91,13 +95,12 @@ def _hang(
             normal_s = time.monotonic() - ended_s
     rig.wait_for_driving(BACK_WITHIN_S)
     outcome.happened = (
-        f"local requests and new sessions answer within {max(local_s):.2f} s (median "
-        f"{median(local_s):.3f} s; without strangers {max(ordinary_s):.2f} and "
-        f"{median(ordinary_s):.3f} s); a link with a certificate comes up within {max(far_s):.1f} s"
+        f"local requests and new sessions: 95% within {_most(local_s):.2f} s, all within "
+        f"{max(local_s):.2f} s (before: {_most(ordinary_s):.2f} and {max(ordinary_s):.2f} s); a "
+        f"link with a certificate within {max(far_s):.1f} s"
     )
-    # Where others use the machine, too, it may take as long without strangers.
-    if max(local_s) > max(LOCAL_WITHIN_S, *ordinary_s):
-        outcome.wrong.append(f"{max(local_s):.2f} s for a local request")
+    if _most(local_s) > LOCAL_WITHIN_S:
+        outcome.wrong.append(f"{_most(local_s):.2f} s for local requests")
     if max(far_s) > FAR_WITHIN_S:
         outcome.wrong.append(f"{max(far_s):.1f} s for a lawful link")
     if normal_s is None:
@@ -122,6 +125,11 @@ def _ask(endpoint: str, keys: HostKeys | None) -> None:
             connection.ask(ROBOT, requests.TOUR_HISTORY, AskHistory())
     except RobotUnreachable as problem:
         raise Missing(f"{endpoint}: {problem}") from problem
+
+
+def _most(times_s: list[float]) -> float:
+    """What 95% of them do not exceed: the crowd shares the processors of this machine."""
+    return sorted(times_s)[int(0.95 * (len(times_s) - 1))]
 
 
 def _seconds(act: Callable[[], object]) -> float:

@@ -1,8 +1,9 @@
-"""Hangs at a port with many connections, and comes again where it is sent away.
+"""Hangs at a port with many connections, and comes again if it is sent away.
 
-python -m bench.faults.door_client PORT HOW COUNT SECONDS ADDRESS...
+python -m bench.faults.door_client PORT HOW AGAIN COUNT SECONDS ADDRESS...
 
-`bench.faults` starts it. HOW is `silent`, `half`, `hello`, `drip` (a byte a second) or `rubbish`.
+`bench.faults` starts it. HOW is `silent`, `half`, `hello`, `drip` (a byte a second) or `rubbish`;
+AGAIN is `again` or `once`.
 Prints a line once all have connected for the first time.
 """
 
@@ -30,9 +31,11 @@ HELLO = hello()
 WORDS = {"silent": b"", "half": HELLO[:100], "hello": HELLO, "drip": HELLO, "rubbish": b"GET /\r\n"}
 
 
-async def _hang(port: int, how: str, address: str, connected: asyncio.Semaphore) -> None:
+async def _hang(
+    port: int, how: str, address: str, connected: asyncio.Semaphore, *, comes_again: bool
+) -> None:
     is_first = True
-    while True:
+    while is_first or comes_again:
         writer: asyncio.StreamWriter | None = None
         try:
             opening = asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0))
@@ -57,10 +60,18 @@ async def _hang(port: int, how: str, address: str, connected: asyncio.Semaphore)
 
 
 async def _main() -> None:
-    port, how, count, seconds, *addresses = sys.argv[1:]
+    port, how, again, count, seconds, *addresses = sys.argv[1:]
     connected = asyncio.Semaphore(0)
     tasks = [
-        asyncio.create_task(_hang(int(port), how, addresses[i % len(addresses)], connected))
+        asyncio.create_task(
+            _hang(
+                int(port),
+                how,
+                addresses[i % len(addresses)],
+                connected,
+                comes_again=again == "again",
+            )
+        )
         for i in range(int(count))
     ]
     for _ in tasks:
