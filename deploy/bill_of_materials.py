@@ -91,7 +91,8 @@ def main() -> None:
     path.write_text(text + "\n", encoding="utf-8")
     scopes = [one["scope"] for one in bom["components"]]
     required = scopes.count("required")
-    print(f"{path}: {required} packages, and {len(scopes) - required} for developers only")
+    tools = len(scopes) - required
+    sys.stdout.write(f"{path}: {required} packages, and {tools} for developers only\n")
 
 
 if __name__ == "__main__":
