@@ -16,7 +16,10 @@ from support.processes import Process, find_free_port
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics
+from trolley.cli.demo_robot import Choices, write_settings
+from trolley.config import ZenohSection
 from trolley.connection import Connection, RobotUnreachable
+from trolley.ports import ROUTER_PORT
 from trolley.runtime.supervision import Watchdog
 from trolley.security.keyring import Keyring
 
@@ -136,3 +139,28 @@ def test_another_user_of_the_host_comes_in_only_by_the_group(at_a_socket: str) -
     os.chown(path, 0, group)
     assert comes_in(group) == "came in"
     assert comes_in(group + 1) == "stayed outside"
+
+
+def test_without_keys_nothing_listens_beyond_this_host(tmp_path: Path) -> None:
+    port = find_free_port()
+    config = write_settings(Choices(name="one", port=port), tmp_path)
+    assert ZenohSection().connect == [f"tcp/127.0.0.1:{ROUTER_PORT}"]
+    command = ["-c", PROGRAM, "router", "--config", str(config)]
+    process = Process(command, tmp_path / "router.log")
+    try:
+        wait_until(lambda: "Listening" in process.log or not process.is_running, "the router")
+        assert listening(process.pid) == {f"0100007F:{port:04X}"}
+    finally:
+        process.kill()
+
+
+def listening(pid: int) -> set[str]:
+    """Where a process listens for TCP or UDP, as the kernel writes it."""
+    files = {os.readlink(one) for one in Path(f"/proc/{pid}/fd").iterdir()}
+    found: set[str] = set()
+    for table, state in (("tcp", "0A"), ("tcp6", "0A"), ("udp", "07"), ("udp6", "07")):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == state and f"socket:[{fields[9]}]" in files:
+                found.add(fields[1])
+    return found
