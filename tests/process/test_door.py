@@ -132,10 +132,28 @@ def test_hosts_that_hang_at_the_door_keep_nobody_out(home: Home, words: bytes) -
     assert sees_the_robot(home.try_local)
 
 
-def test_a_door_that_died_is_opened_again_and_nobody_inside_notices(home: Home) -> None:
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["dead", "frozen"])
+def test_a_door_that_fails_is_replaced_and_nobody_inside_notices(
+    home: Home, number: signal.Signals
+) -> None:
     first = home.door()
-    os.kill(first, signal.SIGKILL)
+    os.kill(first, number)
     assert home.inside.robots() == ["one"]
+    assert sees_the_robot(home.try_local)
     wait_until(lambda: sees_the_robot(home.try_far), "there is a new one")
     assert home.door() != first
     assert home.router.terminate() == 0
+
+
+def test_no_door_outlives_its_router(home: Home) -> None:
+    door = Path(f"/proc/{home.door()}")
+    home.router.kill()
+    wait_until(lambda: not door.exists(), "it has ended")
+
+
+def test_a_port_that_is_taken_is_told(home: Home, tmp_path: Path) -> None:
+    where = f"tls/0.0.0.0:{home.port}"
+    words = ["--listen", where, "--keys", str(tmp_path / "ring" / "router-home")]
+    second = Process(["-c", PROGRAM, "router", *words], tmp_path / "second.log")
+    assert second.wait() == 2
+    assert f"cannot listen at {where}" in second.log

@@ -14,7 +14,6 @@ import time
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager, suppress
 
-from trolley.ports import first_free
 from trolley.runtime.log import Log
 from trolley.runtime.supervision import Watchdog
 from trolley.runtime.uplink_sockets import UNANSWERED_MS
@@ -57,7 +56,8 @@ class Door:
         self._listener = socket.create_server(where, family=family, backlog=BACKLOG)
         # What it accepts inherits this.
         self._listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNANSWERED_MS)
-        self._port = first_free(port + 1)
+        with socket.create_server((LOOPBACK, 0)) as free:
+            self._port: int = free.getsockname()[1]
         self.inside = f"tls/{LOOPBACK}:{self._port}"
         """Where the router listens for those who are led in."""
         self._log = Log("door")
