@@ -283,17 +283,8 @@ class Connection:
         self.bus.delete(topic.key(robot, *parts))
 
     def listen(self, key_expr: str, callback: Callable[[Sample], None]) -> Closer:
-        """Call back, on a thread of the bus, with everything that is published under a key.
-
-        A put to a key with a wildcard is dropped, as every service does and counts: the router's
-        rules forbid `tf/odom`, but let `tf/*` pass where they allow other frames.
-        """
-
-        def receive(sample: Sample) -> None:
-            if sample.is_delete or not has_wildcard(sample.key):
-                callback(sample)
-
-        return self.bus.subscribe(key_expr, receive)
+        """Call back, on a thread of the bus, with everything that is published under a key."""
+        return self.bus.subscribe(key_expr, callback)
 
     def services(self, robot: str = "*") -> dict[tuple[str, str], list[str]]:
         """The runs that are alive, by (robot, service)."""
