@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test unit slow lint format audit bench docs lock clean
+.PHONY: help setup demo test unit slow lint format audit sbom bench docs lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -68,6 +68,15 @@ audit: $(STAMPS)/venv ## Ask a public database for known vulnerabilities of requ
 		echo "The database of vulnerabilities does not answer; nothing was checked:"; \
 		tail -n 1 $(AUDIT)/problems | cut -c 1-300; exit 2; \
 	fi; cat $(AUDIT)/problems >&2; exit $$code
+
+# In the same environment as the check, for the same reason.
+sbom: setup ## Write a software bill of materials (CycloneDX) to out/sbom.cdx.json.
+	@test -x $(AUDIT)/bin/cyclonedx-py || { \
+		"$(PYTHON)" -m venv $(AUDIT) && \
+		$(AUDIT)/bin/python -m pip install --quiet --disable-pip-version-check \
+			'cyclonedx-bom[json-validation]>=7,<8'; } || { \
+		echo "cyclonedx-bom cannot be installed here: is this machine on the Internet?"; exit 1; }
+	@$(AUDIT)/bin/python deploy/bill_of_materials.py $(BIN)/python out/sbom.cdx.json
 
 bench: setup ## Run every program in bench/.
 	@failed=(); for bench in $(BENCHES); do \

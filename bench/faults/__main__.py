@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from bench.faults import door as fault_door
 from bench.faults import host as fault_host
 from bench.faults import messages as fault_messages
 from bench.faults.cases import FAULTS, Fault, Outcome, disturb
@@ -83,6 +84,7 @@ GROUPS: dict[str, Group] = {
     "foreign": _with_rig(fault_messages.foreign),
     "floods": _with_rig(fault_messages.flood_standing),
     "flooded": _with_rig(fault_messages.flood_driving),
+    "door": fault_door.strangers,
 }
 
 

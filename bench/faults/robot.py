@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,10 +86,15 @@ class Rig:
         folder: for settings and, unless `state` is given, the state.
         state: the state folder.
         environment: added to the services' environment.
+        router: more words for the command line of the robot's router.
     """
 
     def __init__(
-        self, folder: Path, state: Path | None = None, environment: Mapping[str, str] | None = None
+        self,
+        folder: Path,
+        state: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+        router: Sequence[str] = (),
     ) -> None:
         self.folder = folder
         self.state = state or folder / "state"
@@ -103,6 +108,7 @@ class Rig:
             f"tcp/127.0.0.1:{port}" for port in self._ports[:3]
         )
         self._environment = dict(environment or {})
+        self._router_words = list(router)
         self._stack = ExitStack()
         self._router: subprocess.Popen[bytes] | None = None
         self._end = threading.Event()
@@ -181,7 +187,8 @@ class Rig:
 
     def start_router(self) -> None:
         """Start the robot's router."""
-        self._router = subprocess.Popen([*TROLLEY, "router", "--listen", self.endpoint])
+        words = [*TROLLEY, "router", "--listen", self.endpoint, *self._router_words]
+        self._router = subprocess.Popen(words)
         self.wait(lambda: _answers(self._ports[0]), 30.0, "the router")
 
     def stop_router(self) -> None:

@@ -55,16 +55,24 @@ class Child:
         return waits and time.monotonic() >= self._due_s
 
     def start(self, environment: Mapping[str, str]) -> None:
-        """Start it."""
+        """Start it.
+
+        Raises:
+            OSError: No file, memory or process is left for it; it is due again later.
+        """
         self.watchdog.begin()
-        # A group of its own: Ctrl-C is for the supervisor, which ends its children in order.
-        self._process = subprocess.Popen(
-            self._command,
-            env={**environment, **self.watchdog.environment},
-            stdin=subprocess.DEVNULL,
-            process_group=0,
-        )
         self._started_s = time.monotonic()
+        try:
+            # A group of its own: Ctrl-C is for the supervisor, which ends its children in order.
+            self._process = subprocess.Popen(
+                self._command,
+                env={**environment, **self.watchdog.environment},
+                stdin=subprocess.DEVNULL,
+                process_group=0,
+            )
+        except OSError:
+            self._wait_longer()
+            raise
 
     def collect(self) -> int | None:
         """The exit code where it has just ended; from then on it is due again after a delay."""
@@ -72,14 +80,16 @@ class Child:
         if code is None:
             return None
         self._process = None
-        now_s = time.monotonic()
-        if now_s - self._started_s > SETTLED_AFTER_S:
+        if time.monotonic() - self._started_s > SETTLED_AFTER_S:
             self._delay_s = FIRST_DELAY_S
-        self._due_s = now_s + self._delay_s
-        self._delay_s = min(2.0 * self._delay_s, LONGEST_DELAY_S)
+        self._wait_longer()
         self._given_up = code == EXIT_CONFIG
         self.restarts += not self._given_up
         return code
+
+    def _wait_longer(self) -> None:
+        self._due_s = time.monotonic() + self._delay_s
+        self._delay_s = min(2.0 * self._delay_s, LONGEST_DELAY_S)
 
     def signal(self, number: int) -> None:
         """Send it a signal if it runs."""
@@ -159,7 +169,7 @@ class Supervisor:
                 if code is not None:
                     self._note_end(child, code)
                 if child.is_due:
-                    child.start(self._environment)
+                    self._start(child)
                 elif was_away:
                     child.watchdog.pardon(now_s)
                 elif child.watchdog.is_silent(now_s) and child.pid is not None:
@@ -167,6 +177,12 @@ class Supervisor:
                     child.signal(signal.SIGKILL)
                     child.watchdog.begin()
         self._end_all()
+
+    def _start(self, child: Child) -> None:
+        try:
+            child.start(self._environment)
+        except OSError as problem:
+            self._report(f"{child.name} cannot be started ({problem.strerror}); trying again")
 
     def _note_end(self, child: Child, code: int) -> None:
         if code == EXIT_CONFIG:

@@ -21,6 +21,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Marker, SavedPose, Transform, VelocityCommand
 from trolley.messages.request_params import Nothing, SendGoal
 from trolley.requests import Request
+from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import NotConnected, open_router
 from trolley.security.access import security_of
@@ -234,6 +235,30 @@ def test_each_role_does_what_it_may_and_no_more(
     assert code_of(operator, requests.BASE_RESUME) == "ok"
     assert list(viewer.stop_all()) == ["one"]
     assert robot.stopped
+
+
+def test_what_is_put_to_many_keys_at_once_passes_no_rule_by(
+    house: House, endpoint: str, add_robot: Callable
+) -> None:
+    """A pattern that means `tf/odom` as well does not reach anybody, not even a foreign program."""
+    add_robot("one")
+    operator = house.connect(house.home, house.keyring.host("operator", "anna"))
+    listener = house.connect(endpoint)
+    heard: set[str] = set()
+    listener.bus.subscribe("trolley/*/tf/**", lambda sample: heard.add(sample.key))
+    wait_until(lambda: operator.robots() == ["one"], "the robot is seen")
+    payload = codec.encode(frame("odom"), "msgpack")
+
+    def has_come() -> bool:
+        for key in ("one/tf/*", "one/tf/**", "*/tf/odom", "*/tf/*", "one/tf/od$*", "one/tf/$*m"):
+            operator.bus.put(f"trolley/{key}", payload, codec.MIME["msgpack"], Qos.SENSOR)
+            operator.bus.delete(f"trolley/{key}")
+        put(operator, topics.TF, frame("camera"), "camera")
+        return "trolley/one/tf/camera" in heard
+
+    wait_until(has_come, "what is allowed")
+    own = {topics.TF.key("one", *parts) for parts in topics.TF.owned_parts}
+    assert heard - own == {"trolley/one/tf/camera"}
 
 
 def test_a_viewer_shows_itself_and_what_was_clicked(

@@ -1,17 +1,22 @@
 """The systemd units, the example configuration and the list of packages to install."""
 
+import importlib.util
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import sysconfig
+import tomllib
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from trolley.config import load_config
+from trolley.runtime.open_files import MANY
 
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "deploy"
@@ -112,6 +117,11 @@ def test_a_unit_runs_its_service_and_says_what_it_may_use(unit: Path) -> None:
     assert own & shared <= {"Environment", "#"} | {key for key in own if key.startswith("#")}
 
 
+def test_the_router_may_open_all_the_files_that_it_asks_for() -> None:
+    # Its sandbox would not let it raise the limit itself.
+    assert values(SYSTEMD / "trolley-router.service", "LimitNOFILE") == [str(MANY)]
+
+
 def test_all_units_come_back_for_ever_but_not_in_a_frenzy() -> None:
     assert values(COMMON, "Restart") == ["on-failure"]
     assert values(COMMON, "RestartSec") == ["1"]
@@ -186,3 +196,24 @@ def test_what_is_installed_is_pinned_and_no_tool_of_developers() -> None:
     for entry in entries:
         assert "--hash=sha256:" in entry
         assert entry in lock
+
+
+def bill_of_materials() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("bill", DEPLOY / "bill_of_materials.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_bill_of_materials_tells_what_a_robot_needs_from_developers_tools() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    site = Path(sysconfig.get_path("purelib"))
+    bill = bill_of_materials()
+    found = bill.needed(site, project["project"]["dependencies"])
+    assert found >= {"trolley-base", "eclipse-zenoh", "numba", "llvmlite", "viser", "foxglove-sdk"}
+    assert not found & {"pytest", "hypothesis", "ruff", "pyright", "uv", "playwright"}
+    components = [{"name": "Eclipse_Zenoh"}, {"name": "pytest"}]
+    marked = bill.with_scopes({"components": components}, found)["components"]
+    assert [one["scope"] for one in marked] == ["required", "excluded"]

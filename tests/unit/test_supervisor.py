@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from support.files import no_files_left
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley.runtime.supervision import Watchdog
@@ -45,6 +46,19 @@ def is_running(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_a_supervisor_without_a_file_left_tries_again(module: Callable) -> None:
+    said: list[str] = []
+    environment = module("obedient", OBEDIENT)
+    with Supervisor({"one": "obedient"}, environment, said.append, held=["one"]) as supervisor:
+        child = supervisor.children["one"]
+        with no_files_left():
+            supervisor.release("one")
+            wait_until(lambda: said, "it says so")
+            assert child.pid is None
+        wait_until(lambda: child.pid, "it runs")
+    assert said[0] == "one cannot be started (Too many open files); trying again"
 
 
 def test_a_killed_child_comes_back(module: Callable) -> None:

@@ -20,7 +20,7 @@ from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.interrupts import Interrupts
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
-from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.runtime.zenoh_bus import SOCKET, NotConnected, open_router
 from trolley.security.access import Security, security_of
 from trolley.security.host_keys import (
     DEFAULT_FOLDER,
@@ -66,6 +66,11 @@ def port_of(endpoint: str) -> int | None:
     address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
     host, _, port = address.rpartition(":")
     return int(port) if host in LOOPBACK and port.isdigit() else None
+
+
+def is_of_this_host(endpoint: str) -> bool:
+    """Whether a router at this endpoint serves this host's own programs alone."""
+    return port_of(endpoint) is not None or endpoint.startswith(SOCKET)
 
 
 def check_port(port: int, option: str) -> None:
@@ -185,7 +190,7 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
         modules.pop(VIEWER, None)
     endpoint = config.zenoh.connect[0]
     port = port_of(endpoint)
-    router = None if no_router or port is None else endpoint
+    router = None if no_router or not is_of_this_host(endpoint) else endpoint
     if port is not None and router is not None:
         check_port(port, "use it with --no-router, or change `[zenoh] connect`")
     environment = {"TROLLEY_CONFIG": str(path.resolve())}
@@ -258,7 +263,7 @@ def router_command(listen: tuple[str, ...], uplink: tuple[str, ...], folder: Pat
     path = find_config(given("config"))
     config = None if path is None else load_config(path)
     zenoh = ZenohSection() if config is None else config.zenoh
-    local = [one for one in zenoh.connect if port_of(one) is not None]
+    local = [one for one in zenoh.connect if is_of_this_host(one)]
     if folder is None:
         folder = DEFAULT_FOLDER if config is None else config.path(zenoh.keys)
     links = list(uplink) or zenoh.uplink

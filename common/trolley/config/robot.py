@@ -105,7 +105,8 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     connect: Annotated[list[str], Meta(min_length=1)] = field(
         default_factory=lambda: [f"tcp/127.0.0.1:{ROUTER_PORT}"]
     )
-    """Endpoints of the router that services and tools connect to."""
+    """Endpoints of the router that services and tools connect to; a Unix socket is
+    `unixsock-stream//run/trolley/router`."""
     uplink: list[str] = []
     """Endpoints of a home router that this robot's router links to."""
     keys: str = "keys"

@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
-from trolley.runtime.zenoh_bus import open_router
+from trolley.runtime.zenoh_bus import SOCKET, NotConnected, open_bus, open_router
 from trolley.security.access import Security
 
 LONGEST_WAIT_S = 3600.0
+NEAR = ("tcp/", SOCKET)
+"""How this host's own programs come."""
+NOBODY = "trolley/@nobody"
+"""A key that nobody uses: the router's own answer to it is enough."""
 
 
 def run_router(
@@ -37,6 +41,25 @@ def run_router(
     with open_router(listen, uplink, security, downsample):
         log.info("Listening", at=", ".join(listen), uplink=", ".join(uplink) or "none")
         supervision.ready()
+        near = [one for one in listen if one.startswith(NEAR)]
         while not stop.wait(supervision.period_s or LONGEST_WAIT_S):
-            supervision.alive()
+            if takes_new_sessions(near, supervision.period_s or LONGEST_WAIT_S):
+                supervision.alive()
+            else:
+                log.limited("session", "A program that starts now gets no new session", at=near[0])
         supervision.stopping()
+
+
+def takes_new_sessions(endpoints: Sequence[str], patience_s: float) -> bool:
+    """Whether a program that began now would be served; true where there is no endpoint for it.
+
+    A router in which nothing but its old sessions works is dead to `trolley stop`.
+    """
+    if not endpoints:
+        return True
+    try:
+        with open_bus(endpoints[:1], patience_s) as bus:
+            bus.alive(NOBODY, patience_s)
+    except NotConnected:
+        return False
+    return True

@@ -28,6 +28,9 @@ class Supervision:
             watchdog_us = 0  # inherited from a parent that is watched itself
         self.period_s: float | None = watchdog_us * 1e-6 / 3 if watchdog_us else None
         """How often `alive` is wanted; None: never."""
+        # Made now: a process that has run out of files can still say that it lives.
+        kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC
+        self._channel = socket.socket(socket.AF_UNIX, kind) if self._address else None
 
     def ready(self) -> None:
         """The service does its work from now on."""
@@ -46,15 +49,14 @@ class Supervision:
         self._notify("STOPPING=1")
 
     def _notify(self, text: str, flags: int = 0) -> None:
-        if not self._address:
+        if self._channel is None:
             return
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as channel:
-            try:
-                channel.sendto(text.encode(), flags, self._address)
-            except (ConnectionRefusedError, FileNotFoundError):
-                return  # whoever listened has gone; there is nobody left to tell
-            except BlockingIOError:
-                return  # whoever listens is stopped itself, and this thread must not wait for it
+        try:
+            self._channel.sendto(text.encode(), flags, self._address)
+        except (ConnectionRefusedError, FileNotFoundError):
+            return  # whoever listened has gone; there is nobody left to tell
+        except BlockingIOError:
+            return  # whoever listens is stopped itself, and this thread must not wait for it
 
 
 PARENT_VARIABLE = "TROLLEY_PARENT"

@@ -54,7 +54,11 @@ def limit_waiting(ports: Collection[int], known: Collection[int] = ()) -> set[in
         The inodes of the sockets about which everything is done.
     """
     found: set[int] = set()
-    for entry in Path("/proc/self/fd").iterdir():
+    try:
+        entries = [*Path("/proc/self/fd").iterdir()]
+    except OSError:  # no file is left to look with; later there may be
+        return set(known)
+    for entry in entries:
         with suppress(OSError):  # closed by now, or no socket
             inode = entry.stat().st_ino
             if inode in known or (entry.is_socket() and _limit(int(entry.name), ports)):

@@ -8,11 +8,14 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
 
 import zenoh
 
 from trolley.runtime.bus import Query, Reply, Sample
+from trolley.runtime.door.keeper import Door, is_far
+from trolley.runtime.open_files import allow_many_files
 from trolley.runtime.uplink_sockets import given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
 from trolley.security.access import Security
@@ -21,6 +24,10 @@ from trolley.topics import Qos
 
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
+
+SOCKET = "unixsock-stream/"
+SOCKET_MODE = 0o660
+"""A Unix socket is for its owner and its group; Zenoh leaves it to its owner alone."""
 
 _PRIORITIES = {
     Qos.SENSOR: (zenoh.Priority.INTERACTIVE_HIGH, zenoh.CongestionControl.DROP, False),
@@ -46,14 +53,24 @@ def open_router(
         NotConnected: It cannot listen: the port is taken, or the keys cannot be used.
     """
     zenoh.init_log_from_env_or("off")
-    try:
-        session = zenoh.open(router_config(listen, uplink, security, downsample))
-    except zenoh.ZError as error:
-        where = ", ".join(listen)
-        raise NotConnected(
-            f"cannot listen at {where}: is another router running there? ({error})"
-        ) from error
-    with session, given_up_when_unanswered([*listen, *uplink]):
+    allow_many_files()
+    with ExitStack() as stack:
+        try:
+            doors = [stack.enter_context(closing(Door(one))) for one in listen if is_far(one)]
+            inside = [one for one in listen if not is_far(one)] + [door.inside for door in doors]
+            session = zenoh.open(router_config(inside, uplink, security, downsample))
+        except (zenoh.ZError, OSError, ValueError) as error:
+            where = ", ".join(listen)
+            raise NotConnected(
+                f"cannot listen at {where}: is another router running there? ({error})"
+            ) from error
+        stack.enter_context(session)
+        for one in listen:
+            if one.startswith(SOCKET):
+                Path(one.removeprefix(SOCKET)).chmod(SOCKET_MODE)
+        stack.enter_context(given_up_when_unanswered(uplink))
+        for door in doors:
+            stack.enter_context(door.kept_open())
         yield
 
 

@@ -3,9 +3,13 @@
 What may not be done is refused where it enters a router; what left another host by right may go to
 everyone who was let in. A rule allows what it includes wholly: `trolley/**` allows subscribing to
 `trolley/*/pose`, and `**` never includes a chunk that begins with `@`.
+
+There are no rules that deny: Zenoh applies one only to keys that it includes wholly, so one for
+`tf/odom` would let a put to `tf/*` pass. What is allowed is listed instead (`all_but`).
 """
 
 import dataclasses
+import string
 from collections.abc import Iterable
 from typing import Any
 
@@ -22,15 +26,31 @@ WRITING = ("put", "delete")
 OWNING = (*WRITING, "declare_queryable", "reply", "liveliness_token")
 EVERYTHING = (*READING, *OWNING)
 VIEWER_SERVICE = "viz-$*"
+ALPHABET = f"{string.ascii_letters}{string.digits}_-.:"
+"""What may stand where the name of an operator's frame begins to differ from those of the robot."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Grant:
-    """Messages that may (or may not, whatever else is allowed) enter with these keys."""
+    """Messages that may enter with these keys."""
 
     messages: tuple[str, ...]
     keys: tuple[str, ...]
-    is_allowed: bool = True
+
+
+def all_but(names: Iterable[str]) -> list[str]:
+    """Expressions for a chunk that include all names but these, and no pattern that means one.
+
+    Each goes along with one of the names for a while and then differs from all of them: for `ab`
+    these are `b$*`, `c$*`, …, `a`, `aa$*`, `ac$*`, …, `aba$*`, `abb$*`, …
+    """
+    forbidden = set(names)
+    beginnings = {name[:length] for name in forbidden for length in range(len(name) + 1)}
+    found = sorted(beginnings - forbidden - {""})
+    for beginning in sorted(beginnings):
+        others = (f"{beginning}{letter}" for letter in ALPHABET)
+        found += [f"{other}$*" for other in others if other not in beginnings]
+    return found
 
 
 def grants(role: str, name: str) -> list[Grant]:
@@ -54,14 +74,18 @@ def grants(role: str, name: str) -> list[Grant]:
 def access_control(certificates: Iterable[Certificate]) -> dict[str, Any]:
     """Zenoh's `access_control` for a router that lets these certificates in over TLS.
 
-    Programs of the router's own host, which come over loopback without TLS, may do everything.
+    Programs of the router's own host, which come over loopback without TLS or over a Unix socket
+    that they may open, may do everything.
     """
     rules: list[Rule] = [
         _rule("out", "egress", Grant(EVERYTHING, ANYTHING)),
         _rule("local-in", "ingress", Grant(EVERYTHING, ANYTHING)),
     ]
-    subjects: list[Rule] = [{"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]}]
-    policies: list[Rule] = [{"rules": ["local-in", "out"], "subjects": ["local"]}]
+    subjects: list[Rule] = [
+        {"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]},
+        {"id": "socket", "link_protocols": ["unixsock-stream"]},
+    ]
+    policies: list[Rule] = [{"rules": ["local-in", "out"], "subjects": ["local", "socket"]}]
     for certificate in certificates:
         who = certificate.common_name
         made = [
@@ -97,20 +121,19 @@ def _operator() -> list[Grant]:
     # The stream `poses` itself is not among them, as it were in `poses/**`.
     stored = [topic.key("*") for topic in topics.TOPICS if topic.kind is Kind.STORED]
     cleared = [f"{ROOT}/*/{topic.chunks[0]}/**" for topic in topics.TOPICS if topic.is_drawing]
-    driven = [topics.COMMAND.key("*", "teleop"), topics.TF.key("*", "*")]
-    owned = tuple(topics.TF.key("*", *parts) for parts in topics.TF.owned_parts)
+    frames = all_but(child for (child,) in topics.TF.owned_parts)
+    driven = [topics.COMMAND.key("*", "teleop"), *(topics.TF.key("*", one) for one in frames)]
     return [
         *_viewer(),
         Grant(("query",), (REQUESTS,)),
         Grant(WRITING, (*stored, *cleared, *driven)),
-        Grant(WRITING, owned, is_allowed=False),
     ]
 
 
 def _rule(name: str, flow: str, grant: Grant) -> Rule:
     return {
         "id": name,
-        "permission": "allow" if grant.is_allowed else "deny",
+        "permission": "allow",
         "flows": [flow],
         "messages": list(grant.messages),
         "key_exprs": list(grant.keys),

@@ -3,6 +3,7 @@
 import socket
 
 import pytest
+from support.files import no_files_left
 
 from trolley.runtime.uplink_sockets import (
     LOOK_S,
@@ -67,3 +68,13 @@ def test_only_connections_with_other_hosts_are_given_up(
             with pytest.raises(TimeoutError):
                 listening.accept()
     assert _limit_of(listening) == expected
+
+
+def test_a_router_without_a_file_left_looks_again_later(listening: socket.socket):
+    port = listening.getsockname()[1]
+    known = limit_waiting({port})
+    with socket.create_connection(("127.0.0.1", port)) as mine:
+        with no_files_left():
+            assert limit_waiting({port}, known) == known
+        limit_waiting({port}, known)
+        assert _limit_of(mine) == UNANSWERED_MS

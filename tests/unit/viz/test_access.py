@@ -73,6 +73,46 @@ def test_everybody_else_is_asked(how: dict[str, object]) -> None:
     assert "trolley viewer-link" in answer.text
 
 
+_ADDED = """
+Forwarded Via X-Forwarded X-Forwarded-For X-Forwarded-Host X-Forwarded-Proto X-Forwarded-Port
+X-Forwarded-By X-Forwarded-Server X-Forwarded-Ssl X-Forwarded-Prefix X-Forwarded-Scheme
+Forwarded-For X-Real-IP X-Client-IP X-Cluster-Client-IP X-Original-Host X-ProxyUser-Ip
+X-Original-Forwarded-For
+CF-Connecting-IP CF-Connecting-IPv6 CF-IPCountry CF-Ray CF-Visitor CF-Worker CDN-Loop True-Client-IP
+Fly-Client-IP Fly-Forwarded-Proto Fastly-Client-IP Fastly-SSL X-Azure-ClientIP X-Azure-SocketIP
+X-Appengine-User-IP X-Envoy-External-Address X-Amzn-Trace-Id X-Vercel-Forwarded-For Client-IP
+Proxy-Client-IP WL-Proxy-Client-IP Incap-Client-IP Ali-Cdn-Real-Ip X-ARR-SSL X-ARR-LOG-ID
+Front-End-Https X-Url-Scheme X-Scheme Tailscale-User-Login X-Request-Id Proxy-Connection
+X-Forwarded-Client-Cert Remote-User X-Remote-User X-Authenticated-User X-Ingress-Path X-Hass-Source
+"""
+PROXY_HEADERS = _ADDED.split()
+"""What nginx, Apache, Caddy, Traefik, HAProxy, IIS, Cloudflare, Fastly, Akamai, Fly, Azure, Google,
+Amazon, Vercel, Imperva, Tailscale, Home Assistant and others add."""
+
+
+@pytest.mark.parametrize("name", PROXY_HEADERS)
+def test_whatever_header_a_proxy_adds_it_speaks_for_somebody_else(name: str) -> None:
+    assert role(ask(**{name.replace("-", "_"): "1"})) is None
+    assert role(ask(**{name.lower().replace("-", "_"): "1"})) is None
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        """Connection Cache-Control sec-ch-ua sec-ch-ua-mobile sec-ch-ua-platform DNT User-Agent
+        Upgrade-Insecure-Requests Accept Sec-Fetch-Site Sec-Fetch-Mode Sec-Fetch-User Sec-Fetch-Dest
+        Sec-GPC Referer Accept-Encoding Accept-Language Cookie If-None-Match If-Modified-Since
+        Range Priority TE Pragma Save-Data""",
+        """Connection Pragma Cache-Control User-Agent Upgrade Sec-WebSocket-Version Accept-Encoding
+        Accept-Language Sec-WebSocket-Key Sec-WebSocket-Extensions Sec-WebSocket-Protocol""",
+        "User-Agent Accept",
+    ],
+    ids=["a page", "a WebSocket", "curl"],
+)
+def test_what_browsers_send_themselves_says_nothing_of_a_proxy(sent: str) -> None:
+    assert role(ask(**{name.replace("-", "_"): "1" for name in sent.split()})) == "operator"
+
+
 @pytest.mark.parametrize(("token", "wanted"), [("drives", "operator"), ("looks", "viewer")])
 def test_a_link_gives_a_cookie_that_lets_in(token: str, wanted: str) -> None:
     shown = ask(f"/?token={token}", peer=LAN, host="robot:8080")

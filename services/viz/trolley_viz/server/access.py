@@ -23,8 +23,14 @@ FILE = "viewer_access.toml"
 COOKIE_DAYS = 400
 """The longest that browsers keep any cookie."""
 LOCAL_HOSTS = re.compile(r"(localhost|127\.\d+\.\d+\.\d+|\[::1\])(:\d+)?")
-FORWARDED = ("Forwarded", "X-Forwarded-For", "X-Forwarded-Host", "X-Real-IP", "Via")
-"""A proxy on this host uses one of these headers to say that somebody else is asking."""
+SENT_BY_BROWSERS = re.compile(
+    r"""host | connection | upgrade | upgrade-insecure-requests | keep-alive | origin | referer
+    | user-agent | accept(-.+)? | sec-.+ | cookie | cache-control | pragma | if-.+ | range
+    | dnt | te | priority | save-data | purpose | content-(length|type)""",
+    re.IGNORECASE | re.VERBOSE,
+)
+"""Headers that a browser sends by itself. Any other was added by a proxy on this host, for somebody
+else: there are too many such headers to list."""
 BROWSER = re.compile(r"[0-9a-f]{16}")
 
 
@@ -154,7 +160,7 @@ class AccessControl:
         return (
             _is_loopback(request.peer)
             and all(LOCAL_HOSTS.fullmatch(name) for name in pages)
-            and not any(name in request.headers for name in FORWARDED)
+            and all(SENT_BY_BROWSERS.fullmatch(name) for name in request.headers)
         )
 
     def _cookie_of(self, request: AccessRequest) -> tuple[str, str]:

@@ -1,0 +1,23 @@
+"""Runs the door: `python -m trolley.runtime.door FILE HOST PORT`; `keeper.py` starts it.
+
+FILE is the number of the listening socket that was handed down, HOST and PORT are the router's.
+"""
+
+import asyncio
+import socket
+import sys
+
+from trolley.runtime.door.server import Door
+from trolley.runtime.log import set_up_logging
+from trolley.runtime.open_files import allow_many_files
+
+
+async def _main() -> None:
+    file, host, port = sys.argv[1:]
+    with socket.socket(fileno=int(file)) as listener:
+        await Door(listener, (host, int(port))).run()
+
+
+set_up_logging()
+allow_many_files()
+asyncio.run(_main())
