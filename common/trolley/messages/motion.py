@@ -124,6 +124,8 @@ class BaseState(Struct, frozen=True, kw_only=True):
 
     `mode`: `ok`; `stopped` (latched until resumed); `held` (continues by itself); `fault`. `source`
     is the source of commands in control, null if none; `reason` a code, "" if none.
+    `not_stopped`: it moves though it is told to stand, or nobody knows whether it still does; then
+    `mode` is `fault`, `reason` `does_not_obey`, and whatever shows `stopped` shows `message`.
     """
 
     stamp_ns: StampNs
@@ -133,6 +135,7 @@ class BaseState(Struct, frozen=True, kw_only=True):
     message: str = ""
     links: list[Link] = []
     battery: Battery | None = None
+    not_stopped: bool = False
 
     def is_from_before(self, asked_ns: int) -> bool:
         """Whether it was published before something that was asked for at this robot time.

@@ -60,10 +60,19 @@ class SerialLink(Generic[D]):
         if data and not self._device.write(data):
             self._refused_writes += 1
         if now_ns >= self._reopen_after_ns and self.dialogue.status(now_ns).reopen:
-            self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
-            self._trouble = self.link(now_ns).message
-            self._is_open = False
-            self._device.reopen()
+            self._reopen(now_ns, self.link(now_ns).message)
+
+    def restart(self, now_ns: int) -> bool:
+        """Open the port anew where that restarts the device; False where it would not."""
+        if not (self._is_open and self.dialogue.line.restarts):
+            return False
+        self._reopen(now_ns, "The motor board is being restarted.")
+        return True
+
+    def _reopen(self, now_ns: int, why: str) -> None:
+        self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
+        self._trouble, self._is_open = why, False
+        self._device.reopen()
 
     def link(self, now_ns: int) -> Link:
         """Say how the connection is, naming the port."""

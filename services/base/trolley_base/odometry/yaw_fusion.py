@@ -102,6 +102,15 @@ class YawFusion:
         while self._readings[0].stamp_ns < stamp_ns - PARAMS.kept_ns:
             self._readings.popleft()
 
+    def gyro_rate(self, start_ns: int, end_ns: int) -> float | None:
+        """Return the mean turn rate by the gyro alone [rad/s], None where it says nothing."""
+        if end_ns <= start_ns or self._is_silent(end_ns) or self._is_stuck(end_ns):
+            return None
+        turned, highest = self._integrate(start_ns, end_ns)
+        if highest >= PARAMS.saturation:
+            return None
+        return turned / ((end_ns - start_ns) * 1e-9) - (self._bias.value or 0.0)
+
     def fuse(self, start_ns: int, end_ns: int, distance_m: float, turn_rad: float) -> float:
         """Return the turn between two moments [rad].
 
@@ -134,12 +143,12 @@ class YawFusion:
 
     def _judge(self, start_ns: int, end_ns: int, turn_rad: float) -> tuple[GyroState, float]:
         """Say what the gyro is good for in an interval, and what it turned [rad]."""
-        if not self._readings or self._readings[-1].stamp_ns < end_ns - PARAMS.hold_ns:
+        if self._is_silent(end_ns):
             return GyroState.SILENT, 0.0
         raw_rad, highest = self._integrate(start_ns, end_ns)
         if highest >= PARAMS.saturation:
             return GyroState.SATURATED, 0.0
-        if self._changed_ns is None or end_ns - self._changed_ns > PARAMS.stuck_ns:
+        if self._is_stuck(end_ns):
             return GyroState.STUCK, 0.0
         if self._bias.value is None:
             return GyroState.LEARNING, 0.0
@@ -161,6 +170,12 @@ class YawFusion:
         if end_ns - self._differs_since_ns > PARAMS.disagrees_after_ns:
             return GyroState.DISAGREES, 0.0
         return GyroState.LEARNING, 0.0
+
+    def _is_silent(self, end_ns: int) -> bool:
+        return not self._readings or self._readings[-1].stamp_ns < end_ns - PARAMS.hold_ns
+
+    def _is_stuck(self, end_ns: int) -> bool:
+        return self._changed_ns is None or end_ns - self._changed_ns > PARAMS.stuck_ns
 
     def _compare(self, turn_rad: float, gyro_rad: float, seconds: float) -> None:
         """Learn what the gyro turns when the wheels turn: a mean weighted by the turning."""
