@@ -1,4 +1,4 @@
-"""Watches over the motor board: what it does against what it is told, and what follows from that."""
+"""Watches over the motor board: what it does against what it is told."""
 
 from trolley import codes
 from trolley.geometry import Twist2D

@@ -118,27 +118,29 @@ class _Excess:
 
 
 class _Braking:
-    """How fast something may still be, told to become slower.
+    """How fast one part of a velocity may still be, told to become slower.
 
     Args:
         rate: it slows down at least so fast [per s].
         standing: what counts as nothing.
+        slack: what it may be faster than a share of what it is told.
         most: so much beyond is too much.
     """
 
-    def __init__(self, rate: float, standing: float, most: float) -> None:
+    def __init__(self, rate: float, standing: float, slack: float, most: float) -> None:
         self._rate = rate
-        self._standing = standing
-        self.excess = _Excess(most)
+        self._standing, self._slack = standing, slack
         self._told: deque[tuple[int, float]] = deque()
         self._falls_since_ns = 0
         self.may_be = 0.0
+        # Both directions apart: coarse encoders waver to both sides, and that adds up to nothing.
+        self.excesses = _Excess(most), _Excess(most)
 
     def command(self, now_ns: int, told: float) -> None:
-        """Take what is commanded from now on, without its sign."""
-        if not self._told or told > self._told[-1][1]:
+        """Take what is commanded from now on."""
+        if not self._told or abs(told) > self._told[-1][1]:
             self._falls_since_ns = now_ns
-        self._told.append((now_ns, told))
+        self._told.append((now_ns, abs(told)))
         # One that is older holds until the next.
         while len(self._told) > 1 and now_ns - self._told[1][0] > PARAMS.kept_ns:
             self._told.popleft()
@@ -146,25 +148,30 @@ class _Braking:
     def excuse(self, now_ns: int) -> None:
         """Begin anew: however fast it is, it may brake from that."""
         self._falls_since_ns = now_ns
-        self.excess.clear()
+        for excess in self.excesses:
+            excess.clear()
 
-    def measure(self, moved: "_Moved", measured: float, from_other: float) -> bool:
-        """Whether it is too fast for too long.
+    def measure(self, moved: "_Moved", measured: float, from_other: float) -> list[_Excess]:
+        """Return what has been too fast for too long.
 
         Args:
             moved: the interval.
-            measured: how fast it was, without its sign.
-            from_other: what the other motion makes of this one, braking unevenly.
+            measured: how fast it was.
+            from_other: what another part makes of this one, braking unevenly.
         """
         told = self._highest_told(moved.stamp_ns)
         if moved.stamp_ns - self._falls_since_ns <= PARAMS.delay_ns:
             # It may still be getting faster.
-            self.may_be = max(self.may_be, measured, told)
+            self.may_be = max(self.may_be, abs(measured), told)
         else:
             self.may_be = max(told, self.may_be - self._rate * moved.seconds)
-        follows = 0.0 if told == 0.0 else PARAMS.fastest_share * told
+        follows = 0.0 if told == 0.0 else PARAMS.fastest_share * told + self._slack
         most = max(self.may_be, follows) + from_other + self._standing
-        return self.excess.add(measured - most, moved)
+        return [
+            excess
+            for excess, speed in zip(self.excesses, (measured, -measured), strict=True)
+            if excess.add(speed - most, moved)
+        ]
 
     def _highest_told(self, stamp_ns: int) -> float:
         since_ns = stamp_ns - PARAMS.delay_ns
@@ -207,15 +214,14 @@ class MotionSupervision:
         self._rest_ns: int | None = None
         self._untold: _Untold | None = None
         self._has_rested = False
-        limits = self._limits
-        self._speed = _Braking(
-            PARAMS.braking_share * limits.deceleration,
-            PARAMS.standing_speed,
-            PARAMS.braking_excess_m,
-        )
+        braking = PARAMS.braking_share * self._limits.deceleration
+        turn_braking = PARAMS.turn_braking_share * self._limits.angular_acceleration
+        ahead = braking, PARAMS.standing_speed, PARAMS.fast_slack, PARAMS.braking_excess_m
+        self._ahead, self._sideways = _Braking(*ahead), _Braking(*ahead)
         self._turn = _Braking(
-            PARAMS.turn_braking_share * limits.angular_acceleration,
+            turn_braking,
             PARAMS.standing_wz,
+            PARAMS.fast_slack / self._half_track_m,
             PARAMS.braking_excess_rad,
         )
         most = PARAMS.following_excess_m
@@ -231,8 +237,9 @@ class MotionSupervision:
             self._zero_ns = None
         elif self._zero_ns is None:
             self._zero_ns, self._has_rested = now_ns, False
-        self._speed.command(now_ns, twist.speed)
-        self._turn.command(now_ns, abs(twist.wz))
+        self._ahead.command(now_ns, twist.vx)
+        self._sideways.command(now_ns, twist.vy)
+        self._turn.command(now_ns, twist.wz)
         self._commands.append((now_ns, twist))
         while now_ns - self._commands[0][0] > PARAMS.kept_ns:
             self._commands.popleft()
@@ -267,8 +274,8 @@ class MotionSupervision:
             self._found = self._find_untold(moved)
         else:
             self._found = self._diagnose(since_ns, moved.stamp_ns)
-            self._speed.excuse(moved.stamp_ns)
-            self._turn.excuse(moved.stamp_ns)
+            for part in (self._ahead, self._sideways, self._turn):
+                part.excuse(moved.stamp_ns)
 
     def take_finding(self) -> Finding | None:
         """Return what was found out since the last call, None while it does as it is told."""
@@ -302,17 +309,20 @@ class MotionSupervision:
 
     @property
     def _excesses(self) -> tuple[_Excess, ...]:
-        left, right = self._side_excess
-        return (self._speed.excess, self._turn.excess, *left, *right)
+        parts = (self._ahead, self._sideways, self._turn)
+        braking = [excess for part in parts for excess in part.excesses]
+        return (*braking, *(excess for side in self._side_excess for excess in side))
 
     # Told to become slower, or to stand.
     def _brakings_beyond(self, moved: _Moved) -> list[_Excess]:
         """Return what is too fast."""
         by_turn = PARAMS.uneven * self._half_track_m * self._turn.may_be
-        by_speed = PARAMS.uneven * self._speed.may_be / self._half_track_m
-        drives = self._speed.measure(moved, moved.twist.speed, by_turn)
-        turns = self._turn.measure(moved, abs(moved.twist.wz), by_speed)
-        return [self._speed.excess] * drives + [self._turn.excess] * turns
+        by_speed = PARAMS.uneven * self._ahead.may_be / self._half_track_m
+        return [
+            *self._ahead.measure(moved, moved.twist.vx, by_turn),
+            *self._sideways.measure(moved, moved.twist.vy, by_turn),
+            *self._turn.measure(moved, moved.twist.wz, by_speed),
+        ]
 
     def _note_rest(self, moved: _Moved) -> None:
         twist = moved.twist
