@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from trolley import codes
 from trolley.geometry.pose import Finite, Pose2D, Twist2D
 from trolley.messages.types import NonNegative, Point, Point3, Positive, Share, StampNs
 
@@ -136,6 +137,11 @@ class BaseState(Struct, frozen=True, kw_only=True):
     links: list[Link] = []
     battery: Battery | None = None
     not_stopped: bool = False
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether only somebody's resume lets it drive again: stopped, or not obeying."""
+        return self.mode == "stopped" or self.reason == codes.DOES_NOT_OBEY
 
     def is_from_before(self, asked_ns: int) -> bool:
         """Whether it was published before something that was asked for at this robot time.

@@ -30,9 +30,9 @@ from trolley_base.safety.motion_limits import MotionLimits
 
 @dataclass(frozen=True, slots=True)
 class MotionSupervisionParams:
-    """What a lawful base may do; set by hand, for hobby robots and their simulation."""
+    """What a lawful base may do: as tight as `bench.base.obedience` has no false alarm with."""
 
-    delay_ns: int = 250_000_000
+    delay_ns: int = 220_000_000
     """A zero acts on the motors and shows in the odometry after this long [ns]. The excess that is
     allowed makes up for 0.3 s."""
     braking_share: float = 0.6
@@ -43,25 +43,31 @@ class MotionSupervisionParams:
     """Slower than this is standing, with what encoders and backlash make of it [m/s]."""
     standing_wz: float = 0.05
     """The same for turning [rad/s]."""
-    braking_excess_m: float = 0.01
+    braking_excess_m: float = 0.006
     """So much farther than any lawful braking: it does not brake [m]."""
-    braking_excess_rad: float = 0.04
+    braking_excess_rad: float = 0.025
     """The same for turning [rad]."""
+    smooth_ns: int = 100_000_000
+    """How fast it was when it was told to brake is the mean over this time [ns]."""
     uneven: float = 0.3
     """One wheel may brake later than the other: this share of the speed shows as a turn, and of
     the turn as speed."""
     following_ns: int = 400_000_000
-    """A command, or the end of one, shows in the odometry within this time [ns]."""
+    """A side of the robot does as told, or no longer so, within this time [ns]."""
     fastest_share: float = 1.4
-    """A side goes at most this many times as fast as told ..."""
+    """It goes at most this many times as fast as told ..."""
+    fast_slack: float = 0.04
+    """... with this on top, for what the other side makes of it [m/s] ..."""
     slowest_share: float = 0.5
     """... and at least this share of it ..."""
-    fast_slack: float = 0.04
-    """... with this on top, for a side that is the faster one [m/s] ..."""
     slow_slack: float = 0.025
-    """... and this, which friction and a dead band eat, for one that is the slower one [m/s]."""
+    """... less this, which friction and a dead band eat [m/s]."""
     following_excess_m: float = 0.04
     """So much farther, or less far, than a side may go: it drives otherwise than told [m]."""
+    ticks: float = 1.5
+    """Coarse encoders may add this many of their ticks to each excess."""
+    least_tick_m: float = 1e-6
+    """What is nearer together is not a tick, but the end of a number's digits [m]."""
     rested_ns: int = 500_000_000
     """It stood for this long: what moves it now is no braking any more [ns]."""
     steady_ns: int = 500_000_000
@@ -103,78 +109,105 @@ class _Excess:
     """When it began."""
     _value: float = 0.0
 
-    def add(self, rate: float, moved: "_Moved") -> bool:
-        """Add what goes beyond, or take away what stays inside; whether it has become too much."""
+    def add(self, rate: float, moved: "_Moved", tick: float) -> bool:
+        """Add what goes beyond, or take away what stays inside; whether it has become too much.
+
+        Args:
+            rate: how fast it goes beyond, below zero inside.
+            moved: the interval.
+            tick: what one tick of an encoder amounts to.
+        """
         if self._value == 0.0:
             self.since_ns = moved.stamp_ns - round(moved.seconds * 1e9)
+        most = self.most + PARAMS.ticks * tick
         # One reading alone proves nothing.
-        beyond = self._value + min(rate * moved.seconds, 0.5 * self.most)
-        self._value = min(self.most, max(0.0, beyond))
-        return self._value >= self.most
+        beyond = self._value + min(rate * moved.seconds, 0.5 * most)
+        self._value = min(most, max(0.0, beyond))
+        return self._value >= most
 
     def clear(self) -> None:
         """Begin anew."""
         self._value = 0.0
 
 
+@dataclass(frozen=True, slots=True)
 class _Braking:
-    """How fast one part of a velocity may still be, told to become slower.
+    """How one part of a velocity becomes slower.
 
-    Args:
+    Attributes:
+        delay_ns: it begins within this time.
         rate: it slows down at least so fast [per s].
         standing: what counts as nothing.
         slack: what it may be faster than a share of what it is told.
-        most: so much beyond is too much.
+        excess: so much beyond is too much.
     """
 
-    def __init__(self, rate: float, standing: float, slack: float, most: float) -> None:
-        self._rate = rate
-        self._standing, self._slack = standing, slack
+    delay_ns: int
+    rate: float
+    standing: float
+    slack: float
+    excess: float
+
+
+class _Ceiling:
+    """How fast one part of a velocity may be in one direction."""
+
+    def __init__(self, braking: _Braking) -> None:
+        self._braking = braking
         self._told: deque[tuple[int, float]] = deque()
-        self._falls_since_ns = 0
+        self._recent: deque[tuple[int, float, float]] = deque()
+        self._means: deque[tuple[int, float]] = deque()
+        self._excused_ns: int | None = None
         self.may_be = 0.0
-        # Both directions apart: coarse encoders waver to both sides, and that adds up to nothing.
-        self.excesses = _Excess(most), _Excess(most)
+        self.excess = _Excess(braking.excess)
 
     def command(self, now_ns: int, told: float) -> None:
-        """Take what is commanded from now on."""
-        if not self._told or abs(told) > self._told[-1][1]:
-            self._falls_since_ns = now_ns
-        self._told.append((now_ns, abs(told)))
+        """Take what is commanded from now on, below zero in the other direction."""
+        self._told.append((now_ns, max(0.0, told)))
         # One that is older holds until the next.
         while len(self._told) > 1 and now_ns - self._told[1][0] > PARAMS.kept_ns:
             self._told.popleft()
 
     def excuse(self, now_ns: int) -> None:
         """Begin anew: however fast it is, it may brake from that."""
-        self._falls_since_ns = now_ns
-        for excess in self.excesses:
-            excess.clear()
+        self._excused_ns = now_ns
+        self.excess.clear()
 
-    def measure(self, moved: "_Moved", measured: float, from_other: float) -> list[_Excess]:
-        """Return what has been too fast for too long.
+    def measure(self, moved: "_Moved", measured: float, from_other: float, tick: float) -> bool:
+        """Say whether it has been too fast for too long.
 
         Args:
             moved: the interval.
-            measured: how fast it was.
+            measured: how fast it was, below zero in the other direction.
             from_other: what another part makes of this one, braking unevenly.
+            tick: what one tick of an encoder amounts to.
         """
-        told = self._highest_told(moved.stamp_ns)
-        if moved.stamp_ns - self._falls_since_ns <= PARAMS.delay_ns:
-            # It may still be getting faster.
-            self.may_be = max(self.may_be, abs(measured), told)
-        else:
-            self.may_be = max(told, self.may_be - self._rate * moved.seconds)
-        follows = 0.0 if told == 0.0 else PARAMS.fastest_share * told + self._slack
-        most = max(self.may_be, follows) + from_other + self._standing
-        return [
-            excess
-            for excess, speed in zip(self.excesses, (measured, -measured), strict=True)
-            if excess.add(speed - most, moved)
-        ]
+        braking, now_ns = self._braking, moved.stamp_ns
+        peak = self._peak(moved, measured)
+        told = self._highest_told(now_ns)
+        follows = 0.0 if told == 0.0 else PARAMS.fastest_share * told + braking.slack
+        if self._excused_ns is not None and now_ns - self._excused_ns <= braking.delay_ns:
+            self.may_be = max(self.may_be, peak)
+        # It brakes from how fast it was, not from how fast it might have been.
+        slower = min(self.may_be - braking.rate * moved.seconds, peak)
+        self.may_be = max(follows, slower, 0.0)
+        most = self.may_be + from_other + braking.standing
+        return self.excess.add(measured - most, moved, tick)
+
+    def _peak(self, moved: "_Moved", measured: float) -> float:
+        """Return how fast it was at most of late, each time the mean over a while."""
+        now_ns = moved.stamp_ns
+        self._recent.append((now_ns, measured * moved.seconds, moved.seconds))
+        while now_ns - self._recent[0][0] >= PARAMS.smooth_ns:
+            self._recent.popleft()
+        mean = math.fsum(one[1] for one in self._recent) / math.fsum(one[2] for one in self._recent)
+        self._means.append((now_ns, mean))
+        while now_ns - self._means[0][0] > self._braking.delay_ns:
+            self._means.popleft()
+        return max(mean for _, mean in self._means)
 
     def _highest_told(self, stamp_ns: int) -> float:
-        since_ns = stamp_ns - PARAMS.delay_ns
+        since_ns = stamp_ns - self._braking.delay_ns
         highest = 0.0
         for at_ns, told in reversed(self._told):
             if at_ns <= stamp_ns:
@@ -182,6 +215,65 @@ class _Braking:
             if at_ns <= since_ns:
                 break
         return highest
+
+
+@dataclass(slots=True)
+class _Floor:
+    """How slow a side may be that is told to go in one direction."""
+
+    excess: _Excess
+
+    def measure(self, moved: "_Moved", measured: float, told: float, tick: float) -> bool:
+        """Say whether it has been too slow for too long.
+
+        Args:
+            moved: the interval.
+            measured: how fast it was, below zero in the other direction.
+            told: the least that it was told lately.
+            tick: what one tick of an encoder amounts to.
+        """
+        least = max(0.0, PARAMS.slowest_share * told - PARAMS.slow_slack)
+        # Told to stand, or to go the other way, it cannot be too slow.
+        behind = least - measured if least > 0.0 else -math.inf
+        return self.excess.add(behind, moved, tick)
+
+
+class _Part:
+    """One part of a velocity, which may be too fast in both directions."""
+
+    def __init__(self, braking: _Braking) -> None:
+        self.forward, self.backward = _Ceiling(braking), _Ceiling(braking)
+
+    @property
+    def may_be(self) -> float:
+        """How fast it may be, in one direction or the other."""
+        return max(self.forward.may_be, self.backward.may_be)
+
+    @property
+    def excesses(self) -> tuple[_Excess, ...]:
+        """How far it went beyond."""
+        return self.forward.excess, self.backward.excess
+
+    def command(self, now_ns: int, told: float) -> None:
+        """Take what is commanded from now on."""
+        self.forward.command(now_ns, told)
+        self.backward.command(now_ns, -told)
+
+    def excuse(self, now_ns: int) -> None:
+        """Begin anew: however fast it is, it may brake from that."""
+        self.forward.excuse(now_ns)
+        self.backward.excuse(now_ns)
+
+    def measure(
+        self, moved: "_Moved", measured: float, tick: float, from_other: float = 0.0
+    ) -> list[_Excess]:
+        """Return what has been too fast for too long; see `_Ceiling.measure`."""
+        beyond: list[_Excess] = []
+        if self.forward.measure(moved, measured, from_other, tick):
+            beyond.append(self.forward.excess)
+        if self.backward.measure(moved, -measured, from_other, tick):
+            beyond.append(self.backward.excess)
+        return beyond
 
 
 @dataclass(slots=True)
@@ -214,19 +306,33 @@ class MotionSupervision:
         self._rest_ns: int | None = None
         self._untold: _Untold | None = None
         self._has_rested = False
-        braking = PARAMS.braking_share * self._limits.deceleration
-        turn_braking = PARAMS.turn_braking_share * self._limits.angular_acceleration
-        ahead = braking, PARAMS.standing_speed, PARAMS.fast_slack, PARAMS.braking_excess_m
-        self._ahead, self._sideways = _Braking(*ahead), _Braking(*ahead)
-        self._turn = _Braking(
-            turn_braking,
+        limits, half_m = self._limits, self._half_track_m
+        ahead = _Braking(
+            PARAMS.delay_ns,
+            PARAMS.braking_share * limits.deceleration,
+            PARAMS.standing_speed,
+            PARAMS.fast_slack,
+            PARAMS.braking_excess_m,
+        )
+        turn = _Braking(
+            PARAMS.delay_ns,
+            PARAMS.turn_braking_share * limits.angular_acceleration,
             PARAMS.standing_wz,
-            PARAMS.fast_slack / self._half_track_m,
+            PARAMS.fast_slack / half_m,
             PARAMS.braking_excess_rad,
         )
+        side = _Braking(
+            PARAMS.following_ns,
+            min(ahead.rate, half_m * turn.rate),
+            PARAMS.standing_speed,
+            PARAMS.fast_slack,
+            PARAMS.following_excess_m,
+        )
+        self._ahead, self._sideways, self._turn = _Part(ahead), _Part(ahead), _Part(turn)
+        self._sides = _Part(side), _Part(side)
         most = PARAMS.following_excess_m
-        # Of each side: too far ahead, too far behind.
-        self._side_excess = tuple((_Excess(most), _Excess(most)) for _ in ("left", "right"))
+        self._floors = tuple((_Floor(_Excess(most)), _Floor(_Excess(most))) for _ in self._sides)
+        self._tick_m = 0.0
         self._found: Finding | None = None
 
     def command(self, now_ns: int, twist: Twist2D) -> None:
@@ -240,6 +346,8 @@ class MotionSupervision:
         self._ahead.command(now_ns, twist.vx)
         self._sideways.command(now_ns, twist.vy)
         self._turn.command(now_ns, twist.wz)
+        for side, told in zip(self._sides, sides_of(twist, self._half_track_m), strict=True):
+            side.command(now_ns, told)
         self._commands.append((now_ns, twist))
         while now_ns - self._commands[0][0] > PARAMS.kept_ns:
             self._commands.popleft()
@@ -253,6 +361,8 @@ class MotionSupervision:
         """
         last_ns, self._last_ns = self._last_ns, motion.stamp_ns
         if last_ns is None or not self._commands:
+            for part in self._parts:
+                part.excuse(motion.stamp_ns)
             return
         if motion.stamp_ns - last_ns > PARAMS.longest_gap_ns:
             self.forget()
@@ -266,6 +376,7 @@ class MotionSupervision:
         self._moved.append(moved)
         while motion.stamp_ns - self._moved[0].stamp_ns > PARAMS.kept_ns:
             self._moved.popleft()
+        self._learn_tick(abs(twist.vx) * seconds)
         self._note_rest(moved)
         since_ns = self._began_ns(moved)
         if since_ns is None:
@@ -274,7 +385,7 @@ class MotionSupervision:
             self._found = self._find_untold(moved)
         else:
             self._found = self._diagnose(since_ns, moved.stamp_ns)
-            for part in (self._ahead, self._sideways, self._turn):
+            for part in self._parts:
                 part.excuse(moved.stamp_ns)
 
     def take_finding(self) -> Finding | None:
@@ -300,29 +411,51 @@ class MotionSupervision:
         turns = abs(twist.wz) > PARAMS.standing_wz
         return twist.speed > PARAMS.standing_speed or turns or abs(gyro or 0.0) > PARAMS.gyro_wz
 
+    @property
+    def _parts(self) -> tuple[_Part, ...]:
+        return (self._ahead, self._sideways, self._turn, *self._sides)
+
+    def _learn_tick(self, way_m: float) -> None:
+        """One tick of one encoder moves the middle of the robot by half of it."""
+        if way_m > PARAMS.least_tick_m and (self._tick_m == 0.0 or 2.0 * way_m < self._tick_m):
+            self._tick_m = 2.0 * way_m
+
     def _began_ns(self, moved: _Moved) -> int | None:
         """Return since when it has not done as it was told, None if it does."""
-        braking, sides = self._brakings_beyond(moved), self._sides_beyond(moved)
+        braking, following = self._too_fast(moved), self._otherwise(moved)
         # A robot that is told to stand has only to brake.
-        beyond = braking if self._zero_ns is not None else [*braking, *sides]
+        beyond = braking if self._zero_ns is not None else [*braking, *following]
         return min((excess.since_ns for excess in beyond), default=None)
 
-    @property
-    def _excesses(self) -> tuple[_Excess, ...]:
-        parts = (self._ahead, self._sideways, self._turn)
-        braking = [excess for part in parts for excess in part.excesses]
-        return (*braking, *(excess for side in self._side_excess for excess in side))
-
-    # Told to become slower, or to stand.
-    def _brakings_beyond(self, moved: _Moved) -> list[_Excess]:
-        """Return what is too fast."""
+    def _too_fast(self, moved: _Moved) -> list[_Excess]:
+        """Return what does not become slower as told."""
+        twist, tick = moved.twist, self._tick_m
         by_turn = PARAMS.uneven * self._half_track_m * self._turn.may_be
         by_speed = PARAMS.uneven * self._ahead.may_be / self._half_track_m
         return [
-            *self._ahead.measure(moved, moved.twist.vx, by_turn),
-            *self._sideways.measure(moved, moved.twist.vy, by_turn),
-            *self._turn.measure(moved, moved.twist.wz, by_speed),
+            *self._ahead.measure(moved, twist.vx, tick, by_turn),
+            *self._sideways.measure(moved, twist.vy, tick, by_turn),
+            *self._turn.measure(moved, twist.wz, tick / self._half_track_m, by_speed),
         ]
+
+    def _otherwise(self, moved: _Moved) -> list[_Excess]:
+        """Return the sides that go much faster, slower or the other way than told."""
+        told = [sides_of(twist, self._half_track_m) for twist in self._told(moved.stamp_ns)]
+        beyond: list[_Excess] = []
+        for index, speed in enumerate(sides_of(moved.twist, self._half_track_m)):
+            beyond += self._sides[index].measure(moved, speed, self._tick_m)
+            forward, backward = self._floors[index]
+            least = min(one[index] for one in told), min(-one[index] for one in told)
+            if forward.measure(moved, speed, least[0], self._tick_m):
+                beyond.append(forward.excess)
+            if backward.measure(moved, -speed, least[1], self._tick_m):
+                beyond.append(backward.excess)
+        return beyond
+
+    @property
+    def _excesses(self) -> list[_Excess]:
+        parts = [excess for part in self._parts for excess in part.excesses]
+        return [*parts, *(floor.excess for floors in self._floors for floor in floors)]
 
     def _note_rest(self, moved: _Moved) -> None:
         twist = moved.twist
@@ -362,20 +495,6 @@ class MotionSupervision:
         spread = max(speeds) - min(speeds)
         return mean >= PARAMS.steady_speed and spread <= PARAMS.steady_share * mean
 
-    # Told to move.
-    def _sides_beyond(self, moved: _Moved) -> list[_Excess]:
-        """Return what goes much faster, slower or the other way than told."""
-        told = [sides_of(twist, self._half_track_m) for twist in self._told(moved.stamp_ns)]
-        beyond: list[_Excess] = []
-        for side, speed in enumerate(sides_of(moved.twist, self._half_track_m)):
-            low, high = min(one[side] for one in told), max(one[side] for one in told)
-            fast, slow = self._side_excess[side]
-            if fast.add(speed - _highest(high), moved):
-                beyond.append(fast)
-            if slow.add(-_highest(-low) - speed, moved):
-                beyond.append(slow)
-        return beyond
-
     def _told(self, stamp_ns: int) -> list[Twist2D]:
         """Return the commands that a motion up to `stamp_ns` may follow."""
         since_ns = stamp_ns - PARAMS.following_ns
@@ -398,14 +517,6 @@ class MotionSupervision:
 
     def _since(self, since_ns: int) -> list[_Moved]:
         return [moved for moved in self._moved if moved.stamp_ns > since_ns]
-
-
-def _highest(told: float) -> float:
-    """Return how fast a side may go at most that is told to go at most at `told` [m/s]."""
-    if told > 0.0:
-        return PARAMS.fastest_share * told + PARAMS.fast_slack
-    backward = PARAMS.slowest_share * told + PARAMS.slow_slack
-    return backward if backward < 0.0 else PARAMS.fast_slack
 
 
 def _mean(moved: list[_Moved]) -> Twist2D:
