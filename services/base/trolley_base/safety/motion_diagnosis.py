@@ -22,6 +22,9 @@ class MotionDiagnosisParams:
     """A side that goes at less than this share of what it is told ..."""
     stands_slack: float = 0.02
     """... and this, does not turn [m/s]."""
+    wrong_track: float = 0.15
+    """By this share of the other side's speed a side may seem to go backward, where the distance
+    between the wheels is a guess."""
     told_speed: float = 0.04
     """A side that is told less than this says nothing [m/s]."""
     witness_wz: float = 0.2
@@ -87,8 +90,9 @@ def drives_otherwise(
         gyro: the turn rate by the gyro [rad/s], None without a gyro.
         half_track_m: half of the distance between left and right wheels [m].
     """
-    sides = zip(sides_of(wheels, half_track_m), sides_of(told, half_track_m), strict=True)
-    stands = [_stands(speed, wanted) for speed, wanted in sides]
+    left, right = sides_of(wheels, half_track_m)
+    told_left, told_right = sides_of(told, half_track_m)
+    stands = [_stands(left, told_left, right), _stands(right, told_right, left)]
     as_wheels = _is_nearer(gyro, wheels.wz, told.wz)
     as_told = _is_nearer(gyro, told.wz, wheels.wz)
     turns_back = wheels.wz * told.wz < 0.0 and abs(told.wz) > PARAMS.witness_wz
@@ -129,11 +133,12 @@ def sides_of(twist: Twist2D, half_track_m: float) -> tuple[float, float]:
     return twist.vx - outward, twist.vx + outward
 
 
-def _stands(speed: float, wanted: float) -> bool:
-    """Whether a side that is told to go does not."""
+def _stands(speed: float, wanted: float, other: float) -> bool:
+    """Whether a side that is told to go does not; a wrong track mixes it with the other side."""
     forward = math.copysign(speed, speed * wanted)
     most = PARAMS.stands_share * abs(wanted) + PARAMS.stands_slack
-    return abs(wanted) > PARAMS.told_speed and -PARAMS.stands_slack < forward < most
+    least = -PARAMS.stands_slack - PARAMS.wrong_track * abs(other)
+    return abs(wanted) > PARAMS.told_speed and least < forward < most
 
 
 def _is_nearer(gyro: float | None, one: float, other: float) -> bool:

@@ -68,6 +68,10 @@ class FaultyWheels:
     def trouble(self, trouble: Trouble) -> None:
         self._trouble, self._since_s = trouble, 0.0
 
+    def stand(self) -> None:
+        """Stop turning: the board has restarted."""
+        self._turned = Twist2D.zero()
+
     def driven(self, told: Twist2D, dt: float) -> Twist2D:
         """Return what moves the robot in the next `dt` seconds [m/s, rad/s]."""
         trouble = self._trouble
