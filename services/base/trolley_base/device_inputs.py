@@ -64,6 +64,11 @@ class DeviceInputs:
         return self._reckoning.measured
 
     @property
+    def trouble(self) -> str:
+        """What is wrong with the odometry, as a sentence; "" while nothing is known to be."""
+        return self._reckoning.trouble
+
+    @property
     def is_button_pressed(self) -> bool:
         """Whether the board reports its stop button."""
         return codes.BUTTON in self._chassis.alarms

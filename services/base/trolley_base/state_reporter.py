@@ -91,6 +91,8 @@ class StateReporter:
                 "This machine is too slow for the configured rate; "
                 f"it runs at {self._clock.rate:.2g}.",
             )
+        elif self._inputs.trouble:
+            self._service.set_health("degraded", self._inputs.trouble)
         elif self._inputs.has_ended:
             self._service.set_health(
                 "ok", "The recording has ended; the robot stands where it ended."

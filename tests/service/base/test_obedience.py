@@ -1,12 +1,14 @@
 """A board that does not do as it is told, through the whole service in a simulated room."""
 
+import math
 from collections.abc import Callable
 
 import pytest
 
 from trolley import codes, requests
-from trolley.geometry import Twist2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState
+from trolley_base.drivers import MotionSample
 from trolley_base.simulation.simulated_hardware import SimulatedChassis
 from trolley_base.world.faulty_wheels import BOTH, LEFT, NONE, RIGHT, Trouble
 
@@ -171,3 +173,31 @@ def test_a_robot_in_order_is_never_blamed(rig: Rig) -> None:
             rig.drive(1.0, vx, wz)
 
     assert lawful(rig, drive) == []
+
+
+LEAPS = {
+    "far": Pose2D(5.0, 0.0, 0.0),
+    "not a number": Pose2D(math.nan, 0.0, 0.0),
+    "endless": Pose2D(math.inf, 0.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("kind", LEAPS)
+def test_odometry_that_leaps_is_never_published_and_not_driven_with(rig: Rig, kind: str) -> None:
+    def leap() -> None:
+        chassis = rig.base.hardware.chassis
+        assert isinstance(chassis, SimulatedChassis)
+        chassis.store(MotionSample(rig.now_ns, LEAPS[kind], Twist2D.zero()), 0.02)
+
+    leap()
+    rig.drive(2.0, 0.2)
+    assert rig.state.mode == "ok", "once it was misread"
+    for _ in range(3):
+        leap()
+        rig.drive(0.2, 0.2)
+    rig.drive(1.0, 0.2)
+    assert (rig.state.mode, rig.state.reason) == ("fault", codes.DOES_NOT_OBEY)
+    assert "leaps" in rig.state.message
+    assert rig.truth.twist.is_zero
+    assert all(one.pose.is_finite() and one.pose.x < 1.0 for one in rig.odometry)
+    assert rig.counters["odometry/jump"] == 4

@@ -63,6 +63,12 @@ class DeadReckoning:
         self.measured = Measured()
         """What the newest reading said."""
 
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the gyro, as a sentence; "" while nothing is known to be."""
+        found = self._fusion.trouble if self._uses_imu else None
+        return "" if found is None else found.value
+
     def add_reading(self, reading: ChassisReading) -> ChassisReading:
         """Join what was measured; return the reading with what there is to say of it added."""
         if self._uses_imu:
@@ -88,8 +94,9 @@ class DeadReckoning:
             if now is not before and now not in QUIET_STATES:
                 kind = f"odometry/{now.value}"
                 counts[kind] += 1
-                if now in SENTENCES:
-                    notes.append(Note("warning", kind, SENTENCES[now]))
+                text = self.trouble or SENTENCES.get(now)
+                if text:
+                    notes.append(Note("warning", kind, text))
         self.measured = Measured(tuple(measured), num_jumps)
         return replace(reading, notes=(*reading.notes, *notes), counts=counts)
 

@@ -12,6 +12,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from trolley_base.odometry.gyro_bias import GyroBias
+from trolley_base.odometry.gyro_check import GyroCheck, GyroTrouble
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,7 @@ class YawFusion:
         self._readings: deque[_Reading] = deque()
         self._changed_ns: int | None = None
         self._bias = GyroBias()
+        self._check = GyroCheck()
         self._wheels_turned = 0.0
         self._gyro_ratio = 0.0
         self._differs_since_ns: int | None = None
@@ -90,6 +92,11 @@ class YawFusion:
     def bias(self) -> float | None:
         """What the gyro reads at rest [rad/s], None before it is known."""
         return self._bias.value
+
+    @property
+    def trouble(self) -> GyroTrouble | None:
+        """How the gyro differs from the wheels, None where that is not known or it does not."""
+        return self._check.trouble
 
     def add_gyro(self, stamp_ns: int, wz: float) -> None:
         """Take a reading [rad/s] about z; not finite or not newer than the last, it is dropped."""
@@ -146,14 +153,17 @@ class YawFusion:
         if self._is_silent(end_ns):
             return GyroState.SILENT, 0.0
         raw_rad, highest = self._integrate(start_ns, end_ns)
+        seconds = (end_ns - start_ns) * 1e-9
+        gyro_rad = raw_rad - (self._bias.value or 0.0) * seconds
+        self._check.add(turn_rad, gyro_rad, seconds)
         if highest >= PARAMS.saturation:
             return GyroState.SATURATED, 0.0
         if self._is_stuck(end_ns):
             return GyroState.STUCK, 0.0
+        if self._check.trouble is not None:
+            return GyroState.DISAGREES, 0.0
         if self._bias.value is None:
             return GyroState.LEARNING, 0.0
-        seconds = (end_ns - start_ns) * 1e-9
-        gyro_rad = raw_rad - self._bias.value * seconds
         self._compare(turn_rad, gyro_rad, seconds)
         allowed = PARAMS.max_difference * seconds + PARAMS.max_difference_share * abs(turn_rad)
         differs = abs(gyro_rad - turn_rad) > allowed or not self._turns_alike(turn_rad)
