@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from bench.faults.robot import STANDS_MPS, Missing, Rig, describe
 from bench.faults.saved import lost
 
-from trolley import requests
+from trolley import codes, requests
 
 # Commands hold for 0.5 s at most; then the robot brakes from 0.5 m/s at 0.8 m/s².
 COMMAND_LOST_S = 0.5 + 0.7
+# A motor board that does not obey is found out within this time.
+TOLD_S = 0.5
 # The pose is stale after 1 s; the planner says zero then.
 POSE_LOST_S = 1.0 + COMMAND_LOST_S
 BACK_WITHIN_S = 90.0
@@ -125,7 +127,7 @@ def _let_it_go_on(rig: Rig, outcome: Outcome) -> None:
         outcome.wrong.append(f"set off by itself with {moved:.2f} m/s")
     end_s = time.monotonic() + BACK_WITHIN_S
     while rig.tour is not None and rig.tour.state == "paused":
-        if rig.base is not None and rig.base.mode == "stopped":
+        if rig.base is not None and rig.base.is_halted:
             rig.ask_patiently(requests.BASE_RESUME)
         rig.ask_patiently(requests.TOUR_RESUME)
         time.sleep(0.5)
@@ -220,6 +222,90 @@ def _planner_cut_off() -> list[Fault]:
     ]
 
 
+def _refused(rig: Rig) -> None:
+    rig.device_fault("linorobot:refuse+5")
+
+
+def _disobeys(fault: str) -> Callable[[Rig], float | None]:
+    """Break the board, and wait until base says so."""
+
+    def apply(rig: Rig) -> float | None:
+        broken_s = time.monotonic()
+        rig.device_fault(f"linorobot:{fault}")
+        rig.wait(lambda: rig.base and rig.base.reason == codes.DOES_NOT_OBEY, 5.0, "base says so")
+        return broken_s
+
+    return apply
+
+
+def _ignores_a_stop(rig: Rig) -> float | None:
+    """Stop a robot whose board heeds nothing; it must be told of, and stand when it is mended."""
+    rig.device_fault("linorobot:deaf")
+    stopped_s = time.monotonic()
+    rig.ask(requests.BASE_STOP)
+    rig.wait(lambda: rig.base and rig.base.not_stopped, 5.0, "NOT STOPPED is said")
+    told_s = time.monotonic() - stopped_s
+    rig.device_fault("linorobot:ok")
+    if told_s > TOLD_S + GRAIN_S:
+        raise Missing(f"NOT STOPPED is said within {TOLD_S} s; it took {told_s:.2f} s")
+    return time.monotonic()
+
+
+def _drives_by_itself(rig: Rig) -> float | None:
+    """Stop it, wait until it stands, and let its board drive."""
+    rig.ask(requests.BASE_STOP)
+    rig.wait(lambda: rig.speed < STANDS_MPS, 5.0, "the robot stands")
+    time.sleep(2.0)
+    began_s = time.monotonic()
+    rig.device_fault("linorobot:drives=0.15")
+    rig.wait(lambda: rig.base and rig.base.not_stopped, 5.0, "NOT STOPPED is said")
+    told_s = time.monotonic() - began_s
+    time.sleep(1.0)
+    rig.device_fault("linorobot:ok")
+    if told_s > TOLD_S + GRAIN_S:
+        raise Missing(f"NOT STOPPED is said within {TOLD_S} s; it took {told_s:.2f} s")
+    return time.monotonic()
+
+
+def _mend_board(rig: Rig) -> None:
+    rig.device_fault("linorobot:ok")
+
+
+def _obedience() -> list[Fault]:
+    return [
+        Fault(
+            "board ignores a stop",
+            "NOT STOPPED is shown within 0.5 s until the board is mended; the trip waits",
+            _ignores_a_stop,
+            stands_s=COMMAND_LOST_S,
+            asks=True,
+        ),
+        Fault(
+            "board drives by itself",
+            "NOT STOPPED is shown within 0.5 s until the board is mended; the trip waits",
+            _drives_by_itself,
+            stands_s=COMMAND_LOST_S,
+            asks=True,
+        ),
+        Fault(
+            "left motor dead",
+            "base stops and says which wheel; the trip waits for a person",
+            _disobeys("motor=left"),
+            _mend_board,
+            stands_s=TOLD_S + COMMAND_LOST_S,
+            asks=True,
+        ),
+        Fault(
+            "board's port takes nothing for 5 s",
+            "the board stops by itself; base holds and says so; the trip continues",
+            _refused,
+            None,
+            5.0,
+            COMMAND_LOST_S,
+        ),
+    ]
+
+
 def _devices() -> list[Fault]:
     lidar, board = "ld19", "linorobot"
     return [
@@ -264,4 +350,5 @@ FAULTS: dict[str, Callable[[], list[Fault]]] = {
     "router": _without_router,
     "network": _planner_cut_off,
     "devices": _devices,
+    "obedience": _obedience,
 }

@@ -67,6 +67,7 @@ CLIFF = "cliff"
 BATTERY = "battery"
 COLLISION = "collision"
 SHUTDOWN = "shutdown"
+DOES_NOT_OBEY = "does_not_obey"
 # Storage.
 NOT_SAVED = "not_saved"
 
@@ -124,6 +125,7 @@ SENTENCES: dict[str, str] = {
     BATTERY: "The battery is too low to drive.",
     COLLISION: "The robot touched something.",
     SHUTDOWN: "The base service is shutting down.",
+    DOES_NOT_OBEY: "The motor board does not obey.",
     NOT_SAVED: "It could not be written to disk.",
 }
 """One plain sentence per code."""

@@ -33,6 +33,8 @@ def robot_sentence(
     if base.mode != "ok":
         if base.mode == "stopped":
             return "Stopped. `trolley resume` lets it drive."
+        if base.reason == codes.DOES_NOT_OBEY:
+            return f"{why}."
         return _sentence("Waiting" if base.mode == "held" else "It cannot drive", why)
     if pose is not None and is_stale:
         return "The pose is out of date."

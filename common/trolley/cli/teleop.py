@@ -145,7 +145,7 @@ class StopRequests:
             self.trouble = str(error)
         else:
             self.trouble = ""
-            self.wants_stop = self.wants_stop and state.mode != "stopped"
+            self.wants_stop = self.wants_stop and not state.is_halted
 
 
 def base_line(base: BaseState | None) -> tuple[str, str | None]:
@@ -156,7 +156,9 @@ def base_line(base: BaseState | None) -> tuple[str, str | None]:
     if base.mode != "ok":
         why = base.message or codes.SENTENCES.get(base.reason, base.reason)
         text = f"{base.mode.capitalize()}: {why}" if why else f"{base.mode.capitalize()}."
-    if base.mode == "stopped":
+    if base.not_stopped:
+        text = base.message
+    elif base.is_halted:
         text += " R lets it drive again."
     if base.battery is not None and base.battery.fraction is not None:
         text += f"  Battery {base.battery.fraction:.0%}."

@@ -148,7 +148,9 @@ def check_base(facts: RobotFacts) -> list[Finding]:
             found.append(
                 problem("base", text.strip(), "Check its cable; `trolley detect` looks for it.")
             )
-    if base.mode == "fault":
+    if base.not_stopped:
+        found.append(problem("base", why, "Then look at what the sentence names."))
+    elif base.mode == "fault":
         found.append(problem("base", f"The robot cannot drive: {why}", LOG))
     elif base.mode == "stopped":
         found.append(warning("base", f"The robot is stopped: {why}", "`trolley resume`"))

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from trolley import codes
 from trolley.geometry.pose import Finite, Pose2D, Twist2D
 from trolley.messages.types import NonNegative, Point, Point3, Positive, Share, StampNs
 
@@ -125,6 +126,8 @@ class BaseState(Struct, frozen=True, kw_only=True):
 
     `mode`: `ok`; `stopped` (latched until resumed); `held` (continues by itself); `fault`. `source`
     is the source of commands in control, null if none; `reason` a code, "" if none.
+    `not_stopped`: it moves though it is told to stand, or nobody knows whether it still does; then
+    `mode` is `fault`, `reason` `does_not_obey`, and whatever shows `stopped` shows `message`.
     """
 
     stamp_ns: StampNs
@@ -134,6 +137,12 @@ class BaseState(Struct, frozen=True, kw_only=True):
     message: str = ""
     links: list[Link] = []
     battery: Battery | None = None
+    not_stopped: bool = False
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether only somebody's resume lets it drive again: stopped, or not obeying."""
+        return self.mode == "stopped" or self.reason == codes.DOES_NOT_OBEY
 
     def is_from_before(self, asked_ns: int) -> bool:
         """Whether it was published before something that was asked for at this robot time.

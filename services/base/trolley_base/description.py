@@ -8,6 +8,7 @@ from trolley.files import read_file
 from trolley.geometry import footprint_from_box, footprint_from_polygon, footprint_from_radius
 from trolley.messages import Robot
 from trolley.messages.motion import MAX_MESH_BYTES
+from trolley_base.odometry.wheel_scales import counted_track_of
 from trolley_base.safety.motion_limits import MotionLimits
 
 LONGEST_WATCHDOG_S = 0.5
@@ -31,6 +32,12 @@ def footprint_of(config: RobotConfig) -> NDArray[np.float64]:
         return footprint_from_box(given.length_m or 0.0, given.width_m or 0.0)
     except ValueError as error:
         raise ConfigError(f"[robot.footprint] {error}") from error
+
+
+def half_track_of(config: RobotConfig, footprint: NDArray[np.float64]) -> float:
+    """Return half of the distance between left and right wheels [m], at most half the width."""
+    half_width_m = 0.5 * float(np.ptp(footprint[:, 1]))
+    return half_width_m if (track_m := counted_track_of(config)) is None else 0.5 * track_m
 
 
 def limits_of(config: RobotConfig, watchdog_s: float = 0.0) -> MotionLimits:

@@ -9,7 +9,7 @@ from trolley.messages import Battery, Link, Odometry, Scan, Transform, floats_to
 from trolley.runtime.service import Service, gets
 from trolley_base.device_log import DeviceLog
 from trolley_base.drivers import ChassisReading, Hardware, LidarScan
-from trolley_base.odometry.dead_reckoning import DeadReckoning
+from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import Beat
 from trolley_base.safety.near_echoes import NearEchoes
@@ -57,6 +57,16 @@ class DeviceInputs:
     def has_ended(self) -> bool:
         """Whether a recording has been played to its end."""
         return self._hardware.has_ended
+
+    @property
+    def measured(self) -> Measured:
+        """What wheels and gyro measured of the robot's own motion by the newest reading."""
+        return self._reckoning.measured
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the odometry, as a sentence; "" while nothing is known to be."""
+        return self._reckoning.trouble
 
     @property
     def is_button_pressed(self) -> bool:

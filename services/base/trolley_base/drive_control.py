@@ -7,6 +7,7 @@ from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Later, Service, answers, on
 from trolley_base.device_inputs import DeviceInputs
 from trolley_base.drivers import Hardware
+from trolley_base.motion_watch import MotionWatch
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import RobotClock
 from trolley_base.safety.estop_latch import EstopLatch
@@ -26,6 +27,7 @@ class DriveControl:
         scales: between true and reported motion.
         inputs: what the devices report.
         reporter: publishes what was decided.
+        watch: finds out whether the motors obey.
     """
 
     def __init__(
@@ -37,6 +39,7 @@ class DriveControl:
         scales: WheelScales,
         inputs: DeviceInputs,
         reporter: StateReporter,
+        watch: MotionWatch,
     ) -> None:
         self._service = service
         self._clock = clock
@@ -45,6 +48,7 @@ class DriveControl:
         self._scales = scales
         self._inputs = inputs
         self._reporter = reporter
+        self._watch = watch
         self._estop = EstopLatch(service)
         self.parts = (self, self._estop)
         self.decision = Decision(Twist2D.zero(), None, 0, "ok")
@@ -53,20 +57,24 @@ class DriveControl:
     def begin(self, hardware: Hardware) -> None:
         """Begin a run with devices that have been opened; a stop of before still holds."""
         self._chassis = hardware.chassis
+        self._watch.begin(hardware)
         self._estop.load()
 
     def update(self, now_ns: int) -> None:
         """Decide what is driven until the next period."""
-        if self._inputs.is_button_pressed and not self._estop.is_set:
+        self._watch.update(now_ns, self._inputs.measured)
+        must_stop = self._inputs.is_button_pressed or self._watch.is_latched
+        if must_stop and not self._estop.is_set:
             self._switch(is_stopped=True)
             self._estop.save()
         self._decide(now_ns)
 
     def _decide(self, now_ns: int) -> None:
         state = self._inputs.safety_state(now_ns, self._cannot_drive, is_stopped=self._estop.is_set)
-        restriction = find_restriction(state)
+        restriction = self._watch.restriction or find_restriction(state)
         self.decision = self._limiter.decide(now_ns, self._inputs.echoes, restriction)
         self._chassis.drive(self._scales.reported_twist(self.decision.twist))
+        self._watch.command(now_ns, self.decision.twist)
 
     @on(topics.COMMAND)
     def take_command(self, command: VelocityCommand, source: str) -> None:
@@ -89,8 +97,9 @@ class DriveControl:
 
     @answers(requests.BASE_RESUME)
     def resume(self, _: Nothing) -> BaseState:
-        """Let commands that arrive from now on drive again."""
-        state = self._switch(is_stopped=False)
+        """Let commands that arrive from now on drive again; not while it does not stop."""
+        self._watch.clear()
+        state = self._switch(is_stopped=self._watch.is_latched)
         self._estop.save()
         return state
 

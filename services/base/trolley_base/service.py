@@ -6,13 +6,15 @@ from trolley import topics
 from trolley.config import RobotConfig
 from trolley.messages import Transform
 from trolley.runtime.service import Service, every
-from trolley_base.description import describe_robot, footprint_of, limits_of
+from trolley_base.description import describe_robot, footprint_of, half_track_of, limits_of
 from trolley_base.device_factory import choose_device
 from trolley_base.device_inputs import DeviceInputs
 from trolley_base.drive_control import DriveControl
 from trolley_base.drivers import Hardware
+from trolley_base.motion_watch import MotionWatch
 from trolley_base.odometry.wheel_scales import scales_of
 from trolley_base.persistence import WORLD_FILE, SavedWorld
+from trolley_base.safety.motion_supervision import MotionSupervision
 from trolley_base.safety.near_echoes import NearEchoes
 from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import VelocityLimiter
@@ -48,9 +50,18 @@ class BaseService(Service):
         self._time = Timekeeper(self)
         clock = self.own_time = self._time.clock
         self._inputs = DeviceInputs(self, NearEchoes(device.base_T_laser, field.reach))
-        self._reporter = StateReporter(self, clock, self._inputs)
+        supervision = MotionSupervision(limits, half_track_of(config, footprint))
+        watch = MotionWatch(self, supervision, can_drive=not device.cannot_drive)
+        self._reporter = StateReporter(self, clock, self._inputs, watch)
         self._drive = DriveControl(
-            self, clock, device.cannot_drive, limiter, self._scales, self._inputs, self._reporter
+            self,
+            clock,
+            device.cannot_drive,
+            limiter,
+            self._scales,
+            self._inputs,
+            self._reporter,
+            watch,
         )
         self._world = None if device.world is None else SharedWorld(self, device.world)
         shared = () if self._world is None else (self._world,)

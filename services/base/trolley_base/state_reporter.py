@@ -6,6 +6,7 @@ from trolley import codes, topics
 from trolley.messages import BaseState, VelocityCommand
 from trolley.runtime.service import Service
 from trolley_base.device_inputs import DeviceInputs
+from trolley_base.motion_watch import MotionWatch
 from trolley_base.robot_clock import Beat, RobotClock
 from trolley_base.safety.safety_state import SCAN_SILENCE_NS
 from trolley_base.safety.velocity_limiter import Decision
@@ -23,12 +24,16 @@ class StateReporter:
         service: base.
         clock: robot time.
         inputs: what the devices report.
+        watch: knows whether the motors obey.
     """
 
-    def __init__(self, service: Service, clock: RobotClock, inputs: DeviceInputs) -> None:
+    def __init__(
+        self, service: Service, clock: RobotClock, inputs: DeviceInputs, watch: MotionWatch
+    ) -> None:
         self._service = service
         self._clock = clock
         self._inputs = inputs
+        self._watch = watch
         self._published: BaseState | None = None
         self._command_beat, self._state_beat = Beat(COMMAND_S), Beat(STATE_S)
 
@@ -63,6 +68,7 @@ class StateReporter:
             message=decision.message,
             links=self._inputs.links,
             battery=self._inputs.battery,
+            not_stopped=self._watch.not_stopped,
         )
 
     def _has_changed(self, decision: Decision, now_ns: int) -> bool:
@@ -85,6 +91,8 @@ class StateReporter:
                 "This machine is too slow for the configured rate; "
                 f"it runs at {self._clock.rate:.2g}.",
             )
+        elif self._inputs.trouble:
+            self._service.set_health("degraded", self._inputs.trouble)
         elif self._inputs.has_ended:
             self._service.set_health(
                 "ok", "The recording has ended; the robot stands where it ended."

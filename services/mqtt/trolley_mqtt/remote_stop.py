@@ -2,6 +2,7 @@
 
 from trolley import requests
 from trolley.codes import Refused
+from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, every
 from trolley_mqtt.state_report import StateReport
@@ -43,6 +44,7 @@ class RemoteStop:
     def _update_reply(self, reply: object) -> None:
         if not isinstance(reply, Refused):
             self._until_ns = None
-            self._report.answer("Stop: done.")
+            disobeys = isinstance(reply, BaseState) and reply.not_stopped
+            self._report.answer(reply.message if disobeys else "Stop: done.")
         elif self._until_ns is not None:
             self._report.alarm()

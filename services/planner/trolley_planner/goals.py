@@ -142,8 +142,9 @@ def check_state(inputs: Inputs, now_ns: int) -> None:
     Raises:
         Refused: `stopped`, `not_localized`.
     """
-    if inputs.base is not None and inputs.base.mode == "stopped":
-        raise Refused(codes.STOPPED)
+    if inputs.base is not None and inputs.base.is_halted:
+        is_stopped = inputs.base.mode == "stopped"
+        raise Refused(codes.STOPPED, None if is_stopped else inputs.base.message)
     trouble = inputs.pose_trouble(now_ns)
     if trouble == codes.STALE:
         raise Refused(codes.NOT_LOCALIZED, "No fresh pose arrives from the localizer.")

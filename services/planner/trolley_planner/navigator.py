@@ -218,7 +218,9 @@ class Navigator:
             return
         if base.mode in ("stopped", "fault"):
             reason = codes.STOPPED if base.mode == "stopped" else base.reason
-            self._pause(reason or codes.STOPPED, now_ns, base.message or None)
+            # What it does just now is for base to say; the goal says why it is paused.
+            message = None if base.reason == codes.DOES_NOT_OBEY else base.message or None
+            self._pause(reason or codes.STOPPED, now_ns, message)
         elif base.source not in (None, OWN_SOURCE):
             drove_before = before is not None and before.source == base.source
             if not drove_before or now_ns - goal.sent_ns > SETTLED_S * 1e9:

@@ -239,7 +239,7 @@ class PlannerService(Service):
         What base publishes may arrive after a request that came later: requests go first.
         """
         base = self.navigator.inputs.base
-        if base is None or base.mode != "stopped":
+        if base is None or not base.is_halted:
             return act()
         later: Later[R] = self.later()
 

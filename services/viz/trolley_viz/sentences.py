@@ -105,7 +105,7 @@ def base_line(base: BaseState | None) -> StatusLine | None:
         case "held":
             return StatusLine("Held", "warn", _join(why, "It will continue by itself."))
         case _:
-            return StatusLine("Fault", "bad", why)
+            return StatusLine("NOT STOPPED" if base.not_stopped else "Fault", "bad", why)
 
 
 def goal_line(goal: GoalStatus | None, places: list[SavedPose]) -> StatusLine:

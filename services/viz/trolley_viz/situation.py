@@ -75,6 +75,8 @@ def _base(known: RobotState) -> StatusLine | None:
     if base.mode == "stopped":
         why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_reason_of(base)}"
         return StatusLine(f"{why}. Press Resume to let it drive again.", "bad")
+    if base.reason == codes.DOES_NOT_OBEY:
+        return StatusLine(base.message, "bad")
     return StatusLine(f"The robot cannot drive: {_reason_of(base)}.", "bad")
 
 

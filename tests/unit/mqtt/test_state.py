@@ -9,6 +9,13 @@ from trolley_mqtt.robot_view import RobotView
 from trolley_mqtt.sentences import ACTIVITIES
 from trolley_mqtt.state import MAX_TEXT, state_of
 
+DISOBEYS = BaseState(
+    stamp_ns=0,
+    mode="fault",
+    reason=codes.DOES_NOT_OBEY,
+    message="NOT STOPPED: the motor board does not obey: it drives by itself at 0.30 m/s.",
+    not_stopped=True,
+)
 KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
 
 
@@ -44,6 +51,7 @@ TRIP = TourStatus(
         ({}, "ready", "ready"),
         ({"is_away": True}, "away", "out of reach"),
         ({"base": BaseState(stamp_ns=0, mode="fault", reason=codes.LINK_LOST)}, "fault", "board"),
+        ({"base": DISOBEYS}, "fault", "NOT STOPPED"),
         ({"base": BaseState(stamp_ns=0, mode="stopped", reason=codes.BUTTON)}, "stopped", "button"),
         ({"base": BaseState(stamp_ns=0, mode="ok", source="teleop")}, "by_hand", "by hand"),
         ({"age_s": 5.0}, "lost", "where it is"),

@@ -73,6 +73,11 @@ def test_a_stopped_base_says_why_and_what_to_do() -> None:
     )
 
 
+def test_a_base_that_does_not_stop_says_so() -> None:
+    base = BaseState(stamp_ns=0, mode="fault", reason="does_not_obey", not_stopped=True)
+    assert base_line(base) == StatusLine("NOT STOPPED", "bad", "The motor board does not obey.")
+
+
 def test_a_goal_is_called_by_its_place() -> None:
     goal = GoalStatus(
         stamp_ns=1,

@@ -264,3 +264,9 @@ def test_what_keeps_it_from_driving_comes_first() -> None:
     )
     assert situation(everything).headline.startswith("Stopped.")
     assert situation(everything).tone == "bad"
+
+
+def test_a_robot_that_does_not_stop_is_not_called_stopped() -> None:
+    sentence = "NOT STOPPED: the motor board does not obey: it drives by itself at 0.30 m/s."
+    found = situation(RobotState(base=base("fault", "does_not_obey", sentence)))
+    assert (found.headline, found.tone) == (sentence, "bad")

@@ -30,6 +30,7 @@ class Line:
         settle_s: wait after opening, for a board that reboots; what arrives meanwhile is dropped.
         is_prompt: what arrives is heard at once and not with the next look, for a device that is
             asked again as soon as it has answered.
+        restarts: the device reboots when its port is opened, as an Arduino does.
     """
 
     baud: int
@@ -37,6 +38,7 @@ class Line:
     dtr_after: bool | None = None
     settle_s: float = 0.0
     is_prompt: bool = False
+    restarts: bool = False
 
 
 @dataclass(frozen=True, slots=True)

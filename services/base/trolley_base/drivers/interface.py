@@ -87,6 +87,10 @@ class Chassis(Protocol):
         """Hand over what was measured since the last call; never blocks."""
         ...
 
+    def restart(self) -> bool:
+        """Restart the board, whose motors then stand; False where that cannot be done."""
+        ...
+
 
 def _no_intensities() -> NDArray[np.float32]:
     return np.empty(0, dtype=np.float32)

@@ -43,6 +43,10 @@ class SerialChassis:
         counts = self._conversation.counts(reading.counts)
         return replace(reading, link=self._conversation.link(self._now_ns), counts=counts)
 
+    def restart(self) -> bool:
+        """Open the port anew, which restarts an Arduino; False for boards that do not notice."""
+        return self._conversation.restart(self._now_ns)
+
     def advance(self, now_ns: int) -> None:
         """Hear what has arrived up to now."""
         self._now_ns = now_ns
@@ -62,6 +66,10 @@ class NoChassis:
 
     def drive(self, twist: Twist2D) -> None:
         """Do nothing: there are no wheels."""
+
+    def restart(self) -> bool:
+        """There is no board to restart."""
+        return False
 
     def read(self) -> ChassisReading:
         """Report that it stands."""

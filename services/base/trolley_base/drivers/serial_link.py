@@ -11,6 +11,14 @@ D = TypeVar("D", bound=Dialogue)
 
 REOPEN_EVERY_NS = 5_000_000_000
 """A port is opened again at most this often at a dialogue's request [ns]."""
+REFUSED_NS = 500_000_000
+"""A port that refuses what is written for this long does not work [ns] ..."""
+TAKEN_NS = 1_000_000_000
+"""... and one that has refused nothing for this long does again [ns]."""
+MOST_LOSSES, LOSSES_WITHIN_NS = 3, 10_000_000_000
+"""A device that was lost this often within this time will be lost again [ns] ..."""
+STEADY_NS = 3_000_000_000
+"""... until it has been there for this long without a break [ns]."""
 
 
 class SerialLink(Generic[D]):
@@ -38,6 +46,11 @@ class SerialLink(Generic[D]):
         self._trouble = ""
         self._reopen_after_ns = 0
         self._refused_writes = 0
+        self._refused_since_ns: int | None = None
+        self._refused_ns = 0
+        self._was_up = False
+        self._up_since_ns = 0
+        self._losses_ns: list[int] = []
 
     def listen(self, now_ns: int) -> None:
         """Hand over what has arrived."""
@@ -57,16 +70,68 @@ class SerialLink(Generic[D]):
         if not self._is_open:
             return
         data = self.dialogue.outgoing(now_ns)
-        if data and not self._device.write(data):
-            self._refused_writes += 1
+        if data:
+            self._note_write(now_ns, is_taken=self._device.write(data))
+        if not self._is_open:
+            return
         if now_ns >= self._reopen_after_ns and self.dialogue.status(now_ns).reopen:
-            self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
-            self._trouble = self.link(now_ns).message
-            self._is_open = False
-            self._device.reopen()
+            self._reopen(now_ns, self.link(now_ns).message)
+
+    def _note_write(self, now_ns: int, *, is_taken: bool) -> None:
+        """Give up a port that takes nothing: what is commanded does not reach the device."""
+        if is_taken:
+            # What was refused has been thrown away, so there is room for a moment.
+            if now_ns - self._refused_ns >= TAKEN_NS:
+                self._refused_since_ns = None
+            return
+        self._refused_writes += 1
+        self._refused_ns = now_ns
+        if self._refused_since_ns is None:
+            self._refused_since_ns = now_ns
+        elif now_ns - self._refused_since_ns >= REFUSED_NS:
+            self._refused_since_ns = None
+            self._reopen(
+                now_ns,
+                f"{self._device.path} takes nothing of what is written to it: the device or its "
+                "adapter hangs; plug it in again.",
+            )
+
+    def restart(self, now_ns: int) -> bool:
+        """Open the port anew where that restarts the device; False where it would not."""
+        if not (self._is_open and self.dialogue.line.restarts):
+            return False
+        self._reopen(now_ns, "The motor board is being restarted.")
+        return True
+
+    def _reopen(self, now_ns: int, why: str) -> None:
+        self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
+        self._trouble, self._is_open = why, False
+        self._device.reopen()
 
     def link(self, now_ns: int) -> Link:
-        """Say how the connection is, naming the port."""
+        """Say how the connection is, naming the port; one that comes and goes is down."""
+        link = self._present_link(now_ns)
+        self._note_losses(now_ns, is_up=link.state == "up")
+        if link.state != "up" or len(self._losses_ns) < MOST_LOSSES:
+            return link
+        message = (
+            f"{self._device.path}: the connection was lost {len(self._losses_ns)} times within "
+            f"{LOSSES_WITHIN_NS // 1_000_000_000} s: the device restarts, or its cable is loose. "
+            "Look at its supply and its cable; it is used again when it stays."
+        )
+        return Link(name=self._name, state="down", message=message)
+
+    def _note_losses(self, now_ns: int, *, is_up: bool) -> None:
+        if is_up and not self._was_up:
+            self._up_since_ns = now_ns
+        if self._was_up and not is_up:
+            self._losses_ns.append(now_ns)
+        self._was_up = is_up
+        since_ns = now_ns - LOSSES_WITHIN_NS
+        is_steady = is_up and now_ns - self._up_since_ns >= STEADY_NS
+        self._losses_ns = [] if is_steady else [at for at in self._losses_ns if at > since_ns]
+
+    def _present_link(self, now_ns: int) -> Link:
         if not self._is_open:
             state = "down" if self._trouble else "searching"
             message = self._trouble or f"{self._device.path} is being opened."

@@ -4,14 +4,17 @@ import errno
 import fcntl
 import os
 import select
+import sys
 import termios
 
 import serial
 
-from trolley_base.drivers.dialogue import Line
+from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line
 
 MOST_READ = 4096
 """At most this much is read at a time; a device that floods cannot keep the reader in one call."""
+LEAST_QUEUED, QUEUED_S = 256, 0.1
+"""What a line needs longer for, or more bytes than that, waits because nobody takes it [s]."""
 PSEUDO_TERMINALS = "/dev/pts/"
 NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL, errno.EIO, errno.ENODEV, errno.ENXIO)
 """Errors of modem lines where there are none (a pseudo-terminal), and of a lost device."""
@@ -30,6 +33,7 @@ class SerialPort:
 
     def __init__(self, path: str, line: Line) -> None:
         self._line = line
+        self._most_queued = max(LEAST_QUEUED, round(QUEUED_S * line.baud / BITS_PER_BYTE))
         self._serial = serial.Serial(None, line.baud, timeout=0, write_timeout=0, exclusive=True)
         self._serial.port = path
         if line.dtr is not None:
@@ -83,7 +87,8 @@ class SerialPort:
         if not waiting:
             return True
         try:
-            sent = os.write(self._serial.fileno(), waiting)
+            is_stuck = self._queued() > self._most_queued
+            sent = 0 if is_stuck else os.write(self._serial.fileno(), waiting)
         except BlockingIOError:
             sent = 0
         if sent == 0 or sent < len(self._unsent):
@@ -93,6 +98,16 @@ class SerialPort:
             return False
         self._unsent = waiting[sent:]
         return True
+
+    def _queued(self) -> int:
+        """Return how many bytes wait to leave; 0 where the port does not say."""
+        try:
+            answer = fcntl.ioctl(self._serial.fileno(), termios.TIOCOUTQ, bytes(4))
+        except OSError as error:
+            if error.errno in NO_SUCH_LINE:
+                return 0
+            raise
+        return int.from_bytes(answer, sys.byteorder)
 
     def discard_input(self) -> None:
         """Drop what has arrived and was not read.

@@ -25,6 +25,8 @@ PID_INTERVAL_S = 0.033
 ARGUMENT_CHARS = 15
 BUMPER_PIN, CLIFF_PIN, BATTERY_PIN = 4, 7, 0
 BATTERY_COUNTS, BATTERY_VOLTS_PER_COUNT = 816, 0.0147
+LEAP_TICKS, LEAP_NS = 1 << 20, 1_000 * NS_PER_MS
+"""A bit of the left count that falls over."""
 TOUCHING_M = 0.003
 NO_SONAR_CM = 0
 
@@ -52,7 +54,7 @@ class ArduinoBridge(Board):
     """
 
     def __init__(self, facts: WheelFacts, *, use_base: bool = True) -> None:
-        super().__init__(ARDUINO_BAUD)
+        super().__init__(ARDUINO_BAUD, 0.5 * facts.track_m)
         self._facts = facts
         self._use_base = use_base
         self._booted_ns = 0
@@ -63,6 +65,7 @@ class ArduinoBridge(Board):
     def restart(self, now_ns: int) -> None:
         """Reboot: deaf and mute for a second, wheels standing, encoders at zero."""
         self._forget(now_ns)
+        self.motors.stand()
         self._booted_ns = now_ns + BOOT_NS
 
     def _forget(self, now_ns: int) -> None:
@@ -70,6 +73,7 @@ class ArduinoBridge(Board):
         self._target = (0, 0)
         self._moved_ns = now_ns
         self._ticks = [0.0, 0.0]
+        self._leapt_ns = now_ns
         self._frozen: str | None = None
         self._outputs: dict[str, int] = {}
         self._is_touching = False
@@ -90,12 +94,15 @@ class ArduinoBridge(Board):
 
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
         """Turn the wheels one step further, and stop them when no command comes."""
-        twist = simulation.take_motion().twist
+        twist = self.motors.counted(simulation.take_motion().twist)
         if to_ns <= self._booted_ns:
             return  # nobody counts
         half = 0.5 * self._facts.track_m * twist.wz
         for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
             self._ticks[wheel] += speed * STEP_NS * 1e-9 * self._facts.ticks_per_m
+        if self.leaps and to_ns - self._leapt_ns >= LEAP_NS:
+            self._leapt_ns = to_ns
+            self._ticks[0] += LEAP_TICKS
         if to_ns - self._moved_ns > AUTO_STOP_NS:
             self._target = (0, 0)
         self._is_touching = simulation.truth().clearance < TOUCHING_M

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from trolley.geometry import Twist2D
 from trolley_base.world import Simulation
+from trolley_base.world.faulty_wheels import FaultyWheels
 
 MOST_COMMANDS = 20_000
 
@@ -76,10 +77,19 @@ class Device:
 
 
 class Board(Device):
-    """A motor board: it decides what the wheels do."""
+    """A motor board: it decides what the wheels do.
 
-    def __init__(self, baud: int) -> None:
+    Args:
+        baud: the speed of its line.
+        half_track_m: half of the distance between its wheels [m].
+    """
+
+    def __init__(self, baud: int, half_track_m: float) -> None:
         super().__init__(baud)
+        self.motors = FaultyWheels(half_track_m)
+        """Motors and encoders; faults break them."""
+        self.leaps = False
+        """Fault: its odometry leaps once a second."""
         self.commands: deque[ReceivedCommand] = deque(maxlen=MOST_COMMANDS)
         """The newest commands, oldest first."""
 

@@ -6,13 +6,15 @@ arduino_bridge:pin=d4:0+2   digital pin 4 reads 0, for 2 s
 ld19:ok                     everything that holds for this device ends
 """
 
+import math
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from trolley_base.emulators.device import Frame
+from trolley_base.world.faulty_wheels import BOTH, NONE, WELL, Sides, Trouble
 
 KINDS = {
     "silence": "it sends nothing",
@@ -21,6 +23,19 @@ KINDS = {
     "stuck": "a lidar reports one angle, a board the same values, again and again",
     "unplug": "the port is gone; plugged in again at the end",
     "flood": "its last frame again and again, more than the line carries",
+    "deaf": "a board heeds no command any more: it drives on as it did",
+    "drives": "a board drives by itself; =M/S, else 0.3",
+    "factor": "a board drives =TIMES what it is told, else -1: the wrong way",
+    "motor": "a motor is dead: =left, =right or =both",
+    "encoder": "an encoder is stuck: =left, =right or =both",
+    "swapped": "the encoders of left and right are swapped",
+    "lifted": "the wheels turn in the air",
+    "pushed": "somebody pushes the robot to and fro; =M/S at most, else 0.4",
+    "jump": "a board's odometry leaps once a second",
+    "nan": "linorobot: its speeds are no numbers",
+    "gyro": "linorobot: its gyro reads =TIMES the truth, else -1: the wrong way round",
+    "reset": "the device restarts once a second",
+    "refuse": "the port takes nothing of what the host writes",
     "md5": "linorobot: another firmware, with another `raw_vel`",
     "pin": "arduino_bridge: =d4:0 or =a0:700, what a pin reads",
     "ok": "all faults of the device end",
@@ -30,7 +45,25 @@ _FAULT = re.compile(
     r"(@(?P<start>\d+(\.\d+)?))?(\+(?P<duration>\d+(\.\d+)?))?"
 )
 _PIN = re.compile(r"(?P<pin>[da]\d+):(?P<value>\d+)")
-_DEFAULTS = {"noise": 200.0, "cut": 0.3}
+_DEFAULTS = {
+    "noise": 200.0,
+    "cut": 0.3,
+    "drives": 0.3,
+    "factor": -1.0,
+    "pushed": 0.4,
+    "gyro": -1.0,
+}
+_RANGES = {
+    "noise": (0.0, 1e5),
+    "cut": (0.0, 1.0),
+    "drives": (-2.0, 2.0),
+    "factor": (-5.0, 5.0),
+    "pushed": (0.0, 2.0),
+    "gyro": (-100.0, 100.0),
+}
+SIDES = {"left": frozenset(("left",)), "right": frozenset(("right",)), "both": BOTH}
+OF_BOARDS = ("deaf", "drives", "factor", "motor", "encoder", "swapped", "lifted", "pushed", "jump")
+OF_LINOROBOT = ("md5", "nan", "gyro")
 FLOOD = 1.5
 """How much more than the line carries a flood is."""
 
@@ -48,6 +81,7 @@ class Fault:
         kind: one of `KINDS`.
         amount: for noise and cut.
         pin: for pin: its name and what it reads.
+        sides: for motor and encoder: which are broken.
         start_s: since the start of the emulator; None: at once.
         duration_s: None: for ever.
         text: as it was written.
@@ -57,6 +91,7 @@ class Fault:
     kind: str
     amount: float
     pin: tuple[str, int]
+    sides: Sides
     start_s: float | None
     duration_s: float | None
     text: str
@@ -80,8 +115,10 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
         raise FaultError(f"{text!r}: there is no {device} here, only {', '.join(devices)}")
     if kind not in KINDS:
         raise FaultError(f"{text!r}: there is no fault {kind}, only {', '.join(KINDS)}")
-    if kind == "md5" and not device.startswith("linorobot"):
-        raise FaultError(f"{text!r}: only linorobot says an md5")
+    if kind in OF_LINOROBOT and not device.startswith("linorobot"):
+        raise FaultError(f"{text!r}: only linorobot knows {kind}")
+    if kind in OF_BOARDS and not device.startswith(("linorobot", "arduino_bridge")):
+        raise FaultError(f"{text!r}: only motor boards know {kind}")
     if kind == "pin" and not device.startswith("arduino_bridge"):
         raise FaultError(f"{text!r}: only arduino_bridge has pins")
     start, duration = match["start"], match["duration"]
@@ -90,6 +127,7 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
         kind,
         _amount(text, kind, value),
         _pin(text, kind, value),
+        _sides(text, kind, value),
         None if start is None else float(start),
         None if duration is None else float(duration),
         text,
@@ -98,19 +136,47 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
 
 def _amount(text: str, kind: str, value: str | None) -> float:
     if kind not in _DEFAULTS:
-        if value is not None and kind != "pin":
+        if value is not None and kind not in ("pin", "motor", "encoder"):
             raise FaultError(f"{text!r}: {kind} takes no value")
         return 0.0
     if value is None:
         return _DEFAULTS[kind]
-    most = 1e5 if kind == "noise" else 1.0
+    least, most = _RANGES[kind]
     try:
         amount = float(value)
     except ValueError:
-        amount = -1.0
-    if not 0.0 <= amount <= most:
-        raise FaultError(f"{text!r}: the value of {kind} must be from 0 to {most:g}")
+        amount = math.nan
+    if not least <= amount <= most:
+        raise FaultError(f"{text!r}: the value of {kind} must be from {least:g} to {most:g}")
     return amount
+
+
+def _sides(text: str, kind: str, value: str | None) -> Sides:
+    if kind not in ("motor", "encoder"):
+        return NONE
+    if value not in SIDES:
+        raise FaultError(f"{text!r}: write {kind}=left, {kind}=right or {kind}=both")
+    return SIDES[value]
+
+
+def trouble_of(faults: Mapping[str, Fault]) -> Trouble:
+    """Return what the active faults of a board make of its wheels."""
+
+    def amount(kind: str) -> float | None:
+        return faults[kind].amount if kind in faults else None
+
+    factor = amount("factor")
+    trouble = Trouble(
+        goes_on="deaf" in faults,
+        drives=amount("drives"),
+        factor=1.0 if factor is None else factor,
+        dead_motors=faults["motor"].sides if "motor" in faults else NONE,
+        stuck_encoders=faults["encoder"].sides if "encoder" in faults else NONE,
+        swapped_encoders="swapped" in faults,
+        lifted="lifted" in faults,
+        pushed=amount("pushed"),
+    )
+    return WELL if trouble == WELL else trouble
 
 
 def _pin(text: str, kind: str, value: str | None) -> tuple[str, int]:

@@ -37,6 +37,8 @@ SYNC_NS, SYNC_LOST_NS = 2_500 * NS_PER_MS, 11_000 * NS_PER_MS
 INFO, FATAL = 1, 4
 WHEEL_M, TRACK_M, TICKS = 0.10, 0.235, 1550
 """lino_base_config.h: wheel diameter, distance between the wheels, ticks per revolution."""
+LEAP_RPM, LEAP_NS = 1800, 1_000 * NS_PER_MS
+"""Of one wheel; a reading that the firmware does not check."""
 GRAVITY = 9.80665
 GYRO_BIAS_STD, GYRO_NOISE = 0.01, 0.003
 """Zero-rate error of this unit, and noise of each reading [rad/s]."""
@@ -69,7 +71,11 @@ class Linorobot(Board):
     """
 
     def __init__(self, options: LinorobotOptions, rng: np.random.Generator) -> None:
-        super().__init__(TEENSY_BAUD)
+        super().__init__(TEENSY_BAUD, 0.5 * TRACK_M)
+        self.gyro_factor = 1.0
+        """Fault: its gyro reads this many times the truth."""
+        self.says_nan = False
+        """Fault: its speeds are no numbers."""
         self.has_wrong_md5 = False
         """Fault: another firmware, whose `raw_vel` has another layout."""
         self._options = options
@@ -79,12 +85,14 @@ class Linorobot(Board):
 
     def restart(self, now_ns: int) -> None:
         """Boot: no session, wheels standing, encoders at zero."""
+        self.motors.stand()
         self._receiver = Receiver()
         self._configured = self._was_connected = False
         self._asked_ns = self._answered_ns = now_ns
         self._requested = self._applied = Twist2D.zero()
         self._commanded_ns = now_ns
         self._control_ns = self._debug_ns = now_ns
+        self._leapt_ns = now_ns
         self._travel_m = [0.0, 0.0]
         self._counted = [0.0, 0.0]
         self._pose: Pose2D | None = None
@@ -150,7 +158,7 @@ class Linorobot(Board):
 
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
         """Turn the wheels one step further; every 50 ms control, report, and log."""
-        twist = simulation.take_motion().twist
+        twist = self.motors.counted(simulation.take_motion().twist)
         half = 0.5 * TRACK_M * twist.wz
         for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
             self._travel_m[wheel] += speed * STEP_NS * 1e-9
@@ -190,20 +198,31 @@ class Linorobot(Board):
             turns = travel_m / (math.pi * WHEEL_M)
             count = math.floor(turns * TICKS) / TICKS if self._options.truncates else turns
             rpm[wheel] = (count - self._counted[wheel]) / (elapsed_ns / 60e9)
+            if self.leaps and self._leap_due():
+                rpm[wheel] += LEAP_RPM
             if self._options.truncates:
                 rpm[wheel] = math.trunc(rpm[wheel])
             self._counted[wheel] = count
         metres_per_turn = math.pi * WHEEL_M / (2 * 60)
         vx = metres_per_turn * (rpm[1] + rpm[0])
         wz = metres_per_turn * (rpm[1] - rpm[0]) / (0.5 * TRACK_M)
+        if self.says_nan:
+            return struct.pack("<3f", math.nan, 0.0, wz)
         return struct.pack("<3f", vx, 0.0, wz)
+
+    def _leap_due(self) -> bool:
+        """Whether a second has passed since the last leap."""
+        is_due = self._control_ns - self._leapt_ns >= LEAP_NS
+        if is_due:
+            self._leapt_ns = self._control_ns
+        return is_due
 
     def _inertial(self, simulation: Simulation, elapsed_ns: int) -> bytes:
         """Read the inertial unit: how the robot truly moves, with the unit's errors."""
         state = simulation.truth()
         seconds = elapsed_ns * 1e-9
         before = self._pose or state.pose
-        rate = wrap_angle(state.pose.yaw - before.yaw) / seconds
+        rate = self.gyro_factor * wrap_angle(state.pose.yaw - before.yaw) / seconds
         forward = (state.twist.vx - self._speed) / seconds if self._pose else 0.0
         self._pose, self._speed = state.pose, state.twist.vx
         gyro = self._bias + GYRO_NOISE * self._rng.standard_normal(3) + (0.0, 0.0, rate)

@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from trolley_base.emulators.arduino_bridge import ArduinoBridge
-from trolley_base.emulators.device import Device
-from trolley_base.emulators.faults import Damage, Fault
+from trolley_base.emulators.device import Board, Device
+from trolley_base.emulators.faults import Damage, Fault, trouble_of
 from trolley_base.emulators.line import Line
 from trolley_base.emulators.linorobot import Linorobot
 from trolley_base.emulators.pseudo_terminal import PseudoTerminal
 from trolley_base.world import Simulation
 
 MOST_WRITES = 20_000
+RESET_NS = 1_000_000_000
+"""A board whose supply breaks down restarts about so often [ns]."""
 BAUD_TOLERANCE = 0.03
 """Two ends of a line understand each other up to this difference, as a share."""
 
@@ -47,6 +49,7 @@ class DevicePort:
         self._damage = Damage(device.baud, rng)
         self._faults: dict[str, Fault] = {}
         self._tell = tell
+        self._reset_ns = 0
         self._reported_baud: int | None = None
 
     @property
@@ -69,6 +72,15 @@ class DevicePort:
         if isinstance(device, Linorobot) and device.has_wrong_md5 != ("md5" in faults):
             device.has_wrong_md5 = not device.has_wrong_md5
             device.restart(now_ns)  # it has been flashed
+        if isinstance(device, Board):
+            trouble = trouble_of(faults)
+            if trouble != device.motors.trouble:
+                device.motors.trouble = trouble
+            device.leaps = "jump" in faults
+        if isinstance(device, Linorobot):
+            device.says_nan = "nan" in faults
+            device.gyro_factor = faults["gyro"].amount if "gyro" in faults else 1.0
+        self.terminal.refuse(is_refused="refuse" in faults)
         if isinstance(device, ArduinoBridge):
             device.wired = dict(fault.pin for fault in faults.values() if fault.kind == "pin")
 
@@ -93,6 +105,10 @@ class DevicePort:
 
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
         """Let the device live through a step of the world."""
+        if "reset" in self._faults and to_ns - self._reset_ns >= RESET_NS:
+            self._reset_ns = to_ns
+            self._tell(f"{self.name}: it restarts")
+            self.device.restart(to_ns)
         if self.terminal.is_plugged:
             self.device.step(simulation, from_ns, to_ns)
             self._collect(from_ns, to_ns)

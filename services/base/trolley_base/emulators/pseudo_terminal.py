@@ -46,6 +46,7 @@ class PseudoTerminal:
         self.is_open = False
         """Whether a host has it open, as of the last `look`."""
         self._unread = b""
+        self._is_refusing = False
         self.plug()
 
     @property
@@ -67,6 +68,7 @@ class PseudoTerminal:
         """Make the terminal and its link."""
         if self.link.exists() and not self.link.is_symlink():
             raise PortError(f"{self.link} exists and is no link; choose another folder")
+        self._is_refusing = False
         self._master, slave = os.openpty()
         self._poll.register(self._master, select.POLLIN)
         os.set_blocking(self._master, False)
@@ -125,6 +127,18 @@ class PseudoTerminal:
         except BlockingIOError:
             return
         self._unread = self._unread[written:]
+
+    def refuse(self, *, is_refused: bool) -> None:
+        """Take nothing of what the host writes, as an adapter that hangs; or take it again."""
+        if self._master is None or is_refused == self._is_refusing:
+            return
+        try:
+            slave = os.open(self.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError as error:
+            raise PortError(f"{self.link}: the terminal cannot be held: {error}") from error
+        termios.tcflow(slave, termios.TCOOFF if is_refused else termios.TCOON)
+        os.close(slave)
+        self._is_refusing = is_refused
 
     def host_baud(self) -> int:
         """The speed that the host has set; the device's own where it has set none."""

@@ -258,7 +258,7 @@ class EmulatedRobot:
     def _wheels(self) -> Twist2D:
         for port in self._ports.values():
             if isinstance(port.device, Board) and port.terminal.is_plugged:
-                return port.device.wheels()
+                return port.device.motors.driven(port.device.wheels(), STEP_NS * 1e-9)
         return Twist2D.zero()
 
     def _wait_for_hosts(self) -> None:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from typing import NamedTuple
 
 from trolley.config import RobotConfig
 from trolley.geometry import Twist2D, exp_twist, log_pose
@@ -32,6 +33,19 @@ SENTENCES = {
 QUIET_STATES = (GyroState.USED, GyroState.LEARNING)
 
 
+class Measured(NamedTuple):
+    """What a reading says of the robot's own motion, for who compares it with commands.
+
+    Attributes:
+        motions: true motions by the wheels alone, each with the mean turn rate by the gyro [rad/s],
+            None where that says nothing.
+        num_jumps: motions that no robot can do, and that were ignored.
+    """
+
+    motions: tuple[tuple[MotionSample, float | None], ...] = ()
+    num_jumps: int = 0
+
+
 class DeadReckoning:
     """Joins the motions of a run to the robot's track in `odom`.
 
@@ -46,6 +60,14 @@ class DeadReckoning:
         self._scales = scales
         self._fusion = YawFusion(SLIP[config.robot.drive])
         self._uses_imu = config.base.chassis.use_imu
+        self.measured = Measured()
+        """What the newest reading said."""
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the gyro, as a sentence; "" while nothing is known to be."""
+        found = self._fusion.trouble if self._uses_imu else None
+        return "" if found is None else found.value
 
     def add_reading(self, reading: ChassisReading) -> ChassisReading:
         """Join what was measured; return the reading with what there is to say of it added."""
@@ -54,29 +76,38 @@ class DeadReckoning:
                 self._fusion.add_gyro(imu.stamp_ns, imu.angular_velocity[2])
         notes: list[Note] = []
         counts = Counter(reading.counts)
+        measured: list[tuple[MotionSample, float | None]] = []
+        num_jumps = 0
         for motion in reading.motions:
             if not self.track.accepts(motion):
                 counts[JUMP.kind] += 1
                 notes.append(JUMP)
+                num_jumps += 1
                 continue
             before = self._fusion.state
-            self.track.add(self._correct(motion))
+            by_wheels = self._by_wheels(motion)
+            start_ns = self.track.stamp_ns
+            gyro = self._fusion.gyro_rate(start_ns, motion.stamp_ns) if self._uses_imu else None
+            measured.append((by_wheels, gyro))
+            self.track.add(self._fuse(by_wheels) if self._uses_imu else by_wheels)
             now = self._fusion.state
             if now is not before and now not in QUIET_STATES:
                 kind = f"odometry/{now.value}"
                 counts[kind] += 1
-                if now in SENTENCES:
-                    notes.append(Note("warning", kind, SENTENCES[now]))
+                text = self.trouble or SENTENCES.get(now)
+                if text:
+                    notes.append(Note("warning", kind, text))
+        self.measured = Measured(tuple(measured), num_jumps)
         return replace(reading, notes=(*reading.notes, *notes), counts=counts)
 
-    def _correct(self, motion: MotionSample) -> MotionSample:
-        if not self._scales.is_identity:
-            motion = replace(
-                motion,
-                previous_T_base=self._scales.true_motion(motion.previous_T_base),
-                twist=self._scales.true_twist(motion.twist),
-            )
-        return self._fuse(motion) if self._uses_imu else motion
+    def _by_wheels(self, motion: MotionSample) -> MotionSample:
+        if self._scales.is_identity:
+            return motion
+        return replace(
+            motion,
+            previous_T_base=self._scales.true_motion(motion.previous_T_base),
+            twist=self._scales.true_twist(motion.twist),
+        )
 
     def _fuse(self, motion: MotionSample) -> MotionSample:
         """Keep the distance of the wheels, and turn as wheels and gyro together say."""

@@ -12,6 +12,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from trolley_base.odometry.gyro_bias import GyroBias
+from trolley_base.odometry.gyro_check import GyroCheck, GyroTrouble
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,7 @@ class YawFusion:
         self._readings: deque[_Reading] = deque()
         self._changed_ns: int | None = None
         self._bias = GyroBias()
+        self._check = GyroCheck()
         self._wheels_turned = 0.0
         self._gyro_ratio = 0.0
         self._differs_since_ns: int | None = None
@@ -91,6 +93,11 @@ class YawFusion:
         """What the gyro reads at rest [rad/s], None before it is known."""
         return self._bias.value
 
+    @property
+    def trouble(self) -> GyroTrouble | None:
+        """How the gyro differs from the wheels, None where that is not known or it does not."""
+        return self._check.trouble
+
     def add_gyro(self, stamp_ns: int, wz: float) -> None:
         """Take a reading [rad/s] about z; not finite or not newer than the last, it is dropped."""
         last = self._readings[-1] if self._readings else None
@@ -101,6 +108,15 @@ class YawFusion:
         self._readings.append(_Reading(stamp_ns, wz))
         while self._readings[0].stamp_ns < stamp_ns - PARAMS.kept_ns:
             self._readings.popleft()
+
+    def gyro_rate(self, start_ns: int, end_ns: int) -> float | None:
+        """Return the mean turn rate by the gyro alone [rad/s], None where it says nothing."""
+        if end_ns <= start_ns or self._is_silent(end_ns) or self._is_stuck(end_ns):
+            return None
+        turned, highest = self._integrate(start_ns, end_ns)
+        if highest >= PARAMS.saturation:
+            return None
+        return turned / ((end_ns - start_ns) * 1e-9) - (self._bias.value or 0.0)
 
     def fuse(self, start_ns: int, end_ns: int, distance_m: float, turn_rad: float) -> float:
         """Return the turn between two moments [rad].
@@ -134,17 +150,20 @@ class YawFusion:
 
     def _judge(self, start_ns: int, end_ns: int, turn_rad: float) -> tuple[GyroState, float]:
         """Say what the gyro is good for in an interval, and what it turned [rad]."""
-        if not self._readings or self._readings[-1].stamp_ns < end_ns - PARAMS.hold_ns:
+        if self._is_silent(end_ns):
             return GyroState.SILENT, 0.0
         raw_rad, highest = self._integrate(start_ns, end_ns)
+        seconds = (end_ns - start_ns) * 1e-9
+        gyro_rad = raw_rad - (self._bias.value or 0.0) * seconds
+        self._check.add(turn_rad, gyro_rad, seconds)
         if highest >= PARAMS.saturation:
             return GyroState.SATURATED, 0.0
-        if self._changed_ns is None or end_ns - self._changed_ns > PARAMS.stuck_ns:
+        if self._is_stuck(end_ns):
             return GyroState.STUCK, 0.0
+        if self._check.trouble is not None:
+            return GyroState.DISAGREES, 0.0
         if self._bias.value is None:
             return GyroState.LEARNING, 0.0
-        seconds = (end_ns - start_ns) * 1e-9
-        gyro_rad = raw_rad - self._bias.value * seconds
         self._compare(turn_rad, gyro_rad, seconds)
         allowed = PARAMS.max_difference * seconds + PARAMS.max_difference_share * abs(turn_rad)
         differs = abs(gyro_rad - turn_rad) > allowed or not self._turns_alike(turn_rad)
@@ -161,6 +180,12 @@ class YawFusion:
         if end_ns - self._differs_since_ns > PARAMS.disagrees_after_ns:
             return GyroState.DISAGREES, 0.0
         return GyroState.LEARNING, 0.0
+
+    def _is_silent(self, end_ns: int) -> bool:
+        return not self._readings or self._readings[-1].stamp_ns < end_ns - PARAMS.hold_ns
+
+    def _is_stuck(self, end_ns: int) -> bool:
+        return self._changed_ns is None or end_ns - self._changed_ns > PARAMS.stuck_ns
 
     def _compare(self, turn_rad: float, gyro_rad: float, seconds: float) -> None:
         """Learn what the gyro turns when the wheels turn: a mean weighted by the turning."""

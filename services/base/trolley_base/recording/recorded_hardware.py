@@ -45,6 +45,10 @@ class RecordedChassis:
             self._odom_T_base = odom_T_base
         return ChassisReading(tuple(motions), Link(name="chassis", state="up"))
 
+    def restart(self) -> bool:
+        """There is no board to restart."""
+        return False
+
     def advance(self, elapsed_ns: int) -> None:
         """Play up to this time since the recording began [ns]."""
         self._elapsed_ns = max(self._elapsed_ns, elapsed_ns)

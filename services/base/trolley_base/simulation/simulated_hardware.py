@@ -7,13 +7,17 @@ import math
 from dataclasses import replace
 
 from trolley.config.base import BatteryConfig
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Pose2D, Twist2D, exp_twist
 from trolley.messages import Battery, Link
 from trolley_base.drivers.interface import ChassisReading, LidarReading, LidarScan, MotionSample
 from trolley_base.world import STEP_NS, OtherRobot, Simulation, TrueState
+from trolley_base.world.faulty_wheels import WELL, FaultyWheels
+from trolley_base.world.simulation import STEP_S
 
 WATCHDOG_NS = 500_000_000
 """A board whose host has fallen silent stops by itself after this long, as real ones do [ns]."""
+HALF_TRACK_M = 0.1
+"""Of the wheels that can be broken; it only says what one of them alone makes of the robot [m]."""
 CHARGER_REACH_M = 0.3
 CHARGING_RATE = 4.0
 
@@ -50,6 +54,8 @@ class SimulatedChassis:
         self._command = Twist2D.zero()
         self._silent_ns = 0
         self._motions: list[MotionSample] = []
+        self.wheels = FaultyWheels(HALF_TRACK_M)
+        """Where a test breaks motors and encoders."""
 
     def drive(self, twist: Twist2D) -> None:
         """Drive with this velocity until the next call, or until 0.5 s have passed without one."""
@@ -61,13 +67,21 @@ class SimulatedChassis:
         battery = None if self._battery is None else self._battery.read()
         return ChassisReading(motions, Link(name="chassis", state="up"), battery=battery)
 
+    def restart(self) -> bool:
+        """There is no board to restart."""
+        return False
+
     def take_command(self) -> Twist2D:
         """Return what the motors do for one more step."""
         self._silent_ns += STEP_NS
-        return self._command if self._silent_ns <= WATCHDOG_NS else Twist2D.zero()
+        told = self._command if self._silent_ns <= WATCHDOG_NS else Twist2D.zero()
+        return self.wheels.driven(told, STEP_S)
 
-    def store(self, motion: MotionSample) -> None:
-        """Keep a measured motion for the next `read`."""
+    def store(self, motion: MotionSample, seconds: float) -> None:
+        """Keep what the wheels measured in the last seconds for the next `read`."""
+        if self.wheels.trouble is not WELL:
+            twist = self.wheels.counted(motion.twist)
+            motion = MotionSample(motion.stamp_ns, exp_twist(twist, seconds), twist)
         self._motions.append(motion)
 
 
@@ -133,7 +147,10 @@ class SimulatedHardware:
                 self._battery.step(self.simulation.truth().pose, STEP_NS)
             if self._steps % self._odometry_steps == 0:
                 motion = self.simulation.take_motion()
-                self._chassis.store(replace(motion, stamp_ns=self._start_ns + motion.stamp_ns))
+                self._chassis.store(
+                    replace(motion, stamp_ns=self._start_ns + motion.stamp_ns),
+                    self._odometry_steps * STEP_S,
+                )
             for scan in self.simulation.take_scans():
                 self._lidar.store(replace(scan, stamp_ns=self._start_ns + scan.stamp_ns))
 

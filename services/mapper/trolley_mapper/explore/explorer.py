@@ -202,7 +202,7 @@ class Explorer:
         """A stop or a hand on the robot pauses."""
         taken = base.source not in (None, PLANNER) and base.source != self._others.source
         self._others.source = base.source
-        if base.mode == "stopped":
+        if base.is_halted:
             self._pause_for(codes.STOPPED)
         elif taken:
             self._pause_for(codes.TAKEN_OVER)

@@ -239,8 +239,10 @@ class Trip:
             return
         is_taken = base.source not in (None, PLANNER) and base.source != self._source
         self._source = base.source
-        if base.mode == "stopped":
+        if base.is_halted:
             why = base.message.rstrip(".") or "The robot was stopped"
+            if base.reason == codes.DOES_NOT_OBEY:
+                why = codes.SENTENCES[base.reason].rstrip(".")
             self.pause(codes.STOPPED, f"{why}; resume the robot, then the tour.")
         elif is_taken:
             self.pause(codes.TAKEN_OVER, sentences.PAUSES[codes.TAKEN_OVER])

@@ -19,6 +19,7 @@ from trolley_viz.panels.stop_bar import StopBar
 from trolley_viz.panels.tiles import STYLE
 from trolley_viz.panels.tours_tab import TourTab
 from trolley_viz.panels.zones import ZonePanel
+from trolley_viz.robots.stop_presses import DISOBEYED
 from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import tour_of
 from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, position_line, trip_line
@@ -85,8 +86,10 @@ class Console:
         """Say what is."""
         session, streams = self._session, view.streams
         base = streams.latest(topics.BASE)
-        is_stopped = base is not None and base.mode == "stopped" and not view.is_away
+        is_stopped = base is not None and base.is_halted and not view.is_away
         stop_line = session.hub.stops.line(session.robot, view.now_ns)
+        if stop_line is None and base is not None and base.not_stopped:
+            stop_line = DISOBEYED
         self._stop_bar.show(stop_line, is_stopped=is_stopped)
         self._stop_bar.show_hint(
             session.zone_editor.hint or session.map_editor.hint or session.aiming.hint

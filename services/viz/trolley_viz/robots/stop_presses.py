@@ -31,6 +31,10 @@ class StopLine:
     is_alarm: bool
 
 
+DISOBEYED = StopLine("NOT STOPPED: the motor board does not obey", is_alarm=True)
+"""`base` has answered, and the robot moves all the same."""
+
+
 class StopPresses:
     """The presses that are not answered yet, one for each robot.
 

@@ -110,7 +110,7 @@ class ArduinoBridgeDialogue:
     @property
     def line(self) -> Line:
         """How the port is opened."""
-        return Line(self._baud, settle_s=SETTLE_S, is_prompt=True)
+        return Line(self._baud, settle_s=SETTLE_S, is_prompt=True, restarts=True)
 
     def begin(self, now_ns: int) -> None:
         """The port has been opened: ask who is there, command nothing."""

@@ -54,6 +54,7 @@ COMMAND_EVERY_NS = 35_000_000
 MOST_TIME_REQUESTS = 8
 """Each answer waits for one call of `outgoing`; a board that asks this often is broken."""
 WARNING, ERROR = 2, 3
+NO_SPEED = "The motor board reports speeds that no robot can have; they are ignored."
 
 
 class LinorobotDialogue:
@@ -144,6 +145,7 @@ class LinorobotDialogue:
     def _take_velocities(self, payload: bytes, left_ns: int, arrived_ns: int) -> bool:
         twist = parse_velocities(payload)
         if twist is None:
+            self._report.note("warning", NO_SPEED)
             return False
         self._velocity_ns = arrived_ns
         if not self._can_drive_sideways:

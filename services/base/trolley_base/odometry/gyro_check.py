@@ -1,0 +1,72 @@
+"""Whether a gyro turns as the wheels do, and if not, what that looks like."""
+
+import enum
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class GyroCheckParams:
+    """When a gyro is judged by the wheels, and how; set by hand."""
+
+    min_turn_rate: float = 0.3
+    """Slower turns say more of the bias than of the gyro [rad/s]."""
+    judged_turn: float = 1.5
+    """It is judged after this much turning [rad] ..."""
+    forgetting_turn: float = 4.0
+    """... and older turns are forgotten over this much [rad]."""
+    reversed_below: float = -0.5
+    """It turns the other way: less than this per turn of the wheels."""
+    still_below: float = 0.2
+    """It does not turn: less than this, either way."""
+    degrees_above: float = 20.0
+    """It measures degrees: 57 of them are a radian."""
+    most: float = 100.0
+    """One interval says no more than this, either way."""
+
+
+PARAMS = GyroCheckParams()
+
+
+class GyroTrouble(enum.Enum):
+    """How gyro and wheels differ; the value is a sentence."""
+
+    REVERSED = (
+        "The gyro turns the other way than the wheels: turn two of [base.chassis] imu_axes round, "
+        "such as x and z, or left and right are swapped. Its turn rate is not used."
+    )
+    STILL = (
+        "The wheels turn, but the robot does not, says the gyro: it has been lifted, its wheels "
+        "slip, or [base.chassis] imu_axes names another axis. Its turn rate is not used."
+    )
+    DEGREES = (
+        "The gyro reports degrees per second, not radians: its firmware needs another scale. Its "
+        "turn rate is not used."
+    )
+
+
+class GyroCheck:
+    """Learns how much the gyro turns per turn of the wheels."""
+
+    def __init__(self) -> None:
+        self._turned = 0.0
+        self._ratio = 1.0
+
+    @property
+    def trouble(self) -> GyroTrouble | None:
+        """What is wrong, None while that is not known or nothing is."""
+        if self._turned < PARAMS.judged_turn:
+            return None
+        if self._ratio > PARAMS.degrees_above:
+            return GyroTrouble.DEGREES
+        if abs(self._ratio) < PARAMS.still_below:
+            return GyroTrouble.STILL
+        return GyroTrouble.REVERSED if self._ratio < PARAMS.reversed_below else None
+
+    def add(self, turn_rad: float, gyro_rad: float, seconds: float) -> None:
+        """Take what wheels and gyro turned in the same interval."""
+        turned = abs(turn_rad)
+        if turned < PARAMS.min_turn_rate * seconds:
+            return
+        ratio = max(-PARAMS.most, min(PARAMS.most, gyro_rad / turn_rad))
+        self._turned = min(PARAMS.forgetting_turn, self._turned + turned)
+        self._ratio += (ratio - self._ratio) * min(1.0, turned / self._turned)

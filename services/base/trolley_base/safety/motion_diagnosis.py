@@ -1,0 +1,147 @@
+"""What is wrong with a robot that does not do as it is told, and how to say it.
+
+Told, wheels and gyro are three accounts of one motion; where two agree, the third is broken. The
+gyro tells a dead motor from a dead encoder; without one both are named.
+"""
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from trolley.geometry import Twist2D
+
+NOT_STOPPED = "NOT STOPPED: the motor board does not obey"
+
+
+@dataclass(frozen=True, slots=True)
+class MotionDiagnosisParams:
+    """When a part of the robot counts as broken; set by hand."""
+
+    stands_share: float = 0.25
+    """A side that goes at less than this share of what it is told ..."""
+    stands_slack: float = 0.02
+    """... and this, does not turn [m/s]."""
+    wrong_track: float = 0.15
+    """By this share of the other side's speed a side may seem to go backward, where the distance
+    between the wheels is a guess."""
+    told_speed: float = 0.04
+    """A side that is told less than this says nothing [m/s]."""
+    witness_wz: float = 0.2
+    """The gyro decides between two explanations that differ by at least this [rad/s]."""
+
+
+PARAMS = MotionDiagnosisParams()
+
+
+class Fault(enum.IntEnum):
+    """In which way the robot does not do as it is told; the gravest is the largest."""
+
+    MOVES = 1
+    """It stood and moves untold: a hand, or the board."""
+    OTHERWISE = 2
+    """Told to move, it moves in another way."""
+    JUMPS = 3
+    """Its odometry reports what no robot can do, again and again."""
+    DRIVES = 4
+    """It stood and drives by itself, evenly as motors do, or for long."""
+    GOES_ON = 5
+    """Told to stand, it does not brake."""
+
+
+class Finding(NamedTuple):
+    """What is wrong; the detail follows "does not obey:" in a sentence."""
+
+    fault: Fault
+    detail: str
+
+
+MOVES_UNTOLD = Finding(
+    Fault.MOVES, "nobody told it to move: it is pushed by hand, or it drives by itself"
+)
+JUMPS = Finding(
+    Fault.JUMPS,
+    "its encoders report leaps that no robot can make: look at their cables and at the board's "
+    "supply",
+)
+
+
+def sentence(finding: Finding, *, is_moving: bool) -> str:
+    """Say what is wrong, and what to do."""
+    if is_moving:
+        todo = "" if finding.fault is Fault.MOVES else " Switch off the motors."
+        return f"{NOT_STOPPED}: {finding.detail}.{todo}"
+    if finding.fault is Fault.MOVES:
+        return f"The robot has just been moved: {finding.detail}. It waits for a second of rest."
+    return (
+        f"The motor board did not obey: {finding.detail}. Put that right, then `trolley resume` "
+        "lets it drive."
+    )
+
+
+def drives_otherwise(
+    told: Twist2D, wheels: Twist2D, gyro: float | None, half_track_m: float
+) -> Finding:
+    """Return what is wrong with a robot whose wheels do not go as told.
+
+    Args:
+        told: what was commanded [m/s, rad/s].
+        wheels: what the encoders say.
+        gyro: the turn rate by the gyro [rad/s], None without a gyro.
+        half_track_m: half of the distance between left and right wheels [m].
+    """
+    left, right = sides_of(wheels, half_track_m)
+    told_left, told_right = sides_of(told, half_track_m)
+    stands = [_stands(left, told_left, right), _stands(right, told_right, left)]
+    as_wheels = _is_nearer(gyro, wheels.wz, told.wz)
+    as_told = _is_nearer(gyro, told.wz, wheels.wz)
+    turns_back = wheels.wz * told.wz < 0.0 and abs(told.wz) > PARAMS.witness_wz
+    if all(stands):
+        detail = (
+            "it turns, but its encoders count nothing: look at their cables"
+            if as_told
+            else "its wheels do not turn: look at the motors' power, at what may block the wheels, "
+            "and at the encoders' cables"
+        )
+    elif any(stands):
+        side = ("left", "right")[stands.index(True)]
+        detail = f"its {side} wheel does not turn, or the encoder there counts nothing"
+        if as_wheels:
+            detail = f"its {side} wheel does not turn: look at the motor there"
+        if as_told:
+            detail = f"its {side} encoder counts nothing, though the wheel turns: look at its cable"
+    elif turns_back and abs(wheels.vx - told.vx) < PARAMS.told_speed + 0.5 * abs(told.vx):
+        detail = "it turns the wrong way: motors or encoders of left and right are swapped"
+        if as_wheels:
+            detail = "it turns the wrong way: the motors of left and right are swapped"
+        if as_told:
+            detail = (
+                "its encoders say that it turns the wrong way, its gyro that it turns as told: the "
+                "encoders of left and right are swapped"
+            )
+    else:
+        detail = (
+            f"it drives otherwise than told: {wheels.vx:.2f} m/s and {wheels.wz:.2f} rad/s instead "
+            f"of {told.vx:.2f} m/s and {told.wz:.2f} rad/s"
+        )
+    return Finding(Fault.OTHERWISE, detail)
+
+
+def sides_of(twist: Twist2D, half_track_m: float) -> tuple[float, float]:
+    """Return how fast the left and the right side go [m/s]."""
+    outward = half_track_m * twist.wz
+    return twist.vx - outward, twist.vx + outward
+
+
+def _stands(speed: float, wanted: float, other: float) -> bool:
+    """Whether a side that is told to go does not; a wrong track mixes it with the other side."""
+    forward = math.copysign(speed, speed * wanted)
+    most = PARAMS.stands_share * abs(wanted) + PARAMS.stands_slack
+    least = -PARAMS.stands_slack - PARAMS.wrong_track * abs(other)
+    return abs(wanted) > PARAMS.told_speed and least < forward < most
+
+
+def _is_nearer(gyro: float | None, one: float, other: float) -> bool:
+    """Whether the gyro says `one` rather than `other`; what is near to neither is no witness."""
+    apart = abs(one - other)
+    return gyro is not None and apart >= PARAMS.witness_wz and abs(gyro - one) < 0.5 * apart

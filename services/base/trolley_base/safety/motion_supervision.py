@@ -1,0 +1,551 @@
+"""Whether the robot does as it is told: what is commanded against what wheels and gyro report.
+
+A lawful base does what it is told a moment later, not exactly, and brakes no slower than its
+limits say. From the commands of the last moments this makes bounds within which it must move; what
+it goes beyond them adds up, and what stays inside takes away again (a CUSUM test: Page, Continuous
+Inspection Schemes, Biometrika 41, 1954). So a single wrong reading, a coarse encoder and noise
+accuse nobody, and a robot that drives on after a zero is found out within half a second.
+
+Told to stand, speed and turn rate must fall. Told to move, each side of the robot must go roughly
+as fast as told: two sides in place of speed and turn rate, since what breaks is one motor or one
+encoder.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from trolley.geometry import Twist2D, log_pose
+from trolley_base.drivers import MotionSample
+from trolley_base.safety.motion_diagnosis import (
+    MOVES_UNTOLD,
+    Fault,
+    Finding,
+    drives_otherwise,
+    sides_of,
+)
+from trolley_base.safety.motion_limits import MotionLimits
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSupervisionParams:
+    """What a lawful base may do: as tight as `bench.base.obedience` has no false alarm with."""
+
+    delay_ns: int = 220_000_000
+    """A zero acts on the motors and shows in the odometry after this long [ns]. The excess that is
+    allowed makes up for 0.3 s."""
+    braking_share: float = 0.6
+    """It brakes with at least this share of the configured deceleration."""
+    turn_braking_share: float = 0.5
+    """The same for its turn rate, whose braking nobody measures."""
+    standing_speed: float = 0.015
+    """Slower than this is standing, with what encoders and backlash make of it [m/s]."""
+    standing_wz: float = 0.05
+    """The same for turning [rad/s]."""
+    braking_excess_m: float = 0.006
+    """So much farther than any lawful braking: it does not brake [m]."""
+    braking_excess_rad: float = 0.025
+    """The same for turning [rad]."""
+    smooth_ns: int = 100_000_000
+    """How fast it was when it was told to brake is the mean over this time [ns]."""
+    uneven: float = 0.3
+    """One wheel may brake later than the other: this share of the speed shows as a turn, and of
+    the turn as speed."""
+    following_ns: int = 400_000_000
+    """A side of the robot does as told, or no longer so, within this time [ns]."""
+    fastest_share: float = 1.4
+    """It goes at most this many times as fast as told ..."""
+    fast_slack: float = 0.04
+    """... with this on top, for what the other side makes of it [m/s] ..."""
+    slowest_share: float = 0.5
+    """... and at least this share of it ..."""
+    slow_slack: float = 0.025
+    """... less this, which friction and a dead band eat [m/s]."""
+    following_excess_m: float = 0.04
+    """So much farther, or less far, than a side may go: it drives otherwise than told [m]."""
+    ticks: float = 1.5
+    """Coarse encoders may add this many of their ticks to each excess."""
+    least_tick_m: float = 1e-6
+    """What is nearer together is not a tick, but the end of a number's digits [m]."""
+    rested_ns: int = 500_000_000
+    """It stood for this long: what moves it now is no braking any more [ns]."""
+    steady_ns: int = 500_000_000
+    """Motors hold a speed for this long, a hand does not ..."""
+    steady_share: float = 0.15
+    """... within this share of it."""
+    steady_speed: float = 0.05
+    """Slower than that nothing is judged to be steady [m/s]."""
+    longest_push_ns: int = 3_000_000_000
+    """A hand lets go sooner, or it is taken for a motor [ns]."""
+    kept_ns: int = 1_000_000_000
+    """Commands and motions are kept for this long [ns]."""
+    longest_gap_ns: int = 500_000_000
+    """After a longer time without commands or reports nothing is known of what was before [ns]."""
+    gyro_wz: float = 0.1
+    """A faster turn by the gyro is moving, whatever the wheels say [rad/s]."""
+    shown_ns: int = 250_000_000
+    """Whether it moves is judged by the mean over this time [ns]."""
+
+
+PARAMS = MotionSupervisionParams()
+
+
+class _Moved(NamedTuple):
+    """What was measured of one interval."""
+
+    stamp_ns: int
+    seconds: float
+    twist: Twist2D
+    gyro: float | None
+
+
+@dataclass(slots=True)
+class _Excess:
+    """How far something went beyond its bounds."""
+
+    most: float
+    since_ns: int = 0
+    """When it began."""
+    _value: float = 0.0
+
+    def add(self, rate: float, moved: "_Moved", tick: float) -> bool:
+        """Add what goes beyond, or take away what stays inside; whether it has become too much.
+
+        Args:
+            rate: how fast it goes beyond, below zero inside.
+            moved: the interval.
+            tick: what one tick of an encoder amounts to.
+        """
+        if self._value == 0.0:
+            self.since_ns = moved.stamp_ns - round(moved.seconds * 1e9)
+        most = self.most + PARAMS.ticks * tick
+        # One reading alone proves nothing.
+        beyond = self._value + min(rate * moved.seconds, 0.5 * most)
+        self._value = min(most, max(0.0, beyond))
+        return self._value >= most
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._value = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Braking:
+    """How one part of a velocity becomes slower.
+
+    Attributes:
+        delay_ns: it begins within this time.
+        rate: it slows down at least so fast [per s].
+        standing: what counts as nothing.
+        slack: what it may be faster than a share of what it is told.
+        excess: so much beyond is too much.
+    """
+
+    delay_ns: int
+    rate: float
+    standing: float
+    slack: float
+    excess: float
+
+
+class _Ceiling:
+    """How fast one part of a velocity may be in one direction."""
+
+    def __init__(self, braking: _Braking) -> None:
+        self._braking = braking
+        self._told: deque[tuple[int, float]] = deque()
+        self._recent: deque[tuple[int, float, float]] = deque()
+        self._means: deque[tuple[int, float]] = deque()
+        self._excused_ns: int | None = None
+        self.may_be = 0.0
+        self.excess = _Excess(braking.excess)
+
+    def command(self, now_ns: int, told: float) -> None:
+        """Take what is commanded from now on, below zero in the other direction."""
+        self._told.append((now_ns, max(0.0, told)))
+        # One that is older holds until the next.
+        while len(self._told) > 1 and now_ns - self._told[1][0] > PARAMS.kept_ns:
+            self._told.popleft()
+
+    def excuse(self, now_ns: int) -> None:
+        """Begin anew: however fast it is, it may brake from that."""
+        self._excused_ns = now_ns
+        self.excess.clear()
+
+    def measure(self, moved: "_Moved", measured: float, from_other: float, tick: float) -> bool:
+        """Say whether it has been too fast for too long.
+
+        Args:
+            moved: the interval.
+            measured: how fast it was, below zero in the other direction.
+            from_other: what another part makes of this one, braking unevenly.
+            tick: what one tick of an encoder amounts to.
+        """
+        braking, now_ns = self._braking, moved.stamp_ns
+        peak = self._peak(moved, measured)
+        told = self._highest_told(now_ns)
+        follows = 0.0 if told == 0.0 else PARAMS.fastest_share * told + braking.slack
+        if self._excused_ns is not None and now_ns - self._excused_ns <= braking.delay_ns:
+            self.may_be = max(self.may_be, peak)
+        # It brakes from how fast it was, not from how fast it might have been.
+        slower = min(self.may_be - braking.rate * moved.seconds, peak)
+        self.may_be = max(follows, slower, 0.0)
+        most = self.may_be + from_other + braking.standing
+        return self.excess.add(measured - most, moved, tick)
+
+    def _peak(self, moved: "_Moved", measured: float) -> float:
+        """Return how fast it was at most of late, each time the mean over a while."""
+        now_ns = moved.stamp_ns
+        self._recent.append((now_ns, measured * moved.seconds, moved.seconds))
+        while now_ns - self._recent[0][0] >= PARAMS.smooth_ns:
+            self._recent.popleft()
+        mean = math.fsum(one[1] for one in self._recent) / math.fsum(one[2] for one in self._recent)
+        self._means.append((now_ns, mean))
+        while now_ns - self._means[0][0] > self._braking.delay_ns:
+            self._means.popleft()
+        return max(mean for _, mean in self._means)
+
+    def _highest_told(self, stamp_ns: int) -> float:
+        since_ns = stamp_ns - self._braking.delay_ns
+        highest = 0.0
+        for at_ns, told in reversed(self._told):
+            if at_ns <= stamp_ns:
+                highest = max(highest, told)
+            if at_ns <= since_ns:
+                break
+        return highest
+
+
+@dataclass(slots=True)
+class _Floor:
+    """How slow a side may be that is told to go in one direction."""
+
+    excess: _Excess
+
+    def measure(self, moved: "_Moved", measured: float, told: float, tick: float) -> bool:
+        """Say whether it has been too slow for too long.
+
+        Args:
+            moved: the interval.
+            measured: how fast it was, below zero in the other direction.
+            told: the least that it was told lately.
+            tick: what one tick of an encoder amounts to.
+        """
+        least = max(0.0, PARAMS.slowest_share * told - PARAMS.slow_slack)
+        # Told to stand, or to go the other way, it cannot be too slow.
+        behind = least - measured if least > 0.0 else -math.inf
+        return self.excess.add(behind, moved, tick)
+
+
+class _Part:
+    """One part of a velocity, which may be too fast in both directions."""
+
+    def __init__(self, braking: _Braking) -> None:
+        self.forward, self.backward = _Ceiling(braking), _Ceiling(braking)
+
+    @property
+    def may_be(self) -> float:
+        """How fast it may be, in one direction or the other."""
+        return max(self.forward.may_be, self.backward.may_be)
+
+    @property
+    def excesses(self) -> tuple[_Excess, ...]:
+        """How far it went beyond."""
+        return self.forward.excess, self.backward.excess
+
+    def command(self, now_ns: int, told: float) -> None:
+        """Take what is commanded from now on."""
+        self.forward.command(now_ns, told)
+        self.backward.command(now_ns, -told)
+
+    def excuse(self, now_ns: int) -> None:
+        """Begin anew: however fast it is, it may brake from that."""
+        self.forward.excuse(now_ns)
+        self.backward.excuse(now_ns)
+
+    def measure(
+        self, moved: "_Moved", measured: float, tick: float, from_other: float = 0.0
+    ) -> list[_Excess]:
+        """Return what has been too fast for too long; see `_Ceiling.measure`."""
+        beyond: list[_Excess] = []
+        if self.forward.measure(moved, measured, from_other, tick):
+            beyond.append(self.forward.excess)
+        if self.backward.measure(moved, -measured, from_other, tick):
+            beyond.append(self.backward.excess)
+        return beyond
+
+
+@dataclass(slots=True)
+class _Untold:
+    """A motion that began from rest without a command."""
+
+    since_ns: int
+    speeds: deque[tuple[int, float]] = field(default_factory=deque[tuple[int, float]])
+
+
+class MotionSupervision:
+    """Compares commands with motions, in the order in which they come.
+
+    Args:
+        limits: of the motion.
+        half_track_m: half of the distance between left and right wheels, roughly [m].
+    """
+
+    def __init__(self, limits: MotionLimits, half_track_m: float) -> None:
+        self._limits = limits
+        self._half_track_m = half_track_m
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: what the robot does now is taken for what it did before."""
+        self._commands: deque[tuple[int, Twist2D]] = deque()
+        self._moved: deque[_Moved] = deque()
+        self._last_ns: int | None = None
+        self._zero_ns: int | None = None
+        self._rest_ns: int | None = None
+        self._untold: _Untold | None = None
+        self._has_rested = False
+        limits, half_m = self._limits, self._half_track_m
+        ahead = _Braking(
+            PARAMS.delay_ns,
+            PARAMS.braking_share * limits.deceleration,
+            PARAMS.standing_speed,
+            PARAMS.fast_slack,
+            PARAMS.braking_excess_m,
+        )
+        turn = _Braking(
+            PARAMS.delay_ns,
+            PARAMS.turn_braking_share * limits.angular_acceleration,
+            PARAMS.standing_wz,
+            PARAMS.fast_slack / half_m,
+            PARAMS.braking_excess_rad,
+        )
+        side = _Braking(
+            PARAMS.following_ns,
+            min(ahead.rate, half_m * turn.rate),
+            PARAMS.standing_speed,
+            PARAMS.fast_slack,
+            PARAMS.following_excess_m,
+        )
+        self._ahead, self._sideways, self._turn = _Part(ahead), _Part(ahead), _Part(turn)
+        self._sides = _Part(side), _Part(side)
+        most = PARAMS.following_excess_m
+        self._floors = tuple((_Floor(_Excess(most)), _Floor(_Excess(most))) for _ in self._sides)
+        self._tick_m = 0.0
+        self._found: Finding | None = None
+
+    def command(self, now_ns: int, twist: Twist2D) -> None:
+        """Take what is commanded from now on [m/s, rad/s]."""
+        if self._commands and now_ns - self._commands[-1][0] > PARAMS.longest_gap_ns:
+            self.forget()
+        if not twist.is_zero:
+            self._zero_ns = None
+        elif self._zero_ns is None:
+            self._zero_ns, self._has_rested = now_ns, False
+        self._ahead.command(now_ns, twist.vx)
+        self._sideways.command(now_ns, twist.vy)
+        self._turn.command(now_ns, twist.wz)
+        for side, told in zip(self._sides, sides_of(twist, self._half_track_m), strict=True):
+            side.command(now_ns, told)
+        self._commands.append((now_ns, twist))
+        while now_ns - self._commands[0][0] > PARAMS.kept_ns:
+            self._commands.popleft()
+
+    def measure(self, motion: MotionSample, gyro: float | None = None) -> None:
+        """Take what the wheels measured, and the mean turn rate by the gyro if it has one.
+
+        Args:
+            motion: in the units of the commands; the next after the one before.
+            gyro: over the same interval, without bias [rad/s].
+        """
+        last_ns, self._last_ns = self._last_ns, motion.stamp_ns
+        if last_ns is None or not self._commands:
+            for part in self._parts:
+                part.excuse(motion.stamp_ns)
+            return
+        if motion.stamp_ns - last_ns > PARAMS.longest_gap_ns:
+            self.forget()
+            return
+        if motion.stamp_ns <= last_ns:
+            self._last_ns = last_ns
+            return
+        seconds = (motion.stamp_ns - last_ns) * 1e-9
+        twist = log_pose(motion.previous_T_base).scaled(1.0 / seconds)
+        moved = _Moved(motion.stamp_ns, seconds, twist, gyro)
+        self._moved.append(moved)
+        while motion.stamp_ns - self._moved[0].stamp_ns > PARAMS.kept_ns:
+            self._moved.popleft()
+        self._learn_tick(abs(twist.vx) * seconds)
+        self._note_rest(moved)
+        since_ns = self._began_ns(moved)
+        if since_ns is None:
+            return
+        if self._zero_ns is not None:
+            self._found = self._find_untold(moved)
+        else:
+            self._found = self._diagnose(since_ns, moved.stamp_ns)
+            for part in self._parts:
+                part.excuse(moved.stamp_ns)
+
+    def take_finding(self) -> Finding | None:
+        """Return what was found out since the last call, None while it does as it is told."""
+        found, self._found = self._found, None
+        return found
+
+    @property
+    def rest_ns(self) -> int:
+        """For how long it has stood by now [ns]."""
+        if self._rest_ns is None or self._last_ns is None:
+            return 0
+        return self._last_ns - self._rest_ns
+
+    def is_moving(self, now_ns: int) -> bool | None:
+        """Whether it moves, by wheels and gyro; None where nothing was reported lately."""
+        if self._last_ns is None or now_ns - self._last_ns > PARAMS.longest_gap_ns:
+            return None
+        recent = self._since(self._last_ns - PARAMS.shown_ns)
+        if not recent:
+            return None
+        twist, gyro = _mean(recent), _mean_gyro(recent)
+        turns = abs(twist.wz) > PARAMS.standing_wz
+        return twist.speed > PARAMS.standing_speed or turns or abs(gyro or 0.0) > PARAMS.gyro_wz
+
+    @property
+    def _parts(self) -> tuple[_Part, ...]:
+        return (self._ahead, self._sideways, self._turn, *self._sides)
+
+    def _learn_tick(self, way_m: float) -> None:
+        """One tick of one encoder moves the middle of the robot by half of it."""
+        if way_m > PARAMS.least_tick_m and (self._tick_m == 0.0 or 2.0 * way_m < self._tick_m):
+            self._tick_m = 2.0 * way_m
+
+    def _began_ns(self, moved: _Moved) -> int | None:
+        """Return since when it has not done as it was told, None if it does."""
+        braking, following = self._too_fast(moved), self._otherwise(moved)
+        # A robot that is told to stand has only to brake.
+        beyond = braking if self._zero_ns is not None else [*braking, *following]
+        return min((excess.since_ns for excess in beyond), default=None)
+
+    def _too_fast(self, moved: _Moved) -> list[_Excess]:
+        """Return what does not become slower as told."""
+        twist, tick = moved.twist, self._tick_m
+        by_turn = PARAMS.uneven * self._half_track_m * self._turn.may_be
+        by_speed = PARAMS.uneven * self._ahead.may_be / self._half_track_m
+        return [
+            *self._ahead.measure(moved, twist.vx, tick, by_turn),
+            *self._sideways.measure(moved, twist.vy, tick, by_turn),
+            *self._turn.measure(moved, twist.wz, tick / self._half_track_m, by_speed),
+        ]
+
+    def _otherwise(self, moved: _Moved) -> list[_Excess]:
+        """Return the sides that go much faster, slower or the other way than told."""
+        told = [sides_of(twist, self._half_track_m) for twist in self._told(moved.stamp_ns)]
+        beyond: list[_Excess] = []
+        for index, speed in enumerate(sides_of(moved.twist, self._half_track_m)):
+            beyond += self._sides[index].measure(moved, speed, self._tick_m)
+            forward, backward = self._floors[index]
+            least = min(one[index] for one in told), min(-one[index] for one in told)
+            if forward.measure(moved, speed, least[0], self._tick_m):
+                beyond.append(forward.excess)
+            if backward.measure(moved, -speed, least[1], self._tick_m):
+                beyond.append(backward.excess)
+        return beyond
+
+    @property
+    def _excesses(self) -> list[_Excess]:
+        parts = [excess for part in self._parts for excess in part.excesses]
+        return [*parts, *(floor.excess for floors in self._floors for floor in floors)]
+
+    def _note_rest(self, moved: _Moved) -> None:
+        twist = moved.twist
+        if twist.speed > PARAMS.standing_speed or abs(twist.wz) > PARAMS.standing_wz:
+            self._rest_ns = None
+            return
+        if self._rest_ns is None:
+            self._rest_ns = moved.stamp_ns
+        if self._zero_ns is not None and self.rest_ns >= PARAMS.rested_ns:
+            self._has_rested = True
+            self._untold = None
+            for excess in self._excesses:
+                excess.clear()
+
+    def _find_untold(self, moved: _Moved) -> Finding:
+        """Tell a board that goes on from one that sets off, and that from a hand."""
+        speed = _in_words(moved.twist)
+        if not self._has_rested:
+            return Finding(Fault.GOES_ON, f"told to stand, it goes on at {speed}")
+        if self._untold is None:
+            self._untold = _Untold(moved.stamp_ns)
+        untold, sides = self._untold, sides_of(moved.twist, self._half_track_m)
+        untold.speeds.append((moved.stamp_ns, max(map(abs, sides))))
+        while moved.stamp_ns - untold.speeds[0][0] > PARAMS.steady_ns:
+            untold.speeds.popleft()
+        if self._is_steady(untold, moved.stamp_ns):
+            return Finding(Fault.DRIVES, f"it drives by itself at {speed}")
+        if moved.stamp_ns - untold.since_ns > PARAMS.longest_push_ns:
+            return Finding(Fault.DRIVES, f"it goes on and on untold, now at {speed}")
+        return MOVES_UNTOLD
+
+    def _is_steady(self, untold: _Untold, now_ns: int) -> bool:
+        if now_ns - untold.since_ns < PARAMS.steady_ns:
+            return False
+        speeds = [speed for _, speed in untold.speeds]
+        mean = math.fsum(speeds) / len(speeds)
+        spread = max(speeds) - min(speeds)
+        return mean >= PARAMS.steady_speed and spread <= PARAMS.steady_share * mean
+
+    def _told(self, stamp_ns: int) -> list[Twist2D]:
+        """Return the commands that a motion up to `stamp_ns` may follow."""
+        since_ns = stamp_ns - PARAMS.following_ns
+        told = [twist for at_ns, twist in self._commands if since_ns <= at_ns <= stamp_ns]
+        before = [twist for at_ns, twist in self._commands if at_ns < since_ns]
+        return [*before[-1:], *told] or [self._commands[0][1]]
+
+    def _diagnose(self, since_ns: int, now_ns: int) -> Finding:
+        """Say what is wrong with a robot that drives otherwise than told."""
+        # The second half: what comes to light is no longer what was before.
+        since_ns = (since_ns + now_ns) // 2
+        recent = self._since(since_ns)
+        told = [twist for at_ns, twist in self._commands if since_ns <= at_ns <= now_ns]
+        return drives_otherwise(
+            _mean_command(told or [self._commands[-1][1]]),
+            _mean(recent),
+            _mean_gyro(recent),
+            self._half_track_m,
+        )
+
+    def _since(self, since_ns: int) -> list[_Moved]:
+        return [moved for moved in self._moved if moved.stamp_ns > since_ns]
+
+
+def _mean(moved: list[_Moved]) -> Twist2D:
+    """Return the mean of at least one motion."""
+    seconds = math.fsum(one.seconds for one in moved)
+    return Twist2D(
+        math.fsum(one.twist.vx * one.seconds for one in moved) / seconds,
+        math.fsum(one.twist.vy * one.seconds for one in moved) / seconds,
+        math.fsum(one.twist.wz * one.seconds for one in moved) / seconds,
+    )
+
+
+def _mean_gyro(moved: list[_Moved]) -> float | None:
+    """Return the gyro's mean turn rate, None where it was silent in between."""
+    rates = [one.gyro for one in moved if one.gyro is not None]
+    return math.fsum(rates) / len(rates) if rates and len(rates) == len(moved) else None
+
+
+def _mean_command(twists: list[Twist2D]) -> Twist2D:
+    count = len(twists)
+    return Twist2D(
+        math.fsum(twist.vx for twist in twists) / count,
+        math.fsum(twist.vy for twist in twists) / count,
+        math.fsum(twist.wz for twist in twists) / count,
+    )
+
+
+def _in_words(twist: Twist2D) -> str:
+    """Say how fast something goes that does not stand."""
+    if twist.speed > PARAMS.standing_speed:
+        return f"{twist.speed:.2f} m/s"
+    return f"{abs(twist.wz):.2f} rad/s"

@@ -1,0 +1,98 @@
+"""Motor boards that do not obey, on their serial lines: judged by the emulated robot."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from support.metal import Metal
+from support.processes import RouterProcess, find_free_port
+from support.waiting import wait_until
+
+from trolley import codes
+from trolley.geometry import Twist2D
+
+AHEAD, TURN = Twist2D(0.15, 0.0, 0.0), Twist2D(0.0, 0.0, 1.0)
+NOT_STOPPED = "NOT STOPPED: the motor board does not obey"
+
+
+@pytest.fixture
+def make_metal(tmp_path: Path) -> Iterator[Callable[..., Metal]]:
+    router = RouterProcess(find_free_port(), tmp_path / "router.log")
+    router.start()
+
+    def make(board: str) -> Metal:
+        return Metal(tmp_path, router.endpoint, board, "ld19")
+
+    yield make
+    router.stop()
+
+
+def resume(metal: Metal) -> None:
+    """Mend the board, and let it drive again when it stands."""
+    metal.hand.let_go()
+    metal.emulated.fault(f"{metal.board}:ok")
+    metal.wait_for_standing()
+    wait_until(lambda: metal.state is not None and not metal.state.not_stopped, "base sees it")
+    metal.robot.resume()
+    metal.wait_for("ok")
+
+
+def test_a_linorobot_that_does_not_obey_is_told_of(make_metal: Callable[..., Metal]) -> None:
+    with make_metal("linorobot").running() as metal:
+        metal.wait_for("ok")
+        metal.start_driving(AHEAD)
+        metal.emulated.fault("linorobot:deaf")
+        metal.robot.stop()
+        state = metal.wait_for("fault", codes.DOES_NOT_OBEY)
+        assert state.not_stopped
+        assert state.message.startswith(NOT_STOPPED)
+        assert metal.robot.stop().mode == "fault", "a stop is answered all the same"
+        assert metal.robot.resume().not_stopped, "it is not resumed while it moves"
+        num_before = len(metal.emulated.commands())
+        wait_until(lambda: len(metal.emulated.commands()) > num_before + 10, "zeros go on")
+        assert all(one.twist.is_zero for one in metal.emulated.commands()[num_before:])
+        assert metal.speed > 0.1
+        resume(metal)
+
+        # With a gyro it is known what of a wheel is broken.
+        for fault, word in (
+            ("motor=left", "left wheel does not turn: look at the motor"),
+            ("encoder=right", "right encoder counts nothing, though"),
+        ):
+            metal.start_driving(AHEAD)
+            metal.emulated.fault(f"linorobot:{fault}")
+            state = metal.wait_for("fault", codes.DOES_NOT_OBEY)
+            assert word in state.message
+            resume(metal)
+        metal.start_driving(AHEAD)
+        metal.emulated.fault("linorobot:refuse")
+        state = metal.wait_for("held", codes.LINK_LOST, chassis="down")
+        assert "takes nothing" in state.message
+        metal.wait_for_standing()
+        metal.hand.let_go()
+        metal.emulated.fault("linorobot:ok")
+        metal.wait_for("ok")
+
+        metal.emulated.fault("linorobot:reset")
+        wait_until(
+            lambda: metal.state is not None and "the device restarts" in metal.state.message,
+            f"it is said that the board restarts: {metal.state}",
+        )
+        metal.hand.drive(AHEAD)
+        num_sent = metal.hand.num_sent
+        wait_until(lambda: metal.hand.num_sent > num_sent + 40, "the hand drives for 2 s")
+        assert metal.speed < 0.01
+        assert metal.state is not None
+        assert (metal.state.mode, metal.state.reason) == ("held", codes.LINK_LOST)
+
+
+def test_an_arduino_that_does_not_stop_is_restarted(make_metal: Callable[..., Metal]) -> None:
+    with make_metal("arduino_bridge").running() as metal:
+        metal.wait_for("ok")
+        metal.start_driving(AHEAD)
+        metal.emulated.fault("arduino_bridge:deaf")
+        metal.robot.stop()
+        wait_until(lambda: any(state.not_stopped for state in metal.states), "NOT STOPPED")
+        metal.wait_for_standing()
+        resume(metal)
+        metal.start_driving(AHEAD)
