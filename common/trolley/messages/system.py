@@ -8,7 +8,11 @@ from trolley.messages.types import Count, NonNegative, StampNs
 
 
 class Health(Struct, frozen=True, kw_only=True):
-    """How a service is, at 1 Hz on the local clock. `cpu` is the share of one core, `rss` bytes."""
+    """How a service is, at 1 Hz on the local clock. `cpu` is the share of one core, `rss` bytes.
+
+    `counters` only grow; `figures` are what the service measures of itself now: of `base` which
+    share of its beams the lidar sees by (`lidar/seen`), and on each side (`lidar/seen/rear_left`).
+    """
 
     stamp_ns: StampNs
     state: Literal["starting", "ok", "degraded", "failed"]
@@ -16,6 +20,7 @@ class Health(Struct, frozen=True, kw_only=True):
     counters: dict[str, Count] = {}
     cpu: NonNegative = 0.0
     rss: Count = 0
+    figures: dict[str, float] = {}
 
 
 class Alive(Struct, frozen=True, kw_only=True):

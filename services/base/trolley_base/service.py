@@ -13,7 +13,10 @@ from trolley_base.drive_control import DriveControl
 from trolley_base.drivers import Hardware
 from trolley_base.odometry.wheel_scales import scales_of
 from trolley_base.persistence import WORLD_FILE, SavedWorld
+from trolley_base.safety.lidar_view import LidarView
 from trolley_base.safety.near_echoes import NearEchoes
+from trolley_base.safety.observed_space import ObservedSpace
+from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import VelocityLimiter
 from trolley_base.simulation.shared_world import SharedWorld
@@ -44,10 +47,17 @@ class BaseService(Service):
             config, footprint, limits, is_simulated=device.world is not None
         )
         field = StopField(footprint, limits, config.base.stop_margin_m, device.reaction_s)
-        limiter = VelocityLimiter(config.base.sources, limits, field)
+        sight = SightDistance(footprint, limits, field)
+        limiter = VelocityLimiter(config.base.sources, limits, field, sight)
         self._time = Timekeeper(self)
         clock = self.own_time = self._time.clock
-        self._inputs = DeviceInputs(self, NearEchoes(device.base_T_laser, field.reach))
+        mount = device.base_T_laser
+        self._inputs = DeviceInputs(
+            self,
+            NearEchoes(mount, field.reach),
+            ObservedSpace(footprint, mount, sight.reach),
+            LidarView(footprint, mount),
+        )
         self._reporter = StateReporter(self, clock, self._inputs)
         self._drive = DriveControl(
             self, clock, device.cannot_drive, limiter, self._scales, self._inputs, self._reporter
