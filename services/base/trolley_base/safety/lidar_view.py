@@ -32,10 +32,11 @@ SIDES = (
 class LidarViewParams:
     """What counts as seeing, and as closed; set by hand."""
 
-    cover_m: float = 0.01
+    cover_m: float = 0.005
     """Ranges this near to the nearest that the sensor can measure [m] ..."""
-    cover_width: float = 0.35
-    """... side by side over such an angle are a cover, not echoes [rad]."""
+    cover_width: float = 0.7
+    """... side by side over such an angle are a cover, not echoes: not even a wall that touches a
+    lidar of 0.1 m is as near over more than 0.63 rad [rad]."""
     fine: float = 0.5
     """A side of whose beams this share sees is open."""
     closed: float = 0.1
