@@ -155,7 +155,9 @@ def test_it_sees_and_forgets_what_the_twin_does(data: st.DataObject) -> None:
     space = ObservedSpace(FOOTPRINT, laser, REACH)
     for _ in range(data.draw(st.integers(1, 5))):
         seconds = data.draw(st.sampled_from([0.1, 0.3, 0.7, 0.7, 40.0]))
-        motion = Pose2D(data.draw(st.floats(-0.05, 0.1)), 0.0, data.draw(st.sampled_from([0.0, 0.3, -1.0, 3.0])))
+        motion = Pose2D(
+            data.draw(st.floats(-0.05, 0.1)), 0.0, data.draw(st.sampled_from([0.0, 0.3, -1.0, 3.0]))
+        )
         stamp_ns = track.stamp_ns + round(seconds * S)
         track.add(MotionSample(stamp_ns, motion, Twist2D.zero()))
         ranges = np.array(data.draw(beams(count)), dtype=np.float32)

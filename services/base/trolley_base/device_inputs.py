@@ -119,8 +119,7 @@ class DeviceInputs:
     def _look(self, scan: LidarScan, now_ns: int) -> None:
         """Take in what a scan of at least one beam sees."""
         track = self._reckoning.track
-        self._space.update(scan, track)
-        self.view.update(scan, track.odom_T_base)
+        self._space.update(self.view.update(scan, track.odom_T_base), track)
         # A covered lidar measures nothing valid, which is as good as silence.
         self._is_covered = not np.any(scan.ranges > 0.0)
         if not self._is_covered:

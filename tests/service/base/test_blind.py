@@ -169,6 +169,18 @@ def test_sixty_degrees_at_the_nearest_range_do_not_pin_the_robot_but_are_blind(
     assert rig.state.reason == codes.BLIND
 
 
+@pytest.mark.parametrize("near", [0.05, 0.1, 0.12])
+def test_a_cloth_over_the_lidar_is_no_view(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, near: float
+) -> None:
+    rig = make_rig()
+    spoil(rig, monkeypatch, ahead, by=near)
+    rig.run(1.0)
+    rig.drive(3.0, 0.5)
+    assert fastest(rig) == pytest.approx(CREEP, abs=0.005)
+    assert rig.state.reason == codes.BLIND
+
+
 DROP_OUTS = "[lidar]\ndrop_out = 0.03\ninvalid = 0.03\n"
 
 

@@ -20,6 +20,9 @@ KINDS = {
     "cut": "frames cut short; =SHARE of them, else 0.3",
     "stuck": "a lidar reports one angle, a board the same values, again and again",
     "unplug": "the port is gone; plugged in again at the end",
+    "blind": "a lidar finds nothing ahead of the robot; =DEGREES in all, else 60",
+    "fail": "beams of a lidar find nothing; =SHARE of them, else 0.95",
+    "cover": "a lidar's every beam ends at its nearest range",
     "flood": "its last frame again and again, more than the line carries",
     "md5": "linorobot: another firmware, with another `raw_vel`",
     "pin": "arduino_bridge: =d4:0 or =a0:700, what a pin reads",
@@ -30,7 +33,10 @@ _FAULT = re.compile(
     r"(@(?P<start>\d+(\.\d+)?))?(\+(?P<duration>\d+(\.\d+)?))?"
 )
 _PIN = re.compile(r"(?P<pin>[da]\d+):(?P<value>\d+)")
-_DEFAULTS = {"noise": 200.0, "cut": 0.3}
+_DEFAULTS = {"noise": 200.0, "cut": 0.3, "blind": 60.0, "fail": 0.95}
+_MOST = {"noise": 1e5, "blind": 360.0}
+_OF_LIDARS = ("blind", "fail", "cover")
+_BOARDS = ("linorobot", "arduino_bridge")
 FLOOD = 1.5
 """How much more than the line carries a flood is."""
 
@@ -46,7 +52,7 @@ class Fault:
     Attributes:
         device: the name of its port.
         kind: one of `KINDS`.
-        amount: for noise and cut.
+        amount: for noise, cut, blind and fail.
         pin: for pin: its name and what it reads.
         start_s: since the start of the emulator; None: at once.
         duration_s: None: for ever.
@@ -84,6 +90,8 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
         raise FaultError(f"{text!r}: only linorobot says an md5")
     if kind == "pin" and not device.startswith("arduino_bridge"):
         raise FaultError(f"{text!r}: only arduino_bridge has pins")
+    if kind in _OF_LIDARS and device.startswith(_BOARDS):
+        raise FaultError(f"{text!r}: only lidars can be {kind}")
     start, duration = match["start"], match["duration"]
     return Fault(
         device,
@@ -103,7 +111,7 @@ def _amount(text: str, kind: str, value: str | None) -> float:
         return 0.0
     if value is None:
         return _DEFAULTS[kind]
-    most = 1e5 if kind == "noise" else 1.0
+    most = _MOST.get(kind, 1.0)
     try:
         amount = float(value)
     except ValueError:

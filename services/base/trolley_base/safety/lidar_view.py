@@ -37,6 +37,8 @@ class LidarViewParams:
     cover_width: float = 0.7
     """... side by side over such an angle are a cover, not echoes: not even a wall that touches a
     lidar of 0.1 m is as near over more than 0.63 rad [rad]."""
+    body_m: float = 0.02
+    """An echo farther inside the footprint is the robot's own body, as for the stop field [m]."""
     fine: float = 0.5
     """A side of whose beams this share sees is open."""
     closed: float = 0.1
@@ -141,13 +143,13 @@ class LidarView:
         """The sides that something has closed."""
         return [name for name, side in zip(SIDES, self._sides, strict=True) if side.is_closed]
 
-    def update(self, scan: LidarScan, odom_T_base: Pose2D) -> None:
-        """Take a new scan, without what met a cover."""
+    def update(self, scan: LidarScan, odom_T_base: Pose2D) -> LidarScan:
+        """Take a new scan without what met a cover; return it without echoes of the own body."""
         count = len(scan.ranges)
         angles = self._yaw + scan.angle_min + np.arange(count) * scan.angle_increment
         part = np.floor(angles * (len(self._body) / (2.0 * math.pi))).astype(np.int64)
-        # An echo of the robot's own body hides what lies behind it.
-        sees = scan.ranges > self._body[part % len(self._body)]
+        # What hides in the robot's own outline hides what lies behind it, too.
+        sees = scan.ranges > np.maximum(0.0, self._body[part % len(self._body)] - PARAMS.body_m)
         side = np.rint(angles * (len(SIDES) / (2.0 * math.pi))).astype(np.int64) % len(SIDES)
         of_side = np.bincount(side, minlength=len(SIDES))
         seeing = np.bincount(side[sees], minlength=len(SIDES))
@@ -157,6 +159,7 @@ class LidarView:
         self.share = float(sees.mean())
         for one, share in zip(self._sides, shares.tolist(), strict=True):
             one.update(min(1.0, share), odom_T_base, scan.stamp_ns)
+        return dataclasses.replace(scan, ranges=np.where(sees, scan.ranges, np.float32(0.0)))
 
 
 def _is_farther(before: Pose2D, after: Pose2D, metres: float, radians: float) -> bool:

@@ -127,11 +127,19 @@ def test_what_stays_dark_though_the_robot_turns_is_closed() -> None:
 
 def test_an_echo_of_its_own_body_is_no_view() -> None:
     watch = Watch()
-    watch.see(but(slice(330, 360), 0.12), 1.0)
+    mast = but(slice(330, 360), 0.12)
+    watch.see(mast, 1.0)
     assert watch.view.shares["rear"] < 0.6
+    kept = watch.view.update(mast, Pose2D.identity()).ranges
+    assert kept[330:].max() == 0.0
+    assert kept[:330].min() == 2.0
+    touching = watch.view.update(but(slice(175, 186), 0.14), Pose2D.identity()).ranges
+    assert touching[180] == pytest.approx(0.14), "what touches it in front is the stop field's"
 
 
-@pytest.mark.parametrize("where", [slice(150, 211), slice(0, 360), slice(340, 360), slice(300, 345)])
+@pytest.mark.parametrize(
+    "where", [slice(150, 211), slice(0, 360), slice(340, 360), slice(300, 345)]
+)
 def test_many_beams_side_by_side_at_the_nearest_range_are_a_cover(where: slice) -> None:
     scan = but(where, 0.1)
     expected = np.zeros(360, np.bool_)
