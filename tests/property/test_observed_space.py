@@ -70,7 +70,7 @@ class Twin:
             good = [ranges[k % count] > 0.0 for k in around]
         else:
             good = [ranges[min(max(k, 0), count - 1)] > 0.0 for k in around]
-        return sum(good) > half
+        return sum(good) >= PARAMS.crowd_share * (2 * half + 1)
 
     def _look(
         self,

@@ -204,6 +204,17 @@ def test_a_lidar_with_ordinary_drop_outs_raises_no_alarm(make_rig: MakeRig, view
     assert sum(abs(truth.twist.vx) for truth in rig.truths) * 0.05 > 2.0
 
 
+def test_looking_into_the_sun_is_no_blindness(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, rng = make_rig(errors=REAL), np.random.default_rng(5)
+    spoil(rig, monkeypatch, lambda scan: ahead(scan) & (rng.random(len(scan.ranges)) < 0.8))
+    rig.run(1.0)
+    rig.drive(4.0, 0.3, source="planner")
+    assert codes.BLIND not in {state.reason for state in rig.states}
+    assert rig.truth.pose.x > 0.9
+
+
 def test_health_names_the_side_whose_view_was_closed(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

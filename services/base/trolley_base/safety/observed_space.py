@@ -37,9 +37,11 @@ class ObservedSpaceParams:
     go unseen: so far from the lidar the gap counts as seen [m]."""
     adjacent: float = 1.5
     """Beams that are at most so many increments apart are neighbours: no gap."""
-    crowd_width: float = 0.35
-    """A beam is believed where most of those around it, over this angle, are usable, too [rad]: one
-    that succeeds among many that fail is luck, not sight."""
+    crowd_width: float = 0.7
+    """A beam is believed where of those around it, over this angle [rad], ..."""
+    crowd_share: float = 0.125
+    """... this share is usable, too: one of twenty that succeeds is luck, not sight; one of five,
+    as towards the sun, is little, but soon there is another."""
     behind_echo_m: float = 0.15
     """What lies this much behind an echo is left to the stop field, which keeps the robot from the
     echo [m]."""
@@ -113,13 +115,13 @@ def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
 
 
 def _has_company(scan: LidarScan) -> Bools:
-    """Return the beams (n,) of whose neighbours at least half are usable."""
+    """Return the beams (n,) with enough usable ones around them."""
     usable = (scan.ranges > 0.0).astype(np.float64)
     count = len(usable)
     half = min(count // 2, max(1, round(0.5 * PARAMS.crowd_width / scan.angle_increment)))
     is_round = count * scan.angle_increment > 2.0 * math.pi - 2.0 * scan.angle_increment
     sums = np.concatenate([[0.0], np.cumsum(np.pad(usable, half, "wrap" if is_round else "edge"))])
-    return sums[2 * half + 1 :] - sums[: -2 * half - 1] >= half + 0.5
+    return sums[2 * half + 1 :] - sums[: -2 * half - 1] >= PARAMS.crowd_share * (2 * half + 1)
 
 
 class ObservedSpace:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
 from trolley_base.safety.motion_limits import MotionLimits
-from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.sweep import contact_times, point_velocities
 
 
@@ -62,14 +61,15 @@ class SightDistance:
     Args:
         footprint: (n, 2) corners [m] in `base_link`, counter-clockwise.
         limits: what the robot can brake with.
-        field: the stop field, which knows how the robot brakes.
+        reaction_s: time until a command acts.
     """
 
-    def __init__(self, footprint: Floats, limits: MotionLimits, field: StopField) -> None:
+    def __init__(self, footprint: Floats, limits: MotionLimits, reaction_s: float) -> None:
         self._footprint = footprint
-        self._field = field
+        self._limits = limits
+        self._reaction_s = reaction_s
         self._radius = circumscribed_radius(footprint)
-        self.reach = field.reach + 0.5 * limits.speed
+        self.reach = self._reach_of(limits.speed) + 0.5 * limits.speed
         """How far from `base_link` what was not seen can matter within half a second [m]."""
 
     def look(self, twist: Twist2D, unseen: Floats, *, by_hand: bool) -> Sight:
@@ -82,7 +82,7 @@ class SightDistance:
         """
         if twist.is_zero or len(unseen) == 0:
             return CLEAR
-        reach = self._field.reach_of(twist.speed)
+        reach = self._reach_of(twist.speed)
         near = unseen[np.hypot(unseen[:, 0], unseen[:, 1]) < reach]
         near = near[~polygon_contains(self._footprint, near)]
         times = contact_times(near, self._footprint, twist)
@@ -119,5 +119,17 @@ class SightDistance:
 
     def _scale_before(self, times: Floats, twist: Twist2D) -> float:
         """Return what part of a velocity stops before the first of some contacts (n,) [s]."""
-        first = float(np.min(times, initial=math.inf))
-        return 1.0 if math.isinf(first) else self._field.braking_scale(twist, first)
+        seconds = float(np.min(times, initial=math.inf))
+        if math.isinf(seconds):
+            return 1.0
+        if seconds <= 0.0:
+            return 0.0
+        # Driving part s and braking evenly: s reaction + s^2 stopping / 2 <= seconds.
+        stopping = self._limits.stopping_time(twist)
+        root = math.sqrt(self._reaction_s * self._reaction_s + 2.0 * stopping * seconds)
+        return min(1.0, 2.0 * seconds / (root + self._reaction_s))
+
+    def _reach_of(self, speed: float) -> float:
+        """Return how far from `base_link` the stopping distance may lead [m]."""
+        way = 0.5 * speed * speed / self._limits.deceleration + speed * self._reaction_s
+        return 2.0 * self._radius + way + 2.0 * PARAMS.margin_m

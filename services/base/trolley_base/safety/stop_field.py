@@ -70,7 +70,7 @@ class StopField:
     @property
     def reach(self) -> float:
         """How far from `base_link` an echo can matter at full speed [m]."""
-        return self.reach_of(self._limits.speed)
+        return self._reach_of(self._limits.speed)
 
     def scale(self, twist: Twist2D, points: Floats) -> float:
         """Return what part of a velocity, 0...1, may be driven.
@@ -82,7 +82,7 @@ class StopField:
         if twist.is_zero or len(points) == 0:
             return 1.0
         distances = np.hypot(points[:, 0], points[:, 1])
-        near = points[distances < self.reach_of(twist.speed)]
+        near = points[distances < self._reach_of(twist.speed)]
         inside = polygon_contains(self._footprint, near)
         if inside.any() and self._leads_on(near[inside], twist):
             return 0.0
@@ -94,10 +94,11 @@ class StopField:
             return 1.0
         velocities = point_velocities(near[met], twist)
         speeds = np.hypot(velocities[:, 0], velocities[:, 1])
-        return self.braking_scale(twist, float(np.min(times[met] - (self._margin - side) / speeds)))
+        return self._braking_scale(
+            twist, float(np.min(times[met] - (self._margin - side) / speeds))
+        )
 
-    def reach_of(self, speed: float) -> float:
-        """Return how far from `base_link` an echo can matter at a speed [m]."""
+    def _reach_of(self, speed: float) -> float:
         braking = 0.5 * speed * speed / self._limits.deceleration
         # A turn carries corners on, at most by their own circle; the rest is margin.
         return 2.0 * self._radius + braking + speed * self._reaction_s + 2.0 * self._margin
@@ -126,7 +127,7 @@ class StopField:
         deeper = -np.sum(gaps * velocities, axis=1) > PARAMS.grazing * speeds * depths
         return bool(np.any(deeper & (depths <= PARAMS.body_depth_m)))
 
-    def braking_scale(self, twist: Twist2D, seconds: float) -> float:
+    def _braking_scale(self, twist: Twist2D, seconds: float) -> float:
         """Return the part of a velocity that comes to a stand within what it covers in a time.
 
         Args:

@@ -105,7 +105,7 @@ def test_in_a_gap_between_beams_nothing_five_centimetres_wide_may_hide(
 
 def test_a_few_beams_that_succeed_among_many_that_fail_are_luck(robot: Robot) -> None:
     ranges = np.zeros(360)
-    ranges[::10] = 3.0
+    ranges[::20] = 3.0
     ranges[180:183] = 3.0
     robot.see(ranges)
     assert not robot.sees(0.3, 0.0)

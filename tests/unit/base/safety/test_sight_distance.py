@@ -6,13 +6,12 @@ import pytest
 from trolley.geometry import Twist2D, footprint_from_box
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.sight_distance import CLEAR, PARAMS, SightDistance
-from trolley_base.safety.stop_field import StopField
 
 LIMITS = MotionLimits(
     speed=0.5, wz=1.5, acceleration=0.8, deceleration=1.0, angular_acceleration=4.0, sideways=True
 )
 FOOTPRINT = footprint_from_box(0.4, 0.2)
-SIGHT = SightDistance(FOOTPRINT, LIMITS, StopField(FOOTPRINT, LIMITS, 0.05))
+SIGHT = SightDistance(FOOTPRINT, LIMITS, 0.06)
 FAST = Twist2D(0.5, 0.0, 0.0)
 
 

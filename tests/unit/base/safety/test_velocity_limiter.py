@@ -26,7 +26,7 @@ class Drive:
     def __init__(self) -> None:
         field = StopField(FOOTPRINT, LIMITS, 0.05)
         self.limiter = VelocityLimiter(
-            {"teleop": 20, "planner": 10}, LIMITS, field, SightDistance(FOOTPRINT, LIMITS, field)
+            {"teleop": 20, "planner": 10}, LIMITS, field, SightDistance(FOOTPRINT, LIMITS, 0.06)
         )
         self.now_ns = 0
 
