@@ -16,6 +16,9 @@ COMMAND_LOST_S = 0.5 + 0.7
 TOLD_S = 0.5
 # The pose is stale after 1 s; the planner says zero then.
 POSE_LOST_S = 1.0 + COMMAND_LOST_S
+# What a beam should see and none has seen is forgotten after 0.5 s, at the next scan or the one
+# after it; until then the robot turns on.
+BLIND_S = 0.8
 BACK_WITHIN_S = 90.0
 # For so long we watch that nothing sets off by itself.
 WATCHED_S = 2.0
@@ -313,6 +316,30 @@ def _devices() -> list[Fault]:
             "lidar silent for 5 s",
             "base holds 0.5 s after the last scan; the trip continues",
             lambda rig: rig.device_fault(f"{lidar}:silence+5"),
+            None,
+            5.0,
+            0.5 + COMMAND_LOST_S,
+        ),
+        Fault(
+            "lidar sees nothing 60° ahead for 10 s",
+            "base holds what it has not seen 0.5 s later; the trip continues",
+            lambda rig: rig.device_fault(f"{lidar}:blind+10"),
+            None,
+            10.0,
+            BLIND_S + COMMAND_LOST_S,
+        ),
+        Fault(
+            "95 % of the lidar's beams fail for 10 s",
+            "base holds what it has not seen 0.5 s later; the trip continues",
+            lambda rig: rig.device_fault(f"{lidar}:fail+10"),
+            None,
+            10.0,
+            BLIND_S + COMMAND_LOST_S,
+        ),
+        Fault(
+            "lidar covered for 5 s",
+            "base holds 0.5 s after the last scan that saw anything; the trip continues",
+            lambda rig: rig.device_fault(f"{lidar}:cover+5"),
             None,
             5.0,
             0.5 + COMMAND_LOST_S,

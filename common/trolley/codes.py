@@ -58,6 +58,7 @@ CHARGING = "charging"
 # Base.
 BUTTON = "button"
 STOP_FIELD = "stop_field"
+BLIND = "blind"
 SCAN_LOST = "scan_lost"
 LINK_LOST = "link_lost"
 COMMAND_LOST = "command_lost"
@@ -116,6 +117,7 @@ SENTENCES: dict[str, str] = {
     CHARGING: "The robot is charging.",
     BUTTON: "The stop button was pressed.",
     STOP_FIELD: "Something is too close in the direction of travel.",
+    BLIND: "The lidar does not see where the robot is to drive.",
     SCAN_LOST: "The lidar is silent.",
     LINK_LOST: "The connection to the motor board is down.",
     COMMAND_LOST: "Velocity commands stopped arriving.",

@@ -153,8 +153,10 @@ def base_line(base: BaseState | None) -> tuple[str, str | None]:
     if base is None:
         return "", None
     text = "Ready."
-    if base.mode != "ok":
-        why = base.message or codes.SENTENCES.get(base.reason, base.reason)
+    why = base.message or codes.SENTENCES.get(base.reason, base.reason)
+    if base.mode == "ok" and base.reason:
+        text = why
+    elif base.mode != "ok":
         text = f"{base.mode.capitalize()}: {why}" if why else f"{base.mode.capitalize()}."
     if base.not_stopped:
         text = base.message

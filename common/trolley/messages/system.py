@@ -12,6 +12,9 @@ class Health(Struct, frozen=True, kw_only=True):
 
     `run` is that of the process, as in its token `alive/<service>/<run>`: of two processes of one
     name the later ends only if the earlier one answers for its token here.
+
+    `counters` only grow; `figures` are what the service measures of itself now: of `base` which
+    share of its beams the lidar sees by (`lidar/seen`), and on each side (`lidar/seen/rear_left`).
     """
 
     stamp_ns: StampNs
@@ -21,6 +24,7 @@ class Health(Struct, frozen=True, kw_only=True):
     cpu: NonNegative = 0.0
     rss: Count = 0
     run: str = ""
+    figures: dict[str, float] = {}
 
 
 class Alive(Struct, frozen=True, kw_only=True):

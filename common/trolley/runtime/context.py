@@ -22,6 +22,7 @@ class Context:
     clocks: RobotClocks
     timers: Timers = dataclasses.field(default_factory=Timers)
     counters: dict[str, int] = dataclasses.field(default_factory=dict[str, int])
+    figures: dict[str, float] = dataclasses.field(default_factory=dict[str, float])
 
     def count(self, name: str, number: int = 1) -> None:
         """Add to a counter."""

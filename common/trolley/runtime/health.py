@@ -49,5 +49,7 @@ class HealthReporter:
         if context.inbox.dropped:
             counters["inbox/dropped"] = context.inbox.dropped
         stamp_ns = context.clocks.own.now(context.inbox.now_ns()) or 0
-        self.latest = msgspec.structs.replace(self.latest, stamp_ns=stamp_ns, counters=counters)
+        self.latest = msgspec.structs.replace(
+            self.latest, stamp_ns=stamp_ns, counters=counters, figures=dict(context.figures)
+        )
         self._server.publish(topics.HEALTH, self.latest, (self._label,))

@@ -301,6 +301,10 @@ class Service:
         """Add to a counter of `health`."""
         self._wire.context.count(name, number)
 
+    def set_figure(self, name: str, value: float) -> None:
+        """Set a figure of `health`: something that the service measures of itself now."""
+        self._wire.context.figures[name] = value
+
     def set_health(self, state: Literal["ok", "degraded", "failed"], message: str = "") -> None:
         """Set state and message of `health`."""
         self._wire.health.set(state, message)

@@ -1,5 +1,6 @@
 """What the devices report: read, joined to the odometry, logged and published."""
 
+import msgspec
 import numpy as np
 
 from trolley import codes, topics
@@ -12,9 +13,12 @@ from trolley_base.drivers import ChassisReading, Hardware, LidarScan
 from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import Beat
+from trolley_base.safety.lidar_view import LidarView, without_cover
 from trolley_base.safety.near_echoes import NearEchoes
+from trolley_base.safety.observed_space import ObservedSpace
 from trolley_base.safety.safety_state import SafetyState
 
+COVERED_MESSAGE = "The lidar sees nothing at all; is something covering it?"
 ODOMETRY_S = 0.04
 """Every other reading is published, and one with each scan: 25 to 35 Hz."""
 
@@ -25,20 +29,30 @@ class DeviceInputs:
     Args:
         service: base.
         echoes: what the lidar saw near the robot.
+        space: which floor it has seen to be free.
+        view: how much of its surroundings it sees.
     """
 
-    def __init__(self, service: Service, echoes: NearEchoes) -> None:
+    def __init__(
+        self, service: Service, echoes: NearEchoes, space: ObservedSpace, view: LidarView
+    ) -> None:
         self._service = service
         self._near_echoes = echoes
+        self._space = space
+        self.view = view
+        """How much of its surroundings the lidar sees."""
         self._chassis = ChassisReading((), Link(name="chassis", state="searching"))
         self._lidar = Link(name="lidar", state="searching")
         self._scan_arrived_ns: int | None = None
+        self._is_covered = False
         self._has_moved = True
         self._odometry_beat = Beat(ODOMETRY_S)
         self.battery: Battery | None = None
         """The newest charge, None while the board has not measured it."""
         self.echoes = echoes.points(Pose2D.identity())
         """(n, 2) what the lidar saw near the robot [m] in `base_link`."""
+        self.unseen = space.unseen(Pose2D.identity())
+        """(n, 2) what it has not seen near the robot [m] in `base_link`."""
 
     def begin(
         self, hardware: Hardware, config: RobotConfig, scales: WheelScales, epoch_ns: int
@@ -77,14 +91,19 @@ class DeviceInputs:
         """Return what the devices say about whether the robot may drive."""
         arrived_ns = self._scan_arrived_ns
         scan_age_ns = None if arrived_ns is None else now_ns - arrived_ns
-        return SafetyState(cannot_drive, is_stopped, self._chassis, self._lidar, scan_age_ns)
+        lidar = self._lidar
+        if self._is_covered and lidar.state == "up":
+            lidar = msgspec.structs.replace(lidar, message=COVERED_MESSAGE)
+        return SafetyState(cannot_drive, is_stopped, self._chassis, lidar, scan_age_ns)
 
     def update(self, now_ns: int) -> None:
         """Bring the devices up to now, and read them."""
         self._hardware.advance(now_ns)
         self._read_chassis(now_ns)
         self._read_lidar(now_ns)
-        self.echoes = self._near_echoes.points(self._reckoning.track.odom_T_base)
+        odom_T_base = self._reckoning.track.odom_T_base
+        self.echoes = self._near_echoes.points(odom_T_base)
+        self.unseen = self._space.unseen(odom_T_base)
 
     def _read_chassis(self, now_ns: int) -> None:
         reading = self._chassis = self._reckoning.add_reading(self._hardware.chassis.read())
@@ -104,10 +123,18 @@ class DeviceInputs:
             self._publish_odometry()
         for scan in reading.scans:
             self._publish_scan(scan)
-            # A covered lidar measures nothing valid, which is as good as silence.
-            if np.any(scan.ranges > 0.0):
-                self._near_echoes.update(scan, self._reckoning.track)
-                self._scan_arrived_ns = now_ns
+            if len(scan.ranges):
+                self._look(without_cover(scan), now_ns)
+
+    def _look(self, scan: LidarScan, now_ns: int) -> None:
+        """Take in what a scan of at least one beam sees."""
+        track = self._reckoning.track
+        self._space.update(self.view.update(scan, track.odom_T_base), track)
+        # A covered lidar measures nothing valid, which is as good as silence.
+        self._is_covered = not np.any(scan.ranges > 0.0)
+        if not self._is_covered:
+            self._near_echoes.update(scan, track)
+            self._scan_arrived_ns = now_ns
 
     def _publish_odometry(self) -> None:
         track = self._reckoning.track

@@ -72,7 +72,9 @@ class DriveControl:
     def _decide(self, now_ns: int) -> None:
         state = self._inputs.safety_state(now_ns, self._cannot_drive, is_stopped=self._estop.is_set)
         restriction = self._watch.restriction or find_restriction(state)
-        self.decision = self._limiter.decide(now_ns, self._inputs.echoes, restriction)
+        self.decision = self._limiter.decide(
+            now_ns, self._inputs.echoes, restriction, self._inputs.unseen
+        )
         self._chassis.drive(self._scales.reported_twist(self.decision.twist))
         self._watch.command(now_ns, self.decision.twist)
 

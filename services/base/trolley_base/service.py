@@ -14,8 +14,11 @@ from trolley_base.drivers import Hardware
 from trolley_base.motion_watch import MotionWatch
 from trolley_base.odometry.wheel_scales import scales_of
 from trolley_base.persistence import WORLD_FILE, SavedWorld
+from trolley_base.safety.lidar_view import LidarView
 from trolley_base.safety.motion_supervision import MotionSupervision
 from trolley_base.safety.near_echoes import NearEchoes
+from trolley_base.safety.observed_space import ObservedSpace
+from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import VelocityLimiter
 from trolley_base.simulation.shared_world import SharedWorld
@@ -46,10 +49,17 @@ class BaseService(Service):
             config, footprint, limits, is_simulated=device.world is not None
         )
         field = StopField(footprint, limits, config.base.stop_margin_m, device.reaction_s)
-        limiter = VelocityLimiter(config.base.sources, limits, field)
+        sight = SightDistance(footprint, limits, device.reaction_s)
+        limiter = VelocityLimiter(config.base.sources, limits, field, sight)
         self._time = Timekeeper(self)
         clock = self.own_time = self._time.clock
-        self._inputs = DeviceInputs(self, NearEchoes(device.base_T_laser, field.reach))
+        mount = device.base_T_laser
+        self._inputs = DeviceInputs(
+            self,
+            NearEchoes(mount, field.reach),
+            ObservedSpace(footprint, mount, sight.reach),
+            LidarView(footprint, mount),
+        )
         supervision = MotionSupervision(limits, half_track_of(config, footprint))
         watch = MotionWatch(self, supervision, can_drive=not device.cannot_drive)
         self._reporter = StateReporter(self, clock, self._inputs, watch)

@@ -80,11 +80,22 @@ class StateReporter:
         )
 
     def _set_health(self, decision: Decision, now_ns: int) -> None:
+        view = self._inputs.view
+        self._service.set_figure("lidar/seen", round(view.share, 3))
+        for side, share in view.shares.items():
+            self._service.set_figure(f"lidar/seen/{side.replace(' ', '_')}", round(share, 3))
         # The first scan takes a revolution, which is no trouble yet.
         has_begun = now_ns - self._clock.epoch > SCAN_SILENCE_NS
         is_lost = decision.reason in (codes.SCAN_LOST, codes.LINK_LOST)
         if decision.mode == "fault" or (has_begun and is_lost):
             self._service.set_health("degraded", decision.message)
+        elif view.closed:
+            sides = " and ".join(view.closed)
+            self._service.set_health(
+                "degraded",
+                f"The lidar's view to the {sides} is closed; look for a cable, dirt or a thing "
+                "that covers it.",
+            )
         elif self._clock.is_slowed:
             self._service.set_health(
                 "degraded",

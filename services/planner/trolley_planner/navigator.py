@@ -45,6 +45,8 @@ STOPPING_S = 0.5
 """Zero is commanded for this long after a goal is over."""
 IDLE_SCAN_S = 0.2
 """Without a goal, a scan this often keeps the costmap up to date."""
+BLIND_S = 30.0
+"""A goal that is blocked so soon after base was held because the lidar sees nothing is blind."""
 OWN_SOURCE = "planner"
 """The name under which base hears this service's commands."""
 
@@ -70,6 +72,8 @@ class Navigator:
         self._set_off_ns = 0
         self._over_ns: int | None = None
         self._trouble_since_ns: int | None = None
+        self._blind: tuple[int, str] | None = None
+        """When base last held the robot because the lidar sees nothing, and what it said."""
         self._scanned_ns = 0
         self._num_jumps = 0
 
@@ -158,18 +162,34 @@ class Navigator:
         if waited_ns > 0:
             execution.resume_after_wait(waited_ns)
         twist = execution.command(now)
+        trouble, blind = self._trouble(execution, now.now_ns)
         if execution.outcome == "arrived":
             self._end("arrived", "", now.now_ns, "The robot has arrived.")
         elif execution.outcome == "failed":
             blocker = wire.blocked_by(self._blocking_robot(execution))
-            why = wire.GOAL_OCCUPIED if execution.is_waiting else blocker
-            self._end("failed", execution.trouble, now.now_ns, why)
+            why = wire.GOAL_OCCUPIED if execution.is_waiting else blind or blocker
+            self._end("failed", trouble, now.now_ns, why)
         elif execution.recovery.current is not None or execution.is_waiting:
             why = wire.recovery_sentence(execution, self._blocking_robot(execution))
-            self._report("recovering", execution.trouble, now.now_ns, why)
+            self._report("recovering", trouble, now.now_ns, blind or why)
+        elif self._is_held_blind:
+            self._report("driving", codes.BLIND, now.now_ns, blind)
         else:
             self._report("driving", "", now.now_ns)
         return twist
+
+    @property
+    def _is_held_blind(self) -> bool:
+        """Whether base does not drive as commanded because the lidar sees nothing there."""
+        base = self.inputs.base
+        return base is not None and (base.mode, base.reason) == ("held", codes.BLIND)
+
+    def _trouble(self, execution: GoalExecution, now_ns: int) -> tuple[str, str | None]:
+        """Return the code of what keeps the robot from its goal, and base's sentence if blind."""
+        if self._blind is None or now_ns - self._blind[0] > BLIND_S * 1e9:
+            return execution.trouble, None
+        is_blocked = execution.trouble in ("", codes.BLOCKED)
+        return (codes.BLIND, self._blind[1]) if is_blocked else (execution.trouble, None)
 
     def _give_way(self, now: ControlInput) -> Twist2D:
         """Return the velocity while the robot waits for another; fail if that lasts too long."""
@@ -211,6 +231,8 @@ class Navigator:
         """Take what the base does: a stop or somebody else's hand pauses the goal."""
         before = self.inputs.base
         self.inputs.base = base
+        if self._is_held_blind and base.source == OWN_SOURCE:
+            self._blind = now_ns, base.message
         goal = self.board.goal
         if not self.board.is_active or goal is None or self.board.state == "paused":
             return
@@ -358,6 +380,7 @@ class Navigator:
         )
         self._set_off_ns = now_ns
         self._giving_way.forget()
+        self._blind = None
         self._over_ns = None
         self._trouble_since_ns = None
         motion = self._motion_state.motion()

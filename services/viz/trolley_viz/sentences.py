@@ -96,10 +96,12 @@ def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
 
 def base_line(base: BaseState | None) -> StatusLine | None:
     """Say what keeps the robot from driving; None where nothing does."""
-    if base is None or base.mode == "ok":
+    if base is None or (base.mode == "ok" and not base.reason):
         return None
     why = base.message or codes.SENTENCES.get(base.reason, base.reason)
     match base.mode:
+        case "ok":
+            return StatusLine("Creeping", "warn", why)
         case "stopped":
             return StatusLine("Stopped", "bad", _join(why, "Press Resume to let it drive again."))
         case "held":

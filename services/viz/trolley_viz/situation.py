@@ -81,9 +81,12 @@ def _base(known: RobotState) -> StatusLine | None:
 
 
 def _by_hand(known: RobotState) -> StatusLine | None:
-    if known.base is not None and known.base.source == BY_HAND:
-        return StatusLine("Somebody is driving it by hand.", "busy")
-    return None
+    base = known.base
+    if base is None or base.source != BY_HAND:
+        return None
+    if base.mode == "ok" and base.reason:
+        return StatusLine(f"Driven by hand: {_reason_of(base)}.", "warn")
+    return StatusLine("Somebody is driving it by hand.", "busy")
 
 
 def _held(known: RobotState) -> StatusLine | None:

@@ -71,6 +71,26 @@ def test_why_it_does_not_get_on_is_told(tmp_path: Path, world, reason: str) -> N
     stage.lockstep.close()
 
 
+def test_a_goal_that_base_does_not_drive_to_blindly_says_so(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, Stuck(empty_room(), START))
+    stage.send(FAR_SIDE)
+    why = "The lidar sees nothing ahead, so it does not move there."
+    stage.robot.say(mode="held", source="planner", reason=codes.BLIND, message=why)
+    stage.lockstep.run(0.5)
+    now = stage.goals[-1]
+    assert (now.state, now.reason, now.message) == ("driving", codes.BLIND, why)
+    assert stage.until("recovering", 30.0).reason == codes.BLIND
+    stage.robot.say(mode="ok", source="planner")  # it does not even try for a moment
+    stage.lockstep.run(0.5)
+    assert stage.goals[-1].reason == codes.BLIND
+    while stage.goals[-1].state != "failed" and stage.lockstep.now_s < 200.0:
+        stage.robot.say(mode="held", source="planner", reason=codes.BLIND, message=why)
+        stage.lockstep.run(5.0)
+    assert stage.goals[-1].state == "failed"
+    assert (stage.goals[-1].reason, stage.goals[-1].message) == (codes.BLIND, why)
+    stage.lockstep.close()
+
+
 def test_a_door_that_is_too_narrow_is_refused_with_its_place(tmp_path: Path) -> None:
     stage = Stage(tmp_path, Flatland(two_rooms(0.2), START))
     with pytest.raises(Refused) as refusal:

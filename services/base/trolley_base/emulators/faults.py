@@ -22,6 +22,9 @@ KINDS = {
     "cut": "frames cut short; =SHARE of them, else 0.3",
     "stuck": "a lidar reports one angle, a board the same values, again and again",
     "unplug": "the port is gone; plugged in again at the end",
+    "blind": "a lidar finds nothing ahead of the robot; =DEGREES in all, else 60",
+    "fail": "beams of a lidar find nothing; =SHARE of them, else 0.95",
+    "cover": "a lidar's every beam ends at its nearest range",
     "flood": "its last frame again and again, more than the line carries",
     "deaf": "a board heeds no command any more: it drives on as it did",
     "drives": "a board drives by itself; =M/S, else 0.3",
@@ -48,6 +51,8 @@ _PIN = re.compile(r"(?P<pin>[da]\d+):(?P<value>\d+)")
 _DEFAULTS = {
     "noise": 200.0,
     "cut": 0.3,
+    "blind": 60.0,
+    "fail": 0.95,
     "drives": 0.3,
     "factor": -1.0,
     "pushed": 0.4,
@@ -56,13 +61,17 @@ _DEFAULTS = {
 _RANGES = {
     "noise": (0.0, 1e5),
     "cut": (0.0, 1.0),
+    "blind": (0.0, 360.0),
+    "fail": (0.0, 1.0),
     "drives": (-2.0, 2.0),
     "factor": (-5.0, 5.0),
     "pushed": (0.0, 2.0),
     "gyro": (-100.0, 100.0),
 }
 SIDES = {"left": frozenset(("left",)), "right": frozenset(("right",)), "both": BOTH}
+BOARDS = ("linorobot", "arduino_bridge")
 OF_BOARDS = ("deaf", "drives", "factor", "motor", "encoder", "swapped", "lifted", "pushed", "jump")
+OF_LIDARS = ("blind", "fail", "cover")
 OF_LINOROBOT = ("md5", "nan", "gyro")
 FLOOD = 1.5
 """How much more than the line carries a flood is."""
@@ -79,7 +88,7 @@ class Fault:
     Attributes:
         device: the name of its port.
         kind: one of `KINDS`.
-        amount: for noise and cut.
+        amount: for noise, cut, blind and fail.
         pin: for pin: its name and what it reads.
         sides: for motor and encoder: which are broken.
         start_s: since the start of the emulator; None: at once.
@@ -117,10 +126,12 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
         raise FaultError(f"{text!r}: there is no fault {kind}, only {', '.join(KINDS)}")
     if kind in OF_LINOROBOT and not device.startswith("linorobot"):
         raise FaultError(f"{text!r}: only linorobot knows {kind}")
-    if kind in OF_BOARDS and not device.startswith(("linorobot", "arduino_bridge")):
+    if kind in OF_BOARDS and not device.startswith(BOARDS):
         raise FaultError(f"{text!r}: only motor boards know {kind}")
     if kind == "pin" and not device.startswith("arduino_bridge"):
         raise FaultError(f"{text!r}: only arduino_bridge has pins")
+    if kind in OF_LIDARS and device.startswith(BOARDS):
+        raise FaultError(f"{text!r}: only lidars can be {kind}")
     start, duration = match["start"], match["duration"]
     return Fault(
         device,

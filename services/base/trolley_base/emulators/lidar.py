@@ -59,6 +59,21 @@ class Mount:
     reversed: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class BadView:
+    """Faults of a view.
+
+    Attributes:
+        blind: angle ahead of the robot into which it finds nothing [rad].
+        failing: share of the beams that find nothing.
+        is_covered: all beams end at the nearest range.
+    """
+
+    blind: float = 0.0
+    failing: float = 0.0
+    is_covered: bool = False
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """The measurements of one step, in order.
@@ -135,6 +150,8 @@ class SpinningLidar(Device):
     ) -> None:
         super().__init__(facts.baud)
         self.facts = facts
+        self.bad_view = BadView()
+        """What is wrong with its view; set by faults."""
         self._mount = mount
         self._errors = errors
         self._rng = rng
@@ -179,6 +196,7 @@ class SpinningLidar(Device):
         draws = self._rng.random(num)
         exact_m, guess_m = np.empty(0), np.full(num, self._last_m)
         beside_deg = self._offset_deg(guess_m)
+        bearings = np.empty(0)
         for _ in range(3):
             bearings = self._sense * np.radians(heads_deg + beside_deg)
             shots = Shots(parts, bearings, draws, self.facts.range_max_m)
@@ -189,7 +207,18 @@ class SpinningLidar(Device):
             beside_deg = found
         if num:
             self._last_m = float(min(exact_m[-1], self.facts.range_max_m))
-        return self._spoil(exact_m)
+        return self._hide(self._spoil(exact_m), bearings)
+
+    def _hide(self, ranges_m: Floats, bearings: Floats) -> Floats:
+        """Apply what is wrong with the view; bearings (n,) in frame `laser` [rad]."""
+        bad = self.bad_view
+        if bad.is_covered:
+            return np.full_like(ranges_m, self.facts.range_min_m)
+        ahead = (bearings + self._mount.base_T_laser.yaw + math.pi) % (2.0 * math.pi) - math.pi
+        fails = np.abs(ahead) < 0.5 * bad.blind
+        if bad.failing > 0.0:  # else the errors stay as they are without the fault
+            fails |= self._rng.random(len(ranges_m)) < bad.failing
+        return np.where(fails, 0.0, ranges_m)
 
     def _spoil(self, exact_m: Floats) -> Floats:
         errors, facts = self._errors, self.facts

@@ -1,5 +1,6 @@
 """A device behind its port: what the host writes reaches it, what it sends is paced and spoilt."""
 
+import math
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from trolley_base.emulators.arduino_bridge import ArduinoBridge
 from trolley_base.emulators.device import Board, Device
 from trolley_base.emulators.faults import Damage, Fault, trouble_of
+from trolley_base.emulators.lidar import BadView, SpinningLidar
 from trolley_base.emulators.line import Line
 from trolley_base.emulators.linorobot import Linorobot
 from trolley_base.emulators.pseudo_terminal import PseudoTerminal
@@ -81,6 +83,13 @@ class DevicePort:
             device.says_nan = "nan" in faults
             device.gyro_factor = faults["gyro"].amount if "gyro" in faults else 1.0
         self.terminal.refuse(is_refused="refuse" in faults)
+        if isinstance(device, SpinningLidar):
+            amounts = {kind: fault.amount for kind, fault in faults.items()}
+            device.bad_view = BadView(
+                blind=math.radians(amounts.get("blind", 0.0)),
+                failing=amounts.get("fail", 0.0),
+                is_covered="cover" in faults,
+            )
         if isinstance(device, ArduinoBridge):
             device.wired = dict(fault.pin for fault in faults.values() if fault.kind == "pin")
 

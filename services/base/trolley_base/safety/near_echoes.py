@@ -50,8 +50,7 @@ class NearEchoes:
     def update(self, scan: LidarScan, track: OdometryTrack) -> None:
         """Take a new scan, of at least one beam, in place of the last."""
         beams = np.arange(len(scan.ranges))
-        lags_ns = np.rint(beams * (scan.time_increment * 1e9)).astype(np.int64)
-        odom_T_laser = self._laser_poses(track.poses_at(scan.stamp_ns + lags_ns))
+        odom_T_laser = laser_poses(scan, track, self._base_T_laser)
         seen = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
         seen &= scan.ranges < self._reach + np.hypot(self._base_T_laser.x, self._base_T_laser.y)
         poses = odom_T_laser[seen]
@@ -64,19 +63,6 @@ class NearEchoes:
     def points(self, odom_T_base: Pose2D) -> Floats:
         """Return the echoes (n, 2) x, y [m] in `base_link` where it is now."""
         return odom_T_base.inverse().transform_points(self._points_odom)
-
-    def _laser_poses(self, poses: Floats) -> Floats:
-        """Return odom_T_laser (n, 3) for odom_T_base (n, 3)."""
-        mount = self._base_T_laser
-        cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        return np.stack(
-            [
-                poses[:, 0] + cos * mount.x - sin * mount.y,
-                poses[:, 1] + sin * mount.x + cos * mount.y,
-                poses[:, 2] + mount.yaw,
-            ],
-            axis=1,
-        )
 
     def _hidden(self, scan: LidarScan, odom_T_laser: Pose2D) -> Floats:
         """Return known points that are now too near to be measured and that no beam sees past."""
@@ -92,6 +78,22 @@ class NearEchoes:
         inside = beams < len(scan.ranges)
         blind[inside] = _blind_beams(scan)[beams[inside]]
         return self._points_odom[near][blind][-PARAMS.max_remembered :]
+
+
+def laser_poses(scan: LidarScan, track: OdometryTrack, base_T_laser: Pose2D) -> Floats:
+    """Return odom_T_laser (beams, 3) x, y [m], yaw [rad] when each beam was measured."""
+    beams = np.arange(len(scan.ranges))
+    lags_ns = np.rint(beams * (scan.time_increment * 1e9)).astype(np.int64)
+    poses, mount = track.poses_at(scan.stamp_ns + lags_ns), base_T_laser
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return np.stack(
+        [
+            poses[:, 0] + cos * mount.x - sin * mount.y,
+            poses[:, 1] + sin * mount.x + cos * mount.y,
+            poses[:, 2] + mount.yaw,
+        ],
+        axis=1,
+    )
 
 
 def _smoothed(scan: LidarScan) -> Floats:

@@ -1,9 +1,9 @@
-"""Decides what is driven: the arbiter's choice, within the limits, past the stop field."""
+"""Decides what is driven: the arbiter's choice, within limits, past echoes, as far as it sees."""
 
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from trolley.geometry import Twist2D
 from trolley.messages import VelocityCommand
 from trolley_base.safety.arbiter import Arbiter, Choice, Reject
 from trolley_base.safety.motion_limits import MotionLimits, ramp, within
+from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 
 Mode = Literal["ok", "stopped", "held", "fault"]
@@ -29,14 +30,17 @@ class VelocityLimiterParams:
     standing_wz: float = 0.05
     """The same for turning [rad/s]."""
     blocked_ns: int = 200_000_000
-    """The stop field is named as the reason once it has held the robot for this long [ns]."""
+    """What hinders the robot is named once it has done so for this long [ns]."""
     lost_shown_ns: int = 5_000_000_000
     """How long a loss of commands is shown if none comes [ns]."""
     late_shown_ns: int = 1_000_000_000
     """How long it is shown that a command came too late [ns]."""
+    by_hand: str = "teleop"
+    """The source behind which a person looks where the robot drives."""
 
 
 PARAMS = VelocityLimiterParams()
+NOTHING: NDArray[np.float64] = np.empty((0, 2))
 
 
 class Block(enum.Enum):
@@ -69,6 +73,22 @@ class Decision:
     message: str = ""
 
 
+class _Around(NamedTuple):
+    """What is known about the floor around the robot, and who drives there."""
+
+    echoes: NDArray[np.float64]
+    unseen: NDArray[np.float64]
+    by_hand: bool
+
+
+class _Hindrance(NamedTuple):
+    """Why the robot does not drive as fast as was commanded, and whether it stands for it."""
+
+    mode: Mode
+    reason: str
+    message: str
+
+
 class VelocityLimiter:
     """Turns wishes into a velocity, one decision at each control period.
 
@@ -78,14 +98,20 @@ class VelocityLimiter:
         priorities: of each source.
         limits: of the motion.
         field: the stop field.
+        sight: keeps the robot from what was not seen.
     """
 
     def __init__(
-        self, priorities: Mapping[str, int], limits: MotionLimits, field: StopField
+        self,
+        priorities: Mapping[str, int],
+        limits: MotionLimits,
+        field: StopField,
+        sight: SightDistance,
     ) -> None:
         self._arbiter = Arbiter(priorities)
         self._limits = limits
         self._field = field
+        self._sight = sight
         self._twist = Twist2D.zero()
         self._turns_clear = False
         self._decided_ns: int | None = None
@@ -109,7 +135,11 @@ class VelocityLimiter:
         self._lost_ns = None
 
     def decide(
-        self, now_ns: int, echoes: NDArray[np.float64], restriction: Restriction | None = None
+        self,
+        now_ns: int,
+        echoes: NDArray[np.float64],
+        restriction: Restriction | None = None,
+        unseen: NDArray[np.float64] = NOTHING,
     ) -> Decision:
         """Decide what is driven until the next call.
 
@@ -117,6 +147,7 @@ class VelocityLimiter:
             now_ns: now.
             echoes: (n, 2) what the lidar saw [m] in `base_link`.
             restriction: what else forbids to drive.
+            unseen: (n, 2) what the lidar has not seen [m] in `base_link`.
         """
         since_ns = 0 if self._decided_ns is None else now_ns - self._decided_ns
         self._decided_ns = now_ns
@@ -126,32 +157,49 @@ class VelocityLimiter:
         if choice.source is None or block is Block.ALL:
             # At once and not along a ramp: the motors brake as hard as they can.
             self._twist = Twist2D.zero()
-            return self._report(choice, restriction, now_ns, is_blocked=False)
+            return self._report(choice, restriction, now_ns, None)
         wanted = within(choice.twist, self._limits)
         if block is Block.ALL_BUT_BACK:
             wanted = Twist2D(min(0.0, wanted.vx), 0.0, 0.0)
             # Not along a ramp either: that were half a second more into what was touched.
             self._twist = Twist2D(min(0.0, self._twist.vx), 0.0, 0.0)
-        self._twist = self._past_echoes(wanted, min(since_ns * 1e-9, PARAMS.max_dt), echoes)
-        # Scaled down by the echoes, and not on the ramp from standing.
-        is_blocked = (
-            not _stands(wanted) and _stands(self._twist) and self._field.scale(wanted, echoes) < 1.0
-        )
-        return self._report(choice, restriction, now_ns, is_blocked=is_blocked)
+        around = _Around(echoes, unseen, choice.source == PARAMS.by_hand)
+        self._twist = self._allowed(wanted, min(since_ns * 1e-9, PARAMS.max_dt), around)
+        return self._report(choice, restriction, now_ns, self._find_hindrance(wanted, around))
 
-    def _past_echoes(self, wanted: Twist2D, dt: float, echoes: NDArray[np.float64]) -> Twist2D:
-        """Return the next velocity towards `wanted` that the echoes allow."""
+    def _allowed(self, wanted: Twist2D, dt: float, around: _Around) -> Twist2D:
+        """Return the next velocity towards `wanted` that may be driven there."""
         following = ramp(self._twist, wanted, self._limits, dt)
-        scale = self._field.scale(following, echoes)
+        scale = self._scale(following, around)
         if scale == 1.0 and not self._turns_clear:
             return following
         # Where the wanted arc is blocked, its turn may still lead clear of what blocks it.
-        possible_speed = wanted.speed * self._field.scale(wanted, echoes)
+        possible_speed = wanted.speed * self._scale(wanted, around)
         self._turns_clear = wanted.wz != 0.0 and possible_speed <= PARAMS.standing_speed
         if self._turns_clear:
             following = ramp(self._twist, Twist2D(0.0, 0.0, wanted.wz), self._limits, dt)
-            scale = self._field.scale(following, echoes)
+            scale = self._scale(following, around)
         return following.scaled(scale)
+
+    def _scale(self, twist: Twist2D, around: _Around) -> float:
+        """Return what part of a velocity the echoes and the sight allow."""
+        sight = self._sight.look(twist, around.unseen, by_hand=around.by_hand)
+        return min(sight.scale, self._field.scale(twist, around.echoes))
+
+    def _find_hindrance(self, wanted: Twist2D, around: _Around) -> _Hindrance | None:
+        """Say what keeps the robot from moving as wanted, None while it is on its ramp."""
+        stands = _stands(self._twist)
+        if _stands(wanted) or not (stands or self._sight.is_creeping(self._twist)):
+            return None
+        sight = self._sight.look(wanted, around.unseen, by_hand=around.by_hand)
+        free = self._field.scale(wanted, around.echoes)
+        if sight.scale < free:
+            ending = "so it does not move there" if stands else "so it moves there at a creep"
+            message = f"The lidar sees nothing {sight.where}, {ending}."
+            return _Hindrance("held" if stands else "ok", codes.BLIND, message)
+        if stands and free < 1.0:
+            return _Hindrance("held", codes.STOP_FIELD, codes.SENTENCES[codes.STOP_FIELD])
+        return None
 
     def _note_loss(self, choice: Choice, now_ns: int) -> None:
         if choice.source is not None:
@@ -160,9 +208,13 @@ class VelocityLimiter:
             self._lost_ns = now_ns
 
     def _report(
-        self, choice: Choice, restriction: Restriction | None, now_ns: int, *, is_blocked: bool
+        self,
+        choice: Choice,
+        restriction: Restriction | None,
+        now_ns: int,
+        hindrance: _Hindrance | None,
     ) -> Decision:
-        if not is_blocked:
+        if hindrance is None:
             self._blocked_since_ns = None
         elif self._blocked_since_ns is None:
             self._blocked_since_ns = now_ns
@@ -170,9 +222,12 @@ class VelocityLimiter:
         if restriction is not None:
             source = None if restriction.block is Block.ALL else source
             mode, reason, message = restriction.mode, restriction.reason, restriction.message
-        elif since_ns is not None and now_ns - since_ns >= PARAMS.blocked_ns:
-            mode, reason = "held", codes.STOP_FIELD
-            message = codes.SENTENCES[reason]
+        elif (
+            hindrance is not None
+            and since_ns is not None
+            and now_ns - since_ns >= PARAMS.blocked_ns
+        ):
+            mode, reason, message = hindrance
         elif (
             source is None
             and self._late_ns is not None

@@ -5,6 +5,7 @@ from trolley import codes
 from trolley.geometry import Twist2D, footprint_from_box
 from trolley.messages import VelocityCommand
 from trolley_base.safety.motion_limits import MotionLimits
+from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import Block, Decision, Restriction, VelocityLimiter
 
@@ -13,6 +14,7 @@ STEP = 20 * MS
 LIMITS = MotionLimits(
     speed=0.5, wz=1.5, acceleration=0.8, deceleration=1.0, angular_acceleration=4.0
 )
+FOOTPRINT = footprint_from_box(0.4, 0.2)
 FREE = np.empty((0, 2))
 POST = np.array([[0.23, 0.0]])
 WALL = np.stack([np.full(201, 0.25), np.linspace(-1.0, 1.0, 201)], axis=1)
@@ -22,8 +24,10 @@ class Drive:
     """A limiter whose source sends a command at each step."""
 
     def __init__(self) -> None:
-        field = StopField(footprint_from_box(0.4, 0.2), LIMITS, 0.05)
-        self.limiter = VelocityLimiter({"teleop": 20, "planner": 10}, LIMITS, field)
+        field = StopField(FOOTPRINT, LIMITS, 0.05)
+        self.limiter = VelocityLimiter(
+            {"teleop": 20, "planner": 10}, LIMITS, field, SightDistance(FOOTPRINT, LIMITS, 0.06)
+        )
         self.now_ns = 0
 
     def send(self, twist: Twist2D, source: str = "teleop", valid_for: float = 0.2) -> None:

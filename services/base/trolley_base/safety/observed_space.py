@@ -1,0 +1,228 @@
+"""Which floor near the robot the lidar has seen to be free, remembered while the robot moves on.
+
+A grid of small cells in frame `odom` around the robot. A cell is seen where beams passed it on both
+sides; it is forgotten after a while, and soon where a beam should have seen it and did not. Where
+the robot itself has been is free, too.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, circumscribed_radius, polygon_contains
+from trolley_base.drivers import LidarScan
+from trolley_base.odometry.track import OdometryTrack
+from trolley_base.safety.near_echoes import laser_poses
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedSpaceParams:
+    """What counts as seen, and for how long; set by hand."""
+
+    cell_m: float = 0.05
+    """Edge of a cell [m]."""
+    dark_s: float = 0.5
+    """What a beam should see and none has seen for this long is forgotten [s]."""
+    memory_s: float = 30.0
+    """What was seen and lies out of view now, as behind a lidar that looks ahead only, is free for
+    this long: recovering from a dead end takes that long, and who steps behind a robot that stands
+    for longer is not expected by it [s]."""
+    trail_s: float = 120.0
+    """Where the robot itself stood is free for this long: people step behind it, but a robot that
+    waited at a place may leave as it came [s]."""
+    hidden_m: float = 0.05
+    """Between two usable beams, with others that failed between them, nothing wider than this may
+    go unseen: so far from the lidar the gap counts as seen [m]."""
+    adjacent: float = 1.5
+    """Beams that are at most so many increments apart are neighbours: no gap."""
+    crowd_width: float = 0.7
+    """A beam is believed where of those around it, over this angle [rad], ..."""
+    crowd_share: float = 0.125
+    """... this share is usable, too: one of twenty that succeeds is luck, not sight; one of five,
+    as towards the sun, is little, but soon there is another."""
+    behind_echo_m: float = 0.15
+    """What lies this much behind an echo is left to the stop field, which keeps the robot from the
+    echo [m]."""
+    bearings: int = 1440
+    """The view is looked up by bearings of a quarter of a degree: 1 cm at 2 m."""
+    stored_m: float = 1.0
+    """How far beyond what can matter at once the floor is remembered [m]."""
+
+
+PARAMS = ObservedSpaceParams()
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """How far a scan sees into each of `PARAMS.bearings` directions about where it was taken.
+
+    Attributes:
+        origin: (2,) x, y [m] in `odom` of the lidar in the middle of the revolution.
+        free: (bearings,) free so far [m], counter-clockwise from -pi; 0 where it does not look.
+        explained: (bearings,) an echo explains what lies up to here [m].
+        dark: (bearings,) whether it looks there, and its beams failed beyond `free`.
+    """
+
+    origin: Floats
+    free: Floats
+    explained: Floats
+    dark: Bools
+
+
+def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
+    """Return what a scan sees.
+
+    Args:
+        scan: of at least one beam.
+        odom_T_laser: (beams, 3) x, y [m], yaw [rad] when each beam was measured.
+    """
+    count = len(scan.ranges)
+    origin = odom_T_laser[count // 2, :2]
+    ranges = scan.ranges.astype(np.float64)
+    angles = odom_T_laser[:, 2] + scan.angle_min + np.arange(count) * scan.angle_increment
+    usable = (ranges > 0.0) & _has_company(scan)
+    finite = usable & (ranges < np.inf)
+    # Seen from one place: the robot moves on while the lidar turns.
+    shift = odom_T_laser[finite, :2] - origin
+    x = shift[:, 0] + ranges[finite] * np.cos(angles[finite])
+    y = shift[:, 1] + ranges[finite] * np.sin(angles[finite])
+    bearings = angles.copy()
+    bearings[finite] = np.arctan2(y, x)
+    ranges[finite] = np.hypot(x, y)
+    knots = (np.arange(PARAMS.bearings) + 0.5) * (2.0 * math.pi / PARAMS.bearings) - math.pi
+    # A scan that is not round looks only between its first beam and its last.
+    width = (count - 1 + 0.5 * PARAMS.adjacent) * scan.angle_increment
+    looks = (knots - angles[0] + 0.5 * scan.angle_increment) % (2.0 * math.pi) <= width
+    if np.count_nonzero(usable) < 2:
+        nothing = np.zeros(PARAMS.bearings)
+        return View(origin, nothing, nothing, looks)
+    bearings, ranges = _wrapped(bearings[usable]), ranges[usable]
+    order = np.argsort(bearings)
+    bearings, ranges = bearings[order], ranges[order]
+    gaps = np.roll(bearings, -1) - bearings
+    gaps[-1] += 2.0 * math.pi
+    nearer = np.minimum(ranges, np.roll(ranges, -1))
+    is_gap = gaps > PARAMS.adjacent * scan.angle_increment
+    free = np.where(is_gap, np.minimum(nearer, PARAMS.hidden_m / np.maximum(gaps, 1e-9)), nearer)
+    explained = np.where(is_gap, 0.0, nearer + PARAMS.behind_echo_m)
+    pair = np.searchsorted(bearings, knots, side="right") - 1  # -1 is the last one, as it should be
+    return View(origin, free[pair], explained[pair], looks & is_gap[pair])
+
+
+def _has_company(scan: LidarScan) -> Bools:
+    """Return the beams (n,) with enough usable ones around them."""
+    usable = (scan.ranges > 0.0).astype(np.float64)
+    count = len(usable)
+    half = min(count // 2, max(1, round(0.5 * PARAMS.crowd_width / scan.angle_increment)))
+    is_round = count * scan.angle_increment > 2.0 * math.pi - 2.0 * scan.angle_increment
+    sums = np.concatenate([[0.0], np.cumsum(np.pad(usable, half, "wrap" if is_round else "edge"))])
+    return sums[2 * half + 1 :] - sums[: -2 * half - 1] >= PARAMS.crowd_share * (2 * half + 1)
+
+
+class ObservedSpace:
+    """Remembers which cells are free.
+
+    Args:
+        footprint: (n, 2) corners [m] in `base_link`, counter-clockwise.
+        base_T_laser: where the lidar sits.
+        reach: floor farther than this from `base_link` never matters at once [m].
+    """
+
+    def __init__(self, footprint: Floats, base_T_laser: Pose2D, reach: float) -> None:
+        self._footprint = footprint
+        self._radius = circumscribed_radius(footprint)
+        self._base_T_laser = base_T_laser
+        self._reach = reach
+        self._half = math.ceil((reach + PARAMS.stored_m) / PARAMS.cell_m)
+        self._zero_ns: int | None = None
+        self._corner = np.zeros(2, dtype=np.int64)
+        """Number of the first cell along x and y, from the origin of `odom`."""
+        shape = (2 * self._half, 2 * self._half)
+        # When each cell was seen free, lay under the robot, or at an echo [s]: [row = y, col = x].
+        self._seen_s = np.full(shape, -np.inf)
+        self._trail_s = np.full(shape, -np.inf)
+        self._echo_s = np.full(shape, -np.inf)
+        self._unseen_odom: Floats = np.empty((0, 2))
+
+    def update(self, scan: LidarScan, track: OdometryTrack) -> None:
+        """Take a new scan, of at least one beam."""
+        if self._zero_ns is None:
+            self._zero_ns = scan.stamp_ns
+        now_s = (scan.stamp_ns - self._zero_ns) * 1e-9
+        base = track.odom_T_base
+        self._follow(base)
+        x = (self._corner[0] + np.arange(2 * self._half) + 0.5) * PARAMS.cell_m
+        y = (self._corner[1] + np.arange(2 * self._half) + 0.5) * PARAMS.cell_m
+        self._look(view_of(scan, laser_poses(scan, track, self._base_T_laser)), x, y, now_s)
+        self._stand(base, x, y, now_s)
+        self._unseen_odom = self._find_unseen(base, x, y, now_s)
+
+    def unseen(self, odom_T_base: Pose2D) -> Floats:
+        """Return the middles (n, 2) x, y [m], in `base_link` where it is now, of unseen cells."""
+        if len(self._unseen_odom) == 0:
+            return self._unseen_odom
+        return odom_T_base.inverse().transform_points(self._unseen_odom)
+
+    def _follow(self, base: Pose2D) -> None:
+        """Move the grid along with the robot, so that what is near lies on it."""
+        wanted = np.floor(np.array([base.x, base.y]) / PARAMS.cell_m).astype(np.int64) - self._half
+        shift = wanted - self._corner
+        if np.abs(shift).max() * PARAMS.cell_m <= 0.5 * PARAMS.stored_m:
+            return
+        self._corner = wanted
+        for grid in (self._seen_s, self._trail_s, self._echo_s):
+            _shift(grid, int(shift[1]), int(shift[0]))
+
+    def _look(self, view: View, x: Floats, y: Floats, now_s: float) -> None:
+        dx, dy = x - view.origin[0], (y - view.origin[1])[:, None]
+        distance = np.sqrt(dx * dx + dy * dy)
+        scale = PARAMS.bearings / (2.0 * math.pi)
+        bearing = ((np.arctan2(dy, dx) + math.pi) * scale).astype(np.int64)
+        np.minimum(bearing, PARAMS.bearings - 1, out=bearing)
+        seen = distance <= view.free[bearing]
+        occupied = ~seen & (distance <= view.explained[bearing])
+        dark = ~seen & view.dark[bearing] & (self._seen_s < now_s - PARAMS.dark_s)
+        self._seen_s[seen] = now_s
+        self._seen_s[dark | occupied] = -np.inf
+        self._trail_s[occupied] = -np.inf
+        self._echo_s[occupied] = now_s
+
+    def _stand(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> None:
+        """Note that the floor under the robot is free."""
+        near_x = np.flatnonzero(np.abs(x - base.x) <= self._radius)
+        near_y = np.flatnonzero(np.abs(y - base.y) <= self._radius)
+        col, row = np.meshgrid(near_x, near_y)
+        points = base.inverse().transform_points(np.stack([x[col].ravel(), y[row].ravel()], axis=1))
+        under = polygon_contains(self._footprint, points)
+        self._trail_s[row.ravel()[under], col.ravel()[under]] = now_s
+
+    def _find_unseen(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> Floats:
+        unseen = self._seen_s < now_s - PARAMS.memory_s
+        unseen &= self._trail_s < now_s - PARAMS.trail_s
+        unseen &= self._echo_s < now_s - PARAMS.dark_s
+        row, col = np.nonzero(unseen)
+        points = np.stack([x[col], y[row]], axis=1)
+        return points[np.hypot(points[:, 0] - base.x, points[:, 1] - base.y) <= self._reach]
+
+
+def _wrapped(angles: Floats) -> Floats:
+    return (angles + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def _shift(grid: Floats, rows: int, cols: int) -> None:
+    """Move a grid's window by cells; what comes in has never been seen."""
+    height, width = grid.shape
+    moved = np.full_like(grid, -np.inf)
+    if abs(rows) < height and abs(cols) < width:
+        to = slice(max(0, -rows), height - max(0, rows)), slice(max(0, -cols), width - max(0, cols))
+        since = (
+            slice(max(0, rows), height - max(0, -rows)),
+            slice(max(0, cols), width - max(0, -cols)),
+        )
+        moved[to] = grid[since]
+    grid[:] = moved

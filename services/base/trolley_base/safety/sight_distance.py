@@ -1,0 +1,135 @@
+"""The sight distance: no command drives the footprint faster than what was seen lets it stop.
+
+What the lidar has not seen is met as the stop field meets an echo, but softly: driven by hand the
+robot creeps on into it, driven by a program it stands before it. Corners and sides that swing out
+of the footprint while it turns may always creep: to turn is how a lidar that looks ahead only comes
+to see the rest.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
+from trolley_base.safety.motion_limits import MotionLimits
+from trolley_base.safety.sweep import contact_times, point_velocities
+
+
+@dataclass(frozen=True, slots=True)
+class SightDistanceParams:
+    """How what was not seen is driven into; set by hand."""
+
+    creep: float = 0.1
+    """Speed of the footprint's fastest point where nothing was seen: what is met at it is pushed,
+    and can be stepped away from [m/s]."""
+    slack: float = 0.05
+    """A velocity faster than that by this share is a creep, too."""
+    margin_m: float = 0.05
+    """A place that was not seen is met this much before its middle: it is a cell wide [m]."""
+    ahead_m: float = 0.01
+    """What lies this much before the footprint's foremost point, as it drives, lies ahead [m]."""
+
+
+PARAMS = SightDistanceParams()
+
+Floats = NDArray[np.float64]
+
+
+class Sight(NamedTuple):
+    """What is seen on the way of a motion.
+
+    Attributes:
+        scale: what part of the velocity, 0...1, may be driven.
+        where: what was not seen, as it stands in a sentence; "" where all that matters was.
+    """
+
+    scale: float
+    where: str
+
+
+CLEAR = Sight(1.0, "")
+WAYS = ("ahead", "to the left", "behind", "to the right")
+BESIDE = "beside the robot"
+
+
+class SightDistance:
+    """Scales velocities by what was not seen.
+
+    Args:
+        footprint: (n, 2) corners [m] in `base_link`, counter-clockwise.
+        limits: what the robot can brake with.
+        reaction_s: time until a command acts.
+    """
+
+    def __init__(self, footprint: Floats, limits: MotionLimits, reaction_s: float) -> None:
+        self._footprint = footprint
+        self._limits = limits
+        self._reaction_s = reaction_s
+        self._radius = circumscribed_radius(footprint)
+        self.reach = self._reach_of(limits.speed) + 0.5 * limits.speed
+        """How far from `base_link` what was not seen can matter within half a second [m]."""
+
+    def look(self, twist: Twist2D, unseen: Floats, *, by_hand: bool) -> Sight:
+        """Return what part of a velocity may be driven.
+
+        Args:
+            twist: within the limits.
+            unseen: (n, 2) places that were not seen [m] in `base_link`.
+            by_hand: whether a person drives, who looks where the robot does not.
+        """
+        if twist.is_zero or len(unseen) == 0:
+            return CLEAR
+        reach = self._reach_of(twist.speed)
+        near = unseen[np.hypot(unseen[:, 0], unseen[:, 1]) < reach]
+        near = near[~polygon_contains(self._footprint, near)]
+        times = contact_times(near, self._footprint, twist)
+        velocities = point_velocities(near, twist)
+        times -= PARAMS.margin_m / np.hypot(velocities[:, 0], velocities[:, 1])
+        if not np.isfinite(times).any():
+            return CLEAR
+        creep = min(1.0, PARAMS.creep / self._fastest(twist))
+        is_ahead = self._lies_ahead(near, twist)
+        is_held = is_ahead & (not by_hand)
+        scale = min(
+            max(creep, self._scale_before(times[~is_held], twist)),
+            self._scale_before(times[is_held], twist),
+        )
+        if scale == 1.0:
+            return CLEAR
+        way = WAYS[round(math.atan2(twist.vy, twist.vx) / (0.5 * math.pi)) % len(WAYS)]
+        return Sight(scale, way if is_ahead[int(np.argmin(times))] else BESIDE)
+
+    def is_creeping(self, twist: Twist2D) -> bool:
+        """Say whether a velocity is no faster than what is driven where nothing was seen."""
+        return self._fastest(twist) <= (1.0 + PARAMS.slack) * PARAMS.creep
+
+    def _fastest(self, twist: Twist2D) -> float:
+        """Return a speed that no point of the footprint exceeds [m/s]."""
+        return twist.speed + abs(twist.wz) * self._radius
+
+    def _lies_ahead(self, points: Floats, twist: Twist2D) -> NDArray[np.bool_]:
+        """Say of points (n, 2) whether it is by driving on that the footprint comes there."""
+        if twist.speed == 0.0:
+            return np.zeros(len(points), np.bool_)
+        heading = np.array([twist.vx, twist.vy]) / twist.speed
+        return points @ heading > float((self._footprint @ heading).max()) - PARAMS.ahead_m
+
+    def _scale_before(self, times: Floats, twist: Twist2D) -> float:
+        """Return what part of a velocity stops before the first of some contacts (n,) [s]."""
+        seconds = float(np.min(times, initial=math.inf))
+        if math.isinf(seconds):
+            return 1.0
+        if seconds <= 0.0:
+            return 0.0
+        # Driving part s and braking evenly: s reaction + s^2 stopping / 2 <= seconds.
+        stopping = self._limits.stopping_time(twist)
+        root = math.sqrt(self._reaction_s * self._reaction_s + 2.0 * stopping * seconds)
+        return min(1.0, 2.0 * seconds / (root + self._reaction_s))
+
+    def _reach_of(self, speed: float) -> float:
+        """Return how far from `base_link` the stopping distance may lead [m]."""
+        way = 0.5 * speed * speed / self._limits.deceleration + speed * self._reaction_s
+        return 2.0 * self._radius + way + 2.0 * PARAMS.margin_m

@@ -1,0 +1,80 @@
+import math
+
+import numpy as np
+import pytest
+
+from trolley.geometry import Twist2D, footprint_from_box
+from trolley_base.safety.motion_limits import MotionLimits
+from trolley_base.safety.sight_distance import CLEAR, PARAMS, SightDistance
+
+LIMITS = MotionLimits(
+    speed=0.5, wz=1.5, acceleration=0.8, deceleration=1.0, angular_acceleration=4.0, sideways=True
+)
+FOOTPRINT = footprint_from_box(0.4, 0.2)
+SIGHT = SightDistance(FOOTPRINT, LIMITS, 0.06)
+FAST = Twist2D(0.5, 0.0, 0.0)
+
+
+def cells(x: float, y: float, width: float = 0.4) -> np.ndarray:
+    """Cells of a square whose middle is there."""
+    along = np.arange(-0.5 * width, 0.5 * width + 0.01, 0.05)
+    return np.stack([axis.ravel() for axis in np.meshgrid(x + along, y + along)], axis=1)
+
+
+def test_where_all_was_seen_it_drives_as_it_likes() -> None:
+    assert SIGHT.look(FAST, np.empty((0, 2)), by_hand=False) == CLEAR
+    assert SIGHT.look(Twist2D.zero(), cells(0.3, 0.0), by_hand=False) == CLEAR
+
+
+def test_what_lies_beyond_the_stopping_distance_or_beside_the_way_does_not_matter() -> None:
+    assert SIGHT.look(FAST, cells(1.5, 0.0), by_hand=False) == CLEAR
+    assert SIGHT.look(FAST, cells(0.3, 0.5), by_hand=False) == CLEAR
+    assert SIGHT.look(FAST, cells(-0.5, 0.0), by_hand=False) == CLEAR
+
+
+def test_before_what_was_not_seen_a_program_stops_and_a_hand_creeps() -> None:
+    unseen = cells(0.45, 0.0)
+    held = SIGHT.look(FAST, unseen, by_hand=False)
+    assert held.where == "ahead"
+    assert held.scale == pytest.approx(0.0, abs=1e-9)
+    creeps = SIGHT.look(FAST, unseen, by_hand=True)
+    assert FAST.speed * creeps.scale == pytest.approx(PARAMS.creep)
+    assert SIGHT.is_creeping(FAST.scaled(creeps.scale))
+
+
+def test_farther_away_it_drives_so_fast_that_it_can_stop_there() -> None:
+    unseen = cells(0.6, 0.0)  # 0.2 m before the edge, less the margin
+    look = SIGHT.look(FAST, unseen, by_hand=False)
+    speed = FAST.speed * look.scale
+    way = 0.06 * speed + 0.5 * speed * speed
+    assert way == pytest.approx(0.2 - PARAMS.margin_m, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("twist", "x", "y", "where"),
+    [
+        (Twist2D(-0.5, 0.0, 0.0), -0.45, 0.0, "behind"),
+        (Twist2D(0.0, 0.4, 0.0), 0.0, 0.35, "to the left"),
+        (Twist2D(0.0, -0.4, 0.0), 0.0, -0.35, "to the right"),
+    ],
+)
+def test_it_says_where_it_did_not_see(twist: Twist2D, x: float, y: float, where: str) -> None:
+    look = SIGHT.look(twist, cells(x, y), by_hand=False)
+    assert look.where == where
+    assert look.scale == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_corners_that_swing_out_creep_whoever_drives(by_hand: bool) -> None:
+    unseen = cells(-0.1, 0.32)
+    turn = SIGHT.look(Twist2D(0.0, 0.0, 1.5), unseen, by_hand=by_hand)
+    assert turn.where == "beside the robot"
+    assert 1.5 * turn.scale * math.hypot(0.2, 0.1) == pytest.approx(PARAMS.creep)
+    arc = SIGHT.look(Twist2D(0.3, 0.0, -1.0), unseen, by_hand=by_hand)
+    assert 0.0 < arc.scale < 1.0
+
+
+def test_backing_in_a_curve_into_what_was_not_seen_is_held() -> None:
+    look = SIGHT.look(Twist2D(-0.2, 0.0, 0.3), cells(-0.45, 0.0), by_hand=False)
+    assert look.where == "behind"
+    assert look.scale < 0.2
