@@ -55,9 +55,9 @@ times allow, counts only if `base` gives the same when asked by `get`; else it i
 counted as `clock/implausible`.
 
 **Driving.** A velocity command on `cmd_vel/<source>` is dropped, and counted by the reason, if it
-is stamped more than 0.5 s before its arrival or more than 0.2 s ahead of robot time, is not newer than
-the last one of its source, or is the same again. Whoever holds a velocity sends it again with a new
-stamp, 10 to 30 times a second.
+is stamped more than 0.5 s before its arrival or more than 0.2 s ahead of robot time, is not newer
+than the last one of its source, or is the same again. Whoever holds a velocity sends it again with
+a new stamp, 10 to 30 times a second.
 """
 
 QUALITIES = {
