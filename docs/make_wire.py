@@ -54,10 +54,10 @@ of another epoch or rate, or one that would move robot time by more than 2 s aga
 times allow, counts only if `base` gives the same when asked by `get`; else it is dropped and
 counted as `clock/implausible`.
 
-**Driving.** A velocity command on `cmd_vel/<source>` is dropped, and counted by the reason, if it is
-stamped more than 0.5 s before its arrival or more than 0.2 s ahead of robot time, is not newer than
-the last one of its source, or is the same again. Whoever holds a velocity sends it again with a new
-stamp, 10 to 30 times a second.
+**Driving.** A velocity command on `cmd_vel/<source>` is dropped, and counted by the reason, if it
+is stamped more than 0.5 s before its arrival or more than 0.2 s ahead of robot time, is not newer
+than the last one of its source, or is the same again. Whoever holds a velocity sends it again with
+a new stamp, 10 to 30 times a second.
 """
 
 QUALITIES = {

@@ -166,10 +166,10 @@ def test_an_older_file_is_brought_forward_and_its_original_kept(
 ):
     file = folder.path / "third.toml"
     file.write_text(content)
-    found = folder.read("third.toml", Third)
-    assert found == Third(places, "from 2")
-    folder.write("third.toml", found)
-    assert folder.read("third.toml", Third) == found
+    wanted = Third(places, "from 2")
+    assert folder.read("third.toml", Third) == wanted
+    folder.write("third.toml", wanted)
+    assert folder.read("third.toml", Third) == wanted
     originals = list(folder.path.glob("third.toml.schema-*"))
     if schema == 3:
         assert originals == []

@@ -1,7 +1,6 @@
 """Whatever happens in whatever order, a trip keeps its promises."""
 
 import msgspec
-import tomli_w
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -9,7 +8,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalState, GoalStatus, Stop, Tour
-from trolley.runtime.state import _without_none
+from trolley.state_file import parse, render
 from trolley_tour.trips.actions import Send
 from trolley_tour.trips.record import Moment, TripRecord
 from trolley_tour.trips.trip import Trip
@@ -110,8 +109,7 @@ class Play:
 
     def restart(self) -> None:
         """The record survives as TOML; the rest is lost."""
-        plain = _without_none(msgspec.to_builtins(self.trip.record.copy()))
-        saved = msgspec.toml.decode(tomli_w.dumps(plain).encode(), type=TripRecord)
+        saved = parse(render(self.trip.record.copy()), TripRecord)
         assert saved == self.trip.record
         self.trip = Trip(saved, find, TripParams(stop_timeout_s=20.0, retry_wait_s=2.0))
         self.trip.hold()
