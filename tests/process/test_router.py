@@ -110,16 +110,19 @@ def test_who_may_open_the_socket_of_a_router_may_do_everything(at_a_socket: str)
     assert stat.S_IMODE(os.stat(at_a_socket.partition("/")[2]).st_mode) == 0o660
 
 
-OTHER_USER = """
-import os, sys
-from trolley.runtime.zenoh_bus import NotConnected, open_bus
+OTHER_USER = f"""
+import os, socket, sys
+from trolley.runtime.zenoh_bus import open_bus
 endpoint, group = sys.argv[1:]
 os.setgroups([]); os.setgid(int(group)); os.setuid(65534)
 try:
-    with open_bus([endpoint], 1.0):
-        print("came in")
-except NotConnected:
+    with socket.socket(socket.AF_UNIX) as knock:
+        knock.connect(endpoint.partition("/")[2])
+except PermissionError:
     print("stayed outside")
+else:
+    with open_bus([endpoint], {PATIENCE_S}):
+        print("came in")
 """
 
 

@@ -28,6 +28,8 @@ AWAY_S = 2.0
 """If this process did not turn for so long, the other may have stood still as well."""
 BACKLOG = 4096
 LOOPBACK = "127.0.0.1"
+EVERYWHERE = "::"
+"""All addresses, those of IPv4 as well."""
 _FAR = re.compile(r"tls/(.+):(\d+)")
 
 
@@ -53,7 +55,9 @@ class Door:
             raise ValueError(f"{endpoint!r} must read tls/host:port, and no more")
         host, port = found[1].removeprefix("[").removesuffix("]"), int(found[2])
         family, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        self._listener = socket.create_server(where, family=family, backlog=BACKLOG)
+        self._listener = socket.create_server(
+            where, family=family, backlog=BACKLOG, dualstack_ipv6=host == EVERYWHERE
+        )
         # What it accepts inherits this.
         self._listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNANSWERED_MS)
         with socket.create_server((LOOPBACK, 0)) as free:

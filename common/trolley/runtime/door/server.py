@@ -25,6 +25,8 @@ TURN_S = 0.1
 WAITING_BYTES = 64 * 1024
 """No more than this waits here for a slow link: what is old is of no use to a robot."""
 TOLD_EVERY_S = 60.0
+MOST_ADDRESSES = 1000
+"""No more are counted from one report to the next."""
 _IN_PASSING = {errno.ECONNABORTED, errno.EINTR, errno.EPROTO, errno.EPERM}
 """Troubles of one connection, not of this process (accept(2))."""
 _AT_ONCE = b"\x01\x00\x00\x00\x00\x00\x00\x00"
@@ -59,6 +61,7 @@ class _End(asyncio.Protocol):
     def __init__(self, received: Callable[[int], None], ended: Callable[[], None]) -> None:
         self.transport: asyncio.Transport | None = None
         self.other: _End | None = None
+        self.is_lost = False
         self._received = received
         self._ended = ended
 
@@ -84,6 +87,7 @@ class _End(asyncio.Protocol):
             self.other.transport.resume_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:
+        self.is_lost = True
         if self.other is not None and self.other.transport is not None:
             if exc is None:
                 self.other.transport.close()
@@ -209,6 +213,7 @@ class Door:
             towards = await self._reach_router()
             transport, _ = await self._loop.create_connection(lambda: inner, sock=towards)
             transport.write(visit.said)
+            visit.said = b""
             transport.pause_reading()
             await self._loop.connect_accepted_socket(lambda: outer, link)
             transport.resume_reading()
@@ -236,14 +241,15 @@ class Door:
     def _answered(self, visit: _Visit, num_bytes: int) -> None:
         """The router certainly speaks with a guest if it says much after the guest's reply."""
         visit.num_answered += num_bytes
-        if visit.guest.stage is Stage.UNPROVEN and visit.has_replied:
+        is_asked = visit.guest in self._visits and visit.guest.stage is Stage.UNPROVEN
+        if is_asked and visit.has_replied:
             visit.num_after_reply += num_bytes
             if visit.num_after_reply > UNANSWERED_ALERT:
                 self._admission.prove(visit.guest, time.monotonic())
 
     def _lost(self, visit: _Visit) -> None:
         """One end of a relay has closed; the other may still have something to say."""
-        if not any(end.is_open for end in visit.ends):
+        if all(end.is_lost for end in visit.ends):
             if visit.guest.stage is Stage.UNPROVEN and visit.guest in self._visits:
                 self._note_turned_away(visit.guest, _WHY[Stage.UNPROVEN])
             self._end(visit)
@@ -263,7 +269,8 @@ class Door:
 
     def _note_turned_away(self, guest: Guest, why: str) -> None:
         self._turned_away[why] += 1
-        self._from[guest.address] += 1
+        if guest.address in self._from or len(self._from) < MOST_ADDRESSES:
+            self._from[guest.address] += 1
 
     def _tell(self, now_s: float) -> None:
         """Say now and then how many were turned away."""
