@@ -459,18 +459,17 @@ class MotionSupervision:
                 beyond.append(forward.excess)
             if backward.measure(moved, -speed, least[1], self._tick_m):
                 beyond.append(backward.excess)
+        speeds = sides_of(moved.twist, self._half_track_m)
         self._still = tuple(
             way.add(
-                abs(wanted) - PARAMS.still_slack - abs(speed) / PARAMS.still_share,
+                # What was told a moment ago, and still is: a robot follows late, and stops late.
+                min(abs(told[0][side]), abs(told[-1][side]))
+                - PARAMS.still_slack
+                - abs(speeds[side]) / PARAMS.still_share,
                 moved,
                 self._tick_m,
             )
-            for way, wanted, speed in zip(
-                self._ways,
-                told[-1],
-                sides_of(moved.twist, self._half_track_m),
-                strict=True,
-            )
+            for side, way in enumerate(self._ways)
         )
         beyond += [way for way, is_still in zip(self._ways, self._still, strict=True) if is_still]
         return beyond
