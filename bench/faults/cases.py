@@ -235,7 +235,7 @@ def _disobeys(fault: str) -> Callable[[Rig], float | None]:
     def apply(rig: Rig) -> float | None:
         broken_s = time.monotonic()
         rig.device_fault(f"linorobot:{fault}")
-        rig.wait(lambda: rig.base and rig.base.reason == codes.DOES_NOT_OBEY, 5.0, "base says so")
+        rig.wait(lambda: rig.base and rig.base.reason == codes.DOES_NOT_OBEY, 10.0, "base says so")
         return broken_s
 
     return apply

@@ -44,7 +44,9 @@ class RemoteStop:
     def _update_reply(self, reply: object) -> None:
         if not isinstance(reply, Refused):
             self._until_ns = None
-            disobeys = isinstance(reply, BaseState) and reply.not_stopped
-            self._report.answer(reply.message if disobeys else "Stop: done.")
+            if isinstance(reply, BaseState) and reply.not_stopped:
+                self._report.answer(reply.message)
+            else:
+                self._report.answer("Stop: done.")
         elif self._until_ns is not None:
             self._report.alarm()

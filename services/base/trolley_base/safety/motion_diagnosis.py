@@ -80,7 +80,11 @@ def sentence(finding: Finding, *, is_moving: bool) -> str:
 
 
 def drives_otherwise(
-    told: Twist2D, wheels: Twist2D, gyro: float | None, half_track_m: float
+    told: Twist2D,
+    wheels: Twist2D,
+    gyro: float | None,
+    half_track_m: float,
+    still: tuple[bool, ...] = (False, False),
 ) -> Finding:
     """Return what is wrong with a robot whose wheels do not go as told.
 
@@ -89,10 +93,14 @@ def drives_otherwise(
         wheels: what the encoders say.
         gyro: the turn rate by the gyro [rad/s], None without a gyro.
         half_track_m: half of the distance between left and right wheels [m].
+        still: whether left and right are known not to turn.
     """
     left, right = sides_of(wheels, half_track_m)
     told_left, told_right = sides_of(told, half_track_m)
-    stands = [_stands(left, told_left, right), _stands(right, told_right, left)]
+    stands = [
+        still[0] or _stands(left, told_left, right),
+        still[1] or _stands(right, told_right, left),
+    ]
     as_wheels = _is_nearer(gyro, wheels.wz, told.wz)
     as_told = _is_nearer(gyro, told.wz, wheels.wz)
     turns_back = wheels.wz * told.wz < 0.0 and abs(told.wz) > PARAMS.witness_wz

@@ -35,7 +35,7 @@ class MotionSupervisionParams:
     delay_ns: int = 220_000_000
     """A zero acts on the motors and shows in the odometry after this long [ns]. The excess that is
     allowed makes up for 0.3 s."""
-    braking_share: float = 0.6
+    braking_share: float = 0.5
     """It brakes with at least this share of the configured deceleration."""
     turn_braking_share: float = 0.5
     """The same for its turn rate, whose braking nobody measures."""
@@ -49,7 +49,7 @@ class MotionSupervisionParams:
     """The same for turning [rad]."""
     smooth_ns: int = 100_000_000
     """How fast it was when it was told to brake is the mean over this time [ns]."""
-    uneven: float = 0.3
+    uneven: float = 0.5
     """One wheel may brake later than the other: this share of the speed shows as a turn, and of
     the turn as speed."""
     following_ns: int = 400_000_000
@@ -60,10 +60,17 @@ class MotionSupervisionParams:
     """... with this on top, for what the other side makes of it [m/s] ..."""
     slowest_share: float = 0.5
     """... and at least this share of it ..."""
-    slow_slack: float = 0.025
+    slow_slack: float = 0.015
     """... less this, which friction and a dead band eat [m/s]."""
     following_excess_m: float = 0.04
     """So much farther, or less far, than a side may go: it drives otherwise than told [m]."""
+    still_share: float = 0.5
+    """A side that covers less than this share of the way that it is told, to and fro ..."""
+    still_slack: float = 0.03
+    """... less what a dead band eats [m/s] ..."""
+    still_excess_m: float = 0.1
+    """... and falls so much behind, does not turn [m]: who steers it may go to and fro so fast that
+    no single command can be held against it."""
     ticks: float = 1.5
     """Coarse encoders may add this many of their ticks to each excess."""
     least_tick_m: float = 1e-6
@@ -331,6 +338,8 @@ class MotionSupervision:
         self._ahead, self._sideways, self._turn = _Part(ahead), _Part(ahead), _Part(turn)
         self._sides = _Part(side), _Part(side)
         most = PARAMS.following_excess_m
+        self._ways = tuple(_Excess(PARAMS.still_excess_m) for _ in self._sides)
+        self._still: tuple[bool, ...] = ()
         self._floors = tuple((_Floor(_Excess(most)), _Floor(_Excess(most))) for _ in self._sides)
         self._tick_m = 0.0
         self._found: Finding | None = None
@@ -450,12 +459,25 @@ class MotionSupervision:
                 beyond.append(forward.excess)
             if backward.measure(moved, -speed, least[1], self._tick_m):
                 beyond.append(backward.excess)
+        speeds = sides_of(moved.twist, self._half_track_m)
+        self._still = tuple(
+            way.add(
+                # What was told a moment ago, and still is: a robot follows late, and stops late.
+                min(abs(told[0][side]), abs(told[-1][side]))
+                - PARAMS.still_slack
+                - abs(speeds[side]) / PARAMS.still_share,
+                moved,
+                self._tick_m,
+            )
+            for side, way in enumerate(self._ways)
+        )
+        beyond += [way for way, is_still in zip(self._ways, self._still, strict=True) if is_still]
         return beyond
 
     @property
     def _excesses(self) -> list[_Excess]:
         parts = [excess for part in self._parts for excess in part.excesses]
-        return [*parts, *(floor.excess for floors in self._floors for floor in floors)]
+        return [*parts, *self._ways, *(floor.excess for floors in self._floors for floor in floors)]
 
     def _note_rest(self, moved: _Moved) -> None:
         twist = moved.twist
@@ -513,6 +535,7 @@ class MotionSupervision:
             _mean(recent),
             _mean_gyro(recent),
             self._half_track_m,
+            still=self._still,
         )
 
     def _since(self, since_ns: int) -> list[_Moved]:
