@@ -64,7 +64,7 @@ class Twin:
     def _has_company(self, ranges: list[float], i: int, step: float) -> bool:
         count = len(ranges)
         half = min(count // 2, max(1, round(0.5 * PARAMS.crowd_width / step)))
-        is_round = count * step > 2.0 * math.pi - 2.0 * step
+        is_round = (count + 2) * step > 2.0 * math.pi
         around = range(i - half, i + half + 1)
         if is_round:
             good = [ranges[k % count] > 0.0 for k in around]
@@ -84,8 +84,9 @@ class Twin:
         first, step, count = fan
         far = math.hypot(middle[0] - eye.x, middle[1] - eye.y)
         bearing = math.atan2(middle[1] - eye.y, middle[0] - eye.x)
-        along = (bearing - eye.yaw - first + 0.5 * step) % (2.0 * math.pi)
-        width = (count - 1 + 0.5 * PARAMS.adjacent) * step
+        along = (bearing - eye.yaw - first) % (2.0 * math.pi)
+        is_round = (count + 2) * step > 2.0 * math.pi
+        width = 2.0 * math.pi if is_round else (count - 1) * step
         looks = along <= width
         unsure = min(abs(along - width), along, 2.0 * math.pi - along) < BLUR_RAD
         if len(beams) < 2:

@@ -152,10 +152,10 @@ def base_line(base: BaseState | None) -> tuple[str, str | None]:
     """Say how base is, in words and a colour."""
     if base is None:
         return "", None
-    text = "Ready."
+    text, colour = "Ready.", _COLOURS[base.mode]
     why = base.message or codes.SENTENCES.get(base.reason, base.reason)
     if base.mode == "ok" and base.reason:
-        text = why
+        text, colour = why, _COLOURS["held"]
     elif base.mode != "ok":
         text = f"{base.mode.capitalize()}: {why}" if why else f"{base.mode.capitalize()}."
     if base.not_stopped:
@@ -164,7 +164,7 @@ def base_line(base: BaseState | None) -> tuple[str, str | None]:
         text += " R lets it drive again."
     if base.battery is not None and base.battery.fraction is not None:
         text += f"  Battery {base.battery.fraction:.0%}."
-    return text, _COLOURS[base.mode]
+    return text, colour
 
 
 class Teleop:

@@ -64,6 +64,8 @@ def test_every_state_has_its_tone(state: str, tone: str) -> None:
 def test_nothing_is_said_of_a_base_that_drives() -> None:
     assert base_line(BaseState(stamp_ns=1, mode="ok")) is None
     assert base_line(None) is None
+    creeping = BaseState(stamp_ns=1, mode="ok", reason="blind", message="It sees nothing.")
+    assert base_line(creeping) == StatusLine("Creeping", "warn", "It sees nothing.")
 
 
 def test_a_stopped_base_says_why_and_what_to_do() -> None:

@@ -88,6 +88,10 @@ CASES = [
     ),
     (known(base=base("ok", source="teleop")), "Somebody is driving it by hand."),
     (
+        known(base=base("ok", "blind", "The lidar sees nothing behind.", source="teleop")),
+        "Driven by hand: the lidar sees nothing behind.",
+    ),
+    (
         known(base=base("held", "stop_field"), goal=DRIVING),
         "Waiting: something is too close in the direction of travel. It will continue by itself.",
     ),

@@ -45,13 +45,17 @@ class ObservedSpaceParams:
     behind_echo_m: float = 0.15
     """What lies this much behind an echo is left to the stop field, which keeps the robot from the
     echo [m]."""
-    bearings: int = 1440
-    """The view is looked up by bearings of a quarter of a degree: 1 cm at 2 m."""
+    bearings: int = 720
+    """The view is looked up by bearings of half a degree: 1 cm at 1 m."""
     stored_m: float = 1.0
     """How far beyond what can matter at once the floor is remembered [m]."""
 
 
 PARAMS = ObservedSpaceParams()
+
+TURN = 2.0 * math.pi
+KNOTS = (np.arange(PARAMS.bearings) + 0.5) * (TURN / PARAMS.bearings) - math.pi
+"""Bearings at which a view is looked up [rad]."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -94,24 +98,26 @@ def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
     bearings = angles.copy()
     bearings[finite] = np.arctan2(y, x)
     ranges[finite] = np.hypot(x, y)
-    knots = (np.arange(PARAMS.bearings) + 0.5) * (2.0 * math.pi / PARAMS.bearings) - math.pi
     # A scan that is not round looks only between its first beam and its last.
-    width = (count - 1 + 0.5 * PARAMS.adjacent) * scan.angle_increment
-    looks = (knots - angles[0] + 0.5 * scan.angle_increment) % (2.0 * math.pi) <= width
+    width = TURN if _is_round(scan) else (count - 1) * scan.angle_increment
+    looks = (KNOTS - angles[0]) % TURN <= width
     if np.count_nonzero(usable) < 2:
         nothing = np.zeros(PARAMS.bearings)
         return View(origin, nothing, nothing, looks)
     bearings, ranges = _wrapped(bearings[usable]), ranges[usable]
     order = np.argsort(bearings)
     bearings, ranges = bearings[order], ranges[order]
-    gaps = np.roll(bearings, -1) - bearings
-    gaps[-1] += 2.0 * math.pi
-    nearer = np.minimum(ranges, np.roll(ranges, -1))
+    gaps = np.append(bearings[1:], bearings[0] + TURN) - bearings
+    nearer = np.minimum(ranges, np.append(ranges[1:], ranges[0]))
     is_gap = gaps > PARAMS.adjacent * scan.angle_increment
     free = np.where(is_gap, np.minimum(nearer, PARAMS.hidden_m / np.maximum(gaps, 1e-9)), nearer)
     explained = np.where(is_gap, 0.0, nearer + PARAMS.behind_echo_m)
-    pair = np.searchsorted(bearings, knots, side="right") - 1  # -1 is the last one, as it should be
+    pair = np.searchsorted(bearings, KNOTS, side="right") - 1  # -1 is the last one, as it should be
     return View(origin, free[pair], explained[pair], looks & is_gap[pair])
+
+
+def _is_round(scan: LidarScan) -> bool:
+    return (len(scan.ranges) + 2) * scan.angle_increment > TURN
 
 
 def _has_company(scan: LidarScan) -> Bools:
@@ -119,8 +125,8 @@ def _has_company(scan: LidarScan) -> Bools:
     usable = (scan.ranges > 0.0).astype(np.float64)
     count = len(usable)
     half = min(count // 2, max(1, round(0.5 * PARAMS.crowd_width / scan.angle_increment)))
-    is_round = count * scan.angle_increment > 2.0 * math.pi - 2.0 * scan.angle_increment
-    sums = np.concatenate([[0.0], np.cumsum(np.pad(usable, half, "wrap" if is_round else "edge"))])
+    padding = "wrap" if _is_round(scan) else "edge"
+    sums = np.concatenate([[0.0], np.cumsum(np.pad(usable, half, padding))])
     return sums[2 * half + 1 :] - sums[: -2 * half - 1] >= PARAMS.crowd_share * (2 * half + 1)
 
 
@@ -181,7 +187,7 @@ class ObservedSpace:
     def _look(self, view: View, x: Floats, y: Floats, now_s: float) -> None:
         dx, dy = x - view.origin[0], (y - view.origin[1])[:, None]
         distance = np.sqrt(dx * dx + dy * dy)
-        scale = PARAMS.bearings / (2.0 * math.pi)
+        scale = PARAMS.bearings / TURN
         bearing = ((np.arctan2(dy, dx) + math.pi) * scale).astype(np.int64)
         np.minimum(bearing, PARAMS.bearings - 1, out=bearing)
         seen = distance <= view.free[bearing]
@@ -197,8 +203,8 @@ class ObservedSpace:
         near_x = np.flatnonzero(np.abs(x - base.x) <= self._radius)
         near_y = np.flatnonzero(np.abs(y - base.y) <= self._radius)
         col, row = np.meshgrid(near_x, near_y)
-        points = base.inverse().transform_points(np.stack([x[col].ravel(), y[row].ravel()], axis=1))
-        under = polygon_contains(self._footprint, points)
+        points = np.stack([x[col].ravel(), y[row].ravel()], axis=1)
+        under = polygon_contains(self._footprint, base.inverse().transform_points(points))
         self._trail_s[row.ravel()[under], col.ravel()[under]] = now_s
 
     def _find_unseen(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> Floats:
@@ -211,7 +217,7 @@ class ObservedSpace:
 
 
 def _wrapped(angles: Floats) -> Floats:
-    return (angles + math.pi) % (2.0 * math.pi) - math.pi
+    return (angles + math.pi) % TURN - math.pi
 
 
 def _shift(grid: Floats, rows: int, cols: int) -> None:

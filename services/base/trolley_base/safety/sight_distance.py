@@ -83,13 +83,17 @@ class SightDistance:
         if twist.is_zero or len(unseen) == 0:
             return CLEAR
         reach = self._reach_of(twist.speed)
-        near = unseen[np.hypot(unseen[:, 0], unseen[:, 1]) < reach]
+        near = unseen[np.einsum("ij,ij->i", unseen, unseen) < reach * reach]
+        if len(near) == 0:
+            return CLEAR
         near = near[~polygon_contains(self._footprint, near)]
         times = contact_times(near, self._footprint, twist)
+        met = np.isfinite(times)
+        if not met.any():
+            return CLEAR
+        near, times = near[met], times[met]
         velocities = point_velocities(near, twist)
         times -= PARAMS.margin_m / np.hypot(velocities[:, 0], velocities[:, 1])
-        if not np.isfinite(times).any():
-            return CLEAR
         creep = min(1.0, PARAMS.creep / self._fastest(twist))
         is_ahead = self._lies_ahead(near, twist)
         is_held = is_ahead & (not by_hand)
@@ -132,4 +136,4 @@ class SightDistance:
     def _reach_of(self, speed: float) -> float:
         """Return how far from `base_link` the stopping distance may lead [m]."""
         way = 0.5 * speed * speed / self._limits.deceleration + speed * self._reaction_s
-        return 2.0 * self._radius + way + 2.0 * PARAMS.margin_m
+        return self._radius + way + PARAMS.margin_m

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, Twist2D
 from trolley_base.emulators import ld19, lds01, rplidar_a1, xv11, ydlidar_x4
 from trolley_base.emulators.catalogue import LIDARS
-from trolley_base.emulators.lidar import Mount, SpinningLidar
+from trolley_base.emulators.lidar import BadView, Mount, SpinningLidar
 from trolley_base.world import STEP_NS, LidarSpec, Simulation
 
 MakeSimulation = Callable[..., Simulation]
@@ -341,3 +341,23 @@ def test_a_turn_of_the_a1_begins_with_a_flag_and_one_of_the_x4_with_a_packet(
     zero = [data for data in packets if data[2] & 1]
     assert len(zero) == pytest.approx(16, abs=1)
     assert all(data[3] == 1 and data[2] >> 1 == pytest.approx(80, abs=1) for data in zero)
+
+
+def seen_by(bad_view: BadView, simulate: MakeSimulation) -> NDArray[np.float64]:
+    """What an LD19, mounted with its zero to the robot's left, measures with a bad view."""
+    lidar = start("ld19", Mount(Pose2D(0.0, 0.0, 0.5 * math.pi)))
+    lidar.bad_view = bad_view
+    sent = run(lidar, simulate(), 1.0, Twist2D.zero())
+    return decode_ld19(b"".join(data for _, data in sent))
+
+
+def test_a_bad_view_finds_nothing_where_it_is_bad(simulate: MakeSimulation):
+    rows = seen_by(BadView(blind=math.radians(60.0)), simulate)
+    ahead = np.abs((90.0 - rows[:, 0] + 180.0) % 360.0 - 180.0)  # its angles grow clockwise
+    assert np.all(rows[ahead < 29.0, 1] == 0.0)
+    assert np.all(rows[ahead > 31.0, 1] > 1.0)
+    assert np.mean(seen_by(BadView(failing=0.95), simulate)[:, 1] == 0.0) == pytest.approx(
+        0.95, abs=0.02
+    )
+    covered = seen_by(BadView(is_covered=True), simulate)
+    assert np.all(covered[:, 1] == ld19.FACTS.range_min_m)

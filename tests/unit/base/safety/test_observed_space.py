@@ -159,6 +159,21 @@ def test_who_steps_into_what_was_seen_is_not_forgotten_as_free(robot: Robot) -> 
     assert robot.sees(-0.4, 0.0)
 
 
+def test_who_steps_onto_the_trail_is_not_forgotten_as_free_either(robot: Robot) -> None:
+    robot.see(open_all_round())
+    for _ in range(10):
+        robot.move(0.05, 0.0, 0.1)
+    robot.see(open_all_round())
+    ranges = open_all_round()
+    ranges[:10] = 0.4
+    ranges[-10:] = 0.4
+    robot.see(ranges)
+    for _ in range(8):
+        robot.see(open_all_round(180), 0.1, math.pi)
+    assert not robot.sees(-0.45, 0.0)
+    assert robot.sees(-0.3, 0.0)
+
+
 def test_it_is_remembered_in_place_while_the_robot_drives_far(robot: Robot) -> None:
     for _ in range(100):
         robot.move(0.05, 0.01, 0.1)
