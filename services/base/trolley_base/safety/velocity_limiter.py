@@ -120,6 +120,7 @@ class VelocityLimiter:
         if choice.source is None or block is Block.ALL:
             # At once and not along a ramp: the motors brake as hard as they can.
             self._twist = Twist2D.zero()
+            self._field.follow(self._twist, since_ns * 1e-9)
             return self._report(choice, restriction, now_ns, is_blocked=False)
         wanted = within(choice.twist, self._limits)
         if block is Block.ALL_BUT_BACK:
@@ -127,6 +128,7 @@ class VelocityLimiter:
             # Not along a ramp either: that were half a second more into what was touched.
             self._twist = Twist2D(min(0.0, self._twist.vx), 0.0, 0.0)
         self._twist = self._past_echoes(wanted, min(since_ns * 1e-9, PARAMS.max_dt), echoes)
+        self._field.follow(self._twist, since_ns * 1e-9)
         # Scaled down by the echoes, and not on the ramp from standing.
         is_blocked = (
             not _stands(wanted) and _stands(self._twist) and self._field.scale(wanted, echoes) < 1.0
