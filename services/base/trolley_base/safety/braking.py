@@ -21,8 +21,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class BrakingParams:
-    """Which braking is reckoned with, and how finely its paths are sampled; set by hand, and judged
-    by bench/base/braking.py."""
+    """Which braking is reckoned with, and how finely its paths are sampled.
+
+    Set by hand, and judged by bench/base/braking.py.
+    """
 
     harder: tuple[tuple[float, float], ...] = ((1.0, 1.0), (1.0, 3.0), (1.0, 50.0), (50.0, 1.0))
     """How many times harder than surely speed and turn rate may brake, each pair a path: both as
@@ -31,15 +33,20 @@ class BrakingParams:
     """How long a command is driven before the next one can end it [s]."""
     turn_rad: float = 0.12
     """Two poses of a path differ by at most this; corners swing less than a millimetre beyond."""
-    of_radius: float = 0.34
+    of_radius: float = 0.5
     """The same for the way, as a share of the circle inside the footprint."""
+    straight_rad: float = 0.02
+    """A robot that turns by less than this while it brakes has but one path."""
 
 
 PARAMS = BrakingParams()
 
 
 class CommandsUnderWay:
-    """What was commanded during the last moments, as the slowest wheels will drive it.
+    """What was commanded during the last moments, as wheels will drive it that just begin to.
+
+    Some wheels brake at once, others as slowly as the limits allow; a robot that was told to turn
+    back may drive either way.
 
     Args:
         delay_s: longest time from a command until odometry shows that the wheels follow it.
@@ -49,34 +56,38 @@ class CommandsUnderWay:
     def __init__(self, delay_s: float, limits: MotionLimits) -> None:
         self._delay_s = delay_s
         self._limits = limits
-        self._pieces: deque[tuple[float, float, float, float]] = deque()
-        self.velocity = np.zeros(3)
-        """vx, vy [m/s], wz [rad/s] at the end of what is under way."""
+        self._pieces: deque[tuple[float, tuple[float, ...]]] = deque()
+        self._slow = np.zeros(3)
 
     @property
     def is_standing(self) -> bool:
         """Whether the robot surely stands, and nothing is under way."""
         return not self._pieces
 
+    @property
+    def speed(self) -> float:
+        """How fast the robot may be when all of it has been driven [m/s]."""
+        return math.hypot(float(self._slow[0]), float(self._slow[1]))
+
     def add(self, twist: Twist2D, seconds: float) -> None:
         """Add what is commanded now, after `seconds` of the command before."""
-        wanted = np.array([[twist.vx, twist.vy, twist.wz]])
-        self.velocity = self.following(wanted, seconds)[0]
-        vx, vy, wz = self.velocity.tolist()
-        self._pieces.append((min(seconds, self._delay_s), vx, vy, wz))
-        excess = sum(piece[0] for piece in self._pieces) - self._delay_s
+        prompt = np.array([twist.vx, twist.vy, twist.wz], dtype=np.float64)
+        self._slow = self.at_slowest(prompt[None], seconds)[0]
+        both = (*self._slow.tolist(), *prompt.tolist())
+        self._pieces.append((min(seconds, self._delay_s), both))
+        excess = sum(seconds for seconds, _ in self._pieces) - self._delay_s
         while self._pieces and excess >= self._pieces[0][0]:
             excess -= self._pieces.popleft()[0]
-        if not any(vx or vy or wz for _, vx, vy, wz in self._pieces):
+        if not any(any(both) for _, both in self._pieces):
             self._pieces.clear()
 
-    def following(self, wanted: Floats, seconds: float) -> Floats:
-        """Return the velocities (n, 3) after so long on the way to wanted ones (n, 3).
+    def at_slowest(self, wanted: Floats, seconds: float) -> Floats:
+        """Return velocities (n, 3) after so long on the way to wanted ones (n, 3), at the slowest.
 
         Wheels may gain speed at once; they lose it as slowly as the limits allow.
         """
         after = wanted.copy()
-        now = self.velocity
+        now = self._slow
         slower = self._limits.downhill_deceleration * seconds
         change = wanted[:, :2] - now[:2]
         size = np.hypot(change[:, 0], change[:, 1])
@@ -89,15 +100,18 @@ class CommandsUnderWay:
         return after
 
     def poses(self) -> Floats:
-        """Return where the robot comes (n, 4): x, y [m], yaw [rad], and the way there [m].
+        """Return where the robot comes (k, n, 4): x, y [m], yaw [rad], and the way there [m].
 
-        The last one is where what is decided now begins to act; there is at least that one.
+        The first path is that of the slowest brakes, the second that of prompt ones, where it
+        differs. The last pose is where what is decided now begins to act.
         """
         if not self._pieces:
-            return np.zeros((1, 4))
-        pieces = np.array(self._pieces)
-        steps = pieces[:, 1:] * pieces[:, :1]
-        return along(np.zeros((1, 4)), steps[None])[0]
+            return np.zeros((1, 1, 4))
+        seconds = np.array([seconds for seconds, _ in self._pieces])
+        both = np.array([both for _, both in self._pieces]).reshape(-1, 2, 3)
+        count = 1 if np.array_equal(both[:, 0], both[:, 1]) else 2
+        steps = (both[:, :count] * seconds[:, None, None]).swapaxes(0, 1)
+        return along(np.zeros((1, 4)), steps)
 
 
 def along(start: Floats, steps: Floats) -> Floats:
@@ -131,6 +145,9 @@ def braking_steps(velocities: Floats, limits: MotionLimits, spacing: float) -> F
     speed = np.hypot(velocities[:, 0], velocities[:, 1])
     turning = np.abs(velocities[:, 2])
     harder = np.array(PARAMS.harder)
+    surely_s = float(turning.max()) / limits.angular_acceleration
+    if float(turning.max()) * (PARAMS.period_s + 0.5 * surely_s) < PARAMS.straight_rad:
+        harder = harder[:1]
     # (n, paths) until speed and turn rate are zero.
     stop_s = speed[:, None] / (limits.downhill_deceleration * harder[:, 0])
     unturn_s = turning[:, None] / (limits.angular_acceleration * harder[:, 1])

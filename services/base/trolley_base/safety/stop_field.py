@@ -10,15 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import (
-    Twist2D,
-    circumscribed_radius,
-    distance_to_outline,
-    inscribed_radius,
-    polygon_contains,
-)
+from trolley.geometry import Twist2D, inscribed_radius
 from trolley_base.safety.braking import PARAMS as BRAKING
 from trolley_base.safety.braking import CommandsUnderWay, along, braking_steps
+from trolley_base.safety.footprint_distance import FootprintDistance
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.sweep import closest_on_outline, point_velocities
 
@@ -45,10 +40,11 @@ class StopFieldParams:
     lag_s: float = 0.06
     """A period of base and the age of what the odometry says, which come on top of the delay of
     the wheels [s]."""
-    scales: int = 8
-    """So many parts of a command are judged at once ..."""
-    rounds: int = 3
-    """... and so often, between the last one that was possible and the next."""
+    parts: int = 8
+    """So many parts of a command are judged at once, then as many between the last one that is
+    possible and the next."""
+    least: float = 0.02
+    """Where not even this part of a command is possible, none is."""
 
 
 PARAMS = StopFieldParams()
@@ -74,7 +70,8 @@ class StopField:
         self._margin = margin
         self._reaction_s = delay_s + PARAMS.lag_s
         self._under_way = CommandsUnderWay(self._reaction_s, limits)
-        self._radius = circumscribed_radius(footprint)
+        self._distance = FootprintDistance(footprint, self._widest())
+        self._radius = self._distance.radius
         self._spacing = BRAKING.of_radius * inscribed_radius(footprint)
 
     @property
@@ -95,61 +92,89 @@ class StopField:
         """
         if twist.is_zero or len(points) == 0:
             return 1.0
-        distances = np.hypot(points[:, 0], points[:, 1])
-        speed = max(twist.speed, float(np.hypot(*self._under_way.velocity[:2])))
-        near = points[distances < self._reach_of(speed)]
-        inside = polygon_contains(self._footprint, near)
+        speed = max(twist.speed, self._under_way.speed)
+        near = points[np.hypot(points[:, 0], points[:, 1]) < self._reach_of(speed)]
+        gaps = self._gaps(near)
+        inside = gaps < 0.0
         if inside.any() and self._leads_on(near[inside], twist):
             return 0.0
         near = near[~inside]
         if len(near) == 0:
             return 1.0
-        cap = PARAMS.beside * float(np.min(distance_to_outline(self._footprint, near)))
-        turns = twist.speed == 0.0 and not self._under_way.velocity[:2].any()
+        cap = PARAMS.beside * float(np.min(gaps[~inside]))
+        turns = twist.speed == 0.0 and self._under_way.speed == 0.0
         side = min(PARAMS.turning_margin_m if turns else PARAMS.side_margin_m, self._margin)
         before = self._under_way.poses()
-        if self._hits(before[None], near, side, cap).any():
+        if self._hits(before, near, side, cap).any():
             return 0.0
-        low, high = 0.0, 1.0
         wanted = np.array([[twist.vx, twist.vy, twist.wz]])
-        parts = np.ones(1)
-        for _ in range(PARAMS.rounds + 1):
-            hit = self._hits(
-                self._stopping(parts[:, None] * wanted, before[-1:], side), near, side, cap
-            )
-            blocked = np.flatnonzero(hit.any(axis=1))
-            if len(blocked) == 0:
-                low = float(parts[-1])
-            else:
-                high = float(parts[blocked[0]])
-                low = float(parts[blocked[0] - 1]) if blocked[0] > 0 else low
-                # What blocks the whole blocks its parts; the rest is of no interest.
-                near = near[hit.any(axis=0)] if len(parts) == 1 else near
-            if high == 1.0 and low == 1.0:
-                return 1.0
-            parts = np.linspace(low, high, PARAMS.scales + 2)[1:-1]
+        blocked = self._hits(self._stopping(wanted, before[:, -1], side), near, side, cap)[0]
+        if not blocked.any():
+            return 1.0
+        # What does not block the whole blocks no part of it.
+        near, low, high = near[blocked], 0.0, 1.0
+        for least in (PARAMS.least, 0.0):
+            parts = np.linspace(low, high, PARAMS.parts + 2)[1:-1]
+            parts = np.append(least, parts) if least else parts
+            poses = self._stopping(parts[:, None] * wanted, before[:, -1], side)
+            free = ~self._hits(poses, near, side, cap).any(axis=1)
+            if not free[0] and least:
+                return 0.0
+            first = int(np.argmin(np.append(free, False)))  # the first part that is blocked
+            low = float(parts[first - 1]) if first else low
+            high = float(parts[first]) if first < len(parts) else high
         return low
 
     def _reach_of(self, speed: float) -> float:
-        way = speed * self._reaction_s + 0.5 * speed * speed / self._limits.downhill_deceleration
         # A turn carries corners on, at most by their own circle; the rest is margin.
-        return 2.0 * self._radius + (1.0 + PARAMS.per_metre) * way + 2.0 * self._margin
+        way = (1.0 + PARAMS.per_metre) * self._way_of(speed)
+        return 2.0 * self._radius + way + 2.0 * self._margin
 
-    def _stopping(self, velocities: Floats, start: Floats, side: float) -> Floats:
-        """Return the poses (n, m, 4) on all ways to standing from velocities (n, 3)."""
-        begin = self._under_way.following(velocities, BRAKING.period_s)
+    def _widest(self) -> float:
+        """Return the most that the footprint is ever widened by [m]."""
+        return PARAMS.side_margin_m + PARAMS.per_metre * self._way_of(self._limits.speed)
+
+    def _way_of(self, speed: float) -> float:
+        """Return how far the robot comes before it stands [m]."""
+        braking = 0.5 * speed * speed / self._limits.downhill_deceleration
+        return speed * (self._reaction_s + BRAKING.period_s) + braking
+
+    def _gaps(self, points: Floats) -> Floats:
+        """Return how far points (n, 2) are from the footprint where it stands [m], some at least.
+
+        Those farther than it is ever widened by are as far as that.
+        """
+        gaps = np.full(len(points), self._widest())
+        near = np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < self._radius + gaps[:1])
+        gaps[near] = np.minimum(gaps[near], self._distance.at(points[near, 0], points[near, 1]))
+        return gaps
+
+    def _stopping(self, velocities: Floats, starts: Floats, side: float) -> Floats:
+        """Return the poses (n, m, 4) on all ways to standing.
+
+        Args:
+            velocities: (n, 3) what may be commanded.
+            starts: (k, 4) where that begins to act, first for the slowest brakes.
+            side: by how much the footprint is widened [m].
+        """
+        count = len(velocities)
+        begin = self._under_way.at_slowest(velocities, BRAKING.period_s)
+        if len(starts) > 1:
+            begin = np.concatenate([begin, velocities])
         steps = braking_steps(begin, self._limits, self._spacing)
-        count, paths = steps.shape[:2]
-        poses = along(start, steps.reshape(count * paths, -1, 3)).reshape(count, paths, -1, 4)
+        paths = steps.shape[1]
+        starts = np.repeat(starts, count * paths, axis=0)
+        poses = along(starts, steps.reshape(len(starts), -1, 3))
+        poses = poses.reshape(-1, count, paths, poses.shape[1], 4)
         # On the arc itself the robot stops short by the margin.
         ahead = self._margin - side
         speeds = np.hypot(velocities[:, 0], velocities[:, 1])
         pace = np.maximum(speeds, np.abs(velocities[:, 2]) * self._radius)
         number = 1 + int(ahead / self._spacing)
         further = velocities * (ahead / number / pace)[:, None]
-        short = along(poses[:, 0, -1], np.repeat(further[:, None], number, axis=1))
-        short[..., 3] = poses[:, 0, -1:, 3]
-        return np.concatenate([poses.reshape(count, -1, 4), short], axis=1)
+        short = along(poses[-1, :, 0, -1], np.repeat(further[:, None], number, axis=1))
+        short[..., 3] = poses[-1, :, 0, -1:, 3]
+        return np.concatenate([*poses.reshape(-1, count, paths * poses.shape[3], 4), short], axis=1)
 
     def _hits(self, poses: Floats, points: Floats, side: float, cap: float) -> NDArray[np.bool_]:
         """Say which points (m,) the footprint meets at any pose of each set, (n, m).
@@ -162,19 +187,18 @@ class StopField:
         """
         flat = poses.reshape(-1, 4)
         margins = np.minimum(side + PARAMS.per_metre * flat[:, 3], cap)
-        dx = points[:, 0] - flat[:, 0, None]
-        dy = points[:, 1] - flat[:, 1, None]
-        near = dx * dx + dy * dy < ((self._radius + margins) ** 2)[:, None]
         hits = np.zeros((len(poses), len(points)), dtype=np.bool_)
-        pose, point = np.nonzero(near)
-        if len(pose) == 0:
-            return hits
-        dx, dy = dx[pose, point], dy[pose, point]
-        cos, sin = np.cos(flat[pose, 2]), np.sin(flat[pose, 2])
-        at = np.stack([cos * dx + sin * dy, cos * dy - sin * dx], axis=1)
-        met = distance_to_outline(self._footprint, at) < margins[pose]
-        met |= polygon_contains(self._footprint, at)
-        hits[pose[met] // poses.shape[1], point[met]] = True
+        reach = self._radius + float(margins.max())
+        low, high = flat[:, :2].min(axis=0) - reach, flat[:, :2].max(axis=0) + reach
+        possible = np.flatnonzero(np.all((points > low) & (points < high), axis=1))
+        dx = points[possible, 0] - flat[:, 0, None]
+        dy = points[possible, 1] - flat[:, 1, None]
+        near = np.flatnonzero(dx * dx + dy * dy < ((self._radius + margins) ** 2)[:, None])
+        pose, point = np.divmod(near, max(1, len(possible)))
+        dx, dy = dx.ravel()[near], dy.ravel()[near]
+        cos, sin = np.cos(flat[:, 2])[pose], np.sin(flat[:, 2])[pose]
+        met = self._distance.at(cos * dx + sin * dy, cos * dy - sin * dx) < margins[pose]
+        hits[pose[met] // poses.shape[1], possible[point[met]]] = True
         return hits
 
     def _leads_on(self, points: Floats, twist: Twist2D) -> bool:
