@@ -29,6 +29,9 @@ class BrakingParams:
     harder: tuple[tuple[float, float], ...] = ((1.0, 1.0), (1.0, 3.0), (1.0, 50.0), (50.0, 1.0))
     """How many times harder than surely speed and turn rate may brake, each pair a path: both as
     little as possible, the turn ending sooner or at once, the speed ending at once."""
+    delays: tuple[float, ...] = (1.0, 0.6, 0.25)
+    """Shares of the longest delay that are reckoned with where the robot does not drive evenly: a
+    turn that is under way with the one has been driven with the other."""
     period_s: float = 0.02
     """How long a command is driven before the next one can end it [s]."""
     turn_rad: float = 0.12
@@ -99,19 +102,33 @@ class CommandsUnderWay:
         after[brakes, 2] = now[2] + np.sign(less[brakes]) * turn
         return after
 
-    def poses(self) -> Floats:
-        """Return where the robot comes (k, n, 4): x, y [m], yaw [rad], and the way there [m].
+    def paths(self, spacing: float) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return where the robot comes, and whose brakes that is.
 
-        The first path is that of the slowest brakes, the second that of prompt ones, where it
-        differs. The last pose is where what is decided now begins to act.
+        Args:
+            spacing: way between two poses that is near enough [m].
+
+        Returns:
+            (k, n, 4) x, y [m], yaw [rad] and the way there [m], the last where what is decided now
+            begins to act; the first path is that of the longest delay and the slowest brakes. (k,)
+            whether the brakes are the slowest.
         """
         if not self._pieces:
-            return np.zeros((1, 1, 4))
+            return np.zeros((1, 1, 4)), np.ones(1, dtype=np.bool_)
         seconds = np.array([seconds for seconds, _ in self._pieces])
         both = np.array([both for _, both in self._pieces]).reshape(-1, 2, 3)
-        count = 1 if np.array_equal(both[:, 0], both[:, 1]) else 2
-        steps = (both[:, :count] * seconds[:, None, None]).swapaxes(0, 1)
-        return along(np.zeros((1, 4)), steps)
+        both = both[:, : 1 if np.array_equal(both[:, 0], both[:, 1]) else 2]
+        turns = float(np.ptp(both[..., 2])) * self._delay_s
+        shares = np.array(PARAMS.delays[: 1 if turns < PARAMS.straight_rad else None])
+        # What a shorter delay has left behind already is not driven any more.
+        left = np.cumsum(seconds[::-1])[::-1] - 0.5 * seconds <= shares[:, None] * self._delay_s
+        steps = both.swapaxes(0, 1) * seconds[:, None] * left[:, None, :, None]
+        poses = along(np.zeros((1, 4)), steps.reshape(-1, len(seconds), 3))
+        longest = np.abs(both * seconds[:, None, None]).max(axis=(0, 1))
+        way, turn = math.hypot(longest[0], longest[1]), float(longest[2])
+        stride = int(1.0 / max(way / spacing, turn / PARAMS.turn_rad, 1.0 / len(seconds)))
+        slowest = np.tile(np.arange(both.shape[1]) == 0, len(shares))
+        return poses[:, ::-1][:, :: max(1, stride)][:, ::-1], slowest
 
 
 def along(start: Floats, steps: Floats) -> Floats:

@@ -34,9 +34,9 @@ class StopFieldParams:
     grazing: float = 0.03
     """Motion along an echo that touches is allowed at so flat an angle (its sine) that the speed
     towards the echo stays below what counts as driving into something."""
-    beside: float = 0.9
+    beside: float = 0.5
     """Where something is nearer than that, the outline is widened by this share of the gap: the
-    robot must be able to drive out of a narrow place."""
+    robot must be able to drive out of a narrow place, slowly."""
     lag_s: float = 0.06
     """A period of base and the age of what the odometry says, which come on top of the delay of
     the wheels [s]."""
@@ -101,14 +101,14 @@ class StopField:
         near = near[~inside]
         if len(near) == 0:
             return 1.0
-        cap = PARAMS.beside * float(np.min(gaps[~inside]))
         turns = twist.speed == 0.0 and self._under_way.speed == 0.0
         side = min(PARAMS.turning_margin_m if turns else PARAMS.side_margin_m, self._margin)
-        before = self._under_way.poses()
-        if self._hits(before, near, side, cap).any():
+        side = min(side, PARAMS.beside * float(np.min(gaps[~inside])))
+        before, slowest = self._under_way.paths(self._spacing)
+        if self._hits(before, near, side).any():
             return 0.0
         wanted = np.array([[twist.vx, twist.vy, twist.wz]])
-        blocked = self._hits(self._stopping(wanted, before[:, -1], side), near, side, cap)[0]
+        blocked = self._hits(self._stopping(wanted, before[:, -1], slowest, side), near, side)[0]
         if not blocked.any():
             return 1.0
         # What does not block the whole blocks no part of it.
@@ -116,8 +116,8 @@ class StopField:
         for least in (PARAMS.least, 0.0):
             parts = np.linspace(low, high, PARAMS.parts + 2)[1:-1]
             parts = np.append(least, parts) if least else parts
-            poses = self._stopping(parts[:, None] * wanted, before[:, -1], side)
-            free = ~self._hits(poses, near, side, cap).any(axis=1)
+            poses = self._stopping(parts[:, None] * wanted, before[:, -1], slowest, side)
+            free = ~self._hits(poses, near, side).any(axis=1)
             if not free[0] and least:
                 return 0.0
             first = int(np.argmin(np.append(free, False)))  # the first part that is blocked
@@ -149,18 +149,20 @@ class StopField:
         gaps[near] = np.minimum(gaps[near], self._distance.at(points[near, 0], points[near, 1]))
         return gaps
 
-    def _stopping(self, velocities: Floats, starts: Floats, side: float) -> Floats:
+    def _stopping(
+        self, velocities: Floats, starts: Floats, slowest: NDArray[np.bool_], side: float
+    ) -> Floats:
         """Return the poses (n, m, 4) on all ways to standing.
 
         Args:
             velocities: (n, 3) what may be commanded.
-            starts: (k, 4) where that begins to act, first for the slowest brakes.
+            starts: (k, 4) where that begins to act.
+            slowest: (k,) whether with the slowest brakes.
             side: by how much the footprint is widened [m].
         """
         count = len(velocities)
-        begin = self._under_way.at_slowest(velocities, BRAKING.period_s)
-        if len(starts) > 1:
-            begin = np.concatenate([begin, velocities])
+        slow = self._under_way.at_slowest(velocities, BRAKING.period_s)
+        begin = np.concatenate([slow if one else velocities for one in slowest])
         steps = braking_steps(begin, self._limits, self._spacing)
         paths = steps.shape[1]
         starts = np.repeat(starts, count * paths, axis=0)
@@ -172,21 +174,21 @@ class StopField:
         pace = np.maximum(speeds, np.abs(velocities[:, 2]) * self._radius)
         number = 1 + int(ahead / self._spacing)
         further = velocities * (ahead / number / pace)[:, None]
-        short = along(poses[-1, :, 0, -1], np.repeat(further[:, None], number, axis=1))
-        short[..., 3] = poses[-1, :, 0, -1:, 3]
+        nominal = int(np.argmin(slowest))  # prompt brakes, where those differ
+        short = along(poses[nominal, :, 0, -1], np.repeat(further[:, None], number, axis=1))
+        short[..., 3] = poses[nominal, :, 0, -1:, 3]
         return np.concatenate([*poses.reshape(-1, count, paths * poses.shape[3], 4), short], axis=1)
 
-    def _hits(self, poses: Floats, points: Floats, side: float, cap: float) -> NDArray[np.bool_]:
+    def _hits(self, poses: Floats, points: Floats, side: float) -> NDArray[np.bool_]:
         """Say which points (m,) the footprint meets at any pose of each set, (n, m).
 
         Args:
             poses: (n, k, 4) x, y, yaw, way.
             points: (m, 2) outside of the footprint.
             side: by how much it is widened where it stands [m].
-            cap: and at most [m].
         """
         flat = poses.reshape(-1, 4)
-        margins = np.minimum(side + PARAMS.per_metre * flat[:, 3], cap)
+        margins = side + PARAMS.per_metre * flat[:, 3]
         hits = np.zeros((len(poses), len(points)), dtype=np.bool_)
         reach = self._radius + float(margins.max())
         low, high = flat[:, :2].min(axis=0) - reach, flat[:, :2].max(axis=0) + reach
