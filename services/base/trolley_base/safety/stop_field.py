@@ -171,7 +171,9 @@ class StopField:
         # On the arc itself the robot stops short by the margin.
         ahead = self._margin - side
         speeds = np.hypot(velocities[:, 0], velocities[:, 1])
-        pace = np.maximum(speeds, np.abs(velocities[:, 2]) * self._radius)
+        pace = (
+            np.maximum(speeds, np.abs(velocities[:, 2]) * self._radius) + np.finfo(np.float64).eps
+        )
         number = 1 + int(ahead / self._spacing)
         further = velocities * (ahead / number / pace)[:, None]
         nominal = int(np.argmin(slowest))  # prompt brakes, where those differ
