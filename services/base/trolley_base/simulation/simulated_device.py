@@ -23,7 +23,6 @@ class SimulatedDevice:
 
     cannot_drive = ""
     is_stepped = True
-    delay_s = 0.0
     watchdog_s = 0.5
 
     def __init__(self, config: RobotConfig, footprint: NDArray[np.float64]) -> None:
@@ -43,6 +42,8 @@ class SimulatedDevice:
         except (FileNotFoundError, WorldError) as error:
             raise ConfigError(f"[base.simulated] {error}") from error
         self.world: str | None = self._world.name
+        motors = self._world.spec.motors
+        self.delay_s = motors.delay_s + motors.jitter_s
 
     def open(
         self,
