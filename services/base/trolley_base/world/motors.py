@@ -150,6 +150,7 @@ class Castor:
         self._within_m = motors.castor_m
         self._rng = rng
         self._way = 0.0  # driven one way, signed; at most so far that the castor has come round
+        self._trails = 0.0  # its sign when the castor last came round
         self._left_m = 0.0
         self._per_m = 0.0
 
@@ -157,10 +158,11 @@ class Castor:
         """Return the turn rate that the castor adds [rad/s]."""
         if self._kick_rad == 0.0:
             return 0.0
-        before, step = self._way, speed * dt
-        way = before + step
-        self._way = max(-CASTOR_TURNS_M, min(CASTOR_TURNS_M, way))
-        if before * self._way < 0.0:
+        step = speed * dt
+        self._way = max(-CASTOR_TURNS_M, min(CASTOR_TURNS_M, self._way + step))
+        before = self._trails
+        self._trails = math.copysign(1.0, self._way) if self._way else before
+        if before * self._trails < 0.0:
             self._per_m = self._kick_rad * float(self._rng.uniform(-1.0, 1.0)) / self._within_m
             self._left_m = self._within_m
         if self._left_m <= 0.0:
