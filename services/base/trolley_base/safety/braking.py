@@ -118,8 +118,9 @@ class CommandsUnderWay:
         seconds = np.array([seconds for seconds, _ in self._pieces])
         both = np.array([both for _, both in self._pieces]).reshape(-1, 2, 3)
         both = both[:, : 1 if np.array_equal(both[:, 0], both[:, 1]) else 2]
-        turns = float(np.ptp(both[..., 2])) * self._delay_s
-        shares = np.array(PARAMS.delays[: 1 if turns < PARAMS.straight_rad else None])
+        shares = np.array(
+            PARAMS.delays[: 1 if _is_even(both.reshape(-1, 3), self._delay_s) else None]
+        )
         # What a shorter delay has left behind already is not driven any more.
         left = np.cumsum(seconds[::-1])[::-1] - 0.5 * seconds <= shares[:, None] * self._delay_s
         steps = both.swapaxes(0, 1) * seconds[:, None] * left[:, None, :, None]
@@ -129,6 +130,16 @@ class CommandsUnderWay:
         stride = int(1.0 / max(way / spacing, turn / PARAMS.turn_rad, 1.0 / len(seconds)))
         slowest = np.tile(np.arange(both.shape[1]) == 0, len(shares))
         return poses[:, ::-1][:, :: max(1, stride)][:, ::-1], slowest
+
+
+def _is_even(velocities: Floats, seconds: float) -> bool:
+    """Say whether velocities (n, 3) that are driven for so long lie on one arc, one way."""
+    vx, vy, wz = velocities.T
+    if vx.min() * vx.max() < 0.0 or wz.min() * wz.max() < 0.0 or np.ptp(vy) > 0.0:
+        return False
+    most = int(np.argmax(np.abs(vx) + np.abs(wz)))
+    off = float(np.max(np.abs(vx * wz[most] - vx[most] * wz))) * seconds
+    return off <= PARAMS.straight_rad * float(np.max(np.abs(vx)))
 
 
 def along(start: Floats, steps: Floats) -> Floats:

@@ -174,3 +174,15 @@ def test_a_slower_drive_of_the_same_arc_is_never_slowed_below_the_faster(
     slow = 0.5 * field.scale(twist.scaled(0.5), cloud)
     # Two parts of a command that the field tells apart, of the whole and of the half.
     assert min(0.5, fast) == pytest.approx(min(0.5, slow), abs=0.03)
+
+
+@pytest.mark.parametrize("turn", [0.0, -1.0])
+def test_wheels_that_follow_sooner_than_the_longest_delay_are_reckoned_with(turn: float) -> None:
+    field = StopField(footprint_from_box(0.4, 0.2), LIMITS, 0.05, delay_s=0.3)
+    for _ in range(10):
+        field.follow(Twist2D(0.4, 0.0, 0.0) if turn == 0.0 else Twist2D(0.0, 0.0, turn), 0.02)
+    for _ in range(6):
+        field.follow(Twist2D(-0.4, 0.0, turn), 0.02)
+    # With the longest delay it first goes on as before, and does not come as far back.
+    post = np.array([[-0.33, 0.0]])
+    assert field.scale(Twist2D(-0.4, 0.0, turn), post) < 1.0
