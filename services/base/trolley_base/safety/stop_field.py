@@ -195,11 +195,16 @@ class StopField:
         reach = self._radius + float(margins.max())
         low, high = flat[:, :2].min(axis=0) - reach, flat[:, :2].max(axis=0) + reach
         possible = np.flatnonzero(np.all((points > low) & (points < high), axis=1))
-        dx = points[possible, 0] - flat[:, 0, None]
-        dy = points[possible, 1] - flat[:, 1, None]
-        near = np.flatnonzero(dx * dx + dy * dy < ((self._radius + margins) ** 2)[:, None])
+        x, y = points[possible].T
+        # Within a circle around each pose, as one product of matrices: 2 p t - p p > t t - r r.
+        around = np.column_stack(
+            [2.0 * flat[:, :2], np.full(len(flat), -1.0), (self._radius + margins) ** 2]
+        )
+        around[:, 3] -= np.sum(flat[:, :2] ** 2, axis=1)
+        beyond = np.stack([x, y, x * x + y * y, np.ones(len(x))])
+        near = np.flatnonzero(around @ beyond > 0.0)
         pose, point = np.divmod(near, max(1, len(possible)))
-        dx, dy = dx.ravel()[near], dy.ravel()[near]
+        dx, dy = x[point] - flat[pose, 0], y[point] - flat[pose, 1]
         cos, sin = np.cos(flat[:, 2])[pose], np.sin(flat[:, 2])[pose]
         met = self._distance.at(cos * dx + sin * dy, cos * dy - sin * dx) < margins[pose]
         hits[pose[met] // poses.shape[1], possible[point[met]]] = True
