@@ -300,6 +300,79 @@ def _cast(x: float, y: float, angle: float, segments: Floats, circles: Floats) -
 
 
 @kernel
+def _move(state: Floats, command: Floats, plant: tuple[Floats, Floats, Floats]) -> Floats:
+    """Move the robot by a step.
+
+    Args:
+        state: (5,) as in `STATE`, moved.
+        command: (2,) what reaches the motors.
+        plant: rates, slope and slip of the case.
+
+    Returns:
+        (5,) true vx, vy [m/s] and turn rate [rad/s], and what the wheels report.
+    """
+    rates, slope, slip = plant
+    v, wz, yaw = state[3], state[4], state[2]
+    # On a slope the brakes hold that much less, going down.
+    downhill = slope[0] * math.cos(yaw) + slope[1] * math.sin(yaw)
+    brakes = rates[1] - math.copysign(1.0, v) * downhill
+    state[3] = _towards(v, command[0], rates[0] * STEP_S, brakes * STEP_S)
+    state[4] = _towards(wz, command[1], rates[2] * STEP_S, rates[3] * STEP_S)
+    motion = np.empty(5)
+    motion[0] = state[3] * slip[0]
+    motion[1] = slip[2] * state[3] * state[4]
+    motion[2] = state[4] * slip[1]
+    motion[3] = state[3] * (1.0 - slip[3] if abs(state[3]) < abs(v) else 1.0)
+    motion[4] = state[4]
+    heading = yaw + 0.5 * motion[2] * STEP_S
+    cos, sin = math.cos(heading), math.sin(heading)
+    state[0] += (motion[0] * cos - motion[1] * sin) * STEP_S
+    state[1] += (motion[0] * sin + motion[1] * cos) * STEP_S
+    state[2] += motion[2] * STEP_S
+    return motion
+
+
+@kernel
+def _closing(state: Floats, motion: Floats, pair: Floats, gap: float) -> float:
+    """Return how fast the touching point of the robot moves to the thing [m/s]."""
+    cos, sin = math.cos(state[2]), math.sin(state[2])
+    ux = motion[0] * cos - motion[1] * sin - motion[2] * (pair[1] - state[1])
+    uy = motion[0] * sin + motion[1] * cos + motion[2] * (pair[0] - state[0])
+    nx, ny = pair[2] - pair[0], pair[3] - pair[1]
+    length = math.hypot(nx, ny)
+    closing = (ux * nx + uy * ny) / length if length > 0.0 else math.hypot(ux, uy)
+    return abs(closing) if gap < 0.0 else closing
+
+
+@kernel
+def _measure(
+    out_ranges: Floats,
+    beams: tuple[int, int, int],
+    poses: tuple[Floats, Floats],
+    scene: tuple[Floats, Floats, Floats, Floats],
+) -> None:
+    """Measure the beams of a step, each from where the robot was at its moment.
+
+    Args:
+        out_ranges: (2 * beams,) as fired, two turns; only those of this step are written.
+        beams: first beam, the one behind the last, and beams in a turn; negative: clockwise.
+        poses: states at the start and the end of the step.
+        scene: footprint, base_T_laser, segments and circles.
+    """
+    first, behind, turn = beams
+    laser = scene[1]
+    for fired in range(first, behind):
+        part = (fired - first + 0.5) / (behind - first)
+        at = poses[0] + part * (poses[1] - poses[0])
+        cos, sin = math.cos(at[2]), math.sin(at[2])
+        x = at[0] + cos * laser[0] - sin * laser[1]
+        y = at[1] + sin * laser[0] + cos * laser[1]
+        angle = (fired % abs(turn)) * 2.0 * math.pi / turn - math.pi
+        distance = _cast(x, y, at[2] + laser[2] + angle, scene[2], scene[3])
+        out_ranges[fired % out_ranges.shape[0]] = distance
+
+
+@kernel
 def advance(
     state: Floats,
     out_twists: Floats,
@@ -307,8 +380,7 @@ def advance(
     out_pair: Floats,
     commands: Floats,
     plant: tuple[Floats, Floats, Floats],
-    robot: tuple[Floats, Floats],
-    room: tuple[Floats, Floats],
+    scene: tuple[Floats, Floats, Floats, Floats],
     beams: tuple[int, int, int],
 ) -> tuple[float, float]:
     """Move the robot for one period of base, and measure the beams that fall into it.
@@ -316,74 +388,40 @@ def advance(
     Args:
         state: (5,) as in `STATE`, moved.
         out_twists: (steps, 2) what the wheels report in each step.
-        out_ranges: (2 * beams,) as fired, two turns; only those of this period are written.
+        out_ranges: as in `_measure`.
         out_pair: (4,) the nearest points of robot and things at the end.
         commands: (steps, 2) what reaches the motors.
         plant: rates, slope and slip of the case.
-        robot: footprint (n, 2), and base_T_laser x, y, yaw.
-        room: segments and circles.
-        beams: first beam, the one behind the last, and beams in a turn; negative: clockwise.
+        scene: footprint (n, 2), base_T_laser x, y, yaw, segments and circles.
+        beams: as in `_measure`, of the whole period.
 
     Returns:
         The smallest gap [m], and the speed towards what was met [m/s], NaN if nothing was.
     """
-    rates, slope, slip = plant
-    outline = np.empty_like(robot[0])
+    outline = np.empty_like(scene[0])
     smallest = math.inf
     first, behind, turn = beams
     steps = commands.shape[0]
     for step in range(steps):
-        v, wz = state[3], state[4]
-        heading = state[2]
-        # On a slope the brakes hold that much less, going down.
-        downhill = slope[0] * math.cos(heading) + slope[1] * math.sin(heading)
-        brakes = rates[1] - math.copysign(1.0, v) * downhill
-        state[3] = _towards(v, commands[step, 0], rates[0] * STEP_S, brakes * STEP_S)
-        state[4] = _towards(wz, commands[step, 1], rates[2] * STEP_S, rates[3] * STEP_S)
-        is_braking = abs(state[3]) < abs(v)
-        out_twists[step, 0] = state[3] * (1.0 - slip[3] if is_braking else 1.0)
-        out_twists[step, 1] = state[4]
-        vx, vy, turning = state[3] * slip[0], slip[2] * state[3] * state[4], state[4] * slip[1]
         before = state.copy()
-        heading = state[2] + 0.5 * turning * STEP_S
-        cos, sin = math.cos(heading), math.sin(heading)
-        state[0] += (vx * cos - vy * sin) * STEP_S
-        state[1] += (vx * sin + vy * cos) * STEP_S
-        state[2] += turning * STEP_S
+        motion = _move(state, commands[step], plant)
+        out_twists[step] = motion[3:]
         cos, sin = math.cos(state[2]), math.sin(state[2])
         for i in range(outline.shape[0]):
-            x, y = robot[0][i, 0], robot[0][i, 1]
+            x, y = scene[0][i, 0], scene[0][i, 1]
             outline[i, 0] = state[0] + cos * x - sin * y
             outline[i, 1] = state[1] + sin * x + cos * y
-        gap = nearest_gap(out_pair, outline, room[0], room[1])
+        gap = nearest_gap(out_pair, outline, scene[2], scene[3])
         smallest = min(smallest, gap)
         if gap <= 0.001:
-            # How fast the touching point of the robot moves to the thing.
-            px, py = out_pair[0] - state[0], out_pair[1] - state[1]
-            ux = vx * cos - vy * sin - turning * py
-            uy = vx * sin + vy * cos + turning * px
-            nx, ny = out_pair[2] - out_pair[0], out_pair[3] - out_pair[1]
-            length = math.hypot(nx, ny)
-            closing = (ux * nx + uy * ny) / length if length > 0.0 else math.hypot(ux, uy)
-            if gap < 0.0:
-                closing = abs(closing)
+            closing = _closing(state, motion, out_pair, gap)
             if closing > COUNTS_ABOVE:
                 return smallest, closing
             if closing > 0.0:  # it rubs, and is held
                 state[:3] = before[:3]
         last = first + (behind - first) * (step + 1) // steps
         at = first + (behind - first) * step // steps
-        for fired in range(at, last):
-            # From where the robot was at that moment.
-            part = (fired - at + 0.5) / (last - at)
-            yaw = before[2] + part * (state[2] - before[2])
-            x = before[0] + part * (state[0] - before[0])
-            y = before[1] + part * (state[1] - before[1])
-            x += math.cos(yaw) * robot[1][0] - math.sin(yaw) * robot[1][1]
-            y += math.sin(yaw) * robot[1][0] + math.cos(yaw) * robot[1][1]
-            angle = (fired % abs(turn)) * 2.0 * math.pi / turn - math.pi
-            slot = fired % out_ranges.shape[0]
-            out_ranges[slot] = _cast(x, y, yaw + robot[1][2] + angle, room[0], room[1])
+        _measure(out_ranges, (at, last, turn), (before, state), scene)
     return smallest, math.nan
 
 
@@ -492,8 +530,9 @@ class Run:
         laser = case.base_T_laser.as_array()
         gap, closing = advance(
             self.state, twists, self._ranges, self._pair, self._commands(),
-            (case.rates, case.slope, case.slip), (case.footprint, laser),
-            (case.segments, case.circles), (self._fired, behind, self._turn),
+            (case.rates, case.slope, case.slip),
+            (case.footprint, laser, case.segments, case.circles),
+            (self._fired, behind, self._turn),
         )  # fmt: skip
         self._fired = behind
         self.closest = min(self.closest, gap)

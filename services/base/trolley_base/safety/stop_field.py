@@ -15,7 +15,7 @@ from trolley_base.safety.braking import PARAMS as BRAKING
 from trolley_base.safety.braking import CommandsUnderWay, along, braking_steps
 from trolley_base.safety.footprint_distance import FootprintDistance
 from trolley_base.safety.motion_limits import MotionLimits
-from trolley_base.safety.sweep import closest_on_outline, point_velocities
+from trolley_base.safety.touching import closest_on_outline, point_velocities
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from trolley.geometry import (
 from trolley_base.safety.braking import PARAMS as BRAKING
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.stop_field import PARAMS, StopField
-from trolley_base.safety.sweep import closest_on_outline
+from trolley_base.safety.touching import closest_on_outline
 
 LIMITS = MotionLimits(
     speed=0.5, wz=1.5, acceleration=0.8, deceleration=1.0, angular_acceleration=4.0
