@@ -76,8 +76,8 @@ class StopField:
 
     @property
     def reach(self) -> float:
-        """How far from `base_link` an echo can matter at full speed [m]."""
-        return self._reach_of(self._limits.speed)
+        """How far from `base_link` an echo can matter at full speed, also a moment later [m]."""
+        return self._radius + self._reach_of(self._limits.speed)
 
     def follow(self, twist: Twist2D, seconds: float) -> None:
         """Take note of what is commanded now, after `seconds` of the command before."""
@@ -126,9 +126,9 @@ class StopField:
         return low
 
     def _reach_of(self, speed: float) -> float:
-        # A turn carries corners on, at most by their own circle; the rest is margin.
+        """Return how far from `base_link` an echo can be met while the robot stops [m]."""
         way = (1.0 + PARAMS.per_metre) * self._way_of(speed)
-        return 2.0 * self._radius + way + 2.0 * self._margin
+        return self._radius + way + self._margin + PARAMS.side_margin_m
 
     def _widest(self) -> float:
         """Return the most that the footprint is ever widened by [m]."""
