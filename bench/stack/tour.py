@@ -1,27 +1,53 @@
 """The demo's tour in lock-step, many seeds: arrivals, times, collisions, closest approach.
 
-python -m bench.stack.tour [--seeds 40] [--without-mirror-zone] [--world worlds/apartment.toml]
+    python -m bench.stack.tour [--seeds 40] [--without-mirror-zone]
+    python -m bench.stack.tour --world worlds/real.toml [--random]
+
+With `--random` each seed drives to four places of its own, in any room.
 """
 
 import argparse
+import math
 import time
+import tomllib
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from bench.harness.drives import CORRIDOR, ENTRANCE, KITCHEN, Drive, drive_tour, simulated
+from bench.harness.houses import free_poses
 from bench.harness.paths import WORLDS
 
 from trolley.geometry import Pose2D
+from trolley.gridmap import load_map
 
 START = Pose2D(0.549, 0.218, 0.2579)
 MIRROR = "hall mirror"
+MAP = WORLDS / "apartment.yaml"
+FREE_M, NEAR_M, STOPS = 0.35, 0.6, 4
+"""Random places are this far from what is on the map, and this far from what is not [m]."""
 
 
-def drive(seed: int, without_mirror_zone: bool) -> Drive:
+def random_stops(world: Path, seed: int) -> dict[str, Pose2D]:
+    """Places in any room, none near a thing that the map does not show."""
+    contents = tomllib.loads(world.read_text())
+    things = [(one["x"], one["y"]) for kind in ("box", "circle") for one in contents[kind]]
+    poses = free_poses(load_map(MAP), FREE_M, 10 * STOPS, np.random.default_rng(seed))
+    free = [
+        pose
+        for pose in poses
+        if all(math.dist((pose.x, pose.y), thing) > NEAR_M for thing in things)
+    ]
+    return {f"{pose.x:.1f}, {pose.y:.1f}": pose for pose in free[:STOPS]}
+
+
+def drive(seed: int, world: Path, is_random: bool, without_mirror_zone: bool) -> Drive:
     """One tour of the apartment."""
-    config = simulated(WORLDS / "apartment.toml", WORLDS / "apartment.yaml", START, seed)
+    config = simulated(world, MAP, START, seed)
     stops = {"corridor": CORRIDOR, "entrance": ENTRANCE, "kitchen": KITCHEN}
+    if is_random:
+        stops = random_stops(world, seed)
     return drive_tour(config, seed, stops, without_zones=(MIRROR,) if without_mirror_zone else ())
 
 
@@ -31,13 +57,20 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--without-mirror-zone", action="store_true")
+    parser.add_argument("--world", type=Path, default=WORLDS / "apartment.toml")
+    parser.add_argument("--random", action="store_true")
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     started_s = time.monotonic()
     drives: list[Drive] = []
     seeds = range(options.first, options.first + options.seeds)
     with ProcessPoolExecutor(options.jobs) as pool:
-        task = partial(drive, without_mirror_zone=options.without_mirror_zone)
+        task = partial(
+            drive,
+            world=options.world.resolve(),
+            is_random=options.random,
+            without_mirror_zone=options.without_mirror_zone,
+        )
         for one in pool.map(task, seeds):
             drives.append(one)
             print(

@@ -18,8 +18,9 @@ def drive(
     seed: int,
     without_zones: tuple[str, ...] = (),
     on_ready: Callable[[Lockstep], None] | None = None,
+    world: str = "apartment.toml",
 ) -> Drive:
-    config = simulated(WORLDS / "apartment.toml", WORLDS / "apartment.yaml", START, seed)
+    config = simulated(WORLDS / world, WORLDS / "apartment.yaml", START, seed)
     return drive_tour(config, seed, STOPS, without_zones=without_zones, on_ready=on_ready)
 
 
@@ -34,6 +35,16 @@ def test_tour_arrives_past_mirror_and_obstacles(seed: int) -> None:
     assert found.localized_s is not None
     assert found.localized_s < 10.0
     assert found.position_errors.max() < 0.10
+
+
+@pytest.mark.parametrize(
+    "seed", [100, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(101, 105))]
+)
+def test_tour_arrives_with_real_motors_lidar_floor_and_people(seed: int) -> None:
+    found = drive(seed, world="real.toml")
+    assert found.arrived, found.why
+    assert found.collisions == 0
+    assert found.position_errors.max() < 0.15
 
 
 @pytest.mark.slow

@@ -56,9 +56,12 @@ class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     acceleration_mps2: Rate = 0.8
     """Highest acceleration."""
     deceleration_mps2: Rate = 1.0
-    """Deceleration that the robot can always reach; the stop field relies on it."""
+    """Deceleration that the robot can always reach on level floor; the stop field relies on it."""
     angular_acceleration_radps2: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
     """Highest angular acceleration."""
+    slope: Annotated[float, Meta(ge=0.0, le=0.3)] = 0.05
+    """Steepest floor, in metres of height per metre: downhill the robot brakes that much worse, and
+    the stop field reckons with it."""
 
 
 class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -114,6 +114,9 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     watchdog_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
     """Silence after which the firmware stops the motors, if you have changed and tested it; above
     0.5 s the robot drives at most 0.2 m/s."""
+    delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
+    """Longest time from a command until odometry shows that the wheels follow it, if you have
+    measured it; 0.35 s if not given. The stop field begins to brake so much earlier."""
     use_imu: bool = True
     """Fuse the turn rate of the board's gyro, if it has one."""
     imu_axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")

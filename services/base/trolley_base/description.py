@@ -56,6 +56,7 @@ def limits_of(config: RobotConfig, watchdog_s: float = 0.0) -> MotionLimits:
         deceleration=limits.deceleration_mps2,
         angular_acceleration=limits.angular_acceleration_radps2,
         sideways=config.robot.drive == "mecanum",
+        slope=limits.slope,
     )
 
 

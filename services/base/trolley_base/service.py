@@ -48,8 +48,8 @@ class BaseService(Service):
         self._robot = describe_robot(
             config, footprint, limits, is_simulated=device.world is not None
         )
-        field = StopField(footprint, limits, config.base.stop_margin_m, device.reaction_s)
-        sight = SightDistance(footprint, limits, device.reaction_s)
+        field = StopField(footprint, limits, config.base.stop_margin_m, device.delay_s)
+        sight = SightDistance(footprint, limits, device.delay_s)
         limiter = VelocityLimiter(config.base.sources, limits, field, sight)
         self._time = Timekeeper(self)
         clock = self.own_time = self._time.clock

@@ -12,7 +12,7 @@ from trolley.geometry import Twist2D
 from trolley.messages import BaseState
 from trolley.runtime.bus import Reply
 
-from .conftest import REAL, MakeRig, Rig
+from .conftest import EXACT, REAL, MakeRig, Rig
 
 
 def test_stop_stands_and_resume_lets_drive_again(rig: Rig) -> None:
@@ -154,6 +154,22 @@ def test_it_stops_five_centimetres_before_a_wall(rig: Rig) -> None:
     rig.drive(2.0, -0.5)
     assert rig.truth.clearance > 0.5
     assert rig.state.mode == "ok"
+
+
+@pytest.mark.parametrize("delay_s", [0.1, 0.3])
+def test_motors_that_follow_late_stop_before_the_wall_as_well(
+    make_rig: MakeRig, delay_s: float
+) -> None:
+    motors = f"[motors]\ndelay_s = {delay_s}\njitter_s = 0.05\nuneven = 0.1\n"
+    rig = make_rig(errors=EXACT + motors, simulated={"start": {"x": 0.0, "y": 0.0, "yaw": 0.3}})
+    rig.drive(12.0, 0.5)
+    assert rig.truth.twist.is_zero
+    assert rig.truth.collisions == 0
+    assert 0.03 < rig.truth.clearance < 0.15
+    rig.drive(2.0, -0.5)
+    assert rig.truth.clearance > 0.3
+    rig.drive(4.0, 0.5, 0.5)
+    assert rig.truth.collisions == 0
 
 
 def test_after_a_stop_before_a_post_it_turns_clear(make_rig: MakeRig) -> None:

@@ -1,3 +1,5 @@
+import dataclasses
+
 import msgspec
 import pytest
 
@@ -21,3 +23,11 @@ def test_a_board_that_goes_on_by_itself_drives_slowly(
     watchdog_s: float, wanted: float, allowed: float
 ) -> None:
     assert limits_of(config(wanted), watchdog_s).speed == allowed
+
+
+def test_on_a_slope_it_surely_brakes_less_but_always_some() -> None:
+    limits = limits_of(config(0.5))
+    assert limits.slope == 0.05
+    assert limits.downhill_deceleration == pytest.approx(limits.deceleration - 0.4905)
+    steep = dataclasses.replace(limits, slope=0.3)
+    assert 0.0 < steep.downhill_deceleration < 0.5

@@ -66,8 +66,8 @@ class Device(Protocol):
         ...
 
     @property
-    def reaction_s(self) -> float:
-        """Time until a command acts [s]."""
+    def delay_s(self) -> float:
+        """Longest time from a command until odometry shows that the wheels follow it [s]."""
         ...
 
     @property

@@ -13,9 +13,9 @@ from trolley_base.drivers.real_hardware import RealHardware
 from trolley_base.persistence import SavedWorld
 
 NO_BOARD = "No motor board is set ([base.chassis] board), so commands go nowhere."
-REACTION_S = 0.15
-"""As for a simulation, plus what a board adds that looks at its commands 20 times a second and
-whose motors follow a control loop."""
+LONGEST_DELAY_S = 0.35
+"""Where nobody has measured it: a board that looks at its commands ten times a second, motors that
+follow a control loop, and the way there and back."""
 
 
 class RealDevice:
@@ -24,7 +24,6 @@ class RealDevice:
     world: str | None = None
     rate = 1.0
     is_stepped = False
-    reaction_s = REACTION_S
 
     def __init__(self, config: RobotConfig) -> None:
         chassis, lidar = config.base.chassis, config.base.lidar
@@ -44,6 +43,7 @@ class RealDevice:
         self.base_T_laser = lidar.pose.as_pose()
         self.cannot_drive = NO_BOARD if chassis.board is None else ""
         self.watchdog_s = _watchdog_s(chassis)
+        self.delay_s = LONGEST_DELAY_S if chassis.delay_s is None else chassis.delay_s
         try:
             make_lidar(lidar)
             if chassis.board is not None:

@@ -11,7 +11,6 @@ from trolley_base.recording.mcap_file import load_mcap
 from trolley_base.recording.npz_file import load_npz
 from trolley_base.recording.recorded_hardware import RecordedHardware
 from trolley_base.recording.recording import Recording
-from trolley_base.safety.stop_field import REACTION_S
 
 
 class RecordedDevice:
@@ -20,7 +19,7 @@ class RecordedDevice:
     world: str | None = None
     is_stepped = True
     cannot_drive = "A recorded drive is being played, so commands go nowhere."
-    reaction_s = REACTION_S
+    delay_s = 0.0
     watchdog_s = 0.5
 
     def __init__(self, config: RobotConfig) -> None:

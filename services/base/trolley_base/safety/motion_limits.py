@@ -5,6 +5,11 @@ from dataclasses import dataclass
 
 from trolley.geometry import Twist2D
 
+GRAVITY = 9.81
+"""[m/s^2]."""
+LEAST_SHARE = 0.2
+"""Brakes that hold the robot on a slope at all have this much of their deceleration left."""
+
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
@@ -17,6 +22,7 @@ class MotionLimits:
         deceleration: towards standing, what the robot can surely brake with [m/s^2].
         angular_acceleration: both ways [rad/s^2].
         sideways: whether the wheels can drive sideways.
+        slope: the steepest floor, metres of height per metre.
     """
 
     speed: float
@@ -25,10 +31,12 @@ class MotionLimits:
     deceleration: float
     angular_acceleration: float
     sideways: bool = False
+    slope: float = 0.0
 
-    def stopping_time(self, twist: Twist2D) -> float:
-        """Return how long braking from a velocity takes [s]."""
-        return max(twist.speed / self.deceleration, abs(twist.wz) / self.angular_acceleration)
+    @property
+    def downhill_deceleration(self) -> float:
+        """What is left of the deceleration on the steepest floor [m/s^2]."""
+        return max(self.deceleration - GRAVITY * self.slope, LEAST_SHARE * self.deceleration)
 
 
 def within(twist: Twist2D, limits: MotionLimits) -> Twist2D:

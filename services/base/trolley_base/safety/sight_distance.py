@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
 from trolley_base.safety.motion_limits import MotionLimits
-from trolley_base.safety.sweep import contact_times, point_velocities
+from trolley_base.safety.sweep import contact_times
+from trolley_base.safety.touching import point_velocities
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +62,13 @@ class SightDistance:
     Args:
         footprint: (n, 2) corners [m] in `base_link`, counter-clockwise.
         limits: what the robot can brake with.
-        reaction_s: time until a command acts.
+        delay_s: longest time from a command until odometry shows that the wheels follow it.
     """
 
-    def __init__(self, footprint: Floats, limits: MotionLimits, reaction_s: float) -> None:
+    def __init__(self, footprint: Floats, limits: MotionLimits, delay_s: float) -> None:
         self._footprint = footprint
         self._limits = limits
-        self._reaction_s = reaction_s
+        self._delay_s = delay_s
         self._radius = circumscribed_radius(footprint)
         self.reach = self._reach_of(limits.speed) + 0.5 * limits.speed
         """How far from `base_link` what was not seen can matter within half a second [m]."""
@@ -128,12 +129,15 @@ class SightDistance:
             return 1.0
         if seconds <= 0.0:
             return 0.0
-        # Driving part s and braking evenly: s reaction + s^2 stopping / 2 <= seconds.
-        stopping = self._limits.stopping_time(twist)
-        root = math.sqrt(self._reaction_s * self._reaction_s + 2.0 * stopping * seconds)
-        return min(1.0, 2.0 * seconds / (root + self._reaction_s))
+        # Driving part s and braking evenly: s delay + s^2 stopping / 2 <= seconds.
+        limits = self._limits
+        stopping = max(
+            twist.speed / limits.downhill_deceleration, abs(twist.wz) / limits.angular_acceleration
+        )
+        root = math.sqrt(self._delay_s * self._delay_s + 2.0 * stopping * seconds)
+        return min(1.0, 2.0 * seconds / (root + self._delay_s))
 
     def _reach_of(self, speed: float) -> float:
         """Return how far from `base_link` the stopping distance may lead [m]."""
-        way = 0.5 * speed * speed / self._limits.deceleration + speed * self._reaction_s
+        way = 0.5 * speed * speed / self._limits.downhill_deceleration + speed * self._delay_s
         return self._radius + way + PARAMS.margin_m

@@ -13,24 +13,10 @@ from trolley.geometry import Twist2D
 
 MIN_CURVATURE = 1e-3
 """Flatter arcs count as straight lines [1/m]: over a metre that is wrong by half a millimetre."""
-MAX_MITRE = 4.0
-"""A corner may stick out this many times farther than the edges when an outline is widened."""
 EDGE_TOLERANCE = 1e-9
 """Tolerance along an edge, so that no point slips between two."""
 
 Floats = NDArray[np.float64]
-
-
-def widened(outline: Floats, by: float) -> Floats:
-    """Return a counter-clockwise outline (n, 2) with its edges moved outwards by `by` [m]."""
-    ahead = np.roll(outline, -1, axis=0) - outline
-    normals = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1)
-    normals /= np.hypot(normals[:, 0], normals[:, 1])[:, None]
-    before = np.roll(normals, 1, axis=0)
-    both = normals + before
-    # The sum of two unit vectors is 2 cos(half the turn) long, the mitre 1 / cos(half the turn).
-    scale = np.minimum(2.0 / np.maximum(np.sum(both * both, axis=1), 1e-12), MAX_MITRE)
-    return outline + by * both * scale[:, None]
 
 
 def contact_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
@@ -90,21 +76,3 @@ def _arc_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
         with np.errstate(over="ignore"):  # so slow a turn takes for ever
             np.minimum.at(times, point, turn / abs(twist.wz))
     return times
-
-
-def closest_on_outline(points: Floats, outline: Floats) -> Floats:
-    """Return for each point (n, 2) the nearest point (n, 2) on an outline (m, 2) [m]."""
-    edge = np.roll(outline, -1, axis=0) - outline
-    offset = points[:, None, :] - outline
-    along = np.sum(offset * edge, axis=2) / np.sum(edge * edge, axis=1)
-    feet = outline + np.clip(along, 0.0, 1.0)[:, :, None] * edge
-    gaps = points[:, None, :] - feet
-    nearest = np.argmin(np.sum(gaps * gaps, axis=2), axis=1)
-    return feet[np.arange(len(points)), nearest]
-
-
-def point_velocities(points: Floats, twist: Twist2D) -> Floats:
-    """Return how points (n, 2) that stand move as seen from the robot, (n, 2) [m/s]."""
-    return np.stack(
-        [twist.wz * points[:, 1] - twist.vx, -twist.wz * points[:, 0] - twist.vy], axis=1
-    )

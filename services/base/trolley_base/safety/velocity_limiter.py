@@ -157,6 +157,7 @@ class VelocityLimiter:
         if choice.source is None or block is Block.ALL:
             # At once and not along a ramp: the motors brake as hard as they can.
             self._twist = Twist2D.zero()
+            self._field.follow(self._twist, since_ns * 1e-9)
             return self._report(choice, restriction, now_ns, None)
         wanted = within(choice.twist, self._limits)
         if block is Block.ALL_BUT_BACK:
@@ -165,6 +166,7 @@ class VelocityLimiter:
             self._twist = Twist2D(min(0.0, self._twist.vx), 0.0, 0.0)
         around = _Around(echoes, unseen, choice.source == PARAMS.by_hand)
         self._twist = self._allowed(wanted, min(since_ns * 1e-9, PARAMS.max_dt), around)
+        self._field.follow(self._twist, since_ns * 1e-9)
         return self._report(choice, restriction, now_ns, self._find_hindrance(wanted, around))
 
     def _allowed(self, wanted: Twist2D, dt: float, around: _Around) -> Twist2D:

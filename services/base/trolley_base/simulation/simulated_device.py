@@ -13,7 +13,6 @@ from trolley.messages import Truth
 from trolley_base.drivers import CallSoon
 from trolley_base.drivers.device import Opened
 from trolley_base.persistence import SavedWorld
-from trolley_base.safety.stop_field import REACTION_S
 from trolley_base.simulation.simulated_hardware import SimulatedBattery, SimulatedHardware
 from trolley_base.world import OtherRobot, RobotBody, Simulation, WorldError
 from trolley_base.world.world_file import load_world
@@ -24,7 +23,6 @@ class SimulatedDevice:
 
     cannot_drive = ""
     is_stepped = True
-    reaction_s = REACTION_S
     watchdog_s = 0.5
 
     def __init__(self, config: RobotConfig, footprint: NDArray[np.float64]) -> None:
@@ -44,6 +42,8 @@ class SimulatedDevice:
         except (FileNotFoundError, WorldError) as error:
             raise ConfigError(f"[base.simulated] {error}") from error
         self.world: str | None = self._world.name
+        motors = self._world.spec.motors
+        self.delay_s = motors.delay_s + motors.jitter_s
 
     def open(
         self,

@@ -4,10 +4,10 @@ The pure core: no files, no clock, no wire. `drivers/simulated.py` puts it behin
 of the hardware, `worlds/README.md` says how a world is written down.
 """
 
+from trolley_base.world.contacts import Contact
 from trolley_base.world.scanner import Shots
 from trolley_base.world.simulation import (
     STEP_NS,
-    Contact,
     OtherRobot,
     RobotBody,
     Simulation,

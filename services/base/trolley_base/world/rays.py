@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from trolley.gridmap.kernels import first_occupied
 from trolley.jit import kernel
 
-OPAQUE, MIRROR, MIRROR_LEFT, GLASS = range(4)
-"""Kinds of segments: `MIRROR_LEFT` reflects on the left of who walks from its first to its end."""
+OPAQUE, MIRROR, MIRROR_LEFT, GLASS, DULL, UNSEEN = range(6)
+"""Kinds of segments: `MIRROR_LEFT` reflects on the left of who walks from its first to its end;
+beams pass over or under what is `UNSEEN`."""
 
 # A beam that was reflected this often is too weak to measure.
 MAX_BOUNCES = 4
@@ -37,9 +38,10 @@ class Scene(NamedTuple):
         frame: (5,) map_T_grid as x, y, cos, sin, then the cell edge [m].
         solid: (rows, cols) uint8, 1 where a cell is occupied.
         segments: (n, 4) x, y, x, y [m] in `map`.
-        kinds: (n,) uint8: `OPAQUE`, `MIRROR`, `MIRROR_LEFT`, `GLASS`.
-        echoes: (n, 2) of mirrors and glass: share of beams that come straight back, and the
-            incidence from the perpendicular within which all do (glass) [rad].
+        kinds: (n,) uint8: `OPAQUE`, `MIRROR`, `MIRROR_LEFT`, `GLASS`, `DULL`,
+            `UNSEEN`.
+        echoes: (n, 2) of mirrors, glass and dull surfaces: share of beams that come straight back,
+            and the incidence from the perpendicular within which all do (not mirrors) [rad].
         circles: (m, 3) x, y, radius [m] in `map`.
         body: (k, 2) corners of the robot's own outline [m] in `map`.
     """
@@ -119,7 +121,7 @@ def comes_back(
     direction: NDArray[np.float64],
     draw: float,
 ) -> bool:
-    """Say whether a beam that meets a segment ends there; else it is reflected or goes through.
+    """Say whether a beam comes back from a segment; else it is reflected, goes on or is lost.
 
     Args:
         segment: (4,) x, y, x, y.
@@ -131,7 +133,7 @@ def comes_back(
     ex, ey = segment[2] - segment[0], segment[3] - segment[1]
     if kind == OPAQUE or draw < echo[0]:
         return True
-    if kind == GLASS:
+    if kind in (GLASS, DULL):
         across = abs(direction[2] * ey - direction[3] * ex) / math.hypot(ex, ey)
         return across >= math.cos(echo[1])
     if kind == MIRROR_LEFT:
@@ -154,6 +156,8 @@ def _nearest_segment(
     """
     best, index = reach, -1
     for i in range(scene.segments.shape[0]):
+        if scene.kinds[i] == UNSEEN:
+            continue
         segment = scene.segments[i]
         t = segment_range(
             segment[0], segment[1], segment[2], segment[3], ray[0], ray[1], ray[2], ray[3]
@@ -217,6 +221,8 @@ def beam_range(scene: Scene, ray: NDArray[np.float64], reach: float, draw: float
             scene.segments[index], scene.kinds[index], scene.echoes[index], ray, spread
         ):
             return travelled + best
+        if scene.kinds[index] == DULL:
+            return math.inf
         _reflect(ray, scene.segments[index], best)
         travelled += best
         skip = index

@@ -14,8 +14,9 @@ from trolley.geometry import Pose2D
 from trolley.jit import kernel
 from trolley_base.drivers.interface import LidarScan
 from trolley_base.units import NS_PER_S
+from trolley_base.world.lidar_faults import FaultyLidar
 from trolley_base.world.rays import Scene, beam_range
-from trolley_base.world.spec import LidarSpec
+from trolley_base.world.spec import LidarSpec, Sun
 
 
 class Sweep(NamedTuple):
@@ -124,10 +125,14 @@ class Scanner:
 
     Args:
         spec: the sensor.
-        rng: source of all its errors.
+        rng: source of all errors of beams.
+        faults_rng: source of what is done to a revolution afterwards.
     """
 
-    def __init__(self, spec: LidarSpec, rng: np.random.Generator) -> None:
+    def __init__(
+        self, spec: LidarSpec, rng: np.random.Generator, faults_rng: np.random.Generator
+    ) -> None:
+        self._faults = FaultyLidar(spec.faults, faults_rng)
         self._spec = spec
         self._rng = rng
         self._turn_beams = round(spec.beams * 2.0 * math.pi / spec.field_of_view)
@@ -142,7 +147,12 @@ class Scanner:
         self._noise = np.array([spec.noise_m, spec.noise_share])
 
     def step(
-        self, from_ns: int, to_ns: int, laser: tuple[Pose2D, Pose2D], scene: Scene
+        self,
+        from_ns: int,
+        to_ns: int,
+        laser: tuple[Pose2D, Pose2D],
+        scene: Scene,
+        sun: Sun | None = None,
     ) -> list[LidarScan]:
         """Measure the beams of one step and return the revolutions that it completes.
 
@@ -151,6 +161,7 @@ class Scanner:
             to_ns: its end [ns].
             laser: map_T_laser at both times.
             scene: what there is now.
+            sun: that shines on the robot, if one does.
         """
         for row, pose in enumerate(laser):
             self._poses[row] = pose.x, pose.y, pose.yaw
@@ -169,7 +180,8 @@ class Scanner:
             cast_beams_into(self._ranges, sweep, scene, self._draws)
             self._fired += count
             if first + count == self._turn_beams:
-                scans.append(self._finish(turn))
+                sent = self._faults.spoil(self._finish(turn), laser[1].yaw, sun)
+                scans += [] if sent is None else [sent]
         return scans
 
     def _finish(self, turn: int) -> LidarScan:

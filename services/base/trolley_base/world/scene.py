@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley_base.world.gaps import Walls
-from trolley_base.world.rays import GLASS, MIRROR, MIRROR_LEFT, OPAQUE
+from trolley_base.world.rays import DULL, GLASS, MIRROR, MIRROR_LEFT, OPAQUE, UNSEEN
 from trolley_base.world.spec import Box, WorldSpec
 
 # A bucket of wall edges: large enough that a room has few, small enough that one holds few edges.
@@ -137,7 +137,9 @@ def build_segments(spec: WorldSpec) -> tuple[Segments, list[str]]:
     """
     names, segments = [MAP], no_segments()
     for index, box in enumerate(spec.box):
-        segments = segments.joined(pieces_of(polyline(_corners(box), closed=True), len(names)))
+        kind = OPAQUE if box.seen else UNSEEN
+        outline = polyline(_corners(box), closed=True)
+        segments = segments.joined(pieces_of(outline, len(names), kind))
         names.append(box.name or f"box {index}")
     for index, mirror in enumerate(spec.mirror):
         kind = MIRROR if mirror.side == "both" else MIRROR_LEFT
@@ -149,6 +151,11 @@ def build_segments(spec: WorldSpec) -> tuple[Segments, list[str]]:
         echo = (1.0 - pane.transmission, pane.echo_within)
         segments = segments.joined(pieces_of(line, len(names), GLASS, echo))
         names.append(pane.name or f"glass {index}")
+    for index, surface in enumerate(spec.dull):
+        line = polyline(np.array(surface.points, dtype=np.float64), closed=False)
+        echo = (surface.echo_share, surface.echo_within)
+        segments = segments.joined(pieces_of(line, len(names), DULL, echo))
+        names.append(surface.name or f"dull {index}")
     return segments, names
 
 

@@ -1,6 +1,5 @@
 """A robot in its world, moved in fixed steps: the same seed and commands give the same bytes."""
 
-import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -10,7 +9,9 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley_base.drivers.interface import LidarScan, MotionSample
-from trolley_base.world.body import SKIN_M, move_into
+from trolley_base.world.body import move_into
+from trolley_base.world.contacts import Contact, ContactLog
+from trolley_base.world.floor import Floor
 from trolley_base.world.gaps import Things, place_outline_into
 from trolley_base.world.people import Walk, Walker
 from trolley_base.world.rays import Scene
@@ -27,10 +28,6 @@ from trolley_base.world.wheels import STANDING, Drive, WheelMotion
 
 STEP_NS = 10_000_000
 STEP_S = STEP_NS / 1e9
-COLLISION_SPEED = 0.02
-"""A robot that approaches a contact at this speed or faster has driven into it [m/s]."""
-RELEASE_M = 0.01
-"""A contact has ended when this gap has opened [m]."""
 MAX_CLEARANCE = 10.0
 """Clearances beyond this are reported as this [m]."""
 FAR_AWAY_M = 1000.0
@@ -60,23 +57,6 @@ class OtherRobot:
 
     name: str
     outline: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Contact:
-    """The robot and something touched.
-
-    Attributes:
-        stamp_ns: time since the simulation began.
-        name: of what was touched; `map` for its walls.
-        speed: of the robot's own motion towards it [m/s].
-        is_collision: the robot drove into it; otherwise it came to the robot, or very slowly.
-    """
-
-    stamp_ns: int
-    name: str
-    speed: float
-    is_collision: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,25 +102,24 @@ class Simulation:
         seed: int,
         start: Pose2D | None = None,
     ) -> None:
-        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)]
         self._robot = robot
         self._walls = build_walls(grid)
         self._fixed, names = build_segments(spec)
         self._segments = self._fixed
         self._circles, self._circle_body = self._place_circles(spec, names, streams[3])
-        self._names = names
+        self._contacts = ContactLog(names)
         self._num_own_bodies = len(names)
         corners = np.ascontiguousarray(robot.footprint, dtype=np.float64)
         self._footprint = (corners, circle_around(corners))
         self._outline = np.empty_like(corners)
-        self._drive = Drive(spec.wheels, robot.limits or spec.limits, streams[0], streams[1])
-        self._scanner = Scanner(robot.lidar or spec.lidar, streams[2])
-        self._state = np.zeros(len(names), dtype=np.int8)
-        self.contacts: deque[Contact] = deque(maxlen=256)
+        limits = robot.limits or spec.limits
+        self._drive = Drive(spec.wheels, spec.motors, limits, *streams[:2], streams[4])
+        self._floor = Floor(spec.rug, spec.sun, streams[5])
+        self._scanner = Scanner(robot.lidar or spec.lidar, streams[2], streams[6])
         self._now_ns = 0
         self._before = self._pose = start or spec.start.as_pose()
         self._twist = Twist2D.zero()
-        self._collisions = self._bumps = 0
         self._motion = Pose2D.identity()
         self._scans: list[LidarScan] = []
         self._resize()
@@ -151,10 +130,15 @@ class Simulation:
     def _place_circles(
         self, spec: WorldSpec, names: list[str], rng: np.random.Generator
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return circles and their bodies, people last, and add the bodies' names."""
-        circles = [[c.x, c.y, c.radius_m] for c in spec.circle]
+        """Return circles and their bodies, and add the bodies' names.
+
+        Those that no beam meets come first, people last.
+        """
+        circles = [[c.x, c.y, c.radius_m] for c in sorted(spec.circle, key=lambda c: c.seen)]
         bodies = [len(names) + i for i in range(len(circles))]
-        names += [c.name or f"circle {i}" for i, c in enumerate(spec.circle)]
+        named = [(c.seen, c.name or f"circle {i}") for i, c in enumerate(spec.circle)]
+        names += [name for _, name in sorted(named, key=lambda one: one[0])]
+        self._num_unseen = sum(not circle.seen for circle in spec.circle)
         self._walkers: list[tuple[int, slice, Walker]] = []
         for index, person in enumerate(spec.person):
             walker = Walker(person, rng)
@@ -171,23 +155,22 @@ class Simulation:
             if gap < 0.0 and body not in people:
                 raise WorldError(
                     f"at x = {self._pose.x:.3f}, y = {self._pose.y:.3f} the robot would stand in "
-                    f"{self._names[body]}; choose another start pose"
+                    f"{self._contacts.names[body]}; choose another start pose"
                 )
 
     def set_others(self, others: list[OtherRobot]) -> None:
         """Say where the other robots are; they stay there until the next call."""
-        known = dict(zip(self._names, self._state, strict=True))
-        del self._names[self._num_own_bodies :]
+        names = self._contacts.names[: self._num_own_bodies]
         self._segments = self._fixed
         for other in others:
             outline = polyline(np.asarray(other.outline, dtype=np.float64), closed=True)
-            self._segments = self._segments.joined(pieces_of(outline, len(self._names)))
-            self._names.append(other.name)
-        self._state = np.array([known.get(name, 0) for name in self._names], dtype=np.int8)
+            self._segments = self._segments.joined(pieces_of(outline, len(names)))
+            names.append(other.name)
+        self._contacts.rename(names)
         self._resize()
 
     def _resize(self) -> None:
-        count = len(self._names)
+        count = len(self._contacts.names)
         self._gaps, self._touches = np.empty(count), np.empty((count, 4))
         self._towards = np.empty(count)
 
@@ -202,6 +185,11 @@ class Simulation:
         self._walkers.clear()
 
     @property
+    def contacts(self) -> deque[Contact]:
+        """The newest contacts."""
+        return self._contacts.newest
+
+    @property
     def now_ns(self) -> int:
         """Time since the simulation began [ns]."""
         return self._now_ns
@@ -213,17 +201,18 @@ class Simulation:
             command: the velocity that the robot is told to drive.
         """
         touched = self._move_people()
-        motion = self._drive.step(command, STEP_S)
+        motion = self._drive.step(command, STEP_S, self._floor.grip(self._pose))
         self._before = self._pose
         part, self._clearance = self._move(motion, STEP_S)
         self._twist = motion.own.scaled(part)
         self._motion = self._motion @ motion.reported
         self._now_ns += STEP_NS
-        self._count_contacts(touched)
+        self._contacts.update(self._now_ns, self._gaps, self._towards, touched)
         mount = self._robot.base_T_laser
         laser = (self._before @ mount, self._pose @ mount)
         scene = self._scene(self._segments)
-        self._scans += self._scanner.step(self._now_ns - STEP_NS, self._now_ns, laser, scene)
+        sun = self._floor.sun(self._pose)
+        self._scans += self._scanner.step(self._now_ns - STEP_NS, self._now_ns, laser, scene, sun)
 
     def _scene(self, segments: Segments) -> Scene:
         return Scene(
@@ -232,7 +221,7 @@ class Simulation:
             segments.points,
             segments.kinds,
             segments.echoes,
-            self._circles,
+            self._circles[self._num_unseen :],
             self._outline,
         )
 
@@ -263,29 +252,14 @@ class Simulation:
         self._pose = Pose2D.from_array(pose)
         return part, clearance
 
-    def _count_contacts(self, touched: list[int]) -> None:
-        """Count new contacts: 1 in `_state` is an ongoing bump, 2 an ongoing collision."""
-        self._state[self._gaps > RELEASE_M] = 0
-        pressed = np.flatnonzero((self._gaps < SKIN_M) | ~np.isnan(self._towards))
-        for body in {*pressed.tolist(), *touched}:
-            speed = float(self._towards[body])
-            speed = 0.0 if math.isnan(speed) else speed
-            level = 2 if speed > COLLISION_SPEED else 1
-            if level <= self._state[body]:
-                continue
-            self._state[body] = level
-            self._collisions += level == 2
-            self._bumps += level == 1
-            self.contacts.append(Contact(self._now_ns, self._names[body], speed, level == 2))
-
     def truth(self) -> TrueState:
         """Return the true state now."""
         return TrueState(
             self._now_ns,
             self._pose,
             self._twist,
-            self._collisions,
-            self._bumps,
+            self._contacts.collisions,
+            self._contacts.bumps,
             min(MAX_CLEARANCE, max(0.0, self._clearance)),
         )
 

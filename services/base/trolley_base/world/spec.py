@@ -27,22 +27,27 @@ class WorldError(ValueError):
 
 
 class Box(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A solid rectangle, such as a bag on the floor: centre, heading and size."""
+    """A solid rectangle, such as a bag on the floor: centre, heading and size.
+
+    `seen`: whether the lidar's plane meets it, or passes above or below.
+    """
 
     x: Finite
     y: Finite
     yaw: Finite = 0.0
     length_m: Positive
     width_m: Positive
+    seen: bool = True
     name: str = ""
 
 
 class Circle(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A solid round object, such as a bucket."""
+    """A solid round object, such as a bucket; `seen` as for a box."""
 
     x: Finite
     y: Finite
     radius_m: Positive
+    seen: bool = True
     name: str = ""
 
 
@@ -69,6 +74,54 @@ class Glass(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     points: Polyline
     transmission: Share = 0.9
     echo_within: Annotated[float, Meta(ge=0.0, le=math.pi / 2)] = 0.05
+    name: str = ""
+
+
+class Dull(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A black or shiny surface along a polyline: most beams do not come back from it.
+
+    `echo_share` of the beams do, and all that meet it within `echo_within` of the perpendicular.
+    The robot does not pass.
+    """
+
+    points: Polyline
+    echo_share: Share = 0.1
+    echo_within: Annotated[float, Meta(ge=0.0, le=math.pi / 2)] = 0.3
+    name: str = ""
+
+
+class Rug(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A rectangle of floor where the wheels slip: a rug, or a threshold if it is narrow.
+
+    `slip` of what the wheels drive is lost there, and each crossing draws how much its pile turns
+    the robot: `pull_per_m` is the standard deviation.
+    """
+
+    x: Finite
+    y: Finite
+    yaw: Finite = 0.0
+    length_m: Positive
+    width_m: Positive
+    slip: Spread = 0.05
+    pull_per_m: Spread = 0.1
+    name: str = ""
+
+
+class Sun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A rectangle of floor from where the lidar looks into the sun.
+
+    `towards` is the direction of the sun; of the beams within half of `width_rad` of it a share
+    `lost` measures nothing.
+    """
+
+    x: Finite
+    y: Finite
+    yaw: Finite = 0.0
+    length_m: Positive
+    width_m: Positive
+    towards: Finite
+    width_rad: Annotated[float, Meta(gt=0.0, le=2.0 * math.pi)] = 0.5
+    lost: Share = 0.8
     name: str = ""
 
 
@@ -115,6 +168,44 @@ class Wheels(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     yaw_slip_per_rad: Spread = 0.015
 
 
+class Motors(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What lies between a command and the wheels' motion; without this section nothing does.
+
+    A command acts `delay_s` after it was given, or up to `jitter_s` later. A wheel that is told to
+    turn more slowly than `dead_band_mps` stands. Each wheel turns `backlash_m` before it moves the
+    robot, when its direction changes. `uneven`: the right wheel gains and loses speed slower by
+    this share. A robot with a castor that turns back swings by up to `castor_kick_rad` within
+    `castor_m`. While the battery empties, for `sag_minutes`, speed and acceleration fall by `sag`.
+    """
+
+    delay_s: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.0
+    jitter_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    dead_band_mps: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    backlash_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0
+    uneven: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.0
+    castor_kick_rad: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    castor_m: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.08
+    sag: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.0
+    sag_minutes: Positive = 60.0
+
+
+class LidarFaults(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a cheap lidar does beside measuring; without this section nothing.
+
+    `mixed` of the beams at an edge end between what is before it and what is behind. The mount
+    leans by `tilt_rad` towards `tilt_towards`, so that at `height_m` above the floor its beams meet
+    the floor there. A share `lost_turns` of the revolutions does not arrive. Stamps err by
+    `stamp_jitter_s` (standard deviation).
+    """
+
+    mixed: Share = 0.0
+    tilt_rad: Annotated[float, Meta(ge=0.0, le=0.3)] = 0.0
+    tilt_towards: Finite = 0.0
+    height_m: Positive = 0.15
+    lost_turns: Share = 0.0
+    stamp_jitter_s: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0
+
+
 class LidarSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The scanner: its grid, its reach and its errors.
 
@@ -133,6 +224,7 @@ class LidarSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     noise_share: Spread = 0.003
     drop_out: Share = 0.01
     invalid: Share = 0.002
+    faults: LidarFaults = LidarFaults()
 
     def __post_init__(self) -> None:
         """Refuse a reach that is empty and shares that exceed the whole."""
@@ -164,8 +256,12 @@ class WorldSpec(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     circle: list[Circle] = []
     mirror: list[Mirror] = []
     glass: list[Glass] = []
+    dull: list[Dull] = []
+    rug: list[Rug] = []
+    sun: list[Sun] = []
     person: list[Person] = []
     wheels: Wheels = Wheels()
+    motors: Motors = Motors()
     lidar: LidarSpec = LidarSpec()
     limits: DriveLimits = DriveLimits()
 

@@ -13,6 +13,7 @@ map = "warm-up.yaml"
 start = { x = 0.0, y = 0.0, yaw = 0.0 }
 circle = [{ x = 1.0, y = 0.0, radius_m = 0.1 }]
 mirror = [{ points = [[-1.0, -1.0], [-1.0, 1.0]] }]
+dull = [{ points = [[1.4, -1.0], [1.4, 1.0]] }]
 person = [{ path = [[0.0, 1.0], [1.0, 1.0]] }]
 """
 

@@ -14,7 +14,7 @@ from trolley.geometry import (
     footprint_from_radius,
     polygon_contains,
 )
-from trolley_base.safety.sweep import closest_on_outline, contact_times, point_velocities, widened
+from trolley_base.safety.sweep import contact_times
 
 BOX = footprint_from_box(0.4, 0.2)
 ARROW = np.array([[0.3, 0.0], [-0.2, 0.2], [-0.1, 0.0], [-0.2, -0.2]])
@@ -73,7 +73,7 @@ def test_contacts_are_those_of_a_drive_in_small_steps(
         # A point that only grazes an edge is inside for less than a step.
         ahead = exp_twist(twist, exact).inverse().transform_points(at)
         # Arcs that are nearly straight are taken for straight ones.
-        assert distance_to_outline(outline, ahead)[0] < 1e-5
+        assert distance_to_outline(outline, ahead)[0] < 2e-5
         assert stepped >= exact - 1e-6
 
 
@@ -82,31 +82,3 @@ def test_almost_straight_arcs_are_continuous_with_straight_lines() -> None:
     straight = time_of(point, Twist2D(0.3, 0.0, 0.0))
     for wz in (1e-9, 2.9e-4, 3.1e-4, 1e-3):
         assert time_of(point, Twist2D(0.3, 0.0, wz)) == pytest.approx(straight, rel=1e-3)
-
-
-def test_a_wider_box_is_wider_by_the_margin_everywhere() -> None:
-    assert widened(BOX, 0.05) == pytest.approx(footprint_from_box(0.5, 0.3))
-
-
-@pytest.mark.parametrize("outline", [BOX, footprint_from_radius(0.2), ARROW])
-def test_the_wider_outline_keeps_its_distance(outline: NDArray[np.float64]) -> None:
-    wide = widened(outline, 0.02)
-    edges = 0.5 * (wide + np.roll(wide, -1, axis=0))
-    assert distance_to_outline(outline, edges) == pytest.approx(np.full(len(edges), 0.02), abs=4e-3)
-    assert polygon_contains(wide, outline).all()
-
-
-@given(point=points)
-def test_the_closest_point_is_as_far_as_the_outline(point: tuple[float, float]) -> None:
-    at = np.array([point])
-    gap = at - closest_on_outline(at, ARROW)
-    assert np.hypot(*gap[0]) == pytest.approx(float(distance_to_outline(ARROW, at)[0]), abs=1e-9)
-
-
-@given(point=points, twist=twists)
-def test_point_velocities_are_the_slopes_of_their_ways(
-    point: tuple[float, float], twist: Twist2D
-) -> None:
-    at, dt = np.array([point]), 1e-6
-    after = exp_twist(twist, dt).inverse().transform_points(at)
-    assert (after - at) / dt == pytest.approx(point_velocities(at, twist), abs=1e-4)

@@ -207,3 +207,39 @@ def test_warming_up_leaves_nothing_to_compile(simulate: "MakeSimulation") -> Non
     simulation.set_others([OtherRobot("rover", Pose2D(1.0, 0, 0).transform_points(FOOTPRINT))])
     drive(simulation, FORWARD, 0.5)
     assert [len(kernel.signatures) for kernel in kernels] == compiled
+
+
+@pytest.mark.parametrize("thing", ["box", "circle"])
+def test_what_no_beam_meets_is_solid_nevertheless(simulate: "MakeSimulation", thing: str) -> None:
+    size = "length_m = 0.2\nwidth_m = 0.2" if thing == "box" else "radius_m = 0.1"
+    text = f"[[{thing}]]\nx = 1.0\ny = 0.0\n{size}\nname = 'it'\nseen = false"
+    simulation = simulate(text + "\n[[circle]]\nx = -1.0\ny = 0.0\nradius_m = 0.1\nname = 'seen'")
+    drive(simulation, FORWARD, 0.2)
+    ranges = simulation.take_scans()[0].ranges
+    assert ranges[len(ranges) // 2] == pytest.approx(3.0, abs=0.05), "it looks past it"
+    assert ranges[0] == pytest.approx(0.9, abs=0.05)
+    drive(simulation, FORWARD, 6.0)
+    assert [(c.name, c.is_collision) for c in simulation.contacts] == [("it", True)]
+
+
+def test_a_dull_surface_gives_echoes_only_where_beams_meet_it_squarely(
+    simulate: "MakeSimulation",
+) -> None:
+    text = "[[dull]]\npoints = [[1.0, -1.5], [1.0, 1.5]]\necho_share = 0.0\necho_within = 0.2"
+    simulation = simulate(text)
+    drive(simulation, Twist2D.zero(), 0.2)
+    scan = simulation.take_scans()[0]
+    angles = scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment
+    on_it = np.abs(angles) < 0.9
+    assert np.all(np.isfinite(scan.ranges[np.abs(angles) < 0.19]))
+    assert np.all(np.isinf(scan.ranges[on_it & (np.abs(angles) > 0.21)]))
+    drive(simulation, FORWARD, 6.0)
+    assert simulation.truth().collisions == 1
+
+
+def test_on_a_rug_the_robot_comes_less_far_than_its_wheels_say(simulate: "MakeSimulation") -> None:
+    rug = "[[rug]]\nx = 0.0\ny = 0.0\nlength_m = 5.0\nwidth_m = 3.0\nslip = 0.2\npull_per_m = 0.0"
+    simulation = simulate(rug)
+    drive(simulation, FORWARD, 5.0)
+    reported = simulation.take_motion().previous_T_base.x
+    assert simulation.truth().pose.x == pytest.approx(0.8 * reported)

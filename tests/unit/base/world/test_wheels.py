@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from trolley.geometry import Pose2D, Twist2D, exp_twist
-from trolley_base.world.spec import DriveLimits, Wheels
+from trolley_base.world.spec import DriveLimits, Motors, Wheels
 from trolley_base.world.wheels import Drive
 
 DT = 0.01
 EXACT = Wheels(scale_std=0, turn_scale_std=0, slip_per_m=0, yaw_slip_per_m=0, yaw_slip_per_rad=0)
 
 
-def make_drive(wheels: Wheels, seed: int = 0) -> Drive:
-    scales, slip = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    return Drive(wheels, DriveLimits(), scales, slip)
+def make_drive(wheels: Wheels, seed: int = 0, motors: Motors = Motors()) -> Drive:  # noqa: B008
+    rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
+    return Drive(wheels, motors, DriveLimits(), *rngs)
 
 
 def test_speed_grows_and_falls_within_the_limits() -> None:
