@@ -1,4 +1,7 @@
-"""Run the parts of the check one after another, all of them, and list at the end what failed.
+"""Run all parts of the check, whatever fails, and list at the end what did.
+
+The tests that compute keep the processor busy. Beside them, and before them where both want it,
+run the parts that mostly wait for other programs; what those print comes when they are done.
 
 python tests/parts.py "not slow"        as `make test`
 python tests/parts.py slow              as `make slow`
@@ -7,9 +10,12 @@ python tests/parts.py slow              as `make slow`
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import IO
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,11 +31,13 @@ PARTS: dict[str, Sequence[str]] = {
     "process": ("--numprocesses", "3", "--dist", "worksteal", "tests/process"),
     "browser": ("--numprocesses", "2", "--dist", "loadfile", "tests/browser"),
 }
+BESIDE = ("lint", "process", "browser")
+"""Run one after another, beside the tests that compute."""
 NO_TESTS = 5
 """What pytest returns where all were deselected."""
 
 
-def lint() -> list[str]:
+def lint(output: IO[str] | None) -> list[str]:
     """Run ruff, its formatter and pyright; return what they complained of."""
     tools = {
         "ruff check .": ["ruff", "check", "."],
@@ -40,15 +48,16 @@ def lint() -> list[str]:
     return [
         f"{name} has found something"
         for name, (program, *arguments) in tools.items()
-        if run([str(folder / program), *arguments]) != 0
+        if run([str(folder / program), *arguments], output) != 0
     ]
 
 
-def tests(part: str, marks: str) -> list[str]:
+def tests(part: str, marks: str, output: IO[str] | None) -> list[str]:
     """Run the tests of a part; return those that failed."""
     report = REPORTS / f"{part}.xml"
     report.unlink(missing_ok=True)
-    code = run([*PYTEST, "-m", marks, f"--junitxml={report}", *PARTS[part]])
+    before = ["nice", "-n", "5"] if part == "compute" else []
+    code = run([*before, *PYTEST, "-m", marks, f"--junitxml={report}", *PARTS[part]], output)
     found = list(failures(report)) if report.exists() else []
     if code not in (0, 1, NO_TESTS) or (code == 1 and not found):
         found.append(f"pytest ended with exit code {code}; see above")
@@ -67,28 +76,59 @@ def failures(report: Path) -> Iterator[str]:
             yield f"{path}::{case.get('name')}  {line[:100]}"
 
 
-def run(command: Sequence[str]) -> int:
-    return subprocess.run(command, cwd=ROOT, check=False).returncode
+def run(command: Sequence[str], output: IO[str] | None) -> int:
+    """Run a command, its words into a file or as they come; the exit code."""
+    return subprocess.run(
+        command, cwd=ROOT, stdout=output, stderr=output and subprocess.STDOUT, check=False
+    ).returncode
+
+
+class Check:
+    """What the parts found and how long they took, in whatever order they end."""
+
+    def __init__(self, marks: str) -> None:
+        self.failed: dict[str, list[str]] = {}
+        self._marks = marks
+        self._took_s: dict[str, float] = {}
+
+    def run(self, part: str, output: IO[str] | None = None) -> None:
+        """Run one part."""
+        began_s = time.monotonic()
+        found = lint(output) if part == "lint" else tests(part, self._marks, output)
+        self.failed[part], self._took_s[part] = found, time.monotonic() - began_s
+
+    def run_beside(self, parts: Sequence[str]) -> None:
+        """Run parts one after another; print what each said when it is done."""
+        for part in parts:
+            with tempfile.TemporaryFile("w+") as output:
+                self.run(part, output)
+                output.seek(0)
+                print(f"\n== {part}\n{output.read()}", flush=True)
+
+    def summary(self) -> str:
+        """Name what failed, part by part."""
+        return "\n".join(
+            f"{part:8} {self._took_s[part]:4.0f} s  {len(found) or 'nothing'} failed"
+            + "".join(f"\n    {line}" for line in found)
+            for part, found in self.failed.items()
+        )
 
 
 def main() -> int:
     """Run all parts; the exit code."""
     marks = sys.argv[1]
     REPORTS.mkdir(parents=True, exist_ok=True)
-    failed: dict[str, list[str]] = {}
-    took_s: dict[str, float] = {}
-    for part in ([] if marks == "slow" else ["lint"]) + [*PARTS]:
-        print(f"\n== {part}", flush=True)
-        began_s = time.monotonic()
-        failed[part] = lint() if part == "lint" else tests(part, marks)
-        took_s[part] = time.monotonic() - began_s
-    print("\n== all parts")
-    for part, found in failed.items():
-        print(f"{part:8} {took_s[part]:4.0f} s  {len(found) or 'nothing'} failed")
-        for line in found:
-            print(f"    {line}")
-    print(f"{'all':8} {sum(took_s.values()):4.0f} s, {os.cpu_count()} cores")
-    return any(failed.values())
+    check = Check(marks)
+    began_s = time.monotonic()
+    beside = [part for part in BESIDE if part != "lint" or marks != "slow"]
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(check.run_beside, beside)
+        print("\n== compute", flush=True)
+        check.run("compute")
+        done.result()
+    took_s = time.monotonic() - began_s
+    print(f"\n== all parts\n{check.summary()}\nall      {took_s:4.0f} s, {os.cpu_count()} cores")
+    return any(check.failed.values())
 
 
 if __name__ == "__main__":

@@ -10,12 +10,12 @@ out/.
 
 import argparse
 import resource
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from bench.harness.figures import Figure, at_most, recordings_folder, show, table
+from bench.harness.mapping import MappedDrive, map_drive
 from bench.harness.paths import OUT
 from bench.harness.recorded import CREATE3, FREIBURG, FREIBURG_RAW, Recording, read_recording
 from bench.mapper.simulated_houses import fitted
@@ -25,19 +25,15 @@ from PIL import Image
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import GridMap
-from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
 
 
 @dataclass(frozen=True)
 class Result:
-    """The outcome of one drive: poses as in the finished map, and the resources used."""
+    """The outcome of one drive."""
 
-    poses: list[Pose2D]
+    drive: MappedDrive
     grid: GridMap
-    step_s: NDArray[np.float64]
-    jobs_s: float
-    mapping_share: float
     loops: int
     keyframes: int
 
@@ -45,24 +41,8 @@ class Result:
 def follow(recording: Recording, config: MapperConfig | None = None) -> Result:
     """Map a drive; loops are searched and closed at once."""
     mapper = Mapper(config or MapperConfig())
-    anchors, step_s, jobs_s, mapped = [], [], 0.0, 0
-    for index in range(len(recording.stamps)):
-        scan = recording.scan(index)
-        began_s = time.process_time()
-        estimate = mapper.step(scan)
-        step_s.append(time.process_time() - began_s)
-        assert isinstance(estimate, MapEstimate)
-        began_s = time.process_time()
-        job = mapper.take_job()
-        if job is not None:
-            mapper.finish(job.run())
-        jobs_s += time.process_time() - began_s
-        mapped += estimate.state == "mapping"
-        anchors.append(mapper.anchor(estimate.pose))
-    return Result(
-        [mapper.moved(anchor) for anchor in anchors], mapper.grid(), np.array(step_s), jobs_s,
-        mapped / len(anchors), mapper.num_loops, mapper.num_keyframes,
-    )  # fmt: skip
+    drive = map_drive(mapper, (recording.scan(index) for index in range(len(recording.stamps))))
+    return Result(drive, mapper.grid(), mapper.num_loops, mapper.num_keyframes)
 
 
 def relation_errors(
@@ -137,22 +117,22 @@ HEADS = [
 def row(folder: Path, name: str, recording: Recording, one: Result) -> list[str]:
     """The line of a drive in the table."""
     reference = [recording.reference_at(k) for k in range(len(recording.stamps))]
-    _, away_m = fitted(one.poses, reference)
+    _, away_m = fitted(one.drive.poses, reference)
     related = ["", "", "", ""]
     if name.startswith("freiburg") and name != "freiburg-cut":
-        poses = one.poses[::-1] if name.endswith("backwards") else one.poses
+        poses = one.drive.poses[::-1] if name.endswith("backwards") else one.drive.poses
         metres, radians = relation_errors(folder, poses)
         related = [f"{v:.4f}" for v in (metres.mean(), metres.std(), radians.mean(), radians.std())]
-    cpu = (one.step_s.sum() + one.jobs_s) / recording.stamps[-1]
+    cpu = (one.drive.step_s.sum() + one.drive.jobs_s) / recording.stamps[-1]
     return [
         name,
         *related,
         f"{away_m:.3f}",
-        f"{100.0 * one.mapping_share:.1f}",
+        f"{100.0 * one.drive.mapping_share:.1f}",
         str(one.loops),
         str(one.keyframes),
-        f"{1e3 * one.step_s.mean():.2f}",
-        f"{1e3 * np.quantile(one.step_s, 0.99):.1f}",
+        f"{1e3 * one.drive.step_s.mean():.2f}",
+        f"{1e3 * np.quantile(one.drive.step_s, 0.99):.1f}",
         f"{100.0 * cpu:.1f}",
     ]
 
@@ -161,7 +141,7 @@ def draw(one: Result, file: Path) -> None:
     """Draw the map and the path on it."""
     shades = np.where(one.grid.cells < 0, 205, np.where(one.grid.cells >= 65, 0, 255))
     image = np.repeat(shades.astype(np.uint8)[..., None], 3, axis=2)
-    cells = one.grid.world_to_cell(np.array([(p.x, p.y) for p in one.poses]))
+    cells = one.grid.world_to_cell(np.array([(p.x, p.y) for p in one.drive.poses]))
     cells = cells[one.grid.contains_cell(cells)]
     image[cells[:, 0], cells[:, 1]] = (40, 80, 255)
     file.parent.mkdir(exist_ok=True)
@@ -173,7 +153,7 @@ def figures(folder: Path, results: dict[str, Result]) -> list[Figure]:
     found: list[Figure] = []
     for name in ("freiburg", "freiburg-raw"):
         if name in results:
-            metres, _ = relation_errors(folder, results[name].poses)
+            metres, _ = relation_errors(folder, results[name].drive.poses)
             found.append(at_most(f"{name}: relations, mean", float(metres.mean()), 0.056, "m", 4))
             found.append(at_most(f"{name}: as Cartographer", float(metres.mean()), 0.045, "m", 4))
     rss_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

@@ -12,12 +12,13 @@ walls. Pictures go to out/: walls that are missing on the map are red.
 import argparse
 import math
 import resource
-import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from bench.harness.figures import at_least, at_most, show, table
+from bench.harness.mapping import MappedDrive, map_drive
 from bench.harness.paths import OUT
 from bench.mapper.house_tours import House, drive, make_house
 from numpy.typing import NDArray
@@ -29,8 +30,8 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley.gridmap.kernels import cast_ray
 from trolley.jit import kernel
+from trolley.scanning import ScanInput
 from trolley_base.world.spec import LidarSpec
-from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
 
 # A wall that was met by fewer beams than this was not seen.
@@ -51,15 +52,12 @@ class Result:
     name: str
     house: House
     grid: GridMap
+    drive: MappedDrive
     seconds: float
     """Robot time of the drive [s]."""
-    step_s: NDArray[np.float64]
-    """Time of each step without jobs [s]."""
-    jobs_s: float
     keyframes: int
     memory_bytes: int
     loops: int
-    mapping_share: float
     error_m: float
     """Mean error of the poses, after a rigid fit of all of them [m]."""
     wall_share: float
@@ -70,34 +68,26 @@ class Result:
     @property
     def cpu_share(self) -> float:
         """Share of one core at real time."""
-        return (float(self.step_s.sum()) + self.jobs_s) / self.seconds
+        return (float(self.drive.step_s.sum()) + self.drive.jobs_s) / self.seconds
 
 
 def run(name: str, house: House, seed: int, config: MapperConfig | None = None) -> Result:
     """Drive through a house, map it, and compare the map with the house."""
     mapper = Mapper(config or MapperConfig(), house.start)
-    step_s, jobs_s, mapped = [], 0.0, 0
-    anchors, truths = [], []
-    for scan, truth in drive(house, seed):
-        began_s = time.process_time()
-        estimate = mapper.step(scan)
-        step_s.append(time.process_time() - began_s)
-        assert isinstance(estimate, MapEstimate)
-        began_s = time.process_time()
-        job = mapper.take_job()
-        if job is not None:
-            mapper.finish(job.run())
-        jobs_s += time.process_time() - began_s
-        mapped += estimate.state == "mapping"
-        anchors.append(mapper.anchor(estimate.pose))
-        truths.append(truth)
-    poses = [mapper.moved(anchor) for anchor in anchors]
+    truths: list[Pose2D] = []
+
+    def scans() -> Iterator[ScanInput]:
+        for scan, truth in drive(house, seed):
+            truths.append(truth)
+            yield scan
+
+    mapped = map_drive(mapper, scans())
     seen = seen_walls(house, truths)
-    fit, error_m = fitted(poses, truths)
+    fit, error_m = fitted(mapped.poses, truths)
     wall_share, false_share, leaks, missing = compare(mapper.grid(), house, seen, fit)
     return Result(
-        name, house, mapper.grid(), len(truths) / 10.0, np.array(step_s), jobs_s,
-        mapper.num_keyframes, mapper.memory_bytes, mapper.num_loops, mapped / len(truths), error_m,
+        name, house, mapper.grid(), mapped, len(truths) / 10.0,
+        mapper.num_keyframes, mapper.memory_bytes, mapper.num_loops, error_m,
         wall_share, false_share, leaks, missing,
     )  # fmt: skip
 
@@ -239,12 +229,12 @@ def row(one: Result) -> list[str]:
         f"{100.0 * one.false_share:.1f}",
         str(one.leaks),
         f"{one.error_m:.3f}",
-        f"{100.0 * one.mapping_share:.1f}",
+        f"{100.0 * one.drive.mapping_share:.1f}",
         str(one.loops),
         str(one.keyframes),
         f"{one.memory_bytes / 1e6:.1f}",
-        f"{1e3 * one.step_s.mean():.2f}",
-        f"{1e3 * np.quantile(one.step_s, 0.99):.1f}",
+        f"{1e3 * one.drive.step_s.mean():.2f}",
+        f"{1e3 * np.quantile(one.drive.step_s, 0.99):.1f}",
         f"{100.0 * one.cpu_share:.1f}",
     ]
 

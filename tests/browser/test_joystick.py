@@ -125,6 +125,9 @@ def test_one_browser_drives_and_the_other_is_told(
     press(other, (1.0, 0.0))
     assert driven.twist().wz >= 0.0  # a slow page may have let go by now, but nobody turns right
     one.mouse.up()
+    press(one, LEFT)
+    wait_until(lambda: driven.twist().wz > 0.5, "it obeys the first, though the other presses, too")
+    one.mouse.up()
     driven.wait_until_it_stands()
     other.mouse.up()
     expect(other.get_by_text("Somebody else is driving")).to_have_count(0)

@@ -20,11 +20,11 @@ def beginning(recording: Recording) -> Recording:
 @pytest.mark.parametrize("names", [FREIBURG, FREIBURG_RAW])
 def test_relations_measured_by_hand_hold(recordings: Path, names: tuple[str, str, str]) -> None:
     result = follow(beginning(read_recording(recordings, *names)))
-    metres, radians = relation_errors(recordings, result.poses)
+    metres, radians = relation_errors(recordings, result.drive.poses)
     assert len(metres) > 50
     assert metres.mean() <= 0.045
     assert radians.mean() <= 0.02
-    assert result.mapping_share > 0.98
+    assert result.drive.mapping_share > 0.98
 
 
 def test_a_lidar_cut_for_five_seconds_bends_nothing(recordings: Path) -> None:
@@ -40,7 +40,7 @@ def test_a_lidar_cut_for_five_seconds_bends_nothing(recordings: Path) -> None:
         5.0,
     )
     result = follow(cut)
-    _, error_m = fitted(result.poses, [cut.reference_at(k) for k in range(len(cut.stamps))])
+    _, error_m = fitted(result.drive.poses, [cut.reference_at(k) for k in range(len(cut.stamps))])
     assert error_m < 0.3
 
 
@@ -48,4 +48,4 @@ def test_create3_is_mapped_among_people(recordings: Path) -> None:
     recording = read_recording(recordings, *CREATE3)
     result = follow(recording)
     truths = [recording.reference_at(k) for k in range(len(recording.stamps))]
-    assert fitted(result.poses, truths)[1] < 0.05
+    assert fitted(result.drive.poses, truths)[1] < 0.05

@@ -15,6 +15,8 @@ from trolley.messages.editing import Turn
 from trolley.worlds import folder
 from trolley_mapper.edit.map_alignment import align_maps
 
+pytestmark = pytest.mark.drives
+
 FLAT = load_map(folder() / "apartment.yaml")
 
 

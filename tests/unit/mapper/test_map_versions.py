@@ -13,6 +13,8 @@ from trolley.messages import Zone
 from trolley_mapper.edit import map_versions
 from trolley_mapper.edit.map_versions import MAX_KEPT, Change, MapVersions
 
+pytestmark = pytest.mark.drives
+
 ZONE = Zone(name="rug", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
 
 

@@ -14,6 +14,8 @@ from trolley_planner.people import (
     TrackedPerson,
 )
 
+pytestmark = pytest.mark.drives
+
 STEP_S = 0.05
 HERE = Pose2D(0.0, 0.0, 0.0)
 

@@ -17,6 +17,8 @@ from trolley.config import VizConfig
 from trolley_viz.server.access import AccessControl, AccessTokens
 from trolley_viz.server.web_server import PortTaken, open_server
 
+pytestmark = pytest.mark.drives
+
 GATE = AccessControl(0, (), always_ask=False, tokens=AccessTokens.new())
 
 

@@ -49,6 +49,9 @@ SPIN_UP_S = 1.5
 STOPPING_S = 0.1
 """Time in which a lidar obeys a stop."""
 POLL_S = 0.05
+BUSY_S, MOST_LOOKS = 0.5, 3
+"""If this process came round late by that much in all, the computer may have kept the device's
+answers as well, and it looks again, at most so many times in all."""
 MOST_HELD = 65536
 """At most this many bytes are kept in one step."""
 
@@ -87,6 +90,7 @@ class Probe:
         self._port = port
         self._interrupt = interrupt
         self._opened_s = time.monotonic()
+        self._late_s = 0.0
         self.received: dict[int, int] = {}
         """How many bytes came at each speed before the first question."""
 
@@ -97,6 +101,14 @@ class Probe:
             OSError: the port was lost.
             Interrupted: the look was to end.
         """
+        for _ in range(MOST_LOOKS):
+            self._late_s = 0.0
+            found = self._look()
+            if found is not None or self._late_s < BUSY_S:
+                return found
+        return None
+
+    def _look(self) -> FoundDevice | None:
         return (
             self._listen_to_streams()
             or self._ask_boards()
@@ -212,7 +224,9 @@ class Probe:
                 if result:
                     return result
             # A busy computer may come back here late; the device has had no longer for that.
-            left_s -= min(time.monotonic() - asked_s, POLL_S)
+            took_s = time.monotonic() - asked_s
+            left_s -= min(took_s, POLL_S)
+            self._late_s += max(0.0, took_s - POLL_S)
         return None
 
     def _pause(self, seconds: float) -> None:

@@ -4,7 +4,9 @@ import contextlib
 import errno
 import fcntl
 import os
+import sys
 import termios
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -17,6 +19,7 @@ from support.waiting import wait_until
 from trolley_base.drivers import serial_device
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.serial_device import (
+    FULL_BYTES,
     MOST_STORED,
     Arrived,
     Event,
@@ -25,6 +28,8 @@ from trolley_base.drivers.serial_device import (
     SerialDevice,
 )
 from trolley_base.drivers.serial_port import SerialPort
+
+pytestmark = pytest.mark.drives
 
 LINE = Line(115_200)
 
@@ -78,6 +83,11 @@ def device(terminal: Terminal) -> Iterator[SerialDevice]:
     made.start()
     yield made
     made.close()
+
+
+def waiting_bytes(port: int) -> int:
+    """How many bytes wait in a port to be read."""
+    return int.from_bytes(fcntl.ioctl(port, termios.FIONREAD, bytes(4)), sys.byteorder)
 
 
 class Heard:
@@ -230,20 +240,29 @@ def test_a_flood_is_bounded_and_counted(device: SerialDevice, terminal: Terminal
 
 
 def test_what_waited_while_the_process_was_stopped_is_not_taken_for_new(
-    device: SerialDevice, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+    terminal: Terminal,
 ) -> None:
+    watching = os.open(terminal.link, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    goes_on = threading.Event()
+
+    def stop() -> None:
+        goes_on.wait()
+
+    line = Line(115_200, is_prompt=True)
+    device = SerialDevice(str(terminal.link), line, explain, wake=stop)
+    device.start()
     heard = Heard(device)
     heard.until(lambda h: h.count(Opened) == 1)
-    monkeypatch.setattr(serial_device, "GATHER_S", 0.5)
     terminal.send(b"first ")
-    heard.until(lambda h: h.data == b"first ")
-    monkeypatch.undo()
-    with contextlib.suppress(BlockingIOError):  # until nothing more fits
-        while True:
-            os.write(terminal.master, b"old " * 64)
-    wait_until(lambda: device.take_dropped() > 4000, "the old bytes are dropped")
+    heard.until(lambda h: h.data == b"first ")  # and there the process stops
+    terminal.send(b"old " * (FULL_BYTES // 4))
+    wait_until(lambda: waiting_bytes(watching) >= FULL_BYTES, "the port is full")
+    goes_on.set()
+    wait_until(lambda: device.take_dropped() >= FULL_BYTES, "the old bytes are dropped")
     terminal.send(b"new")
     heard.until(lambda h: h.data == b"first new")
+    device.close()
+    os.close(watching)
 
 
 def test_commands_that_nobody_takes_are_dropped_and_not_sent_later(

@@ -18,6 +18,8 @@ from trolley_base.world.world_file import load_world
 
 from .test_linorobot import TOPICS_PLEASE, twist
 
+pytestmark = pytest.mark.drives
+
 HELD_BACK_S = 1.0
 """What may have waited in buffers, or comes at once after a pause of this machine."""
 Make = Callable[..., EmulatedRobot]

@@ -19,6 +19,8 @@ from trolley_base.emulators.lidar import Mount
 from trolley_base.emulators.line import Line
 from trolley_base.world import STEP_NS, LidarSpec, Simulation
 
+pytestmark = pytest.mark.drives
+
 MOUNT = Pose2D(0.08, 0.03, 0.6)
 NEAR_M = 0.06
 """Half a cell of the map, and the sensor's noise."""
