@@ -128,7 +128,7 @@ class CommandsUnderWay:
         longest = np.abs(both * seconds[:, None, None]).max(axis=(0, 1))
         way, turn = math.hypot(longest[0], longest[1]), float(longest[2])
         stride = int(1.0 / max(way / spacing, turn / PARAMS.turn_rad, 1.0 / len(seconds)))
-        slowest = np.tile(np.arange(both.shape[1]) == 0, len(shares))
+        slowest = np.array([brakes == 0 for _ in shares for brakes in range(both.shape[1])])
         return poses[:, ::-1][:, :: max(1, stride)][:, ::-1], slowest
 
 

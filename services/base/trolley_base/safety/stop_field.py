@@ -117,10 +117,11 @@ class StopField:
             parts = np.linspace(low, high, PARAMS.parts + 2)[1:-1]
             parts = np.append(least, parts) if least else parts
             poses = self._stopping(parts[:, None] * wanted, before[:, -1], slowest, side)
-            free = ~self._hits(poses, near, side).any(axis=1)
+            hits = self._hits(poses, near, side)
+            free = [int(np.count_nonzero(row)) == 0 for row in hits]
             if not free[0] and least:
                 return 0.0
-            first = int(np.argmin(np.append(free, False)))  # the first part that is blocked
+            first = free.index(False) if False in free else len(free)
             low = float(parts[first - 1]) if first else low
             high = float(parts[first]) if first < len(parts) else high
         return low

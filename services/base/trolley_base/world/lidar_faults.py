@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,8 @@ class FaultyLidar:
         """
         faults, rng = self._faults, self._rng
         ranges = scan.ranges
-        bearings = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
+        beams = np.arange(len(ranges), dtype=np.float64)
+        bearings = scan.angle_min + beams * scan.angle_increment
         if faults.tilt_rad > 0.0:
             ranges = self._meeting_the_floor(ranges, bearings, scan.range_max)
         if faults.mixed > 0.0:
@@ -56,7 +58,7 @@ class FaultyLidar:
         )
 
     def _meeting_the_floor(
-        self, ranges: NDArray[np.float32], bearings: NDArray[np.float64], reach: float
+        self, ranges: NDArray[np.float32], bearings: NDArray[np.floating[Any]], reach: float
     ) -> NDArray[np.float32]:
         """Return ranges (n,), none longer than to where its beam meets the floor."""
         faults = self._faults

@@ -114,7 +114,7 @@ class Simulation:
         self._footprint = (corners, circle_around(corners))
         self._outline = np.empty_like(corners)
         limits = robot.limits or spec.limits
-        self._drive = Drive(spec.wheels, spec.motors, limits, *streams[:2], streams[4])
+        self._drive = Drive(spec.wheels, spec.motors, limits, streams[0], streams[1], streams[4])
         self._floor = Floor(spec.rug, spec.sun, streams[5])
         self._scanner = Scanner(robot.lidar or spec.lidar, streams[2], streams[6])
         self._now_ns = 0
