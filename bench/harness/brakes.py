@@ -30,6 +30,7 @@ from trolley_base.drivers import LidarScan, MotionSample
 from trolley_base.odometry.track import OdometryTrack
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.near_echoes import NearEchoes
+from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import VelocityLimiter
 
@@ -437,7 +438,8 @@ class Run:
         self._track = OdometryTrack(0)
         field = StopField(case.footprint, case.limits, case.margin, TOLD_DELAY_S)
         self._echoes = NearEchoes(case.base_T_laser, field.reach)
-        self._limiter = VelocityLimiter({"teleop": 20}, case.limits, field)
+        sight = SightDistance(case.footprint, case.limits, TOLD_DELAY_S)
+        self._limiter = VelocityLimiter({"teleop": 20}, case.limits, field, sight)
         self._under_way: deque[tuple[int, float, float]] = deque([(0, 0.0, 0.0)])
         self._reports: deque[tuple[int, MotionSample]] = deque()
         self._scans: deque[tuple[int, LidarScan]] = deque()

@@ -11,7 +11,6 @@ from trolley.geometry import (
     distance_to_outline,
     exp_twist,
     footprint_from_box,
-    footprint_from_radius,
     polygon_contains,
 )
 from trolley_base.safety.sweep import contact_times
