@@ -322,15 +322,15 @@ def _devices() -> list[Fault]:
         ),
         Fault(
             "lidar sees nothing 60° ahead for 10 s",
-            "base holds what it has not seen 0.5 s later; the trip continues",
+            "base holds before what it has not seen, and lets it turn; the trip continues",
             lambda rig: rig.device_fault(f"{lidar}:blind+10"),
             None,
             10.0,
-            BLIND_S + COMMAND_LOST_S,
+            10.0,  # a turn that is under way goes on: the blind side comes to where it was seen
         ),
         Fault(
             "95 % of the lidar's beams fail for 10 s",
-            "base holds what it has not seen 0.5 s later; the trip continues",
+            "base holds before what it has not seen; the trip continues",
             lambda rig: rig.device_fault(f"{lidar}:fail+10"),
             None,
             10.0,
