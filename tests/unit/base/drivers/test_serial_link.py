@@ -1,16 +1,18 @@
 """A dialogue over a real pseudo-terminal, with a clock of the test's own."""
 
 import os
+import termios
 import tty
 from collections.abc import Iterator
 
 import pytest
 from support.waiting import wait_until
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import ChassisConfig, LidarConfig
 from trolley.messages import Link
 from trolley.serial_diagnosis import explain
-from trolley_base.drivers.dialogue import LidarDialogue
+from trolley_base.drivers.boards import make_board
+from trolley_base.drivers.dialogue import BoardDialogue, LidarDialogue
 from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.serial_device import SerialDevice
 from trolley_base.drivers.serial_link import SerialLink
@@ -47,3 +49,30 @@ def test_a_silent_device_is_named_by_its_port_before_and_after_it_is_given_up(po
     talk.close()
     assert silent.message.startswith(f"{port}: No answer")
     assert (given_up.state, given_up.message) == ("down", silent.message)
+
+
+def test_a_port_that_takes_nothing_is_down_and_not_merely_counted(port: str) -> None:
+    chassis = ChassisConfig(board="linorobot", port=port)
+    dialogue = make_board(chassis, "differential")
+    device = SerialDevice(port, dialogue.line, explain)
+    talk: SerialLink[BoardDialogue] = SerialLink("chassis", dialogue, device, lambda now: now)
+    device.start()
+
+    def is_open() -> bool:
+        talk.listen(0)
+        return talk.link(0).state == "searching" and "asked" in talk.link(0).message
+
+    wait_until(is_open, "the port is open")
+    slave = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    termios.tcflow(slave, termios.TCOOFF)
+    os.close(slave)
+    states: list[Link] = []
+    for step in range(200):  # a question to the board each second, none of which is taken
+        now_ns = step * SECOND_NS // 4
+        talk.speak(now_ns)
+        states.append(talk.link(now_ns))
+        if states[-1].state == "down":
+            break
+    talk.close()
+    assert states[-1].state == "down"
+    assert "takes nothing" in states[-1].message

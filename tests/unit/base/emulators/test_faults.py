@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from trolley_base.emulators.device import Frame
-from trolley_base.emulators.faults import Damage, FaultError, FaultPlan, parse_fault
+from trolley_base.emulators.faults import Damage, FaultError, FaultPlan, parse_fault, trouble_of
+from trolley_base.world.faulty_wheels import WELL
 
 DEVICES = ("linorobot", "ld19", "arduino_bridge")
 MS = 1_000_000
@@ -49,6 +50,11 @@ def test_faults_are_read(text: str, meant: tuple):
         ("linorobot:cover", "only lidars"),
         ("ld19:md5", "only linorobot"),
         ("ld19:pin=d4:0", "only arduino_bridge"),
+        ("ld19:deaf", "only motor boards"),
+        ("arduino_bridge:gyro", "only linorobot"),
+        ("linorobot:motor", "motor=left"),
+        ("linorobot:encoder=front", "encoder=left"),
+        ("linorobot:drives=9", "from -2 to 2"),
         ("arduino_bridge:pin", "pin=d4:0"),
         ("ld19:silence=3", "takes no value"),
         ("ld19:cut=2", "from 0 to 1"),
@@ -58,6 +64,16 @@ def test_faults_are_read(text: str, meant: tuple):
 def test_what_is_no_fault_is_refused(text: str, says: str):
     with pytest.raises(FaultError, match=says):
         parse_fault(text, DEVICES)
+
+
+def test_what_is_broken_of_the_wheels_is_told():
+    texts = ("linorobot:motor=left", "linorobot:encoder=both", "linorobot:factor=-2")
+    faults = {fault.kind: fault for fault in (parse_fault(text, DEVICES) for text in texts)}
+    trouble = trouble_of(faults)
+    assert trouble.dead_motors == {"left"}
+    assert trouble.stuck_encoders == {"left", "right"}
+    assert trouble.factor == -2.0
+    assert trouble_of({}) is WELL
 
 
 def test_faults_hold_for_their_time():
