@@ -53,17 +53,25 @@ legs = true
 
 
 def write_world(
-    folder: Path, *, moved_seed: int | None = None, people: bool = False, mirror: bool = True
+    folder: Path,
+    *,
+    name: str = "apartment",
+    moved_seed: int | None = None,
+    people: bool = False,
+    mirror: bool = True,
+    field_of_view: float | None = None,
 ) -> Path:
-    """Write the demo's world into a folder, changed.
+    """Write a world of the demo's apartment into a folder, changed.
 
     Args:
         folder: where the files go.
+        name: of the world, `apartment` or `real`.
         moved_seed: chooses a third of the furniture, which is moved; the robot's map is not.
         people: two more of them walk about.
         mirror: the hall's mirror is there.
+        field_of_view: of the lidar [rad], None for the world's own.
     """
-    text = (WORLDS / "apartment.toml").read_text()
+    text = (WORLDS / f"{name}.toml").read_text()
     if not mirror:
         head, _, rest = text.partition("\n[[mirror]]")
         text = head + rest[rest.index("\n[[") :]
@@ -72,8 +80,12 @@ def write_world(
         map_file = folder / "moved.yaml"
         save_map(move_furniture(moved_seed), map_file)
     text = text.replace('"apartment.yaml"', f'"{map_file}"')
-    world = folder / "apartment.toml"
-    world.write_text(text + PEOPLE * people)
+    text += PEOPLE * people
+    if field_of_view is not None:
+        head, _, rest = text.partition("\n[lidar]\n")
+        text = f"{head}\n[lidar]\nfield_of_view = {field_of_view}\n{rest}"
+    world = folder / f"{name}.toml"
+    world.write_text(text)
     return world
 
 

@@ -1,6 +1,6 @@
 """Leave the robot driving for hours while its services die and come back: does anything wear out?
 
-    python -m bench.soak lockstep --hours 8
+    python -m bench.soak lockstep --hours 8 [--world real --view 180]
     python -m bench.soak processes --minutes 30
     python -m bench.soak --write
 
@@ -18,7 +18,7 @@ from pathlib import Path
 
 from bench.harness.figures import Figure, show
 from bench.harness.paths import OUT
-from bench.soak.lockstep import soak
+from bench.soak.lockstep import Soak, soak
 from bench.soak.processes import soak_processes
 from bench.soak.report import lockstep_figures, process_figures, read_last_run, write_page
 
@@ -26,13 +26,14 @@ MEMORY = Path("/dev/shm")
 READING_EVERY_S = 600.0
 
 
-def run_lockstep(hours: float, seed: int) -> list[Figure]:
+def run_lockstep(hours: float, seed: int, world: str, view_deg: float) -> list[Figure]:
     """Drive for so long; what came of it."""
-    out = _new_file("lockstep")
+    out = _new_file("lockstep" if world == "apartment" else f"lockstep-{world}-{view_deg:.0f}")
     # State is saved in memory: disks are tested by another program.
     where = MEMORY if MEMORY.is_dir() else None
     with tempfile.TemporaryDirectory(dir=where) as folder:
-        soak(hours, seed, Path(folder), min(READING_EVERY_S, hours * 3600.0 / 6.0), out)
+        robot = Soak(Path(folder), seed, world, view_deg)
+        soak(robot, hours, seed, min(READING_EVERY_S, hours * 3600.0 / 6.0), out)
     return lockstep_figures(read_last_run(out))
 
 
@@ -57,6 +58,8 @@ def main() -> int:
     parser.add_argument("--hours", type=float, default=0.1, help="simulated hours in lock-step")
     parser.add_argument("--minutes", type=float, default=2.0, help="minutes of real processes")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--world", choices=("apartment", "real"), default="apartment")
+    parser.add_argument("--view", type=float, default=360.0, help="of the lidar, in degrees")
     parser.add_argument("--write", action="store_true", help="only write docs/soak.md")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing is left behind
@@ -65,7 +68,7 @@ def main() -> int:
         return 0
     began_s = time.monotonic()
     if options.mode == "lockstep":
-        figures = run_lockstep(options.hours, options.seed)
+        figures = run_lockstep(options.hours, options.seed, options.world, options.view)
     else:
         figures = run_processes(options.minutes, options.seed)
     show(figures)

@@ -17,7 +17,7 @@ import msgspec
 from bench.harness.drives import CORRIDOR, ENTRANCE, KITCHEN, make_config
 from bench.harness.wandering import APARTMENT, START, write_world
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import BaseState, PoseEstimate, Stop, StopResult, Tour, TourStatus, Truth
 from trolley.messages.request_params import StartTour
@@ -47,6 +47,8 @@ PERSON_COMES_AFTER_S = 5.0
 # A tour whose next stop takes longer than all tries to drive there is stuck [s].
 STUCK_AFTER_S = 420.0
 STEP_S = 0.5
+ALARMS = (codes.BLIND, codes.DOES_NOT_OBEY)
+"""What base must never say here, where the lidar sees and the motors obey."""
 ENDED = ("idle", "done", "failed", "stopped")
 _C = ctypes.CDLL(None)
 
@@ -57,11 +59,16 @@ class Soak:
     Args:
         folder: for its files and its state.
         seed: of the world, the services and everything that happens to them.
+        world: where it drives, `apartment` or `real`.
+        view_deg: how far round its lidar sees [deg].
     """
 
-    def __init__(self, folder: Path, seed: int) -> None:
-        world = write_world(folder, people=True)
-        rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
+    def __init__(
+        self, folder: Path, seed: int, world: str = "apartment", view_deg: float = 360.0
+    ) -> None:
+        view = None if view_deg >= 360.0 else math.radians(view_deg)
+        path = write_world(folder, name=world, people=True, field_of_view=view)
+        rest = f'[base.simulated]\nworld = "{path}"\nseed = {seed}\n'
         self._config = make_config(APARTMENT, START, rest + "[planner]\nturn_to_find = true\n")
         self.lockstep = Lockstep(self._config.robot.name, seed, folder / "state")
         self._random = random.Random(seed)
@@ -69,6 +76,7 @@ class Soak:
         self._truth: Truth | None = None
         self._tour: TourStatus | None = None
         self._base: BaseState | None = None
+        self.alarms: Counter[str] = Counter()
         self._pose: PoseEstimate | None = None
         self._collisions_before = 0
         self.closest_m = math.inf
@@ -122,7 +130,12 @@ class Soak:
         self._results, self._trip = list(status.results), status.trip
 
     def _hear_base(self, sample: Sample) -> None:
-        self._base = msgspec.msgpack.decode(sample.payload, type=BaseState)
+        base = msgspec.msgpack.decode(sample.payload, type=BaseState)
+        reason_before = "" if self._base is None else self._base.reason
+        if base.reason in ALARMS and base.reason != reason_before:
+            self.alarms[base.reason] += 1
+            self._note(f"false alarm: {base.mode}: {base.message}")
+        self._base = base
 
     def _hear_pose(self, sample: Sample) -> None:
         self._pose = msgspec.msgpack.decode(sample.payload, type=PoseEstimate)
@@ -243,6 +256,7 @@ class Soak:
             "restarts": dict(self.restarts),
             "stops_pressed": self.stops_pressed,
             "slowest_stop_s": round(self.slowest_stop_s, 3),
+            "false_alarms": dict(self.alarms),
             "collisions": self.collisions,
             "closest_m": round(self.closest_m, 4),
             "problems": list(self.problems),
@@ -263,9 +277,8 @@ def new_results(before: list[StopResult], after: list[StopResult]) -> list[StopR
     return after
 
 
-def soak(hours: float, seed: int, folder: Path, every_s: float, out: Path | None) -> dict[str, Any]:
+def soak(robot: Soak, hours: float, seed: int, every_s: float, out: Path | None) -> dict[str, Any]:
     """Run it; a reading each `every_s` of simulated time, kept as a line of `out`."""
-    robot = Soak(folder, seed)
     readings: list[dict[str, Any]] = []
     while robot.lockstep.now_s < hours * 3600.0 - STEP_S:
         robot.run(min(every_s, hours * 3600.0 - robot.lockstep.now_s))

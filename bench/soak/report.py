@@ -41,6 +41,7 @@ def lockstep_figures(readings: list[dict[str, Any]]) -> list[Figure]:
         Figure("trip paused until a person resumed it", _listed(last["pauses"])),
         Figure("stop pressed while driving", str(last["stops_pressed"])),
         at_most("longest time to stop", last["slowest_stop_s"], 1.5, "s", 2),
+        at_most("false alarms of base", sum(last["false_alarms"].values()), 0, "", 0),
         at_most("collisions", last["collisions"], 0, "", 0),
         Figure("smallest distance to an obstacle", f"{last['closest_m']:.3f} m"),
         at_most("other problems", len(last["problems"]), 0, "", 0),

@@ -3,11 +3,16 @@
 import pytest
 from bench.harness.brakes import drive_case
 
-DRIVEN_INTO = (1, 14, 22, 26, 31, 42, 45, 47, 61, 63, 69, 73, 75, 76, 82, 84, 93)
-"""Seeds whose robots have driven into something with an earlier stop field."""
+DRIVEN_INTO = (1, 22, 45, 75, 93)
+"""Seeds whose robots have driven into something with an earlier stop field ..."""
+DRIVEN_INTO_TOO = (14, 26, 31, 42, 47, 61, 63, 69, 73, 76, 82, 84)
+"""... and more of them, for which there is no time each day."""
 
 
-@pytest.mark.parametrize("seed", DRIVEN_INTO)
+@pytest.mark.parametrize(
+    "seed",
+    [*DRIVEN_INTO, *(pytest.param(seed, marks=pytest.mark.slow) for seed in DRIVEN_INTO_TOO)],
+)
 def test_no_robot_drives_into_what_one_has_driven_into(seed: int) -> None:
     outcome = drive_case(seed)
     assert outcome.closing is None

@@ -145,7 +145,7 @@ def beams(draw: st.DrawFn, count: int) -> list[float]:
     return ranges
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.data())
 def test_it_sees_and_forgets_what_the_twin_does(data: st.DataObject) -> None:
     count = data.draw(st.sampled_from([60, 90, 180]))

@@ -106,6 +106,7 @@ def test_damaged_code_is_compiled_again(tree: Path) -> None:
     assert run(tree) == "float 9.0 1\n"
 
 
+@pytest.mark.slow
 def test_code_that_names_a_class_of_an_older_version_is_compiled_again(tree: Path) -> None:
     run(tree)
     payload = b"ctrolley.jit\nMovedElsewhere\n."
@@ -169,6 +170,7 @@ def test_settings_that_change_code_are_kept_apart(tree: Path) -> None:
     assert run(tree, NUMBA_BOUNDSCHECK="1") == "float 9.0 0\n"
 
 
+@pytest.mark.slow
 def test_read_only_tree_uses_the_user_s_cache(tree: Path) -> None:
     if os.geteuid() == 0:
         # Root may write anywhere: a file in the place of the folder has the same effect.

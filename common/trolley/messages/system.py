@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from msgspec import Struct
 
+from trolley.geometry import Finite
 from trolley.messages.types import Count, NonNegative, StampNs
 
 
@@ -24,7 +25,7 @@ class Health(Struct, frozen=True, kw_only=True):
     cpu: NonNegative = 0.0
     rss: Count = 0
     run: str = ""
-    figures: dict[str, float] = {}
+    figures: dict[str, Finite] = {}
 
 
 class Alive(Struct, frozen=True, kw_only=True):
