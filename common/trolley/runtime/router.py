@@ -4,6 +4,7 @@ import signal
 import threading
 from collections.abc import Mapping, Sequence
 
+from trolley.interrupts import Interrupts
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
 from trolley.runtime.zenoh_bus import SOCKET, NotConnected, open_bus, open_router
@@ -35,15 +36,16 @@ def run_router(
     def end(_number: int, _frame: object) -> None:
         stop.set()
 
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+    for number in Interrupts.ENDING:
         signal.signal(number, end)
     log, supervision = Log("router"), Supervision()
     with open_router(listen, uplink, security, downsample):
         log.info("Listening", at=", ".join(listen), uplink=", ".join(uplink) or "none")
         supervision.ready()
         near = [one for one in listen if one.startswith(NEAR)]
-        while not stop.wait(supervision.period_s or LONGEST_WAIT_S):
-            if takes_new_sessions(near, supervision.period_s or LONGEST_WAIT_S):
+        period_s = supervision.period_s or LONGEST_WAIT_S
+        while not stop.wait(period_s):
+            if takes_new_sessions(near, period_s):
                 supervision.alive()
             else:
                 log.limited("session", "A program that starts now gets no new session", at=near[0])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, wrap_angles
 from trolley_base.emulators.device import Device
 from trolley_base.units import NS_PER_S
 from trolley_base.world import LidarSpec, Shots, Simulation
@@ -214,7 +214,7 @@ class SpinningLidar(Device):
         bad = self.bad_view
         if bad.is_covered:
             return np.full_like(ranges_m, self.facts.range_min_m)
-        ahead = (bearings + self._mount.base_T_laser.yaw + math.pi) % (2.0 * math.pi) - math.pi
+        ahead = wrap_angles(bearings + self._mount.base_T_laser.yaw)
         fails = np.abs(ahead) < 0.5 * bad.blind
         if bad.failing > 0.0:  # else the errors stay as they are without the fault
             fails |= self._rng.random(len(ranges_m)) < bad.failing

@@ -3,6 +3,8 @@
 import enum
 from dataclasses import dataclass
 
+from trolley_base.odometry.turn_ratio import TurnRatio
+
 
 @dataclass(frozen=True, slots=True)
 class GyroCheckParams:
@@ -48,25 +50,20 @@ class GyroCheck:
     """Learns how much the gyro turns per turn of the wheels."""
 
     def __init__(self) -> None:
-        self._turned = 0.0
-        self._ratio = 1.0
+        self._ratio = TurnRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most)
 
     @property
     def trouble(self) -> GyroTrouble | None:
         """What is wrong, None while that is not known or nothing is."""
-        if self._turned < PARAMS.judged_turn:
+        ratio = self._ratio.value
+        if self._ratio.turned < PARAMS.judged_turn:
             return None
-        if self._ratio > PARAMS.degrees_above:
+        if ratio > PARAMS.degrees_above:
             return GyroTrouble.DEGREES
-        if abs(self._ratio) < PARAMS.still_below:
+        if abs(ratio) < PARAMS.still_below:
             return GyroTrouble.STILL
-        return GyroTrouble.REVERSED if self._ratio < PARAMS.reversed_below else None
+        return GyroTrouble.REVERSED if ratio < PARAMS.reversed_below else None
 
     def add(self, turn_rad: float, gyro_rad: float, seconds: float) -> None:
         """Take what wheels and gyro turned in the same interval."""
-        turned = abs(turn_rad)
-        if turned < PARAMS.min_turn_rate * seconds:
-            return
-        ratio = max(-PARAMS.most, min(PARAMS.most, gyro_rad / turn_rad))
-        self._turned = min(PARAMS.forgetting_turn, self._turned + turned)
-        self._ratio += (ratio - self._ratio) * min(1.0, turned / self._turned)
+        self._ratio.add(turn_rad, gyro_rad, seconds)

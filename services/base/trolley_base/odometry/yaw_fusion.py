@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from trolley_base.odometry.gyro_bias import GyroBias
 from trolley_base.odometry.gyro_check import GyroCheck, GyroTrouble
+from trolley_base.odometry.turn_ratio import TurnRatio
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,8 @@ class YawFusionParams:
     """Older turns are forgotten over this much turning [rad]."""
     min_turn_rate: float = 0.05
     """Slower turns do not show whether the gyro follows [rad/s]."""
+    most_ratio: float = 10.0
+    """One interval says no more of that ratio than this, either way."""
 
 
 PARAMS = YawFusionParams()
@@ -82,8 +85,7 @@ class YawFusion:
         self._changed_ns: int | None = None
         self._bias = GyroBias()
         self._check = GyroCheck()
-        self._wheels_turned = 0.0
-        self._gyro_ratio = 0.0
+        self._ratio = TurnRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most_ratio)
         self._differs_since_ns: int | None = None
         self._differed_until_ns = 0
         self.state = GyroState.SILENT
@@ -164,13 +166,13 @@ class YawFusion:
             return GyroState.DISAGREES, 0.0
         if self._bias.value is None:
             return GyroState.LEARNING, 0.0
-        self._compare(turn_rad, gyro_rad, seconds)
+        self._ratio.add(turn_rad, gyro_rad, seconds)
         allowed = PARAMS.max_difference * seconds + PARAMS.max_difference_share * abs(turn_rad)
-        differs = abs(gyro_rad - turn_rad) > allowed or not self._turns_alike(turn_rad)
+        differs = abs(gyro_rad - turn_rad) > allowed or not self._turns_alike()
         if not differs:
             self._differs_since_ns = None
             is_known = (
-                self._wheels_turned >= PARAMS.learning_turn
+                self._ratio.turned >= PARAMS.learning_turn
                 and end_ns - self._differed_until_ns > PARAMS.trusted_after_ns
             )
             return (GyroState.USED if is_known else GyroState.LEARNING), gyro_rad
@@ -187,18 +189,9 @@ class YawFusion:
     def _is_stuck(self, end_ns: int) -> bool:
         return self._changed_ns is None or end_ns - self._changed_ns > PARAMS.stuck_ns
 
-    def _compare(self, turn_rad: float, gyro_rad: float, seconds: float) -> None:
-        """Learn what the gyro turns when the wheels turn: a mean weighted by the turning."""
-        turned = abs(turn_rad)
-        if turned < PARAMS.min_turn_rate * seconds:
-            return
-        ratio = max(-10.0, min(10.0, gyro_rad / turn_rad))
-        self._wheels_turned = min(PARAMS.forgetting_turn, self._wheels_turned + turned)
-        self._gyro_ratio += (ratio - self._gyro_ratio) * min(1.0, turned / self._wheels_turned)
-
-    def _turns_alike(self, turn_rad: float) -> bool:
+    def _turns_alike(self) -> bool:
         least, most = PARAMS.gyro_per_wheel_turn
-        return self._wheels_turned < PARAMS.learning_turn or least <= self._gyro_ratio <= most
+        return self._ratio.turned < PARAMS.learning_turn or least <= self._ratio.value <= most
 
     def _integrate(self, start_ns: int, end_ns: int) -> tuple[float, float]:
         """Return the readings' integral over an interval [rad] and their largest size [rad/s].

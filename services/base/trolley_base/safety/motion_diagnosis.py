@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from trolley.geometry import Twist2D
+from trolley_base.differential import sides_of
 
 NOT_STOPPED = "NOT STOPPED: the motor board does not obey"
 
@@ -133,12 +134,6 @@ def drives_otherwise(
             f"of {told.vx:.2f} m/s and {told.wz:.2f} rad/s"
         )
     return Finding(Fault.OTHERWISE, detail)
-
-
-def sides_of(twist: Twist2D, half_track_m: float) -> tuple[float, float]:
-    """Return how fast the left and the right side go [m/s]."""
-    outward = half_track_m * twist.wz
-    return twist.vx - outward, twist.vx + outward
 
 
 def _stands(speed: float, wanted: float, other: float) -> bool:

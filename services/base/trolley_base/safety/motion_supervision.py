@@ -17,13 +17,13 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from trolley.geometry import Twist2D, log_pose
+from trolley_base.differential import sides_of
 from trolley_base.drivers import MotionSample
 from trolley_base.safety.motion_diagnosis import (
     MOVES_UNTOLD,
     Fault,
     Finding,
     drives_otherwise,
-    sides_of,
 )
 from trolley_base.safety.motion_limits import MotionLimits
 
@@ -450,8 +450,9 @@ class MotionSupervision:
     def _otherwise(self, moved: _Moved) -> list[_Excess]:
         """Return the sides that go much faster, slower or the other way than told."""
         told = [sides_of(twist, self._half_track_m) for twist in self._told(moved.stamp_ns)]
+        speeds = sides_of(moved.twist, self._half_track_m)
         beyond: list[_Excess] = []
-        for index, speed in enumerate(sides_of(moved.twist, self._half_track_m)):
+        for index, speed in enumerate(speeds):
             beyond += self._sides[index].measure(moved, speed, self._tick_m)
             forward, backward = self._floors[index]
             least = min(one[index] for one in told), min(-one[index] for one in told)
@@ -459,7 +460,6 @@ class MotionSupervision:
                 beyond.append(forward.excess)
             if backward.measure(moved, -speed, least[1], self._tick_m):
                 beyond.append(backward.excess)
-        speeds = sides_of(moved.twist, self._half_track_m)
         self._still = tuple(
             way.add(
                 # What was told a moment ago, and still is: a robot follows late, and stops late.

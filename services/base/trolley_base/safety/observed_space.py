@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, circumscribed_radius, polygon_contains
+from trolley.geometry import Pose2D, circumscribed_radius, polygon_contains, wrap_angles
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
 from trolley_base.safety.near_echoes import laser_poses
@@ -104,7 +104,7 @@ def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
     if np.count_nonzero(usable) < 2:
         nothing = np.zeros(PARAMS.bearings)
         return View(origin, nothing, nothing, looks)
-    bearings, ranges = _wrapped(bearings[usable]), ranges[usable]
+    bearings, ranges = wrap_angles(bearings[usable]), ranges[usable]
     order = np.argsort(bearings)
     bearings, ranges = bearings[order], ranges[order]
     gaps = np.append(bearings[1:], bearings[0] + TURN) - bearings
@@ -214,10 +214,6 @@ class ObservedSpace:
         row, col = np.nonzero(unseen)
         points = np.stack([x[col], y[row]], axis=1)
         return points[np.hypot(points[:, 0] - base.x, points[:, 1] - base.y) <= self._reach]
-
-
-def _wrapped(angles: Floats) -> Floats:
-    return (angles + math.pi) % TURN - math.pi
 
 
 def _shift(grid: Floats, rows: int, cols: int) -> None:

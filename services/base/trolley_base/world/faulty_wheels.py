@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from trolley.geometry import Twist2D
+from trolley_base.differential import sides_of, twist_of
 
 Sides = frozenset[str]
 LEFT, RIGHT = "left", "right"
@@ -81,10 +82,10 @@ class FaultyWheels:
         elif trouble.drives is not None:
             self._turned = Twist2D(trouble.drives, 0.0, 0.0)
         elif not trouble.goes_on:
-            left, right = self._sides(told.scaled(trouble.factor))
+            left, right = sides_of(told.scaled(trouble.factor), self._half_track_m)
             dead = trouble.dead_motors
-            self._turned = self._twist(
-                0.0 if LEFT in dead else left, 0.0 if RIGHT in dead else right
+            self._turned = twist_of(
+                0.0 if LEFT in dead else left, 0.0 if RIGHT in dead else right, self._half_track_m
             )
         return Twist2D.zero() if trouble.lifted else self._turned
 
@@ -93,21 +94,16 @@ class FaultyWheels:
         trouble = self._trouble
         if trouble is WELL:
             return turned
-        left, right = self._sides(self._turned if trouble.lifted else turned)
+        left, right = sides_of(self._turned if trouble.lifted else turned, self._half_track_m)
         if trouble.swapped_encoders:
             left, right = right, left
         stuck = trouble.stuck_encoders
-        return self._twist(0.0 if LEFT in stuck else left, 0.0 if RIGHT in stuck else right)
+        return twist_of(
+            0.0 if LEFT in stuck else left, 0.0 if RIGHT in stuck else right, self._half_track_m
+        )
 
     def _push(self, speed: float) -> float:
         """A hand: it gathers speed, lets go, takes a new hold, pulls back; no two alike."""
         number, at_s = divmod(self._since_s, SHOVE_S + PAUSE_S)
         strength = (1.0, -0.6, 0.8)[int(number) % 3]
         return speed * strength * math.sin(math.pi * min(1.0, at_s / SHOVE_S)) ** 2
-
-    def _sides(self, twist: Twist2D) -> tuple[float, float]:
-        outward = self._half_track_m * twist.wz
-        return twist.vx - outward, twist.vx + outward
-
-    def _twist(self, left: float, right: float) -> Twist2D:
-        return Twist2D(0.5 * (left + right), 0.0, 0.5 * (right - left) / self._half_track_m)

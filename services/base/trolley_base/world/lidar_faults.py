@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import wrap_angles
 from trolley_base.drivers.interface import LidarScan
 from trolley_base.world.spec import LidarFaults, Sun
 
@@ -43,7 +44,7 @@ class FaultyLidar:
         if faults.mixed > 0.0:
             ranges = self._mixed(ranges)
         if sun is not None:
-            off = (bearings + yaw - sun.towards + math.pi) % (2.0 * math.pi) - math.pi
+            off = wrap_angles(bearings + yaw - sun.towards)
             blinded = (np.abs(off) < 0.5 * sun.width_rad) & (rng.random(len(off)) < sun.lost)
             ranges = np.where(blinded, np.float32(0.0), ranges)
         stamp_ns = scan.stamp_ns

@@ -9,6 +9,7 @@ from collections import deque
 import numpy as np
 
 from trolley.geometry import Twist2D
+from trolley_base.differential import sides_of, twist_of
 from trolley_base.world.spec import DriveLimits, Motors
 
 SETTLED = 1e-4
@@ -65,13 +66,11 @@ class Actuator:
     ) -> None:
         self._motors = motors
         self._limits = limits
-        self._track_m = track_m
+        self._half_track_m = 0.5 * track_m
         self._line = CommandLine(motors, rng)
         self._driven_s = 0.0
-        self.v = 0.0
-        """Velocity as the wheels turn, forwards [m/s] ..."""
-        self.wz = 0.0
-        """... and round [rad/s]."""
+        self.twist = Twist2D.zero()
+        """Velocity as the wheels turn [m/s, rad/s]."""
 
     def step(self, command: Twist2D, dt: float) -> None:
         """Follow a command for `dt` seconds; sideways is not possible and left out."""
@@ -79,42 +78,41 @@ class Actuator:
         acts = self._line.step(command, dt)
         self._driven_s += dt
         power = 1.0 - motors.sag * min(1.0, self._driven_s / (60.0 * motors.sag_minutes))
-        wanted_v = _clamp(acts.vx, power * limits.max_speed_mps)
-        wanted_wz = _clamp(acts.wz, limits.max_wz_radps)
+        wanted = Twist2D(
+            _clamp(acts.vx, power * limits.max_speed_mps), 0.0, _clamp(acts.wz, limits.max_wz_radps)
+        )
         if motors.dead_band_mps > 0.0:
-            wanted_v, wanted_wz = self._without_dead_band(wanted_v, wanted_wz)
+            wanted = self._without_dead_band(wanted)
         v = _approach(
-            self.v,
-            wanted_v,
+            self.twist.vx,
+            wanted.vx,
             power * limits.acceleration_mps2 * dt,
             limits.deceleration_mps2 * dt,
         )
         wz = _approach(
-            self.wz,
-            wanted_wz,
+            self.twist.wz,
+            wanted.wz,
             limits.angular_acceleration_radps2 * dt,
             limits.angular_deceleration_radps2 * dt,
         )
-        if motors.uneven > 0.0:
-            v, wz = self._unevenly(v, wz)
-        self.v, self.wz = v, wz
+        following = Twist2D(v, 0.0, wz)
+        self.twist = self._unevenly(following) if motors.uneven > 0.0 else following
 
-    def _without_dead_band(self, v: float, wz: float) -> tuple[float, float]:
+    def _without_dead_band(self, wanted: Twist2D) -> Twist2D:
         """Return what is left where each wheel stands that should turn very slowly."""
-        half = 0.5 * self._track_m * wz
         left, right = (
-            0.0 if abs(one) < self._motors.dead_band_mps else one for one in (v - half, v + half)
+            0.0 if abs(one) < self._motors.dead_band_mps else one
+            for one in sides_of(wanted, self._half_track_m)
         )
-        return 0.5 * (left + right), (right - left) / self._track_m
+        return twist_of(left, right, self._half_track_m)
 
-    def _unevenly(self, v: float, wz: float) -> tuple[float, float]:
+    def _unevenly(self, following: Twist2D) -> Twist2D:
         """Return what becomes of the next velocity where the right motor follows later."""
-        half = 0.5 * self._track_m
-        left, wanted = v - half * wz, v + half * wz
-        right = self.v + half * self.wz
+        left, wanted = sides_of(following, self._half_track_m)
+        _, right = sides_of(self.twist, self._half_track_m)
         change = wanted - right
         right = wanted if abs(change) < SETTLED else right + (1.0 - self._motors.uneven) * change
-        return 0.5 * (left + right), (right - left) / self._track_m
+        return twist_of(left, right, self._half_track_m)
 
 
 class Backlash:

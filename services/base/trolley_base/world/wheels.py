@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trolley.geometry import Pose2D, Twist2D, exp_twist
+from trolley_base.differential import twist_of
 from trolley_base.world.floor import GOOD, Grip
 from trolley_base.world.motors import Actuator, Backlash, Castor
 from trolley_base.world.spec import DriveLimits, Motors, Wheels
@@ -69,7 +70,7 @@ class Drive:
     @property
     def twist(self) -> Twist2D:
         """The velocity that the board reports [m/s, rad/s]."""
-        return Twist2D(self._actuator.v, 0.0, self._actuator.wz)
+        return self._actuator.twist
 
     def step(self, command: Twist2D, dt: float, grip: Grip = GOOD) -> WheelMotion:
         """Follow a command for `dt` seconds, on a floor that holds the wheels so well."""
@@ -84,11 +85,11 @@ class Drive:
         return WheelMotion(exp_twist(self.twist, dt), own, self._with_slip(own, dt))
 
     def _true_twist(self, dt: float) -> Twist2D:
-        track, twist = self._wheels.track_m, self.twist
-        half = 0.5 * track * twist.wz / self._turn_scale
+        half_track_m, twist = 0.5 * self._wheels.track_m, self.twist
+        half = half_track_m * twist.wz / self._turn_scale
         left = self._left_play.drive((twist.vx - half) / self._left_scale, dt)
         right = self._right_play.drive((twist.vx + half) / self._right_scale, dt)
-        return Twist2D(0.5 * (left + right), 0.0, (right - left) / track)
+        return twist_of(left, right, half_track_m)
 
     def _with_slip(self, own: Twist2D, dt: float) -> Twist2D:
         wheels = self._wheels

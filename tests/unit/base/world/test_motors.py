@@ -20,7 +20,7 @@ def speeds(motors: Motors, command: Twist2D, seconds: float) -> list[tuple[float
     found: list[tuple[float, float]] = []
     for _ in range(round(seconds / DT)):
         actuator.step(command, DT)
-        found.append((actuator.v, actuator.wz))
+        found.append((actuator.twist.vx, actuator.twist.wz))
     return found
 
 
