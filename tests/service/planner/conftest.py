@@ -83,7 +83,8 @@ class PerfectRobot(Service):
         if "scan" not in self.silent:
             self.publish(topics.SCAN, self.world.scan(stamp))
         if "pose" not in self.silent:
-            self.publish(topics.TF, self.world.correction(stamp), "odom")
+            if "correction" not in self.silent:
+                self.publish(topics.TF, self.world.correction(stamp), "odom")
             self.publish(topics.POSE, self.world.estimate(stamp, self.pose_state))
 
 

@@ -10,8 +10,9 @@ from support.flatland import Flatland, empty_room, with_block
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, Path, SavedPose, SavedPoses
+from trolley.messages import BaseState, Path, SavedPose, SavedPoses, Scan
 from trolley.messages.request_params import SendGoal, WhichGoal
+from trolley.messages.types import floats_from_bytes, floats_to_bytes
 from trolley_planner.service import PlannerService
 
 from .conftest import START, Stage
@@ -314,6 +315,38 @@ def test_a_robot_that_may_look_round_turns_once_in_place(tmp_path) -> None:
     stage = looking_round(tmp_path, Flatland(empty_room(), START))
     assert turned_within(stage, 20.0) == pytest.approx(2.0 * math.pi, abs=0.4)
     assert stage.world.pose.distance_to(START) < 0.01
+    stage.lockstep.close()
+
+
+def test_a_lidar_that_looks_ahead_only_may_look_round_too(tmp_path) -> None:
+    world = Flatland(empty_room(), START)
+    stage = looking_round(tmp_path, world)
+    plain = world.scan
+    world.scan = lambda stamp_ns: half_of(plain(stamp_ns))  # type: ignore[method-assign]
+    assert turned_within(stage, 20.0) == pytest.approx(2.0 * math.pi, abs=0.4)
+    stage.lockstep.close()
+
+
+def half_of(scan: Scan) -> Scan:
+    """What a lidar that looks 90 degrees to both sides measures of a whole revolution."""
+    ranges = floats_from_bytes(scan.ranges)
+    quarter = len(ranges) // 4
+    return msgspec.structs.replace(
+        scan,
+        angle_min=-quarter * scan.angle_increment,
+        ranges=floats_to_bytes(np.roll(ranges, quarter)[: 2 * quarter]),
+    )
+
+
+def test_a_robot_that_is_searched_for_is_not_told_that_the_localizer_is_silent(tmp_path) -> None:
+    stage = Stage(tmp_path, Flatland(empty_room(), START))
+    stage.robot.silent.add("correction")
+    stage.robot.pose_state = "searching"
+    stage.robot.restart()
+    stage.lockstep.run(1.0)
+    with pytest.raises(Refused) as refused:
+        stage.send(Pose2D(3.0, 3.0, 0.0))
+    assert refused.value.message == codes.SENTENCES[codes.NOT_LOCALIZED]
     stage.lockstep.close()
 
 

@@ -17,8 +17,13 @@ class NearEchoesParams:
     blind_margin_m: float = 0.03
     """Echoes this much beyond the shortest measurable distance are remembered when the robot comes
     nearer and the sensor goes blind for them [m]."""
-    max_remembered: int = 512
-    """At most this many points are remembered."""
+    memory_s: float = 30.0
+    """What lies out of view, or where beams fail, is remembered for this long [s], as is what was
+    seen to be free there: see `ObservedSpaceParams`."""
+    remembered_m: float = 0.02
+    """Of what is remembered, points nearer together than about this count once [m] ..."""
+    max_remembered: int = 1024
+    """... and at most so many are kept, the newest."""
     blind_width: float = 0.15
     """Something that near covers many beams; this many are judged together [rad]."""
     smoothing_width: float = 0.02
@@ -37,6 +42,8 @@ Floats = NDArray[np.float64]
 class NearEchoes:
     """Points of the newest scan, each placed where the robot was when its beam was measured.
 
+    What was seen before stays, for a while, where the newest scan does not look.
+
     Args:
         base_T_laser: where the lidar sits.
         reach: echoes farther than this from `base_link` are left out [m].
@@ -46,9 +53,10 @@ class NearEchoes:
         self._base_T_laser = base_T_laser
         self._reach = reach
         self._points_odom: Floats = np.empty((0, 2))
+        self._seen_ns = np.empty(0, dtype=np.int64)
 
     def update(self, scan: LidarScan, track: OdometryTrack) -> None:
-        """Take a new scan, of at least one beam, in place of the last."""
+        """Take a new scan, of at least one beam, in place of what it looks at anew."""
         beams = np.arange(len(scan.ranges))
         odom_T_laser = laser_poses(scan, track, self._base_T_laser)
         seen = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
@@ -57,27 +65,28 @@ class NearEchoes:
         ranges = _smoothed(scan)[seen]
         angles = poses[:, 2] + scan.angle_min + beams[seen] * scan.angle_increment
         new = poses[:, :2] + ranges[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        hidden = self._hidden(scan, track.odom_T_base @ self._base_T_laser)
-        self._points_odom = np.concatenate([new, hidden])
+        kept = self._remembered(scan, track.odom_T_base)
+        self._points_odom = np.concatenate([new, self._points_odom[kept]])
+        self._seen_ns = np.concatenate(
+            [np.full(len(new), scan.stamp_ns, dtype=np.int64), self._seen_ns[kept]]
+        )
 
     def points(self, odom_T_base: Pose2D) -> Floats:
         """Return the echoes (n, 2) x, y [m] in `base_link` where it is now."""
         return odom_T_base.inverse().transform_points(self._points_odom)
 
-    def _hidden(self, scan: LidarScan, odom_T_laser: Pose2D) -> Floats:
-        """Return known points that are now too near to be measured and that no beam sees past."""
-        points_laser = odom_T_laser.inverse().transform_points(self._points_odom)
-        distances = np.hypot(points_laser[:, 0], points_laser[:, 1])
-        near = distances < scan.range_min + PARAMS.blind_margin_m
-        if not near.any():
-            return self._points_odom[:0]
-        angles = np.arctan2(points_laser[near, 1], points_laser[near, 0])
-        turned = (angles - scan.angle_min + 0.5 * scan.angle_increment) % (2.0 * np.pi)
-        beams = np.floor(turned / scan.angle_increment).astype(np.int64)
-        blind = np.zeros(len(beams), dtype=np.bool_)
-        inside = beams < len(scan.ranges)
-        blind[inside] = _blind_beams(scan)[beams[inside]]
-        return self._points_odom[near][blind][-PARAMS.max_remembered :]
+    def _remembered(self, scan: LidarScan, odom_T_base: Pose2D) -> NDArray[np.int64]:
+        """Return the indices of known points that no beam of a scan measures or sees past."""
+        base = odom_T_base.inverse().transform_points(self._points_odom)
+        laser = self._base_T_laser.inverse().transform_points(base)
+        is_kept = scan.stamp_ns - self._seen_ns < PARAMS.memory_s * 1e9
+        is_kept |= np.hypot(laser[:, 0], laser[:, 1]) < scan.range_min + PARAMS.blind_margin_m
+        is_kept &= np.hypot(base[:, 0], base[:, 1]) < self._reach
+        is_kept &= ~_is_looked_at(scan, laser)
+        kept = np.flatnonzero(is_kept)
+        cells = np.floor(self._points_odom[kept] / PARAMS.remembered_m).astype(np.int64)
+        _, first = np.unique(cells[:, 0] * 2**32 + cells[:, 1], return_index=True)
+        return kept[np.sort(first)][: PARAMS.max_remembered]
 
 
 def laser_poses(scan: LidarScan, track: OdometryTrack, base_T_laser: Pose2D) -> Floats:
@@ -112,6 +121,23 @@ def _smoothed(scan: LidarScan) -> Floats:
             total[same] += moved[same]
             count += same
     return total / count
+
+
+def is_round(scan: LidarScan) -> bool:
+    """Say whether a scan looks all around, but for a beam or two."""
+    return (len(scan.ranges) + 2) * scan.angle_increment > 2.0 * np.pi
+
+
+def _is_looked_at(scan: LidarScan, points_laser: Floats) -> NDArray[np.bool_]:
+    """Say of points (n, 2) [m] in the laser's frame whether beams measure there, or see past."""
+    angles = np.arctan2(points_laser[:, 1], points_laser[:, 0])
+    turned = (angles - scan.angle_min + 0.5 * scan.angle_increment) % (2.0 * np.pi)
+    beams = np.floor(turned / scan.angle_increment).astype(np.int64)
+    if is_round(scan):
+        np.minimum(beams, len(scan.ranges) - 1, out=beams)
+    is_looked_at = beams < len(scan.ranges)
+    is_looked_at[is_looked_at] = ~_blind_beams(scan)[beams[is_looked_at]]
+    return is_looked_at
 
 
 def _blind_beams(scan: LidarScan) -> NDArray[np.bool_]:

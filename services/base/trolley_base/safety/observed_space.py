@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, circumscribed_radius, polygon_contains, wrap_angles
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
-from trolley_base.safety.near_echoes import laser_poses
+from trolley_base.safety.near_echoes import is_round, laser_poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
     bearings[finite] = np.arctan2(y, x)
     ranges[finite] = np.hypot(x, y)
     # A scan that is not round looks only between its first beam and its last.
-    width = TURN if _is_round(scan) else (count - 1) * scan.angle_increment
+    width = TURN if is_round(scan) else (count - 1) * scan.angle_increment
     looks = (KNOTS - angles[0]) % TURN <= width
     if np.count_nonzero(usable) < 2:
         nothing = np.zeros(PARAMS.bearings)
@@ -116,16 +116,12 @@ def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
     return View(origin, free[pair], explained[pair], looks & is_gap[pair])
 
 
-def _is_round(scan: LidarScan) -> bool:
-    return (len(scan.ranges) + 2) * scan.angle_increment > TURN
-
-
 def _has_company(scan: LidarScan) -> Bools:
     """Return the beams (n,) with enough usable ones around them."""
     usable = (scan.ranges > 0.0).astype(np.float64)
     count = len(usable)
     half = min(count // 2, max(1, round(0.5 * PARAMS.crowd_width / scan.angle_increment)))
-    padding = "wrap" if _is_round(scan) else "edge"
+    padding = "wrap" if is_round(scan) else "edge"
     sums = np.concatenate([[0.0], np.cumsum(np.pad(usable, half, padding))])
     return sums[2 * half + 1 :] - sums[: -2 * half - 1] >= PARAMS.crowd_share * (2 * half + 1)
 

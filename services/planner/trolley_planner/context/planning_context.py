@@ -1,6 +1,5 @@
 """What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -271,22 +270,3 @@ def position_trouble(context: PlanningContext, here: Pose2D) -> Refused | None:
             codes.LOST, "According to its pose, the robot is inside a wall; set its pose again."
         )
     return None
-
-
-def free_all_round(scan: Scan, base_T_laser: Pose2D, radius_m: float) -> bool:
-    """Say whether a scan shows that nothing stands within a circle about the robot's centre.
-
-    Args:
-        scan: must look all round.
-        base_T_laser: where the lidar sits.
-        radius_m: of the circle.
-    """
-    ranges = floats_from_bytes(scan.ranges).astype(np.float64)
-    covered = len(ranges) * scan.angle_increment
-    if len(ranges) == 0 or covered < 1.95 * math.pi:
-        return False
-    angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
-    is_echo = np.isfinite(ranges) & (ranges > max(scan.range_min, 0.0))
-    points = (ranges[is_echo] * np.stack([np.cos(angles[is_echo]), np.sin(angles[is_echo])])).T
-    distances = np.hypot(*base_T_laser.transform_points(points).T)
-    return bool((distances > radius_m).all())

@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from trolley.config import PlannerConfig
-from trolley.geometry import Twist2D, circumscribed_radius, footprint_from_polygon
-from trolley_planner.context.planning_context import free_all_round
+from trolley.geometry import Pose2D, Twist2D, circumscribed_radius, footprint_from_polygon
+from trolley.messages import Scan
+from trolley.messages.types import floats_from_bytes
 from trolley_planner.control.rollout import Limits
 from trolley_planner.driving.recovery import Spin
 from trolley_planner.sensing.inputs import Inputs
@@ -86,4 +89,18 @@ class SpinToLocalize:
         if robot is None or scan is None or mounting is None:
             return False
         radius = circumscribed_radius(footprint_from_polygon(robot.footprint))
-        return free_all_round(scan, mounting, radius + SPIN.room_m)
+        return _is_free(scan, mounting, radius + SPIN.room_m)
+
+
+def _is_free(scan: Scan, base_T_laser: Pose2D, radius_m: float) -> bool:
+    """Say whether nothing that a scan sees stands within a circle about the robot's centre.
+
+    Where the lidar does not look, `base` keeps the robot from what it remembers, and lets it
+    turn at a creep into what it has not seen.
+    """
+    ranges = floats_from_bytes(scan.ranges).astype(np.float64)
+    angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
+    is_echo = np.isfinite(ranges) & (ranges > max(scan.range_min, 0.0))
+    points = (ranges[is_echo] * np.stack([np.cos(angles[is_echo]), np.sin(angles[is_echo])])).T
+    distances = np.hypot(*base_T_laser.transform_points(points).T)
+    return bool((distances > radius_m).all())

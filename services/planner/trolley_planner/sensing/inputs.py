@@ -146,10 +146,12 @@ class Inputs:
         """Return why the pose is not to be trusted, `lost` or `stale`; None if it is."""
         if self.frame == "odom":
             return None
-        if self.pose is None or self.frame_T_odom is None:
+        if self.pose is None:
             return "stale"
         if self.pose.state in ("lost", "searching") or self.pose.pose is None:
             return "lost"
+        if self.frame_T_odom is None:
+            return "stale"
         return "stale" if now_ns - self.pose.stamp_ns > INPUTS.stale_s * 1e9 else None
 
     def silence(self, now_ns: int) -> str | None:

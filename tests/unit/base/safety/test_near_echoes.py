@@ -124,3 +124,65 @@ def test_a_scan_with_few_beams_is_taken() -> None:
     for beams in (5, 2, 1):
         echoes.update(scan_of(np.full(beams, 0.3)), track)
         assert len(echoes.points(track.odom_T_base)) == beams
+
+
+def half_scan(ranges: NDArray[np.float64], stamp_ns: int) -> LidarScan:
+    """A lidar that looks 90 degrees to both sides of ahead only."""
+    return LidarScan(
+        stamp_ns=stamp_ns,
+        angle_min=-math.pi / 2,
+        angle_increment=math.pi / (len(ranges) - 1),
+        time_increment=0.0,
+        range_min=0.15,
+        range_max=8.0,
+        ranges=ranges.astype(np.float32),
+    )
+
+
+def turn(track: OdometryTrack, radians: float) -> None:
+    motion = Pose2D(0.0, 0.0, radians)
+    track.add(MotionSample(track.stamp_ns + STEP_NS, motion, Twist2D(0.0, 0.0, 1.0)))
+
+
+def test_what_the_robot_turns_away_from_is_remembered_for_a_while() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(half_scan(one_echo(180, 1.0), 0), track)
+    turn(track, math.pi)
+    nothing = np.full(BEAMS, np.inf)
+    echoes.update(half_scan(nothing, 1_000_000_000), track)
+    behind = pytest.approx(np.array([[-1.0, 0.0]]), abs=0.01)
+    assert echoes.points(track.odom_T_base) == behind
+    echoes.update(half_scan(nothing, 29_000_000_000), track)
+    assert echoes.points(track.odom_T_base) == behind
+    echoes.update(half_scan(nothing, 31_000_000_000), track)
+    assert len(echoes.points(track.odom_T_base)) == 0
+
+
+def test_what_lies_out_of_view_is_judged_anew_when_the_robot_turns_back_to_it() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(half_scan(one_echo(180, 1.0), 0), track)
+    nothing = np.full(BEAMS, np.inf)
+    turn(track, math.pi)
+    echoes.update(half_scan(nothing, 1_000_000_000), track)
+    turn(track, math.pi)
+    echoes.update(half_scan(nothing, 2_000_000_000), track)
+    assert len(echoes.points(track.odom_T_base)) == 0
+
+
+def test_what_beams_saw_is_remembered_where_they_fail() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(scan_of(one_echo(180, 1.0)), track)
+    failing = np.full(BEAMS, np.inf)
+    failing[160:200] = 0.0
+    echoes.update(scan_of(failing, 1_000_000_000), track)
+    assert echoes.points(track.odom_T_base) == pytest.approx(np.array([[1.0, 0.0]]), abs=0.01)
+
+
+def test_a_wall_that_is_passed_again_and_again_is_remembered_once() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    beside = np.full(BEAMS, np.inf)
+    beside[300:] = 0.5
+    for number in range(200):
+        echoes.update(half_scan(beside, number * 100_000_000), track)
+        turn(track, -0.3 if number % 2 else 0.3)
+    assert len(echoes.points(track.odom_T_base)) < 120
