@@ -35,7 +35,7 @@ def full_layer(seed: int) -> ObstacleGrid:
         hits=rng.integers(1, 256, shape).astype(np.uint8),
         seen_ticks=np.zeros(shape, dtype=np.int32),
         points=points.astype(np.float32),
-        observed=np.zeros(shape, dtype=np.uint8),
+        observed=np.zeros(shape, dtype=np.int32),
         touched=np.zeros((*shape, 2), dtype=np.int32),
         dirty=np.array([99, -1, 99, -1], dtype=np.int64),
     )
@@ -48,7 +48,7 @@ def test_a_cell_is_blocked_by_any_layer(seed: int, unknown_blocks: bool) -> None
     keepout, closed, evidence, observed = (
         (rng.random((ROWS, COLS)) < 0.3).astype(np.uint8) for _ in range(4)
     )
-    layers = CostmapLayers(kinds, keepout, closed, evidence, observed)
+    layers = CostmapLayers(kinds, keepout, closed, evidence, observed.astype(np.int32))
     first_row, first_col = int(rng.integers(0, 5)), int(rng.integers(0, 5))
     mask = np.full((ROWS - first_row - 1, COLS - first_col - 2), 7, dtype=np.uint8)
     compose_into(mask, layers, (first_row, first_col), unknown_blocks)
@@ -126,7 +126,7 @@ def test_what_was_seen_inside_the_outline_is_forgotten(
     corners = np.array([(3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0), (3.0, -2.0)])
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     polygon = corners @ turn.T + (x, y)
-    clear_inside_robot(layer, polygon, 0.1)
+    clear_inside_robot(layer, polygon, 0.1, 1)
     for row in range(ROWS):
         for col in range(COLS):
             point = layer.points[row, col].astype(np.float64) / 0.1

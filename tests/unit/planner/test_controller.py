@@ -1,5 +1,7 @@
 """The braking check that no command gets past."""
 
+import math
+
 import numpy as np
 from support.flatland import empty_room, with_block
 
@@ -8,6 +10,7 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley_planner.context.planning_context import PlanningContext, empty_grid
 from trolley_planner.control.controller import Motion, limits_of, safe_command
 from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.sensing.beams import ScanShape, Sweep
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
 FOOTPRINT = Footprint.from_polygon(CORNERS)
@@ -58,3 +61,22 @@ def test_nobody_backs_into_what_was_never_seen() -> None:
     assert safe_command(motion, back, context.local_costmap, LIMITS) == Twist2D(0.0, 0.0, 0.3)
     context.costmap.obstacle_layer.grid.observed[:] = 1
     assert safe_command(motion, back, context.local_costmap, LIMITS) == back
+
+
+def test_with_half_a_view_nobody_backs_into_what_was_seen_long_ago() -> None:
+    context = PlanningContext(empty_room(), FOOTPRINT, PlannerConfig(), 0.5)
+    back, local = Twist2D(-0.1, 0.0, 0.0), context.local_costmap
+    shape = ScanShape(-0.5 * math.pi, math.pi / 180.0, 0.05, 12.0)
+    ranges = np.full(181, 2.0, dtype=np.float32)
+
+    def may_back_up(yaw: float, now_s: float) -> bool:
+        pose = Pose2D(3.0, 3.0, yaw)
+        scan = Sweep(ranges, shape, pose, pose, FOOTPRINT.polygon)
+        context.costmap.add_scan(scan, round(now_s * 1e9))
+        local.update(3.0, 3.0)
+        return not safe_command(Motion(pose, Twist2D.zero()), back, local, LIMITS).is_zero
+
+    assert not may_back_up(0.0, 1.0), "the map alone does not tell who stands there"
+    assert may_back_up(math.pi, 2.0), "it has looked there a second before"
+    assert may_back_up(math.pi, 20.0)
+    assert not may_back_up(math.pi, 40.0)

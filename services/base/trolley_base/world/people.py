@@ -26,6 +26,8 @@ class GaitParams:
     """Both legs have swung once after this distance [m]."""
     touch_m: float = 0.001
     """Nobody walks nearer to the robot than this, which is touching it [m]."""
+    places_tried: int = 20
+    """Of so many random places, a person begins at the first that keeps off the robot."""
 
 
 PARAMS = GaitParams()
@@ -57,6 +59,21 @@ class Walker:
         self._pause_s = person.starts_s or 0.0
         self._held_s = 0.0
         if person.starts_s is None and self._lengths:
+            self._begin_anywhere(rng)
+
+    def keep_off(self, outline: NDArray[np.float64], rng: np.random.Generator) -> None:
+        """Begin somewhere else if that is on the robot: there, each would hold the other for ever.
+
+        Args:
+            outline: (n, 2) the robot's footprint [m] in `map`.
+            rng: chooses the place.
+        """
+        if self._person.starts_s is not None or not self._lengths:
+            return
+        keep = max(self._person.stops_for_robot_m, PARAMS.touch_m)
+        for _ in range(PARAMS.places_tried):
+            if _gap(self.circles(), outline) >= keep:
+                break
             self._begin_anywhere(rng)
 
     @property

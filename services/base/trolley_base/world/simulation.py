@@ -123,8 +123,11 @@ class Simulation:
         self._motion = Pose2D.identity()
         self._scans: list[LidarScan] = []
         self._resize()
-        self._clearance = self._move(STANDING, 0.0)[1]
         place_outline_into(self._outline, corners, self._pose.x, self._pose.y, self._pose.yaw)
+        for _, place, walker in self._walkers:
+            walker.keep_off(self._outline, streams[3])
+            self._circles[place] = walker.circles()
+        self._clearance = self._move(STANDING, 0.0)[1]
         self._refuse_overlap()
 
     def _place_circles(

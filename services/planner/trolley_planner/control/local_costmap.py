@@ -222,7 +222,10 @@ class LocalCostmap:
         return bool(self._costs[self._robot_cell] != UNREACHED)
 
     def sees_behind(self, pose: Pose2D) -> bool:
-        """Say whether what the robot would back into is known, by the map or by the lidar.
+        """Say whether what the robot would back into is known.
+
+        A lidar that looks all round goes on looking there, so the map will do, too. Any other must
+        have seen lately that it is free, or the map must have a wall there, which costs enough.
 
         Args:
             pose: of the robot in `grid`.
@@ -231,8 +234,9 @@ class LocalCostmap:
         cells = np.floor(pose.transform_points(self._behind) / costmap.resolution_m)
         limit = np.array(costmap.shape)[::-1] - 1
         cols, rows = np.clip(cells, 0, limit).astype(np.int64).T
-        known = costmap.kinds[rows, cols] != UNKNOWN
-        return bool((known | (costmap.obstacle_layer.grid.observed[rows, cols] != 0)).all())
+        layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
+        known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
+        return bool((known | layer.is_known_free(rows, cols)).all())
 
     @property
     def cost_of_metre(self) -> float:

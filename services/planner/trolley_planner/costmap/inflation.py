@@ -31,8 +31,8 @@ class CostmapLayers(NamedTuple):
     """(rows, cols) 1 where the robot did not get through."""
     evidence: NDArray[np.uint8]
     """(rows, cols) of obstacles seen, 0 = none."""
-    observed: NDArray[np.uint8]
-    """(rows, cols) 1 where a beam has passed: not unknown any more."""
+    observed: NDArray[np.int32]
+    """(rows, cols) 0 where no beam has passed; the others are not unknown any more."""
 
 
 def inflation_table(

@@ -1,6 +1,7 @@
 """The costmap layer of the lidar: obstacles seen, cleared again, and forgotten."""
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,11 @@ class ObstacleParams(NamedTuple):
     """and so is what was seen where they were within this time, if it is seen no more [s]."""
     widest_gap_rad: float = 0.06
     """Nothing is known between neighbouring beams farther apart than this."""
+    all_round_rad: float = 1.95 * math.pi
+    """A lidar that covers less does not look all round."""
+    recent_s: float = 25.0
+    """What such a lidar saw free is free for this long out of its view; `base` lets nobody drive
+    there 5 s later (`memory_s` of its observed space)."""
 
 
 OBSTACLES = ObstacleParams()
@@ -60,8 +66,9 @@ class ObstacleGrid(NamedTuple):
     """(rows, cols) robot time of the last echo, in `OBSTACLES.tick_s`."""
     points: NDArray[np.float32]
     """(rows, cols, 2) where in the cell the last echo lay [m]."""
-    observed: NDArray[np.uint8]
-    """(rows, cols) 1 where some beam has passed."""
+    observed: NDArray[np.int32]
+    """(rows, cols) number of the scan in which a beam last passed, or over which the robot stood;
+    0 = never."""
     touched: NDArray[np.int32]
     """(rows, cols, 2) number of the scan that last saw through, and that last marked."""
     dirty: NDArray[np.int64]
@@ -84,12 +91,15 @@ class ObstacleLayer:
         self._resolution_m = resolution_m
         self._config = config
         self._scan_number = 0
+        self._recent_ns: deque[int] = deque()
+        self.looks_all_round = True
+        """Whether the lidar of the newest scan does."""
         self.grid = ObstacleGrid(
             evidence=np.zeros(shape, dtype=np.uint8),
             hits=np.zeros(shape, dtype=np.uint8),
             seen_ticks=np.zeros(shape, dtype=np.int32),
             points=np.zeros((*shape, 2), dtype=np.float32),
-            observed=np.zeros(shape, dtype=np.uint8),
+            observed=np.zeros(shape, dtype=np.int32),
             touched=np.zeros((*shape, 2), dtype=np.int32),
             dirty=np.array(NOTHING_DIRTY, dtype=np.int64),
         )
@@ -116,6 +126,8 @@ class ObstacleLayer:
             now_ns: robot time of the scan.
         """
         self._scan_number += 1
+        self._note_time(now_ns)
+        self.looks_all_round = sweep.covered_rad >= OBSTACLES.all_round_rad
         config, beams = self._config, np.empty((sweep.ranges_m.shape[0], 6))
         ranges_m = np.empty(sweep.ranges_m.shape[0], dtype=np.float32)
         smooth_ranges_into(ranges_m, sweep.ranges_m, sweep.shape.angle_increment)
@@ -131,7 +143,7 @@ class ObstacleLayer:
         cut_at_lines(beams, segments, config.mirror_tolerance_m)
         trace_beams(self.grid, walls, beams, self._resolution_m, self._scan_number)
         body_cells = sweep.end.transform_points(sweep.body_laser) / self._resolution_m
-        clear_inside_robot(self.grid, body_cells, self._resolution_m)
+        clear_inside_robot(self.grid, body_cells, self._resolution_m, self._scan_number)
         limits = (
             self._resolution_m,
             config.mark_range_m,
@@ -151,6 +163,21 @@ class ObstacleLayer:
             self.static_beams = self.beams.copy()
             lift_echoes(self.static_beams, walkers)
             lift_cells(self.grid, walkers, self._resolution_m, self._scan_number)
+
+    def is_known_free(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Say of cells (n,) whether the lidar saw them, and lately where it does not look.
+
+        Beside an echo no beam passes: there a neighbouring cell will do.
+        """
+        observed = self.grid.observed
+        if self.looks_all_round:
+            return observed[rows, cols] != 0
+        last_row, last_col = observed.shape[0] - 1, observed.shape[1] - 1
+        around = np.array([-1, 0, 1])
+        near_rows = np.clip(rows[:, None, None] + around[:, None], 0, last_row)
+        near_cols = np.clip(cols[:, None, None] + around, 0, last_col)
+        oldest = self._scan_number - len(self._recent_ns) + 1
+        return (observed[near_rows, near_cols] >= oldest).any(axis=(1, 2))
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""
@@ -176,6 +203,13 @@ class ObstacleLayer:
         rows, cols = self.grid.evidence.shape
         self.grid.dirty[:] = (0, rows - 1, 0, cols - 1)
 
+    def _note_time(self, now_ns: int) -> None:
+        """Note when this scan was made, and drop those that are no longer recent."""
+        times = self._recent_ns
+        times.append(now_ns)
+        while now_ns - times[0] > OBSTACLES.recent_s * 1e9:
+            times.popleft()
+
     def pop_dirty(self) -> tuple[int, int, int, int] | None:
         """Return first and last row, first and last column of what changed since the last call."""
         first_row, last_row, first_col, last_col = self.grid.dirty.tolist()
@@ -192,8 +226,8 @@ def ticks(now_ns: int) -> int:
 def see_through(grid: ObstacleGrid, row: int, col: int, scan_number: int) -> None:
     """Note that a beam passed a cell; evidence falls once a scan, however many beams pass."""
     if grid.observed[row, col] == 0:
-        grid.observed[row, col] = 1
         mark_dirty(grid.dirty, row, col)
+    grid.observed[row, col] = scan_number
     if grid.evidence[row, col] == 0 or grid.touched[row, col, 0] == scan_number:
         return
     grid.touched[row, col, 0] = scan_number
@@ -389,7 +423,10 @@ def forget_near(grid: ObstacleGrid, x_cells: float, y_cells: float, radius_cells
 
 @kernel
 def clear_inside_robot(
-    grid: ObstacleGrid, polygon_cells: NDArray[np.float64], resolution_m: float
+    grid: ObstacleGrid,
+    polygon_cells: NDArray[np.float64],
+    resolution_m: float,
+    scan_number: int,
 ) -> None:
     """Forget every obstacle whose last echo lay inside a polygon (n, 2) [cells], and know it free.
 
@@ -406,9 +443,10 @@ def clear_inside_robot(
             max(0, math.floor(polygon_cells[:, 0].min())),
             min(cols, math.ceil(polygon_cells[:, 0].max())),
         ):
-            if grid.observed[row, col] == 0 and inside_polygon(polygon_cells, col + 0.5, row + 0.5):
-                grid.observed[row, col] = 1
-                mark_dirty(grid.dirty, row, col)
+            if inside_polygon(polygon_cells, col + 0.5, row + 0.5):
+                if grid.observed[row, col] == 0:
+                    mark_dirty(grid.dirty, row, col)
+                grid.observed[row, col] = scan_number
             if grid.evidence[row, col] == 0:
                 continue
             x = grid.points[row, col, 0] / resolution_m

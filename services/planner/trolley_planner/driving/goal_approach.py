@@ -112,7 +112,8 @@ class FinalAlignment:
         ahead = motion.pose.inverse() @ goal
         bearing = math.atan2(ahead.y, ahead.x)
         direction = 1.0
-        if abs(bearing) > 0.5 * math.pi and (self._is_reverse or distance < ALIGNMENT.reverse_m):
+        is_near = distance < ALIGNMENT.reverse_m and limits.max_reverse > 0.0
+        if abs(bearing) > 0.5 * math.pi and (self._is_reverse or is_near):
             bearing, direction = wrap_angle(bearing + math.pi), -1.0
         # With some hysteresis, else it would keep switching between driving and turning.
         self._is_facing = abs(bearing) > (0.3 if self._is_facing else 1.0) * ALIGNMENT.face_rad
@@ -284,8 +285,9 @@ class GoalApproach:
         speed = allowed_speed(context.local_costmap.field, now.limits, place.x, place.y, here)
         # A goal that was taught beside a wall must be reachable, too.
         tight = min(now.limits.clearance_m, max(APPROACH.goal_clearance_m, room - 0.01))
+        backwards = now.limits.max_reverse if context.local_costmap.sees_behind(place) else 0.0
         limits = now.limits._replace(
-            max_speed=speed, max_reverse=min(now.limits.max_reverse, speed), clearance_m=tight
+            max_speed=speed, max_reverse=min(backwards, speed), clearance_m=tight
         )
         was_turning = alignment.is_turning
         steady = Motion(now.steady, now.motion.twist)

@@ -49,6 +49,11 @@ class Sweep:
     end: Pose2D
     body_laser: NDArray[np.float64]
 
+    @property
+    def covered_rad(self) -> float:
+        """How much of the directions around the lidar its beams cover."""
+        return len(self.ranges_m) * abs(self.shape.angle_increment)
+
 
 @kernel
 def inside_polygon(polygon: NDArray[np.float64], x: float, y: float) -> bool:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from trolley_base.world.gaps import outline_to_point
 from trolley_base.world.people import Walker
 from trolley_base.world.spec import Person
 
@@ -89,3 +90,15 @@ def test_legs_stay_in_place_when_somebody_turns_round() -> None:
     assert before[:, 0].max() < 1.0, "the person went back"
     # A leg that swings ahead is up to twice as fast as its owner.
     assert furthest < 2.0 * 0.01 * person.speed_mps
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_nobody_begins_on_the_robot(seed: int) -> None:
+    person = Person(path=[(0.0, 0.0), (4.0, 0.0)], legs=True)
+    rng = np.random.default_rng(seed)
+    walker = Walker(person, rng)
+    x = float(walker.circles()[:, 0].mean())
+    robot = np.array([[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]]) + np.array([x, 0.0])
+    walker.keep_off(robot, rng)
+    gaps = [outline_to_point(robot, float(x), float(y))[0] - r for x, y, r in walker.circles()]
+    assert min(gaps) >= person.stops_for_robot_m
