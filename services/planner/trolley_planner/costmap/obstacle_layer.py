@@ -177,7 +177,8 @@ class ObstacleLayer:
         near_rows = np.clip(rows[:, None, None] + around[:, None], 0, last_row)
         near_cols = np.clip(cols[:, None, None] + around, 0, last_col)
         oldest = self._scan_number - len(self._recent_ns) + 1
-        return (observed[near_rows, near_cols] >= oldest).any(axis=(1, 2))
+        newest = observed[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
+        return newest >= oldest
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""
