@@ -24,7 +24,7 @@ class StopFieldParams:
 
     side_margin_m: float = 0.015
     """The footprint is widened by this to all sides, for errors of lidar and wheels [m]."""
-    turning_margin_m: float = 0.003
+    turning_margin_m: float = 0.007
     """The same where the robot turns in place, which wheels do exactly: one that was stopped
     before a wall must be able to turn away from it [m]."""
     per_metre: float = 0.05
