@@ -62,13 +62,15 @@ class MotionSupervisionParams:
     """... and at least this share of it ..."""
     slow_slack: float = 0.015
     """... less this, which friction and a dead band eat [m/s]."""
-    following_excess_m: float = 0.04
-    """So much farther, or less far, than a side may go: it drives otherwise than told [m]."""
+    fast_excess_m: float = 0.04
+    """So much farther than a side may go: it drives otherwise than told [m]."""
+    slow_excess_m: float = 0.025
+    """The same for so much less [m]."""
     still_share: float = 0.5
     """A side that covers less than this share of the way that it is told, to and fro ..."""
     still_slack: float = 0.03
     """... less what a dead band eats [m/s] ..."""
-    still_excess_m: float = 0.1
+    still_excess_m: float = 0.05
     """... and falls so much behind, does not turn [m]: who steers it may go to and fro so fast that
     no single command can be held against it."""
     ticks: float = 1.5
@@ -240,8 +242,8 @@ class _Floor:
             tick: what one tick of an encoder amounts to.
         """
         least = max(0.0, PARAMS.slowest_share * told - PARAMS.slow_slack)
-        # Told to stand, or to go the other way, it cannot be too slow.
-        behind = least - measured if least > 0.0 else -math.inf
+        # Told to stand, or to go the other way, it cannot be too slow; nor does that excuse it.
+        behind = least - measured if least > 0.0 else 0.0
         return self.excess.add(behind, moved, tick)
 
 
@@ -333,11 +335,11 @@ class MotionSupervision:
             min(ahead.rate, half_m * turn.rate),
             PARAMS.standing_speed,
             PARAMS.fast_slack,
-            PARAMS.following_excess_m,
+            PARAMS.fast_excess_m,
         )
         self._ahead, self._sideways, self._turn = _Part(ahead), _Part(ahead), _Part(turn)
         self._sides = _Part(side), _Part(side)
-        most = PARAMS.following_excess_m
+        most = PARAMS.slow_excess_m
         self._ways = tuple(_Excess(PARAMS.still_excess_m) for _ in self._sides)
         self._still: tuple[bool, ...] = ()
         self._floors = tuple((_Floor(_Excess(most)), _Floor(_Excess(most))) for _ in self._sides)
