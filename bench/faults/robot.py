@@ -47,8 +47,8 @@ from trolley.messages.request_params import Nothing, StartTour
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
+from trolley.runtime.supervisor import Supervisor
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus, open_router
-from trolley.supervisor import Supervisor
 from trolley.topics import Qos, Topic
 
 T = TypeVar("T")

@@ -20,6 +20,7 @@ from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.interrupts import Interrupts
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
+from trolley.runtime.supervisor import Supervisor
 from trolley.runtime.zenoh_bus import SOCKET, NotConnected, open_router
 from trolley.security.access import Security, security_of
 from trolley.security.host_keys import (
@@ -28,7 +29,6 @@ from trolley.security.host_keys import (
     find_keys,
     keys_for,
 )
-from trolley.supervisor import Supervisor
 
 SERVICES = "trolley.services"
 VIEWER = "viz"

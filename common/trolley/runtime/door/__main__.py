@@ -10,6 +10,7 @@ import sys
 from trolley.runtime.door.server import Door
 from trolley.runtime.log import set_up_logging
 from trolley.runtime.open_files import allow_many_files
+from trolley.runtime.supervision import end_with_parent
 
 
 async def _main() -> None:
@@ -18,6 +19,7 @@ async def _main() -> None:
         await Door(listener, (host, int(port))).run()
 
 
+end_with_parent()
 set_up_logging()
 allow_many_files()
 asyncio.run(_main())

@@ -3,29 +3,16 @@
 The listening socket stays here, so nobody is refused while there is a new process.
 """
 
-import os
 import re
-import signal
 import socket
-import subprocess
-import sys
-import threading
-import time
-from collections.abc import Generator
-from contextlib import ExitStack, contextmanager, suppress
 
 from trolley.runtime.log import Log
-from trolley.runtime.supervision import Watchdog
+from trolley.runtime.supervisor import Supervisor
 from trolley.runtime.uplink_sockets import UNANSWERED_MS
 
 MODULE = "trolley.runtime.door"
-CHECK_S = 0.1
-AGAIN_S = 1.0
-"""A process that ended is started again after so long."""
 WATCHDOG_S = 5.0
-GRACE_S = 2.0
-AWAY_S = 2.0
-"""If this process did not turn for so long, the other may have stood still as well."""
+"""A process that has not turned for so long hangs [s]."""
 BACKLOG = 4096
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = "::"
@@ -70,65 +57,13 @@ class Door:
         """Listen no more."""
         self._listener.close()
 
-    @contextmanager
-    def kept_open(self) -> Generator[None]:
-        """Have a process stand at the door while the context lasts."""
-        end = threading.Event()
-        keeper = threading.Thread(target=self._keep, args=(end,), name="door", daemon=True)
-        keeper.start()
-        try:
-            yield
-        finally:
-            end.set()
-            keeper.join()
-
-    def _keep(self, end: threading.Event) -> None:
-        with ExitStack() as stack:
-            watchdog = Watchdog(WATCHDOG_S)
-            stack.callback(watchdog.close)
-            process: subprocess.Popen[bytes] | None = None
-            due_s = turned_s = time.monotonic()
-            while True:
-                now_s = time.monotonic()
-                was_away, turned_s = now_s - turned_s > AWAY_S, now_s
-                if process is not None and process.poll() is not None:
-                    self._log.warning("The door has closed; opening it again", code=process.poll())
-                    process, due_s = None, now_s + AGAIN_S
-                if process is None and now_s >= due_s:
-                    watchdog.begin()
-                    process = self._start(watchdog)
-                    due_s = now_s + AGAIN_S
-                elif was_away:
-                    watchdog.pardon(now_s)
-                elif process is not None and watchdog.is_silent(now_s):
-                    self._log.warning("The door hangs")
-                    process.kill()
-                if end.wait(CHECK_S):
-                    break
-            if process is not None:
-                _end(process)
-
-    def _start(self, watchdog: Watchdog) -> subprocess.Popen[bytes] | None:
+    def kept_open(self) -> Supervisor:
+        """Return what has a process stand at the door while its context lasts."""
         file = self._listener.fileno()
-        command = [sys.executable, "-m", MODULE, str(file), LOOPBACK, str(self._port)]
-        try:
-            # It ends when its standard input is closed, as it is when this process has died.
-            # A group of its own: Ctrl-C is not for it.
-            return subprocess.Popen(
-                command,
-                env={**os.environ, **watchdog.environment},
-                stdin=subprocess.PIPE,
-                pass_fds=[file],
-                process_group=0,
-            )
-        except OSError as problem:
-            self._log.limited("start", "The door cannot be opened", why=problem.strerror)
-            return None
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    with process:
-        process.send_signal(signal.SIGTERM)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(GRACE_S)
-        process.kill()
+        return Supervisor(
+            {"the door": (MODULE, str(file), LOOPBACK, str(self._port))},
+            {},
+            self._log.warning,
+            inherits=[file],
+            watchdog_s=WATCHDOG_S,
+        )

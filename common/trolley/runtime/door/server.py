@@ -2,9 +2,8 @@
 
 import asyncio
 import errno
-import os
+import signal
 import socket
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -120,12 +119,12 @@ class Door:
         self._told_s = -TOLD_EVERY_S
 
     async def run(self) -> None:
-        """Let guests in until whoever started this process closes its standard input."""
+        """Let guests in until SIGTERM comes."""
         supervision = Supervision()
         end = asyncio.Event()
+        self._loop.add_signal_handler(signal.SIGTERM, end.set)
         self._listener.setblocking(False)
         self._loop.add_reader(self._listener.fileno(), self._accept)
-        self._loop.add_reader(sys.stdin.fileno(), _note_end, end)
         supervision.ready()
         next_alive_s = 0.0
         while not end.is_set():
@@ -285,8 +284,3 @@ class Door:
         )
         self._turned_away.clear()
         self._from.clear()
-
-
-def _note_end(end: asyncio.Event) -> None:
-    if not os.read(sys.stdin.fileno(), 1):
-        end.set()

@@ -14,7 +14,7 @@ from support.files import no_files_left
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley.runtime.supervision import Watchdog
-from trolley.supervisor import Supervisor
+from trolley.runtime.supervisor import Supervisor
 
 pytestmark = pytest.mark.programs
 
@@ -106,7 +106,7 @@ def test_a_child_that_cannot_run_interrupts_the_main_thread(module: Callable) ->
 def test_a_child_that_ignores_sigterm_is_killed(
     module: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trolley.supervisor.GRACE_S", 0.5)
+    monkeypatch.setattr("trolley.runtime.supervisor.GRACE_S", 0.5)
     said: list[str] = []
     environment = module("stubborn", STUBBORN)
     with Supervisor({"one": "stubborn"}, environment, said.append) as supervisor:
@@ -126,7 +126,8 @@ def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_pat
     )
     environment = module("polite", polite + OBEDIENT)
     program = (
-        "import sys, time\nfrom pathlib import Path\nfrom trolley.supervisor import Supervisor\n"
+        "import sys, time\nfrom pathlib import Path\n"
+        "from trolley.runtime.supervisor import Supervisor\n"
         "with Supervisor({'one': 'polite'}, {}, print) as s:\n"
         f"    while not Path({str(is_set)!r}).exists(): time.sleep(0.01)\n"
         "    print(s.children['one'].pid, flush=True)\n"
@@ -168,28 +169,27 @@ while True:
 """
 
 
-@pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("trolley.supervisor.Watchdog", lambda: Watchdog(0.9))
+IMPATIENT_S = 0.9
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_child_that_hangs_is_killed_and_comes_back(module: Callable) -> None:
     said: list[str] = []
-    with Supervisor({"one": "hangs"}, module("hangs", HANGS), said.append) as supervisor:
+    environment = module("hangs", HANGS)
+    with Supervisor(
+        {"one": "hangs"}, environment, said.append, watchdog_s=IMPATIENT_S
+    ) as supervisor:
         began_s = time.monotonic()
         wait_until(lambda: supervisor.children["one"].restarts == 1, "it is started again")
         assert time.monotonic() - began_s > 1.5  # not before it fell silent
     assert said[:2] == ["one hangs; killing it", "one was killed by SIGKILL; starting it again"]
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_frozen_child_is_killed_but_a_silent_program_is_left_alone(module: Callable) -> None:
     said: list[str] = []
     module("obedient", OBEDIENT)
     environment = module("frozen", FROZEN)
     both = {"one": "frozen", "two": "obedient"}
-    with Supervisor(both, environment, said.append) as supervisor:
+    with Supervisor(both, environment, said.append, watchdog_s=IMPATIENT_S) as supervisor:
         one, two = supervisor.children.values()
         wait_until(lambda: one.watchdog._heard_s is not None, "it is heard")
         assert one.pid is not None

@@ -1,6 +1,6 @@
-"""Runs services as child processes and starts those again that end or hang: `trolley up`, `demo`.
+"""Runs child processes and starts those again that end or hang: `trolley up`, `demo`, the door.
 
-On a robot systemd does this; here it is for a terminal.
+On a robot systemd does this for the services; here it is for a terminal.
 """
 
 import os
@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
-from trolley.runtime.supervision import PARENT_VARIABLE, Watchdog
+from trolley.runtime.supervision import PARENT_VARIABLE, WATCHDOG_S, Watchdog
 
 EXIT_CONFIG = 2
 """A service's exit code for settings that cannot be used: starting it again would not help."""
@@ -30,13 +30,22 @@ AWAY_S = 2.0
 class Child:
     """One service: its process, and when to start it again."""
 
-    def __init__(self, name: str, command: Sequence[str], *, is_held: bool) -> None:
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        *,
+        is_held: bool,
+        inherits: Sequence[int],
+        watchdog_s: float,
+    ) -> None:
         self.name = name
         self.restarts = 0
         self.is_held = is_held
         """Whether its first start waits to be released."""
-        self.watchdog = Watchdog()
+        self.watchdog = Watchdog(watchdog_s)
         self._command = list(command)
+        self._inherits = inherits
         self._process: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
         self._due_s = 0.0
@@ -68,6 +77,7 @@ class Child:
                 self._command,
                 env={**environment, **self.watchdog.environment},
                 stdin=subprocess.DEVNULL,
+                pass_fds=self._inherits,
                 process_group=0,
             )
         except OSError:
@@ -115,6 +125,8 @@ class Supervisor:
         environment: Added to this process's environment.
         report: Called, on a thread of its own, with a sentence about each child that ended.
         held: Those that start only when `release` is called.
+        inherits: Numbers of open files that each child gets.
+        watchdog_s: A child that has not turned for so long hangs.
     """
 
     def __init__(
@@ -123,9 +135,17 @@ class Supervisor:
         environment: Mapping[str, str],
         report: Callable[[str], None],
         held: Collection[str] = (),
+        inherits: Sequence[int] = (),
+        watchdog_s: float = WATCHDOG_S,
     ) -> None:
         self.children = {
-            name: Child(name, _command(module), is_held=name in held)
+            name: Child(
+                name,
+                _command(module),
+                is_held=name in held,
+                inherits=inherits,
+                watchdog_s=watchdog_s,
+            )
             for name, module in modules.items()
         }
         self.failure: str | None = None
