@@ -15,8 +15,8 @@ class NearEchoesParams:
     """What is remembered and smoothed of the echoes near the robot; set by hand."""
 
     blind_margin_m: float = 0.03
-    """Echoes this much beyond the shortest measurable distance are remembered when the robot comes
-    nearer and the sensor goes blind for them [m]."""
+    """Echoes this much beyond the shortest measurable distance are remembered, for as long as the
+    sensor is blind for them, when the robot comes nearer [m]."""
     memory_s: float = 30.0
     """What lies out of view, or where beams fail, is remembered for this long [s], as is what was
     seen to be free there: see `ObservedSpaceParams`."""
@@ -35,6 +35,9 @@ class NearEchoesParams:
 
 
 PARAMS = NearEchoesParams()
+
+OUT_OF_VIEW = -1
+"""Stands for the beam towards a point where the lidar does not look."""
 
 Floats = NDArray[np.float64]
 
@@ -79,10 +82,12 @@ class NearEchoes:
         """Return the indices of known points that no beam of a scan measures or sees past."""
         base = odom_T_base.inverse().transform_points(self._points_odom)
         laser = self._base_T_laser.inverse().transform_points(base)
-        is_kept = scan.stamp_ns - self._seen_ns < PARAMS.memory_s * 1e9
-        is_kept |= np.hypot(laser[:, 0], laser[:, 1]) < scan.range_min + PARAMS.blind_margin_m
+        beams = _beams_towards(scan, laser)
+        fails = (beams != OUT_OF_VIEW) & _blind_beams(scan)[beams]
+        is_recent = scan.stamp_ns - self._seen_ns < PARAMS.memory_s * 1e9
+        is_near = np.hypot(laser[:, 0], laser[:, 1]) < scan.range_min + PARAMS.blind_margin_m
+        is_kept = (is_recent & (fails | (beams == OUT_OF_VIEW))) | (is_near & fails)
         is_kept &= np.hypot(base[:, 0], base[:, 1]) < self._reach
-        is_kept &= ~_is_looked_at(scan, laser)
         kept = np.flatnonzero(is_kept)
         cells = np.floor(self._points_odom[kept] / PARAMS.remembered_m).astype(np.int64)
         _, first = np.unique(cells[:, 0] * 2**32 + cells[:, 1], return_index=True)
@@ -128,16 +133,14 @@ def is_round(scan: LidarScan) -> bool:
     return (len(scan.ranges) + 2) * scan.angle_increment > 2.0 * np.pi
 
 
-def _is_looked_at(scan: LidarScan, points_laser: Floats) -> NDArray[np.bool_]:
-    """Say of points (n, 2) [m] in the laser's frame whether beams measure there, or see past."""
+def _beams_towards(scan: LidarScan, points_laser: Floats) -> NDArray[np.int64]:
+    """Return the beams (n,) that look at points (n, 2) [m] in the laser's frame."""
     angles = np.arctan2(points_laser[:, 1], points_laser[:, 0])
     turned = (angles - scan.angle_min + 0.5 * scan.angle_increment) % (2.0 * np.pi)
     beams = np.floor(turned / scan.angle_increment).astype(np.int64)
     if is_round(scan):
-        np.minimum(beams, len(scan.ranges) - 1, out=beams)
-    is_looked_at = beams < len(scan.ranges)
-    is_looked_at[is_looked_at] = ~_blind_beams(scan)[beams[is_looked_at]]
-    return is_looked_at
+        return np.minimum(beams, len(scan.ranges) - 1)
+    return np.where(beams < len(scan.ranges), beams, OUT_OF_VIEW)
 
 
 def _blind_beams(scan: LidarScan) -> NDArray[np.bool_]:

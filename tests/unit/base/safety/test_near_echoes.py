@@ -186,3 +186,14 @@ def test_a_wall_that_is_passed_again_and_again_is_remembered_once() -> None:
         echoes.update(half_scan(beside, number * 100_000_000), track)
         turn(track, -0.3 if number % 2 else 0.3)
     assert len(echoes.points(track.odom_T_base)) < 120
+
+
+def test_what_is_too_near_and_out_of_view_is_forgotten_in_time_as_well() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(half_scan(one_echo(180, 0.16), 0), track)
+    turn(track, math.pi)
+    nothing = np.full(BEAMS, np.inf)
+    echoes.update(half_scan(nothing, 29_000_000_000), track)
+    assert len(echoes.points(track.odom_T_base)) == 1
+    echoes.update(half_scan(nothing, 31_000_000_000), track)
+    assert len(echoes.points(track.odom_T_base)) == 0
