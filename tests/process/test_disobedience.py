@@ -76,7 +76,7 @@ def test_a_linorobot_that_does_not_obey_is_told_of(make_metal: Callable[..., Met
         metal.emulated.fault("linorobot:reset")
         wait_until(
             lambda: metal.state is not None and "the device restarts" in metal.state.message,
-            f"it is said that the board restarts: {metal.state}",
+            lambda: f"it is said that the board restarts: {metal.state}",
         )
         metal.hand.drive(AHEAD)
         num_sent = metal.hand.num_sent

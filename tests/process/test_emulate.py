@@ -42,7 +42,7 @@ class Emulator:
             assert self.process.poll() is None or text in self.log, self.log
             return text in self.log
 
-        wait_until(said, f"{text!r} in the output")
+        wait_until(said, lambda: f"{text!r} in the output")
 
     def type(self, line: str) -> None:
         assert self.process.stdin is not None
@@ -84,7 +84,7 @@ def read_some(port: serial.Serial, count: int) -> bytes:
         data += port.read(4096)
         return len(data) >= count
 
-    wait_until(enough, f"{count} bytes")
+    wait_until(enough, lambda: f"{count} bytes")
     return data
 
 

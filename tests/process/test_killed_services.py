@@ -42,7 +42,7 @@ def test_trip_goes_on_after_a_restart(demo: Demo, service: str) -> None:
         latest.wait_for_driving()
         old = demo.children()[service]
         demo.kill_service(service)
-        wait_until(lambda: demo.children().get(service, old) != old, f"{service} is back")
+        wait_until(lambda: demo.children().get(service, old) != old, lambda: f"{service} is back")
         status = latest.wait_for_trip("done")
         assert [result.state for result in status.results] == ["reached"] * 3
         assert latest.truth is not None

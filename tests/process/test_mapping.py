@@ -53,7 +53,7 @@ def test_a_new_robot_makes_its_map_and_knows_its_home(
             health = robot.get(topics.HEALTH)
             return {parts[0] for parts in health} >= names and robot.now_ns() is not None
 
-        wait_until(is_ready, f"all run: {up.log}")
+        wait_until(is_ready, lambda: f"all run: {up.log}")
         idle = robot.get(topics.HEALTH)[("mapper",)]
         begin = robot.latest(topics.SIM_TRUTH)
         assert begin is not None

@@ -41,7 +41,7 @@ class Room:
         self.base = self.start_base()
         self.robot = Robot("tester", endpoint, connect_timeout=PATIENCE_S)
         self._driven = HandDriven(self.robot)
-        wait_until(lambda: self.robot.now_ns() is not None, f"base runs: {self.base.log}")
+        wait_until(lambda: self.robot.now_ns() is not None, lambda: f"base runs: {self.base.log}")
 
     def start_base(self) -> Process:
         self.base = Process(
@@ -208,7 +208,7 @@ def drive_until(
             pressed_s = time.monotonic()
         return happened()
 
-    wait_until(has_happened, f"{what}: {terminal.output!r}")
+    wait_until(has_happened, lambda: f"{what}: {terminal.output!r}")
 
 
 def test_says_what_keeps_it_from_driving(own_room: Room, teleop: Callable[..., Terminal]) -> None:

@@ -106,6 +106,6 @@ class Latest:
 
     def wait_for_trip(self, state: str) -> TourStatus:
         """Wait until the trip is in this state."""
-        wait_until(lambda: self.tour and self.tour.state == state, f"the trip is {state}")
+        wait_until(lambda: self.tour and self.tour.state == state, lambda: f"the trip is {state}")
         assert self.tour is not None
         return self.tour

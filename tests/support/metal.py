@@ -157,7 +157,7 @@ class Metal:
             found = {link.name: link.state for link in state.links}
             return state if found.items() >= links.items() else None
 
-        found = wait_until(is_so, f"base is {mode} {reason} {links}: {self.state}")
+        found = wait_until(is_so, lambda: f"base is {mode} {reason} {links}: {self.state}")
         assert found is not None
         return found
 
@@ -174,7 +174,7 @@ class Metal:
     def start_driving(self, twist: Twist2D, at_least: float = 0.08) -> None:
         """Set off and return when it moves."""
         self.hand.drive(twist)
-        wait_until(lambda: self.speed > at_least, f"it moves: {self.state}")
+        wait_until(lambda: self.speed > at_least, lambda: f"it moves: {self.state}")
 
     def wait_for_standing(self) -> None:
         """Wait until it does not move."""

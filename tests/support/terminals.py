@@ -87,7 +87,7 @@ class Terminal:
 
     def wait_for(self, text: str) -> None:
         """Wait until something is written to it."""
-        wait_until(lambda: text in self.output, f"{text!r} in {self.output!r}")
+        wait_until(lambda: text in self.output, lambda: f"{text!r} in {self.output!r}")
 
     def send(self, number: signal.Signals) -> None:
         """Send the program a signal."""

@@ -15,8 +15,12 @@ bytes on a line, or measured by a program of `bench/`. A slow machine makes a te
 POLL_S = 0.01
 
 
-def wait_until(happened: Callable[[], T], what: str, patience_s: float = PATIENCE_S) -> T:
+def wait_until(
+    happened: Callable[[], T], what: str | Callable[[], str], patience_s: float = PATIENCE_S
+) -> T:
     """Ask every 10 ms until `happened()` is true and return that; fail where it seems to hang.
+
+    What is waited for is told then, by a function as it stands at that time.
 
     A pause counts as the 10 ms that it should have been: where the machine comes round to this
     process late, it does to those that are waited for, too.
@@ -29,5 +33,6 @@ def wait_until(happened: Callable[[], T], what: str, patience_s: float = PATIENC
             return result
         left_s -= time.monotonic() - asked_s + POLL_S
         if left_s < 0.0:
-            raise AssertionError(f"it hangs, after {patience_s:g} s: {what}")
+            told = what if isinstance(what, str) else what()
+            raise AssertionError(f"it hangs, after {patience_s:g} s: {told}")
         time.sleep(POLL_S)

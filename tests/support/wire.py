@@ -12,7 +12,7 @@ def read(bus: ZenohBus, selector: str, payload: bytes = b"", encoding: str = "")
     replies: list[Reply] = []
     done: list[bool] = []
     bus.get(selector, payload, encoding, PATIENCE_S, replies.append, lambda: done.append(True))
-    wait_until(lambda: done, f"the end of the answers to {selector}")
+    wait_until(lambda: done, lambda: f"the end of the answers to {selector}")
     return replies
 
 
@@ -34,7 +34,7 @@ def wait_for_service(bus: ZenohBus, service: str) -> Health:
         health = health_of(bus, service)
         return health if health is not None and health.state == "ok" else None
 
-    found = wait_until(healthy, f"{service} is up")
+    found = wait_until(healthy, lambda: f"{service} is up")
     assert found is not None
     return found
 

@@ -86,6 +86,24 @@ def test_the_fault_holds_until_somebody_resumes_a_robot_that_stands(rig: Rig) ->
     assert rig.truth.twist.vx == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize(
+    "trouble", [Trouble(dead_motors=frozenset({LEFT})), Trouble(stuck_encoders=BOTH)]
+)
+def test_who_was_mended_and_resumed_at_once_is_not_blamed_for_before(
+    rig: Rig, trouble: Trouble
+) -> None:
+    rig.drive(1.2, 0.3)
+    began_s = break_wheels(rig, trouble)
+    rig.drive(1.0, 0.3)
+    assert fault_after(rig, began_s) is not None
+    break_wheels(rig, Trouble())
+    assert rig.lockstep.run_until(lambda: not rig.state.not_stopped, 5.0)
+    assert rig.lockstep.ask(requests.BASE_RESUME).mode == "ok"
+    rig.drive(1.0, 0.3)
+    assert (rig.state.mode, rig.state.reason) == ("ok", "")
+    assert rig.truth.twist.vx == pytest.approx(0.3)
+
+
 def test_a_board_that_drives_by_itself_is_told_of(rig: Rig) -> None:
     rig.run(3.0)
     began_s = break_wheels(rig, Trouble(drives=0.2))

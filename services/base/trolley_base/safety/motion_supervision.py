@@ -396,6 +396,7 @@ class MotionSupervision:
             self._found = self._find_untold(moved)
         else:
             self._found = self._diagnose(since_ns, moved.stamp_ns)
+            self._clear()
             for part in self._parts:
                 part.excuse(moved.stamp_ns)
 
@@ -476,10 +477,12 @@ class MotionSupervision:
         beyond += [way for way, is_still in zip(self._ways, self._still, strict=True) if is_still]
         return beyond
 
-    @property
-    def _excesses(self) -> list[_Excess]:
+    def _clear(self) -> None:
+        """Forget how far anything went beyond its bounds."""
         parts = [excess for part in self._parts for excess in part.excesses]
-        return [*parts, *self._ways, *(floor.excess for floors in self._floors for floor in floors)]
+        floors = [floor.excess for floors in self._floors for floor in floors]
+        for excess in (*parts, *self._ways, *floors):
+            excess.clear()
 
     def _note_rest(self, moved: _Moved) -> None:
         twist = moved.twist
@@ -491,8 +494,7 @@ class MotionSupervision:
         if self._zero_ns is not None and self.rest_ns >= PARAMS.rested_ns:
             self._has_rested = True
             self._untold = None
-            for excess in self._excesses:
-                excess.clear()
+            self._clear()
 
     def _find_untold(self, moved: _Moved) -> Finding:
         """Tell a board that goes on from one that sets off, and that from a hand."""
