@@ -22,6 +22,8 @@ KERNEL_FILES := $(shell grep -rlE --include='*.py' '^from trolley.jit import' co
 BENCHES = $(shell grep -rhoE '^    (TROLLEY_DATA=\S+ )?python -m bench[a-z_.]+( \[|$$)' --include='*.py' bench | grep -oE 'bench[a-z_.]+' | sort -u)
 
 export UV_PYTHON_DOWNLOADS := never
+# Matrices are small here: more threads only take the cores from other tests.
+export OPENBLAS_NUM_THREADS ?= 1
 
 help: ## Show this list.
 	@echo 'Usage: make TARGET [ARGS="..."]   (Python for .venv: make setup PYTHON=python3.12)'

@@ -23,6 +23,8 @@ SETTLED_AFTER_S = 20.0
 """A service that ran for so long is started again without delay."""
 GRACE_S = 5.0
 POLL_PERIOD_S = 0.05
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
+"""Matrices are small here: numpy's further threads would only take the cores from the others."""
 AWAY_S = 2.0
 """A supervisor that did not turn for so long was stopped itself."""
 
@@ -150,7 +152,8 @@ class Supervisor:
         }
         self.failure: str | None = None
         """Why one cannot run at all; the main thread then gets a SIGINT."""
-        self._environment = {**os.environ, **environment, PARENT_VARIABLE: str(os.getpid())}
+        own = {PARENT_VARIABLE: str(os.getpid())}
+        self._environment = {**ONE_THREAD, **os.environ, **environment, **own}
         self._report = report
         self._stop = threading.Event()
         self._main_thread = threading.main_thread().ident or 0
