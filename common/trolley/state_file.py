@@ -7,11 +7,14 @@ for an empty list would overwrite it with one.
 
 import tomllib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar, cast
 
 import msgspec
 import tomli_w
 from msgspec import Struct
+
+from trolley.files import BROKEN, NEWER, keep_aside
 
 S = TypeVar("S", bound=Struct)
 
@@ -111,6 +114,15 @@ def parse_encoded(content: bytes, kind: type[S], decode: Callable[..., Any]) -> 
         return decode(content, type=kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise Unreadable(str(error) if content else "it is empty") from error
+
+
+def keep_unreadable(path: Path, why: Exception) -> Path:
+    """Rename a state file that cannot be read; its name says so, or that it is a newer Trolley's.
+
+    Raises:
+        OSError: It cannot be renamed.
+    """
+    return keep_aside(path, NEWER if isinstance(why, Newer) else BROKEN)
 
 
 def render(value: Struct) -> bytes:

@@ -9,17 +9,20 @@ import msgspec
 
 from trolley.config.load import DEFAULT_PATH
 from trolley.files import (
-    BROKEN,
-    NEWER,
     READABLE_BY_ALL,
     SECRET,
-    keep_aside,
     make_folder,
     read_file,
     write_atomically,
 )
 from trolley.runtime.log import Log
-from trolley.state_file import Newer, Unreadable, parse_any_schema, render, schema_of
+from trolley.state_file import (
+    Unreadable,
+    keep_unreadable,
+    parse_any_schema,
+    render,
+    schema_of,
+)
 
 S = TypeVar("S", bound=msgspec.Struct)
 
@@ -90,7 +93,7 @@ class StateFolder:
     def _keep_aside(self, path: Path, error: Exception) -> None:
         why = error.strerror if isinstance(error, OSError) else error
         try:
-            aside = keep_aside(path, NEWER if isinstance(error, Newer) else BROKEN)
+            aside = keep_unreadable(path, error)
         except OSError as besides:
             self._log.error(
                 "A state file can neither be read nor kept aside",

@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from trolley.files import BROKEN, NEWER, keep_aside, make_folder, read_file, write_atomically
+from trolley.files import make_folder, read_file, write_atomically
 from trolley.messages import Zone
 from trolley.messages.mapping import MapName
 from trolley.runtime.service import Service
-from trolley.state_file import Newer, Unreadable, parse_encoded
+from trolley.state_file import Unreadable, keep_unreadable, parse_encoded
 from trolley_mapper.slam.estimate import Anchor
 
 FILE = "mapping.bin"
@@ -128,7 +128,7 @@ def read(folder: Path) -> Checkpoint | str | None:
 def put_aside(folder: Path, why: Exception) -> str:
     """Rename a checkpoint that cannot be used, and say so in a sentence."""
     try:
-        aside = keep_aside(folder / FILE, NEWER if isinstance(why, Newer) else BROKEN)
+        aside = keep_unreadable(folder / FILE, why)
     except OSError as error:
         return f"The unfinished map can be neither read nor moved aside: {error.strerror}."
     return f"The unfinished map cannot be read ({why}); it is kept as {aside.name}."

@@ -18,8 +18,8 @@ class NearEchoesParams:
     """Echoes this much beyond the shortest measurable distance are remembered, for as long as the
     sensor is blind for them, when the robot comes nearer [m]."""
     memory_s: float = 30.0
-    """What lies out of view, or where beams fail, is remembered for this long [s], as is what was
-    seen to be free there: see `ObservedSpaceParams`."""
+    """What lies out of view, or where beams fail, is remembered for this long [s]; so is what was
+    seen to be free there."""
     remembered_m: float = 0.02
     """Of what is remembered, points nearer together than about this count once [m] ..."""
     max_remembered: int = 1024
@@ -80,10 +80,13 @@ class NearEchoes:
 
     def _remembered(self, scan: LidarScan, odom_T_base: Pose2D) -> NDArray[np.int64]:
         """Return the indices of known points that no beam of a scan measures or sees past."""
+        blind = _blind_beams(scan)
+        if is_round(scan) and not blind.any():
+            return np.empty(0, dtype=np.int64)  # it looks everywhere, and sees
         base = odom_T_base.inverse().transform_points(self._points_odom)
         laser = self._base_T_laser.inverse().transform_points(base)
         beams = _beams_towards(scan, laser)
-        fails = (beams != OUT_OF_VIEW) & _blind_beams(scan)[beams]
+        fails = (beams != OUT_OF_VIEW) & blind[beams]
         is_recent = scan.stamp_ns - self._seen_ns < PARAMS.memory_s * 1e9
         is_near = np.hypot(laser[:, 0], laser[:, 1]) < scan.range_min + PARAMS.blind_margin_m
         is_kept = (is_recent & (fails | (beams == OUT_OF_VIEW))) | (is_near & fails)

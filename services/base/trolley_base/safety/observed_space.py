@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, circumscribed_radius, polygon_contains, wrap_angles
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
+from trolley_base.safety.near_echoes import PARAMS as ECHOES
 from trolley_base.safety.near_echoes import is_round, laser_poses
 
 
@@ -25,7 +26,7 @@ class ObservedSpaceParams:
     """Edge of a cell [m]."""
     dark_s: float = 0.5
     """What a beam should see and none has seen for this long is forgotten [s]."""
-    memory_s: float = 30.0
+    memory_s: float = ECHOES.memory_s
     """What was seen and lies out of view now, as behind a lidar that looks ahead only, is free for
     this long: recovering from a dead end takes that long, and who steps behind a robot that stands
     for longer is not expected by it [s]."""

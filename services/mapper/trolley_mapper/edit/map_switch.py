@@ -10,12 +10,12 @@ from msgspec import Struct
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.files import BROKEN, NEWER, keep_aside, make_folder, read_file, write_atomically
+from trolley.files import make_folder, read_file, write_atomically
 from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, SavedPose, Tour, Zone, Zones
 from trolley.messages.request_params import LoadMap, Named
 from trolley.runtime.service import Service
-from trolley.state_file import Newer, Unreadable, parse_encoded
+from trolley.state_file import Unreadable, keep_unreadable, parse_encoded
 from trolley_mapper.edit.map_versions import MapVersions
 
 PLAN_FILE = "map_edit.json"
@@ -91,7 +91,7 @@ def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
 def _put_aside(file: Path, why: Exception) -> str:
     words = f"What the robot was to be told of an edited map cannot be read ({why})"
     try:
-        aside = keep_aside(file, NEWER if isinstance(why, Newer) else BROKEN)
+        aside = keep_unreadable(file, why)
     except OSError as error:
         return f"{words}, nor be kept aside: {error.strerror}."
     return f"{words}; it is kept as {aside.name}. Places and zones may lie where they lay before."
