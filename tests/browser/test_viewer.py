@@ -180,9 +180,11 @@ def test_a_place_is_saved_changed_and_brought_back(
     assert base is not None
     assert base.mode == "ok"
     choose(page, "Place", "play corner")
+    expect(field(page, "Name")).to_have_value("play corner")  # else it comes while one types
     field(page, "Name").fill("toy corner")
     button(page, "Save changes").click()
-    wait_until(lambda: place_of(shown, "play corner") is None, "it is renamed")
+    wait_until(lambda: place_of(shown, "toy corner") is not None, "it is renamed")
+    wait_until(lambda: place_of(shown, "play corner") is None, "the old name is gone")
     renamed = place_of(shown, "toy corner")
     assert renamed is not None
     assert renamed.icon == "baby-carriage"
