@@ -52,7 +52,7 @@ class DeviceInputs:
         self.echoes = echoes.points(Pose2D.identity())
         """(n, 2) what the lidar saw near the robot [m] in `base_link`."""
         self.unseen = space.unseen(Pose2D.identity())
-        """(n, 2) what it has not seen near the robot [m] in `base_link`."""
+        """What it has not seen near the robot, in `base_link`."""
 
     def begin(
         self, hardware: Hardware, config: RobotConfig, scales: WheelScales, epoch_ns: int

@@ -120,7 +120,9 @@ def test_backwards_with_half_a_view_it_drives_only_over_its_own_trail(
     rig.drive(1.5, -0.5, source=source)
     assert fastest(rig, since) > 0.4, "where it came from it has been"
     assert rig.truth.pose.x < there - 0.1
-    rig.drive(6.0, -0.5, source=source)
+    rig.drive(2.5, -0.5, source=source)
+    assert abs(rig.truth.twist.vx) == pytest.approx(CREEP, abs=0.005), "somebody may stand there"
+    rig.drive(15.0, -0.5, source=source)
     assert abs(rig.truth.twist.vx) <= limit + 0.005
     assert rig.state.reason == codes.BLIND
 

@@ -7,6 +7,7 @@ the robot itself has been is free, too.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +28,14 @@ class ObservedSpaceParams:
     dark_s: float = 0.5
     """What a beam should see and none has seen for this long is forgotten [s]."""
     memory_s: float = ECHOES.memory_s
-    """What was seen and lies out of view now, as behind a lidar that looks ahead only, is free for
-    this long: recovering from a dead end takes that long, and who steps behind a robot that stands
-    for longer is not expected by it [s]."""
+    """What was seen and lies out of view now, as behind a lidar that looks ahead only, counts as
+    free for this long: recovering from a dead end takes that long [s]."""
     trail_s: float = 120.0
-    """Where the robot itself stood is free for this long: people step behind it, but a robot that
-    waited at a place may leave as it came [s]."""
+    """Where the robot itself stood counts as free for this long: a robot that waited at a place
+    may leave as it came [s]."""
+    fresh_s: float = 3.0
+    """What nobody has looked at for longer than this may have been stepped onto: it counts as
+    free, but not at any speed [s]."""
     hidden_m: float = 0.05
     """Between two usable beams, with others that failed between them, nothing wider than this may
     go unseen: so far from the lidar the gap counts as seen [m]."""
@@ -60,6 +63,21 @@ KNOTS = (np.arange(PARAMS.bearings) + 0.5) * (TURN / PARAMS.bearings) - math.pi
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+
+class Unseen(NamedTuple):
+    """Floor near the robot that the lidar has not seen, or not lately.
+
+    Attributes:
+        points: (n, 2) middles of cells x, y [m].
+        was_free: (n,) whether it was seen to be free a while ago, and is out of view now.
+    """
+
+    points: Floats
+    was_free: Bools
+
+
+ALL_SEEN = Unseen(np.empty((0, 2)), np.empty(0, np.bool_))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +168,7 @@ class ObservedSpace:
         self._seen_s = np.full(shape, -np.inf)
         self._trail_s = np.full(shape, -np.inf)
         self._echo_s = np.full(shape, -np.inf)
-        self._unseen_odom: Floats = np.empty((0, 2))
+        self._unseen_odom = ALL_SEEN
 
     def update(self, scan: LidarScan, track: OdometryTrack) -> None:
         """Take a new scan, of at least one beam."""
@@ -165,11 +183,12 @@ class ObservedSpace:
         self._stand(base, x, y, now_s)
         self._unseen_odom = self._find_unseen(base, x, y, now_s)
 
-    def unseen(self, odom_T_base: Pose2D) -> Floats:
-        """Return the middles (n, 2) x, y [m], in `base_link` where it is now, of unseen cells."""
-        if len(self._unseen_odom) == 0:
-            return self._unseen_odom
-        return odom_T_base.inverse().transform_points(self._unseen_odom)
+    def unseen(self, odom_T_base: Pose2D) -> Unseen:
+        """Return what was not seen, in `base_link` where it is now."""
+        points, was_free = self._unseen_odom
+        if len(points) == 0:
+            return ALL_SEEN
+        return Unseen(odom_T_base.inverse().transform_points(points), was_free)
 
     def _follow(self, base: Pose2D) -> None:
         """Move the grid along with the robot, so that what is near lies on it."""
@@ -204,13 +223,16 @@ class ObservedSpace:
         under = polygon_contains(self._footprint, base.inverse().transform_points(points))
         self._trail_s[row.ravel()[under], col.ravel()[under]] = now_s
 
-    def _find_unseen(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> Floats:
-        unseen = self._seen_s < now_s - PARAMS.memory_s
-        unseen &= self._trail_s < now_s - PARAMS.trail_s
+    def _find_unseen(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> Unseen:
+        fresh_s = now_s - PARAMS.fresh_s
+        unseen = (self._seen_s < fresh_s) & (self._trail_s < fresh_s)
         unseen &= self._echo_s < now_s - PARAMS.dark_s
         row, col = np.nonzero(unseen)
-        points = np.stack([x[col], y[row]], axis=1)
-        return points[np.hypot(points[:, 0] - base.x, points[:, 1] - base.y) <= self._reach]
+        is_near = np.hypot(x[col] - base.x, y[row] - base.y) <= self._reach
+        row, col = row[is_near], col[is_near]
+        was_free = self._seen_s[row, col] >= now_s - PARAMS.memory_s
+        was_free |= self._trail_s[row, col] >= now_s - PARAMS.trail_s
+        return Unseen(np.stack([x[col], y[row]], axis=1), was_free)
 
 
 def _shift(grid: Floats, rows: int, cols: int) -> None:

@@ -1,7 +1,8 @@
 """The sight distance: no command drives the footprint faster than what was seen lets it stop.
 
 What the lidar has not seen is met as the stop field meets an echo, but softly: driven by hand the
-robot creeps on into it, driven by a program it stands before it. Corners and sides that swing out
+robot creeps on into it, driven by a program it stands before it. Where it saw the floor free, but
+not lately, a program creeps, too: somebody may have stepped there. Corners and sides that swing out
 of the footprint while it turns may always creep: to turn is how a lidar that looks ahead only comes
 to see the rest.
 """
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
 from trolley_base.safety.motion_limits import MotionLimits
+from trolley_base.safety.observed_space import Unseen
 from trolley_base.safety.sweep import contact_times
 from trolley_base.safety.touching import point_velocities
 
@@ -73,31 +75,34 @@ class SightDistance:
         self.reach = self._reach_of(limits.speed) + 0.5 * limits.speed
         """How far from `base_link` what was not seen can matter within half a second [m]."""
 
-    def look(self, twist: Twist2D, unseen: Floats, *, by_hand: bool) -> Sight:
+    def look(self, twist: Twist2D, unseen: Unseen, *, by_hand: bool) -> Sight:
         """Return what part of a velocity may be driven.
 
         Args:
             twist: within the limits.
-            unseen: (n, 2) places that were not seen [m] in `base_link`.
+            unseen: what was not seen, in `base_link`.
             by_hand: whether a person drives, who looks where the robot does not.
         """
-        if twist.is_zero or len(unseen) == 0:
+        points, was_free = unseen
+        if twist.is_zero or len(points) == 0:
             return CLEAR
         reach = self._reach_of(twist.speed)
-        near = unseen[np.einsum("ij,ij->i", unseen, unseen) < reach * reach]
+        is_near = np.einsum("ij,ij->i", points, points) < reach * reach
+        near, was_free = points[is_near], was_free[is_near]
         if len(near) == 0:
             return CLEAR
-        near = near[~polygon_contains(self._footprint, near)]
+        is_ahead = self._lies_ahead(near, twist)
+        matters = (is_ahead | ~was_free) & ~polygon_contains(self._footprint, near)
+        near, was_free, is_ahead = near[matters], was_free[matters], is_ahead[matters]
         times = contact_times(near, self._footprint, twist)
         met = np.isfinite(times)
         if not met.any():
             return CLEAR
-        near, times = near[met], times[met]
+        near, times, is_ahead = near[met], times[met], is_ahead[met]
         velocities = point_velocities(near, twist)
         times -= PARAMS.margin_m / np.hypot(velocities[:, 0], velocities[:, 1])
         creep = min(1.0, PARAMS.creep / self._fastest(twist))
-        is_ahead = self._lies_ahead(near, twist)
-        is_held = is_ahead & (not by_hand)
+        is_held = is_ahead & ~was_free[met] & (not by_hand)
         scale = min(
             max(creep, self._scale_before(times[~is_held], twist)),
             self._scale_before(times[is_held], twist),

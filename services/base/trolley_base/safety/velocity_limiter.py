@@ -13,6 +13,7 @@ from trolley.geometry import Twist2D
 from trolley.messages import VelocityCommand
 from trolley_base.safety.arbiter import Arbiter, Choice, Reject
 from trolley_base.safety.motion_limits import MotionLimits, ramp, within
+from trolley_base.safety.observed_space import ALL_SEEN, Unseen
 from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 
@@ -40,7 +41,6 @@ class VelocityLimiterParams:
 
 
 PARAMS = VelocityLimiterParams()
-NOTHING: NDArray[np.float64] = np.empty((0, 2))
 
 
 class Block(enum.Enum):
@@ -77,7 +77,7 @@ class _Around(NamedTuple):
     """What is known about the floor around the robot, and who drives there."""
 
     echoes: NDArray[np.float64]
-    unseen: NDArray[np.float64]
+    unseen: Unseen
     by_hand: bool
 
 
@@ -139,7 +139,7 @@ class VelocityLimiter:
         now_ns: int,
         echoes: NDArray[np.float64],
         restriction: Restriction | None = None,
-        unseen: NDArray[np.float64] = NOTHING,
+        unseen: Unseen = ALL_SEEN,
     ) -> Decision:
         """Decide what is driven until the next call.
 
@@ -147,7 +147,7 @@ class VelocityLimiter:
             now_ns: now.
             echoes: (n, 2) what the lidar saw [m] in `base_link`.
             restriction: what else forbids to drive.
-            unseen: (n, 2) what the lidar has not seen [m] in `base_link`.
+            unseen: what the lidar has not seen, in `base_link`.
         """
         since_ns = 0 if self._decided_ns is None else now_ns - self._decided_ns
         self._decided_ns = now_ns

@@ -52,8 +52,16 @@ class Robot:
 
     def sees(self, x: float, y: float) -> bool:
         """Whether the floor there, in `base_link`, is known to be free."""
-        unseen = self.space.unseen(self.track.odom_T_base)
-        return not bool(np.any(np.abs(unseen - [x, y]).max(axis=1) <= 0.75 * PARAMS.cell_m))
+        points, was_free = self.space.unseen(self.track.odom_T_base)
+        return not _is_among(points[~was_free], x, y)
+
+    def sees_lately(self, x: float, y: float) -> bool:
+        """Whether it was seen in the last few seconds."""
+        return not _is_among(self.space.unseen(self.track.odom_T_base).points, x, y)
+
+
+def _is_among(points: NDArray[np.float64], x: float, y: float) -> bool:
+    return bool(np.any(np.abs(points - [x, y]).max(axis=1) <= 0.75 * PARAMS.cell_m))
 
 
 @pytest.fixture
@@ -62,7 +70,7 @@ def robot() -> Robot:
 
 
 def test_before_the_first_scan_nothing_is_said(robot: Robot) -> None:
-    assert len(robot.space.unseen(CENTRE)) == 0
+    assert len(robot.space.unseen(CENTRE).points) == 0
 
 
 def test_what_beams_pass_is_seen_and_what_lies_far_behind_an_echo_is_not(robot: Robot) -> None:
@@ -77,7 +85,7 @@ def test_what_beams_pass_is_seen_and_what_lies_far_behind_an_echo_is_not(robot: 
 
 def test_without_an_echo_in_reach_all_is_free(robot: Robot) -> None:
     robot.see(np.full(360, np.inf))
-    assert len(robot.space.unseen(CENTRE)) == 0
+    assert len(robot.space.unseen(CENTRE).points) == 0
 
 
 def test_beams_that_failed_say_nothing_and_the_floor_under_the_robot_is_free(robot: Robot) -> None:
@@ -135,6 +143,17 @@ def test_what_is_out_of_view_is_remembered_for_a_while(robot: Robot) -> None:
     assert robot.sees(0.5, 0.0)
 
 
+def test_what_nobody_looked_at_for_some_seconds_was_free_a_while_ago(robot: Robot) -> None:
+    robot.see(open_all_round())
+    robot.see(open_all_round(180), 1.0, math.pi)
+    robot.see(open_all_round(180), 1.0, math.pi)
+    assert robot.sees_lately(-0.5, 0.0)
+    robot.see(open_all_round(180), 2.0, math.pi)
+    assert not robot.sees_lately(-0.5, 0.0)
+    assert robot.sees(-0.5, 0.0)
+    assert robot.sees_lately(0.5, 0.0)
+
+
 def test_where_the_robot_was_is_free_for_longer(robot: Robot) -> None:
     robot.see(open_all_round(180), 0.1, math.pi)
     for _ in range(10):
@@ -178,7 +197,7 @@ def test_it_is_remembered_in_place_while_the_robot_drives_far(robot: Robot) -> N
     for _ in range(100):
         robot.move(0.05, 0.01, 0.1)
         robot.see(open_all_round())
-    assert len(robot.space.unseen(robot.track.odom_T_base)) == 0
+    assert len(robot.space.unseen(robot.track.odom_T_base).points) == 0
 
 
 def test_as_the_robot_turns_a_narrow_view_comes_to_see_all_round(robot: Robot) -> None:
@@ -187,4 +206,4 @@ def test_as_the_robot_turns_a_narrow_view_comes_to_see_all_round(robot: Robot) -
     for _ in range(16):
         robot.move(0.0, 0.4, 0.1)
         robot.see(open_all_round(90), 0.1, 0.5 * math.pi)
-    assert len(robot.space.unseen(robot.track.odom_T_base)) == 0
+    assert len(robot.space.unseen(robot.track.odom_T_base).points) == 0

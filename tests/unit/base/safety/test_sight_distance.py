@@ -5,6 +5,7 @@ import pytest
 
 from trolley.geometry import Twist2D, footprint_from_box
 from trolley_base.safety.motion_limits import MotionLimits
+from trolley_base.safety.observed_space import ALL_SEEN, Unseen
 from trolley_base.safety.sight_distance import CLEAR, PARAMS, SightDistance
 
 LIMITS = MotionLimits(
@@ -15,14 +16,15 @@ SIGHT = SightDistance(FOOTPRINT, LIMITS, 0.06)
 FAST = Twist2D(0.5, 0.0, 0.0)
 
 
-def cells(x: float, y: float, width: float = 0.4) -> np.ndarray:
+def cells(x: float, y: float, width: float = 0.4, *, was_free: bool = False) -> Unseen:
     """Cells of a square whose middle is there."""
     along = np.arange(-0.5 * width, 0.5 * width + 0.01, 0.05)
-    return np.stack([axis.ravel() for axis in np.meshgrid(x + along, y + along)], axis=1)
+    points = np.stack([axis.ravel() for axis in np.meshgrid(x + along, y + along)], axis=1)
+    return Unseen(points, np.full(len(points), was_free))
 
 
 def test_where_all_was_seen_it_drives_as_it_likes() -> None:
-    assert SIGHT.look(FAST, np.empty((0, 2)), by_hand=False) == CLEAR
+    assert SIGHT.look(FAST, ALL_SEEN, by_hand=False) == CLEAR
     assert SIGHT.look(Twist2D.zero(), cells(0.3, 0.0), by_hand=False) == CLEAR
 
 
@@ -62,6 +64,26 @@ def test_it_says_where_it_did_not_see(twist: Twist2D, x: float, y: float, where:
     look = SIGHT.look(twist, cells(x, y), by_hand=False)
     assert look.where == where
     assert look.scale == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_what_was_free_a_while_ago_is_driven_into_at_a_creep_whoever_drives(by_hand: bool) -> None:
+    unseen = cells(-0.45, 0.0, was_free=True)
+    backing = Twist2D(-0.5, 0.0, 0.0)
+    look = SIGHT.look(backing, unseen, by_hand=by_hand)
+    assert look.where == "behind"
+    assert backing.speed * look.scale == pytest.approx(PARAMS.creep)
+    turning = Twist2D(0.0, 0.0, 1.5)
+    assert SIGHT.look(turning, cells(-0.1, 0.32, was_free=True), by_hand=by_hand) == CLEAR
+
+
+def test_what_was_never_seen_holds_a_program_though_what_lies_before_it_was_free() -> None:
+    was_free, never = cells(0.45, 0.0, was_free=True), cells(0.45, 0.1)
+    both = Unseen(
+        np.concatenate([was_free.points, never.points]),
+        np.concatenate([was_free.was_free, never.was_free]),
+    )
+    assert SIGHT.look(FAST, both, by_hand=False).scale == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("by_hand", [True, False])
