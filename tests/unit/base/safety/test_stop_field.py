@@ -21,6 +21,15 @@ from trolley_base.safety.touching import closest_on_outline
 LIMITS = MotionLimits(
     speed=0.5, wz=1.5, acceleration=0.8, deceleration=1.0, angular_acceleration=4.0
 )
+FOOTPRINT = footprint_from_box(0.4, 0.2)
+FIELD = StopField(FOOTPRINT, LIMITS, 0.05)
+"""One that is told of no commands, and so remembers nothing."""
+GRAZE = 0.004
+WIDER, NARROWER = (
+    StopField(footprint_from_box(0.4 + 2.0 * more, 0.2 + 2.0 * more), LIMITS, 0.05)
+    for more in (GRAZE, -GRAZE)
+)
+"""Ways to standing are sampled: what they pass within some millimetres they meet or not."""
 AHEAD, BACK = Twist2D(0.4, 0.0, 0.0), Twist2D(-0.4, 0.0, 0.0)
 LEFT, RIGHT = Twist2D(0.0, 0.0, 1.0), Twist2D(0.0, 0.0, -1.0)
 
@@ -153,27 +162,27 @@ twists = st.builds(Twist2D, st.floats(-0.5, 0.5), st.just(0.0), st.floats(-1.5, 
 def test_the_scale_is_a_share_and_more_echoes_never_raise_it(
     cloud: NDArray[np.float64], twist: Twist2D
 ) -> None:
-    footprint = footprint_from_box(0.4, 0.2)
-    field = StopField(footprint, LIMITS, 0.05)
-    scale = field.scale(twist, cloud)
+    scale = FIELD.scale(twist, cloud)
     assert 0.0 <= scale <= 1.0
     # What stands beside the robot already makes its outline narrower for all echoes.
-    outside = cloud[~polygon_contains(footprint, cloud)]
-    gaps = np.linalg.norm(outside - closest_on_outline(outside, footprint), axis=1)
+    outside = cloud[~polygon_contains(FOOTPRINT, cloud)]
+    gaps = np.linalg.norm(outside - closest_on_outline(outside, FOOTPRINT), axis=1)
     assume(bool(np.all(gaps > 1.5 * PARAMS.side_margin_m)))
-    assert scale <= field.scale(twist, cloud[: len(cloud) // 2]) + 1e-12
+    assert scale <= FIELD.scale(twist, cloud[: len(cloud) // 2]) + 1e-12
 
 
 @given(cloud=clouds, twist=twists)
 @example(cloud=np.array([[0.0, 0.125]]), twist=Twist2D(0.0, 0.0, 2.2e-311))
-def test_a_slower_drive_of_the_same_arc_is_never_slowed_below_the_faster(
+@example(cloud=np.array([[0.125, 0.140625]]), twist=Twist2D(-0.375, 0.0, 1.5))
+def test_a_slower_drive_of_the_same_arc_comes_as_far_as_the_faster(
     cloud: NDArray[np.float64], twist: Twist2D
 ) -> None:
-    field = StopField(footprint_from_box(0.4, 0.2), LIMITS, 0.05)
-    fast = field.scale(twist, cloud)
-    slow = 0.5 * field.scale(twist.scaled(0.5), cloud)
+    cloud = cloud[~polygon_contains(footprint_from_box(0.4 + 2 * GRAZE, 0.2 + 2 * GRAZE), cloud)]
+    least, most = (min(0.5, field.scale(twist, cloud)) for field in (WIDER, NARROWER))
+    slow = 0.5 * FIELD.scale(twist.scaled(0.5), cloud)
     # Two parts of a command that the field tells apart, of the whole and of the half.
-    assert min(0.5, fast) == pytest.approx(min(0.5, slow), abs=0.03)
+    apart = 0.03
+    assert least - apart <= slow <= most + apart
 
 
 @pytest.mark.parametrize("turn", [0.0, -1.0])
