@@ -74,6 +74,8 @@ class CommandsUnderWay:
 
     def add(self, twist: Twist2D, seconds: float) -> None:
         """Add what is commanded now, after `seconds` of the command before."""
+        if twist.is_zero and not self._pieces and not self._slow.any():
+            return  # it stands, and goes on standing
         prompt = np.array([twist.vx, twist.vy, twist.wz], dtype=np.float64)
         self._slow = self.at_slowest(prompt[None], seconds)[0]
         both = (*self._slow.tolist(), *prompt.tolist())

@@ -14,7 +14,7 @@ encoder.
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from trolley.geometry import Twist2D, log_pose
 from trolley_base.differential import sides_of
@@ -99,6 +99,8 @@ class MotionSupervisionParams:
 
 PARAMS = MotionSupervisionParams()
 
+T = TypeVar("T")
+
 
 class _Moved(NamedTuple):
     """What was measured of one interval."""
@@ -158,72 +160,72 @@ class _Braking:
     excess: float
 
 
+class _InForce(Generic[T]):
+    """What was told in the last moments, each until the next."""
+
+    def __init__(self) -> None:
+        self._told: deque[tuple[int, T]] = deque()
+
+    def tell(self, now_ns: int, told: T) -> None:
+        """Take what is told from now on."""
+        if self._told and self._told[-1][1] == told:
+            return
+        self._told.append((now_ns, told))
+        while len(self._told) > 1 and now_ns - self._told[1][0] > PARAMS.kept_ns:
+            self._told.popleft()
+
+    def between(self, since_ns: int, until_ns: int) -> list[T]:
+        """Return all that was in force in a time, the newest first."""
+        found: list[T] = []
+        for at_ns, told in reversed(self._told):
+            if at_ns <= until_ns:
+                found.append(told)
+            if at_ns <= since_ns:
+                break
+        return found
+
+
+class _Recent:
+    """Numbers of the last moments."""
+
+    def __init__(self) -> None:
+        self._stamps_ns: deque[int] = deque()
+        self.values: deque[float] = deque()
+
+    def add(self, stamp_ns: int, value: float, oldest_ns: int) -> None:
+        """Add the newest, and drop all before `oldest_ns`."""
+        self._stamps_ns.append(stamp_ns)
+        self.values.append(value)
+        while self._stamps_ns[0] < oldest_ns:
+            self._stamps_ns.popleft()
+            self.values.popleft()
+
+
 class _Ceiling:
     """How fast one part of a velocity may be in one direction."""
 
     def __init__(self, braking: _Braking) -> None:
         self._braking = braking
-        self._told: deque[tuple[int, float]] = deque()
-        self._recent: deque[tuple[int, float, float]] = deque()
-        self._means: deque[tuple[int, float]] = deque()
-        self._excused_ns: int | None = None
         self.may_be = 0.0
         self.excess = _Excess(braking.excess)
 
-    def command(self, now_ns: int, told: float) -> None:
-        """Take what is commanded from now on, below zero in the other direction."""
-        self._told.append((now_ns, max(0.0, told)))
-        # One that is older holds until the next.
-        while len(self._told) > 1 and now_ns - self._told[1][0] > PARAMS.kept_ns:
-            self._told.popleft()
-
-    def excuse(self, now_ns: int) -> None:
-        """Begin anew: however fast it is, it may brake from that."""
-        self._excused_ns = now_ns
-        self.excess.clear()
-
-    def measure(self, moved: "_Moved", measured: float, from_other: float, tick: float) -> bool:
-        """Say whether it has been too fast for too long.
+    def update(self, seconds: float, peak: float, told: float, *, excused: bool) -> float:
+        """Return how fast it may be by now.
 
         Args:
-            moved: the interval.
-            measured: how fast it was, below zero in the other direction.
-            from_other: what another part makes of this one, braking unevenly.
-            tick: what one tick of an encoder amounts to.
+            seconds: since the call before.
+            peak: how fast it was at most of late.
+            told: the most that it was told lately, not below zero.
+            excused: however fast it is, it may brake from that.
         """
-        braking, now_ns = self._braking, moved.stamp_ns
-        peak = self._peak(moved, measured)
-        told = self._highest_told(now_ns)
+        braking = self._braking
         follows = 0.0 if told == 0.0 else PARAMS.fastest_share * told + braking.slack
-        if self._excused_ns is not None and now_ns - self._excused_ns <= braking.delay_ns:
+        if excused:
             self.may_be = max(self.may_be, peak)
         # It brakes from how fast it was, not from how fast it might have been.
-        slower = min(self.may_be - braking.rate * moved.seconds, peak)
+        slower = min(self.may_be - braking.rate * seconds, peak)
         self.may_be = max(follows, slower, 0.0)
-        most = self.may_be + from_other + braking.standing
-        return self.excess.add(measured - most, moved, tick)
-
-    def _peak(self, moved: "_Moved", measured: float) -> float:
-        """Return how fast it was at most of late, each time the mean over a while."""
-        now_ns = moved.stamp_ns
-        self._recent.append((now_ns, measured * moved.seconds, moved.seconds))
-        while now_ns - self._recent[0][0] >= PARAMS.smooth_ns:
-            self._recent.popleft()
-        mean = math.fsum(one[1] for one in self._recent) / math.fsum(one[2] for one in self._recent)
-        self._means.append((now_ns, mean))
-        while now_ns - self._means[0][0] > self._braking.delay_ns:
-            self._means.popleft()
-        return max(mean for _, mean in self._means)
-
-    def _highest_told(self, stamp_ns: int) -> float:
-        since_ns = stamp_ns - self._braking.delay_ns
-        highest = 0.0
-        for at_ns, told in reversed(self._told):
-            if at_ns <= stamp_ns:
-                highest = max(highest, told)
-            if at_ns <= since_ns:
-                break
-        return highest
+        return self.may_be
 
 
 @dataclass(slots=True)
@@ -251,38 +253,68 @@ class _Part:
     """One part of a velocity, which may be too fast in both directions."""
 
     def __init__(self, braking: _Braking) -> None:
-        self.forward, self.backward = _Ceiling(braking), _Ceiling(braking)
+        self._braking = braking
+        self._forward, self._backward = _Ceiling(braking), _Ceiling(braking)
+        self._told = _InForce[float]()
+        self._ways, self._seconds, self._means = _Recent(), _Recent(), _Recent()
+        self._excused_ns: int | None = None
 
     @property
     def may_be(self) -> float:
         """How fast it may be, in one direction or the other."""
-        return max(self.forward.may_be, self.backward.may_be)
+        return max(self._forward.may_be, self._backward.may_be)
 
     @property
     def excesses(self) -> tuple[_Excess, ...]:
         """How far it went beyond."""
-        return self.forward.excess, self.backward.excess
+        return self._forward.excess, self._backward.excess
 
     def command(self, now_ns: int, told: float) -> None:
         """Take what is commanded from now on."""
-        self.forward.command(now_ns, told)
-        self.backward.command(now_ns, -told)
+        self._told.tell(now_ns, told)
 
     def excuse(self, now_ns: int) -> None:
         """Begin anew: however fast it is, it may brake from that."""
-        self.forward.excuse(now_ns)
-        self.backward.excuse(now_ns)
+        self._excused_ns = now_ns
+        for excess in self.excesses:
+            excess.clear()
 
     def measure(
         self, moved: "_Moved", measured: float, tick: float, from_other: float = 0.0
     ) -> list[_Excess]:
-        """Return what has been too fast for too long; see `_Ceiling.measure`."""
+        """Return what has been too fast for too long.
+
+        Args:
+            moved: the interval.
+            measured: how fast it was.
+            tick: what one tick of an encoder amounts to.
+            from_other: what another part makes of this one, braking unevenly.
+        """
+        now_ns, delay_ns = moved.stamp_ns, self._braking.delay_ns
+        means = self._mean_lately(moved, measured)
+        told = self._told.between(now_ns - delay_ns, now_ns)
+        excused = self._excused_ns is not None and now_ns - self._excused_ns <= delay_ns
+        ways = (
+            (self._forward, measured, max(means), max(told, default=0.0)),
+            (self._backward, -measured, -min(means), -min(told, default=0.0)),
+        )
         beyond: list[_Excess] = []
-        if self.forward.measure(moved, measured, from_other, tick):
-            beyond.append(self.forward.excess)
-        if self.backward.measure(moved, -measured, from_other, tick):
-            beyond.append(self.backward.excess)
+        for ceiling, speed, peak, highest in ways:
+            may_be = ceiling.update(moved.seconds, peak, max(0.0, highest), excused=excused)
+            most = may_be + from_other + self._braking.standing
+            if ceiling.excess.add(speed - most, moved, tick):
+                beyond.append(ceiling.excess)
         return beyond
+
+    def _mean_lately(self, moved: "_Moved", measured: float) -> deque[float]:
+        """Return how fast it was of late, each time the mean over a while."""
+        now_ns = moved.stamp_ns
+        oldest_ns = now_ns - PARAMS.smooth_ns + 1
+        self._ways.add(now_ns, measured * moved.seconds, oldest_ns)
+        self._seconds.add(now_ns, moved.seconds, oldest_ns)
+        mean = math.fsum(self._ways.values) / math.fsum(self._seconds.values)
+        self._means.add(now_ns, mean, now_ns - self._braking.delay_ns)
+        return self._means.values
 
 
 @dataclass(slots=True)
@@ -309,6 +341,7 @@ class MotionSupervision:
     def forget(self) -> None:
         """Begin anew: what the robot does now is taken for what it did before."""
         self._commands: deque[tuple[int, Twist2D]] = deque()
+        self._told_sides = _InForce[tuple[float, float]]()
         self._moved: deque[_Moved] = deque()
         self._last_ns: int | None = None
         self._zero_ns: int | None = None
@@ -357,7 +390,9 @@ class MotionSupervision:
         self._ahead.command(now_ns, twist.vx)
         self._sideways.command(now_ns, twist.vy)
         self._turn.command(now_ns, twist.wz)
-        for side, told in zip(self._sides, sides_of(twist, self._half_track_m), strict=True):
+        sides = sides_of(twist, self._half_track_m)
+        self._told_sides.tell(now_ns, sides)
+        for side, told in zip(self._sides, sides, strict=True):
             side.command(now_ns, told)
         self._commands.append((now_ns, twist))
         while now_ns - self._commands[0][0] > PARAMS.kept_ns:
@@ -452,7 +487,9 @@ class MotionSupervision:
 
     def _otherwise(self, moved: _Moved) -> list[_Excess]:
         """Return the sides that go much faster, slower or the other way than told."""
-        told = [sides_of(twist, self._half_track_m) for twist in self._told(moved.stamp_ns)]
+        now_ns = moved.stamp_ns
+        told = self._told_sides.between(now_ns - PARAMS.following_ns - 1, now_ns)
+        told = told or [sides_of(self._commands[0][1], self._half_track_m)]
         speeds = sides_of(moved.twist, self._half_track_m)
         beyond: list[_Excess] = []
         for index, speed in enumerate(speeds):
@@ -520,13 +557,6 @@ class MotionSupervision:
         mean = math.fsum(speeds) / len(speeds)
         spread = max(speeds) - min(speeds)
         return mean >= PARAMS.steady_speed and spread <= PARAMS.steady_share * mean
-
-    def _told(self, stamp_ns: int) -> list[Twist2D]:
-        """Return the commands that a motion up to `stamp_ns` may follow."""
-        since_ns = stamp_ns - PARAMS.following_ns
-        told = [twist for at_ns, twist in self._commands if since_ns <= at_ns <= stamp_ns]
-        before = [twist for at_ns, twist in self._commands if at_ns < since_ns]
-        return [*before[-1:], *told] or [self._commands[0][1]]
 
     def _diagnose(self, since_ns: int, now_ns: int) -> Finding:
         """Say what is wrong with a robot that drives otherwise than told."""
