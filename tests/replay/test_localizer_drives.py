@@ -1,6 +1,5 @@
 """The localizer on recorded drives: real lidars, real floors, furniture that has moved."""
 
-import functools
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from bench.harness.recorded import (
 )
 
 
-@functools.lru_cache(maxsize=1)
 def drive(folder: Path, names: tuple[str, str, str], seed: int) -> Score:
     recording = read_recording(folder, *names)
     return follow(recording, folder / MAPS[names[0]], seed, start_nearby(recording, seed))
@@ -32,19 +30,16 @@ def check(result: Score, median_m: float, p95_m: float) -> None:
     assert "searching" not in result.states
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_freiburg_is_followed_to_the_end(recordings: Path, seed: int) -> None:
-    check(drive(recordings, FREIBURG, seed), 0.06, 0.13)
-
-
-def test_freiburg_agrees_with_what_was_measured_by_hand(recordings: Path) -> None:
-    errors = relation_errors(recordings, drive(recordings, FREIBURG, 1).poses)
+def test_freiburg_is_followed_to_the_end_as_measured_by_hand(recordings: Path) -> None:
+    result = drive(recordings, FREIBURG, 1)
+    check(result, 0.06, 0.13)
+    errors = relation_errors(recordings, result.poses)
     assert len(errors) == 1685
     assert np.mean(errors) <= 0.10
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 5))
+@pytest.mark.parametrize("seed", [0, 2, 3, 4])
 def test_freiburg_is_followed_whatever_the_seed(recordings: Path, seed: int) -> None:
     check(drive(recordings, FREIBURG, seed), 0.06, 0.13)
 

@@ -191,7 +191,7 @@ def test_a_lidar_with_ordinary_drop_outs_raises_no_alarm(make_rig: MakeRig, view
     beams = round(180 * view / (2.0 * math.pi))
     rig = make_rig(errors=f"{DROP_OUTS}field_of_view = {view}\nbeams = {beams}\nrate_hz = 6.0\n")
     rng = np.random.default_rng(7)
-    for _ in range(12):
+    for _ in range(6):
         rig.drive(0.1 * int(rng.integers(5, 30)), float(rng.uniform(0.1, 0.5)), 0.0)
         rig.drive(0.1 * int(rng.integers(5, 20)), 0.0, float(rng.uniform(-1.5, 1.5)))
     begun_ns = rig.states[0].stamp_ns + 10**10  # what lies behind it must have been seen once
@@ -203,7 +203,7 @@ def test_a_lidar_with_ordinary_drop_outs_raises_no_alarm(make_rig: MakeRig, view
         and state.stamp_ns > begun_ns
         and not any(abs(state.stamp_ns - stamp_ns) < 10**9 for stamp_ns in near_ns)
     ] == []
-    assert sum(abs(truth.twist.vx) for truth in rig.truths) * 0.05 > 2.0
+    assert sum(abs(truth.twist.vx) for truth in rig.truths) * 0.05 > 1.0
 
 
 def test_looking_into_the_sun_is_no_blindness(

@@ -149,7 +149,7 @@ def check(scales: WheelScales, wheels: dict[str, float]) -> None:
     [kind if kind == "all" else pytest.param(kind, marks=pytest.mark.slow) for kind in PLANTED],
 )
 def test_squares_find_the_planted_errors_within_a_hundredth(tmp_path: Path, kind: str) -> None:
-    room, course = Room(tmp_path, 7, PLANTED[kind]), squares_both_ways(SIDE_M, 2)
+    room, course = Room(tmp_path, 7, PLANTED[kind]), squares_both_ways(SIDE_M, 1)
     drive = CalibrationDrive(course.places, 0.2)
     with room.lockstep:
         room.calibrate(drive)

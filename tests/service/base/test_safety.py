@@ -237,12 +237,12 @@ def test_whatever_is_commanded_it_drives_into_nothing_that_stands(
 ) -> None:
     rig = make_rig(things=cluttered(seed), robot=ROBOTS[seed], seed=seed, errors=REAL)
     rng = np.random.default_rng(seed)
-    for _ in range(20):
+    for _ in range(12):
         vx, wz = rng.uniform([-0.3, -1.6], [0.6, 1.6]) * (rng.random(2) < 0.7)
         rig.drive(0.1 * int(rng.integers(5, 30)), float(vx), float(wz))
     assert rig.truth.collisions == 0
     moved = sum(abs(a.twist.vx) + abs(a.twist.wz) for a in rig.truths) * 0.05
-    assert moved > 5.0, "it was not just held all the time"
+    assert moved > 3.0, "it was not just held all the time"
 
 
 def test_a_lidar_that_falls_silent_stops_the_robot(
