@@ -111,20 +111,25 @@ class StopField:
         blocked = self._hits(self._stopping(wanted, before[:, -1], slowest, side), near, side)[0]
         if not blocked.any():
             return 1.0
-        # What does not block the whole blocks no part of it.
-        near, low, high = near[blocked], 0.0, 1.0
-        for least in (PARAMS.least, 0.0):
-            parts = np.linspace(low, high, PARAMS.parts + 2)[1:-1]
-            parts = np.append(least, parts) if least else parts
+        near = near[blocked]  # what does not block the whole blocks no part of it
+
+        def num_free(parts: Floats) -> int:
+            """Return how many parts are free before the first that is not."""
             poses = self._stopping(parts[:, None] * wanted, before[:, -1], slowest, side)
-            hits = self._hits(poses, near, side)
-            free = [int(np.count_nonzero(row)) == 0 for row in hits]
-            if not free[0] and least:
-                return 0.0
-            first = free.index(False) if False in free else len(free)
-            low = float(parts[first - 1]) if first else low
-            high = float(parts[first]) if first < len(parts) else high
-        return low
+            hit = self._hits(poses, near, side).any(axis=1)
+            return int(np.argmax(hit)) if hit.any() else len(parts)
+
+        parts = np.append(PARAMS.least, np.linspace(0.0, 1.0, PARAMS.parts + 2)[1:])
+        # The slower ones first: their ways are short.
+        slower, faster = parts[: len(parts) // 2], parts[len(parts) // 2 : -1]
+        first = num_free(slower)
+        if first == 0:
+            return 0.0
+        if first == len(slower):
+            first += num_free(faster)
+        low, high = float(parts[first - 1]), float(parts[first])
+        parts = np.linspace(low, high, PARAMS.parts + 2)[:-1]
+        return float(parts[num_free(parts[1:])])
 
     def _reach_of(self, speed: float) -> float:
         """Return how far from `base_link` an echo can be met while the robot stops [m]."""
