@@ -30,9 +30,13 @@ FREE_M, NEAR_M, STOPS = 0.35, 0.6, 4
 
 
 def random_stops(world: Path, seed: int) -> dict[str, Pose2D]:
-    """Places in any room, none near a thing that the map does not show."""
+    """Places in any room, none near a thing that the map does not show, or where somebody stops.
+
+    Who stands on a goal and waits for the robot to go away lets it wait as long.
+    """
     contents = tomllib.loads(world.read_text())
     things = [(one["x"], one["y"]) for kind in ("box", "circle") for one in contents[kind]]
+    things += [tuple(point) for one in contents.get("person", []) for point in one["path"]]
     poses = free_poses(load_map(MAP), FREE_M, 10 * STOPS, np.random.default_rng(seed))
     free = [
         pose
