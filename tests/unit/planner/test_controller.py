@@ -78,5 +78,5 @@ def test_with_half_a_view_nobody_backs_into_what_was_seen_long_ago() -> None:
 
     assert not may_back_up(0.0, 1.0), "the map alone does not tell who stands there"
     assert may_back_up(math.pi, 2.0), "it has looked there a second before"
-    assert may_back_up(math.pi, 20.0)
-    assert not may_back_up(math.pi, 40.0)
+    assert may_back_up(math.pi, 15.0)
+    assert not may_back_up(math.pi, 30.0)

@@ -47,9 +47,9 @@ class ObstacleParams(NamedTuple):
     """Nothing is known between neighbouring beams farther apart than this."""
     all_round_rad: float = 1.95 * math.pi
     """A lidar that covers less does not look all round."""
-    recent_s: float = 25.0
+    recent_s: float = 15.0
     """What such a lidar saw free is free for this long out of its view; `base` lets nobody drive
-    there 5 s later (`memory_s` of its observed space)."""
+    there 15 s later (`memory_s` of its observed space): at its creep that is 1.5 m."""
 
 
 OBSTACLES = ObstacleParams()
