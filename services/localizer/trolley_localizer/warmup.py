@@ -1,5 +1,7 @@
 """Compile or load all kernels before the first scan needs them."""
 
+import functools
+
 import numpy as np
 
 from trolley.config.localizer import LocalizerConfig
@@ -15,8 +17,9 @@ from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, read_beams
 
 
+@functools.cache
 def warm_up() -> None:
-    """Run every kernel once, with the kinds of arrays that it will meet.
+    """Run every kernel with the kinds of arrays that it will meet; once in a process.
 
     The first run on a machine compiles for some seconds; afterwards numba's cache serves.
     """

@@ -1,5 +1,6 @@
 """Compile or load all kernels before the first scan needs them."""
 
+import functools
 import math
 
 import numpy as np
@@ -15,8 +16,9 @@ _BEAMS = 120
 _FAR = Pose2D(30.0, 0.0, 0.0)
 
 
+@functools.cache
 def warm_up() -> None:
-    """Run every kernel once, with the kinds of arrays that it will meet.
+    """Run every kernel with the kinds of arrays that it will meet; once in a process.
 
     The first run on a machine compiles for some seconds; afterwards numba's cache serves.
     """

@@ -248,7 +248,14 @@ def _search(
 def _distinct(places: Sequence[Place], resolution: float) -> list[Place]:
     """Return the places best first, without those that alignment has moved onto a better one."""
     kept: list[Place] = []
+    # By squares a little larger than the distance: who is nearer is in the same or beside it.
+    edge = 1.001 * PARAMS.same_m / resolution
+    squares: dict[tuple[int, int], list[NDArray[np.float64]]] = {}
     for place in sorted(places, key=lambda place: -place.support.value):
-        if not any(is_near(place.pose, other.pose, resolution) for other in kept):
+        col, row = math.floor(place.pose[0] / edge), math.floor(place.pose[1] / edge)
+        beside = [(col + dx, row + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+        rivals = (pose for square in beside for pose in squares.get(square, ()))
+        if not any(is_near(place.pose, pose, resolution) for pose in rivals):
             kept.append(place)
+            squares.setdefault((col, row), []).append(place.pose)
     return kept

@@ -117,6 +117,8 @@ class RolloutParams(NamedTuple):
 
 CRITICS = CriticWeights()
 ROLLOUT = RolloutParams()
+DIAGONAL = math.hypot(1.0, 1.0)
+"""From a cell to its diagonal neighbour [cells]."""
 
 
 @kernel
@@ -216,17 +218,18 @@ def downhill_point(field: Field, x: float, y: float, length_m: float) -> tuple[f
     travelled = 0.0
     while travelled < length_m:
         best_row, best_col, best = row, col, 0.0
-        for row_step in (-1, 0, 1):
-            for col_step in (-1, 0, 1):
-                length = math.hypot(row_step, col_step)
-                if length == 0.0:
-                    continue
-                fall = field.cost_m[row, col] - field.cost_m[row + row_step, col + col_step]
-                if fall / length > best:
-                    best_row, best_col, best = row + row_step, col + col_step, fall / length
+        here = field.cost_m[row, col]
+        for row_step in range(-1, 2):
+            for col_step in range(-1, 2):
+                fall = float(here - field.cost_m[row + row_step, col + col_step])
+                if row_step != 0 and col_step != 0 and fall > best:
+                    fall /= DIAGONAL
+                if fall > best:
+                    best_row, best_col, best = row + row_step, col + col_step, fall
         if best <= 0.0:
             break
-        travelled += field.coarse_m * math.hypot(best_row - row, best_col - col)
+        is_diagonal = best_row != row and best_col != col
+        travelled += field.coarse_m * (DIAGONAL if is_diagonal else 1.0)
         row, col = best_row, best_col
         if row == 0 or col == 0 or row == rows - 1 or col == cols - 1:
             break
@@ -298,8 +301,9 @@ def rollout(controls: NDArray[np.float64], start: NDArray[np.float64], scene: Sc
     inscribed, far = body.inscribed_m, body.circumscribed_m + enough
     walkers, robots = field.walkers, field.robots
     walked = body.few_points, inscribed, body.circumscribed_m
+    open_speed = caution_speed(limits, enough)
     for step in range(controls.shape[0]):
-        allowed = caution_speed(limits, clearance)
+        allowed = open_speed if clearance == enough else caution_speed(limits, clearance)
         if has_zones:
             allowed = min(allowed, zone_speed(field, x, y))
         before = (v, w)
