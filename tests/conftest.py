@@ -1,6 +1,7 @@
 """What all tests share: hypothesis profiles, the folder of recorded drives, real processes."""
 
 import os
+import sys
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,14 @@ from support.signals import start_children_with_defaults
 from support.waiting import PATIENCE_S
 from support.wire import wait_for_service
 
-from trolley.runtime.zenoh_bus import ZenohBus, open_bus
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus, open_router
 
 start_children_with_defaults()
+
+# Containers like to forbid compiled modules to be kept. Hundreds of processes that compile all they
+# import, numpy first of all, are most of what these tests would do then.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # No deadline: the first call of a numba kernel compiles it.
 # Nor a check of how quickly examples come: that measures the machine.
@@ -53,15 +59,29 @@ def router(free_port: int, tmp_path: Path) -> Generator[RouterProcess]:
 
 
 @pytest.fixture
-def config_file(router: RouterProcess, tmp_path: Path) -> Path:
-    """A `robot.toml` for the robot `tester` at the router."""
-    return write_config(tmp_path / "robot.toml", router.endpoint)
+def router_endpoint(request: pytest.FixtureRequest) -> Generator[str]:
+    """Where a router listens: `router` for a test that asks for it too, else one in this process.
+
+    A process of its own costs as much as a service; only a test that ends it needs one.
+    """
+    if "router" in request.fixturenames:
+        yield request.getfixturevalue("router").endpoint
+        return
+    endpoint = f"tcp/127.0.0.1:{find_free_port()}"
+    with open_router([endpoint]):
+        yield endpoint
 
 
 @pytest.fixture
-def bus(router: RouterProcess) -> Generator[ZenohBus]:
+def config_file(router_endpoint: str, tmp_path: Path) -> Path:
+    """A `robot.toml` for the robot `tester` at the router."""
+    return write_config(tmp_path / "robot.toml", router_endpoint)
+
+
+@pytest.fixture
+def bus(router_endpoint: str) -> Generator[ZenohBus]:
     """A session of the test with the router."""
-    with open_bus([router.endpoint], timeout_s=PATIENCE_S) as opened:
+    with open_bus([router_endpoint], timeout_s=PATIENCE_S) as opened:
         yield opened
 
 

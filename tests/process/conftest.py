@@ -218,7 +218,8 @@ def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Ite
             node.open()
             while not stop.is_set():
                 node.step()
-                node.inbox.wait(0.02)
+                due_s = (node.next_due_ns() - time.monotonic_ns()) * 1e-9
+                node.inbox.wait(min(max(due_s, 0.0), 0.1))
 
         thread = threading.Thread(target=run)
         thread.start()

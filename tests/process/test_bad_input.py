@@ -4,6 +4,7 @@ import os
 import signal
 
 import msgspec
+import pytest
 from support.processes import Process
 from support.samples import make_place
 from support.waiting import wait_until
@@ -14,6 +15,10 @@ from trolley.messages import BaseState, SavedPose
 from trolley.runtime import codec
 from trolley.runtime.zenoh_bus import ZenohBus
 from trolley.topics import Qos
+
+# Floods and messages of 100 MB shall meet a router as it is in a house: all that is in one process
+# shares Zenoh's threads.
+pytestmark = pytest.mark.usefixtures("router")
 
 REQUEST = "trolley/tester/@do/poses/put"
 PLACE = {"name": "kitchen", "pose": {"x": 1.0, "y": 2.0, "yaw": 0.5}}

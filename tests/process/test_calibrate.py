@@ -6,15 +6,17 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from support.processes import Process, RouterProcess, write_config
+from support.processes import Process, find_free_port, write_config
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics, worlds
 from trolley.config import load_config
 from trolley.connection import Connection
+from trolley.runtime.zenoh_bus import open_router
 
 WORLD = """\
 map = "{map}"
@@ -38,29 +40,48 @@ track_m = 0.2  # by the ruler
 COMMAND = [str(Path(sys.executable).with_name("trolley")), "calibrate"]
 
 
-@pytest.fixture
-def robot_file(router: RouterProcess, tmp_path: Path) -> Iterator[Path]:
+@contextmanager
+def running_robot(folder: Path) -> Iterator[Path]:
     """Base and localizer run, and know where they are; their robot.toml."""
     room = worlds.find("room.yaml")
-    (tmp_path / "wrong.toml").write_text(WORLD.format(map=room))
-    path = write_config(tmp_path / "robot.toml", router.endpoint, more=REST.format(map=room))
-    environment = {"TROLLEY_STATE": str(tmp_path / "state")}
-    services = [
-        Process(["-m", name, "--config", str(path)], tmp_path / f"{name}.log", environment)
-        for name in ("trolley_base", "trolley_localizer")
-    ]
-    try:
-        with Connection([router.endpoint]) as connection:
-            wait_until(lambda: _is_localized(connection), "the robot is localized")
-        yield path
-    finally:
-        for service in services:
-            service.kill()
+    (folder / "wrong.toml").write_text(WORLD.format(map=room))
+    endpoint = f"tcp/127.0.0.1:{find_free_port()}"
+    path = write_config(folder / "robot.toml", endpoint, more=REST.format(map=room))
+    environment = {"TROLLEY_STATE": str(folder / "state")}
+    with open_router([endpoint]):
+        services = [
+            Process(["-m", name, "--config", str(path)], folder / f"{name}.log", environment)
+            for name in ("trolley_base", "trolley_localizer")
+        ]
+        try:
+            with connected(path) as connection:
+                wait_until(lambda: _is_localized(connection), "the robot is localized")
+            yield path
+        finally:
+            for service in services:
+                service.kill()
+
+
+def connected(robot_file: Path) -> Connection:
+    return Connection(load_config(robot_file).zenoh.connect)
 
 
 def _is_localized(connection: Connection) -> bool:
     pose = connection.latest("tester", topics.POSE)
     return pose is not None and pose.state == "localized"
+
+
+@pytest.fixture
+def robot_file(tmp_path: Path) -> Iterator[Path]:
+    with running_robot(tmp_path) as path:
+        yield path
+
+
+@pytest.fixture(scope="module")
+def standing_robot_file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """One robot for all tests that do not drive it."""
+    with running_robot(tmp_path_factory.mktemp("robot")) as path:
+        yield path
 
 
 def start(robot_file: Path, *arguments: str) -> subprocess.Popen[str]:
@@ -93,9 +114,9 @@ def test_a_square_finds_the_wheels_and_writes_them_down(robot_file: Path) -> Non
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
 def test_a_calibration_that_is_broken_off_leaves_the_robot_standing(
-    router: RouterProcess, robot_file: Path, number: signal.Signals, code: int
+    robot_file: Path, number: signal.Signals, code: int
 ) -> None:
-    with Connection([router.endpoint]) as connection:
+    with connected(robot_file) as connection:
 
         def speed() -> float:
             truth = connection.latest("tester", topics.SIM_TRUTH)
@@ -109,15 +130,15 @@ def test_a_calibration_that_is_broken_off_leaves_the_robot_standing(
         wait_until(lambda: speed() < 0.001, "the robot stands")
 
 
-def test_where_there_is_no_room_nothing_is_driven(robot_file: Path) -> None:
-    with start(robot_file, "square", "--side", "5.0", "--yes") as process:
+def test_where_there_is_no_room_nothing_is_driven(standing_robot_file: Path) -> None:
+    with start(standing_robot_file, "square", "--side", "5.0", "--yes") as process:
         _, problem = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     assert "Something is in the way" in problem
 
 
-def test_nothing_is_driven_before_somebody_says_yes(robot_file: Path) -> None:
-    with start(robot_file, "square", "--side", "0.8") as process:
+def test_nothing_is_driven_before_somebody_says_yes(standing_robot_file: Path) -> None:
+    with start(standing_robot_file, "square", "--side", "0.8") as process:
         printed, _ = process.communicate("n\n", timeout=PATIENCE_S)
     assert process.returncode != 0
     assert "2 squares" not in printed

@@ -1,11 +1,10 @@
 """Motor boards that do not obey, on their serial lines: judged by the emulated robot."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from support.metal import Metal
-from support.processes import RouterProcess, find_free_port
 from support.waiting import wait_until
 
 from trolley import codes
@@ -16,15 +15,11 @@ NOT_STOPPED = "NOT STOPPED: the motor board does not obey"
 
 
 @pytest.fixture
-def make_metal(tmp_path: Path) -> Iterator[Callable[..., Metal]]:
-    router = RouterProcess(find_free_port(), tmp_path / "router.log")
-    router.start()
-
+def make_metal(tmp_path: Path, endpoint: str) -> Callable[..., Metal]:
     def make(board: str) -> Metal:
-        return Metal(tmp_path, router.endpoint, board, "ld19")
+        return Metal(tmp_path, endpoint, board, "ld19")
 
-    yield make
-    router.stop()
+    return make
 
 
 def resume(metal: Metal) -> None:

@@ -52,8 +52,8 @@ STANDINS = {
 }
 FAKE_TROLLEY = """\
 #!/bin/bash
-release=$(dirname "$(dirname "$(dirname "$0")")")
-echo "$(basename "$release") $*" >> "$FAKE/trolley"
+release=${0%/*/*/*}
+echo "${release##*/} $*" >> "$FAKE/trolley"
 case "$1" in
     init) echo "[robot] # $3" > "$4" ;;
     backup) cp -r "$3" "$FAKE/saved"; echo saved > "$4" ;;
@@ -129,7 +129,7 @@ class Host:
                 "PATH": f"{self._path}:{os.environ['PATH']}",
                 "FAKE": str(self.fake),
                 "FAKE_ROOT": str(self.root),
-                "TROLLEY_INSTALL_PATIENCE_S": "2",
+                "TROLLEY_INSTALL_PATIENCE_S": "1",
                 "TROLLEY_INSTALL_PAUSE_S": "0.02",
                 **environment,
             },

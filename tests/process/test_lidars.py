@@ -4,14 +4,12 @@ The robot stands, so that no moment counts; tests/unit/base/drivers/lidars/test_
 lets it turn, in simulated time.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.metal import Metal
-from support.processes import RouterProcess, find_free_port
 from support.waiting import PATIENCE_S
 
 from trolley import topics
@@ -25,14 +23,6 @@ SETTINGS = "pose = {x = 0.08, y = 0.03, yaw = 0.6}\nmasks_deg = [[170, -170]]\n"
 STANDARD = "rplidar_a1, standard"
 NUM_SCANS = 4
 MODELS = ["rplidar_a1", STANDARD, "ydlidar_x4", "ld19", "xv11", "lds01"]
-
-
-@pytest.fixture
-def endpoint(tmp_path: Path) -> Iterator[str]:
-    router = RouterProcess(find_free_port(), tmp_path / "router.log")
-    router.start()
-    yield router.endpoint
-    router.stop()
 
 
 def heard_scans(metal: Metal) -> list[Scan]:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from support.metal import Metal
-from support.processes import RouterProcess, find_free_port
 from support.waiting import wait_until
 
 from trolley import codes
@@ -16,14 +15,6 @@ from trolley.geometry import Twist2D
 AHEAD = Twist2D(0.3, 0.0, 0.0)
 SLOWLY = Twist2D(0.15, 0.0, 0.0)
 BACK = Twist2D(-0.3, 0.0, 0.0)
-
-
-@pytest.fixture
-def endpoint(tmp_path: Path) -> Iterator[str]:
-    router = RouterProcess(find_free_port(), tmp_path / "router.log")
-    router.start()
-    yield router.endpoint
-    router.stop()
 
 
 @pytest.fixture

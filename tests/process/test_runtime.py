@@ -217,9 +217,7 @@ def answer_for(bus: ZenohBus, run: str) -> list[str]:
 
 
 @pytest.mark.parametrize("run", [str(ELDER), ""], ids=["this release", "an earlier release"])
-def test_two_that_meet_after_a_reconnection_settle_it(
-    keeper: Process, bus: ZenohBus, router: RouterProcess, run: str
-):
+def test_two_that_meet_after_a_reconnection_settle_it(keeper: Process, bus: ZenohBus, run: str):
     """An older process, so far on the other side of a broken link, appears."""
     answer_for(bus, run)
     show(bus, ELDER)
@@ -330,10 +328,7 @@ def test_a_stranger_does_not_have_the_last_word(keeper: Process, bus: ZenohBus) 
 
 
 def test_systemd_hears_ready_alive_and_stopping(
-    service_process: StartService,
-    tmp_path: Path,
-    notify_socket: NotifySocket,
-    router: RouterProcess,
+    service_process: StartService, tmp_path: Path, notify_socket: NotifySocket
 ):
     blocker = tmp_path / "blocker"
     environment = {

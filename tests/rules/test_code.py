@@ -31,8 +31,8 @@ def test_only_the_runtime_catches_everything(sources: list["Source"]) -> None:
         f"{source.path}:{node.lineno}"
         for source in sources
         if RUNTIME not in source.path.parents
-        for node in ast.walk(source.tree)
-        if isinstance(node, ast.ExceptHandler) and BROAD.intersection(caught(node))
+        for node in source.nodes(ast.ExceptHandler)
+        if BROAD.intersection(caught(node))
     ]
     assert places == []
 
@@ -42,11 +42,9 @@ def test_no_key_is_built_by_hand(sources: list["Source"]) -> None:
         f"{source.path}:{node.lineno}"
         for source in sources
         if source.path not in KEY_PLACES and RUNTIME not in source.path.parents
-        for node in ast.walk(source.tree)
         # The literal parts of an f-string are constants too.
-        if isinstance(node, ast.Constant)
-        and isinstance(node.value, str)
-        and node.value.startswith("trolley/")
+        for node in source.nodes(ast.Constant)
+        if isinstance(node.value, str) and node.value.startswith("trolley/")
     ]
     assert places == []
 
@@ -75,12 +73,10 @@ PRINTING = {
 }
 
 
-def prints(node: ast.AST) -> bool:
+def prints(node: ast.Call | ast.Attribute) -> bool:
     """Whether a node prints, or is the name of what prints."""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        return node.func.id == "print"
-    if not isinstance(node, ast.Attribute):
-        return False
+    if isinstance(node, ast.Call):
+        return isinstance(node.func, ast.Name) and node.func.id == "print"
     owner = node.value
     name = owner.id if isinstance(owner, ast.Name) else getattr(owner, "attr", "")
     return node.attr in PRINTING.get(name, ())
@@ -89,10 +85,10 @@ def prints(node: ast.AST) -> bool:
 def test_all_text_is_printed_in_one_place(sources: list["Source"]) -> None:
     """Names and sentences come from strangers: what prints them must make them harmless."""
     places = [
-        f"{source.path}:{getattr(node, 'lineno', 0)}"
+        f"{source.path}:{node.lineno}"
         for source in sources
         if source.path not in PRINTING_PLACES
-        for node in ast.walk(source.tree)
+        for node in (*source.nodes(ast.Call), *source.nodes(ast.Attribute))
         if prints(node)
     ]
     assert places == []

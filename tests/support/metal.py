@@ -144,8 +144,8 @@ class Metal:
 
     @property
     def state(self) -> BaseState | None:
-        """What base says now."""
-        return self.robot.latest(topics.BASE)
+        """What base said last."""
+        return self.states[-1] if self.states else None
 
     def wait_for(self, mode: str, reason: str = "", **links: str) -> BaseState:
         """Wait until base says this of itself, and of its links where they are named."""

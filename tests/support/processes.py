@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from support.waiting import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
 TESTS = Path(__file__).resolve().parents[1]
 
@@ -93,9 +93,8 @@ class RouterProcess:
             "import sys; from trolley.runtime.router import run_router; run_router([sys.argv[1]])"
         )
         process = Process(["-c", program, self.endpoint], self._log)
-        while not self._answers():
-            if not process.is_running:
-                raise AssertionError(f"the router did not start:\n{process.log}")
+        wait_until(lambda: self._answers() or not process.is_running, "the router listens")
+        assert process.is_running, f"the router did not start:\n{process.log}"
         self._process = process
 
     def stop(self) -> None:

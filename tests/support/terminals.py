@@ -4,6 +4,7 @@ import fcntl
 import os
 import pty
 import re
+import select
 import signal
 import struct
 import subprocess
@@ -16,6 +17,8 @@ from pathlib import Path
 from support.waiting import PATIENCE_S, wait_until
 
 FLAGS = 31
+LOOK_S = 0.05
+"""How often its reader sees whether it was closed."""
 
 
 class Terminal:
@@ -114,13 +117,12 @@ class Terminal:
 
     def _read(self) -> None:
         """Keep what is written, and answer questions."""
-        os.set_blocking(self._master, False)
         while not self._is_closed:
+            ready, _, _ = select.select([self._master], [], [], LOOK_S)
+            if not ready:
+                continue
             try:
                 data = os.read(self._master, 65536)
-            except BlockingIOError:
-                threading.Event().wait(0.005)
-                continue
             except OSError:
                 return
             self._output += data

@@ -17,9 +17,16 @@ from trolley_mapper.edit.map_versions import MapVersions
 from .conftest import Stage
 
 MakeStage = Callable[..., Stage]
-KEPT_S = 31.0
+KEPT_S = 6.0
 
 
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the map be kept every five seconds, so that no test waits for long."""
+    monkeypatch.setattr(checkpoint, "PERIOD_NS", 5_000_000_000)
+
+
+@pytest.mark.usefixtures("often")
 def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     true_T_map = stage.map(seconds=4.0)
     stage.bus.run(KEPT_S)
@@ -117,6 +124,7 @@ def test_a_full_disk_refuses_to_save_and_mapping_goes_on(
     assert stage.pose.state == "localized"
 
 
+@pytest.mark.usefixtures("often")
 def test_a_disk_that_is_full_while_mapping_is_said(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -63,7 +63,7 @@ class Stuck(Flatland):
     ("world", "reason"), [(Ice, codes.SLIP), (Swing, codes.OSCILLATION), (Stuck, codes.BLOCKED)]
 )
 def test_why_it_does_not_get_on_is_told(tmp_path: Path, world, reason: str) -> None:
-    stage = Stage(tmp_path, world(empty_room(), START))
+    stage = Stage(tmp_path, world(empty_room(), START), give_up_s=15.0)
     stage.send(FAR_SIDE)
     assert stage.until("recovering", 30.0).reason == reason
     ended = stage.until("failed", 200.0)
@@ -72,7 +72,7 @@ def test_why_it_does_not_get_on_is_told(tmp_path: Path, world, reason: str) -> N
 
 
 def test_a_goal_that_base_does_not_drive_to_blindly_says_so(tmp_path: Path) -> None:
-    stage = Stage(tmp_path, Stuck(empty_room(), START))
+    stage = Stage(tmp_path, Stuck(empty_room(), START), give_up_s=15.0)
     stage.send(FAR_SIDE)
     why = "The lidar sees nothing ahead, so it does not move there."
     stage.robot.say(mode="held", source="planner", reason=codes.BLIND, message=why)

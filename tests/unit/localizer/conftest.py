@@ -38,17 +38,11 @@ def at(grid: GridMap, x: float, y: float, yaw: float) -> Pose2D:
     return grid.origin @ Pose2D(x, y, yaw)
 
 
-def cast(grid: GridMap, map_T_laser: Pose2D, angle: float) -> float:
-    """The range of one beam, to the border of the cell that it hits."""
+def cast(grid: GridMap, map_T_laser: Pose2D, angles: np.ndarray) -> np.ndarray:
+    """The ranges of beams, to the borders of the cells that they hit."""
     pose = grid.origin.inverse() @ map_T_laser
-    return float(
-        cast_rays(
-            grid.occupied_mask(),
-            grid.resolution,
-            (pose.x, pose.y),
-            np.array([pose.yaw + angle]),
-            RANGE_MAX,
-        )[0]
+    return cast_rays(
+        grid.occupied_mask(), grid.resolution, (pose.x, pose.y), pose.yaw + angles, RANGE_MAX
     )
 
 
@@ -65,10 +59,14 @@ def make_scan(
     A negative `sweep_s` is a lidar that turns clockwise: its last beam is the earliest.
     """
     twist = twist or Twist2D.zero()
-    ranges = np.empty(BEAMS, np.float32)
-    for i in range(BEAMS):
-        moved = integrate_twist(map_T_base, twist, sweep_s * i / (BEAMS - 1))
-        ranges[i] = cast(grid, moved @ BASE_T_LASER, -math.pi + i * INCREMENT)
+    angles = -math.pi + np.arange(BEAMS) * INCREMENT
+    if twist.is_zero:
+        ranges = cast(grid, map_T_base @ BASE_T_LASER, angles)
+    else:
+        ranges = np.empty(BEAMS, np.float32)
+        for i in range(BEAMS):
+            moved = integrate_twist(map_T_base, twist, sweep_s * i / (BEAMS - 1))
+            ranges[i] = cast(grid, moved @ BASE_T_LASER, angles[i : i + 1])[0]
     ranges.setflags(write=False)
     return ScanInput(
         stamp_ns=stamp_ns,

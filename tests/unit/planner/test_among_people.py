@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Literal
 
+import numpy as np
 import pytest
 from support.flatland import Flatland, empty_room, two_rooms, with_block
 
@@ -25,7 +26,7 @@ class Meeting:
     def __init__(
         self, ride, controller: Literal["mppi", "pursuit"], room: GridMap | None = None
     ) -> None:
-        self._room = room or empty_room()
+        self._room = self._shown = room or empty_room()
         self.world = Flatland(self._room, Pose2D(1.0, 3.0, 0.0))
         self.drive = ride(self.world, PlannerConfig(controller=controller))
         self.drive.send(Pose2D(6.5, 3.0, 0.0))
@@ -35,8 +36,10 @@ class Meeting:
         self.nearest = math.inf
 
     def walk(self, seconds: float, place: Place | None) -> None:
-        """Let somebody be where `place` says, at times from 0."""
+        """Let somebody be where `place` says, at times from 0, until the goal is over."""
         for step in range(round(seconds / STEP_S)):
+            if not self.drive.navigator.board.is_active:
+                break
             truth = self._room
             if place is not None:
                 x, y = place(step * STEP_S)
@@ -44,7 +47,9 @@ class Meeting:
                 self.nearest = min(
                     self.nearest, math.hypot(self.world.pose.x - x, self.world.pose.y - y)
                 )
-            self.world.set_truth(truth)
+            if not np.array_equal(truth.cells, self._shown.cells):
+                self.world.set_truth(truth)
+                self._shown = truth
             self.drive.step()
             self.poses.append(self.world.pose)
             self.speeds.append(self.world.twist.vx)

@@ -247,15 +247,15 @@ def test_the_lowest_of_overlapping_speed_zones_holds(ride) -> None:
         corners = [(left, 0.5), (right, 0.5), (right, 5.5), (left, 5.5)]
         return Zone(name=name, kind="speed", points=corners, speed=speed)
 
-    zones = [zone("slow", 2.0, 4.0, 0.2), zone("slower", 3.0, 5.0, 0.1)]
+    zones = [zone("slow", 2.0, 3.2, 0.2), zone("slower", 2.6, 3.6, 0.1)]
     drive = ride(Flatland(empty_room(), START, zones=zones))
-    drive.send(Pose2D(6.5, 3.0, 0.0))
+    drive.send(Pose2D(5.5, 3.0, 0.0))
     fastest = {"slow": 0.0, "slower": 0.0, "free": 0.0}
     while drive.navigator.board.is_active:
         drive.step()
         x, speed = drive.world.pose.x, drive.world.twist.vx
         # A little inside, since braking begins at the border at the latest.
-        where = "slow" if 2.15 < x < 2.95 else "slower" if 3.1 < x < 4.95 else "free"
+        where = "slow" if 2.15 < x < 2.55 else "slower" if 2.7 < x < 3.55 else "free"
         fastest[where] = max(fastest[where], speed)
         assert drive.now_ns < 120e9
     assert fastest["slow"] <= 0.21
