@@ -46,8 +46,8 @@ LINE_S = 0.2
 LIDAR_S = 0.5
 LIDAR_TRIES = 2
 SPIN_UP_S = 1.5
-STOPPING_S = 0.1
-"""Time in which a lidar obeys a stop."""
+STOPPING_S, MOST_STOPPING = 0.1, 10
+"""A lidar that has obeyed a stop is silent for this long; it may take so many times that."""
 POLL_S = 0.05
 BUSY_S, MOST_LOOKS = 0.5, 3
 """If this process came round late by that much in all, the computer may have kept the device's
@@ -180,13 +180,21 @@ class Probe:
         for _ in range(LIDAR_TRIES):
             for command in stop:
                 self._port.write(command)
-                self._pause(STOPPING_S)
+                self._await_silence()
             self._port.discard_input()
             self._port.write(question)
             answer = self._read(LIDAR_S, read)
             if answer is not None:
                 return answer
         return None
+
+    def _await_silence(self) -> None:
+        """Wait until what was told to stop has stopped, or does not mean to."""
+        for _ in range(MOST_STOPPING):
+            self._port.discard_input()
+            self._pause(STOPPING_S)
+            if not self._port.wait(0.0):
+                return
 
     def _start_lidars(self) -> FoundDevice | None:
         for driver in MODELS.values():
