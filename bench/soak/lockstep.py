@@ -112,9 +112,19 @@ class Soak:
         if last is not None:
             if truth.collisions < last.collisions:  # another run of base counts from 0
                 self._collisions_before += last.collisions
+            elif truth.collisions > last.collisions:
+                self._note_contact(truth)
             self.driven_m += truth.pose.distance_to(last.pose)
         self.closest_m = min(self.closest_m, truth.clearance)
         self._truth = truth
+
+    def _note_contact(self, truth: Truth) -> None:
+        pose, twist = truth.pose, truth.twist
+        base = "" if self._base is None else f"; base: {self._base.mode}: {self._base.message}"
+        self._note(
+            f"drove into something at x {pose.x:.2f}, y {pose.y:.2f} m, yaw {pose.yaw:.2f} rad, "
+            f"with {twist.vx:.2f} m/s, {twist.wz:.2f} rad/s{base}"
+        )
 
     def _hear_tour(self, sample: Sample) -> None:
         status = self._tour = msgspec.msgpack.decode(sample.payload, type=TourStatus)

@@ -8,8 +8,9 @@ ld19:ok                     everything that holds for this device ends
 
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -199,6 +200,13 @@ def _pin(text: str, kind: str, value: str | None) -> tuple[str, int]:
     return match["pin"], int(match["value"])
 
 
+class FaultChange(NamedTuple):
+    """A fault that begins or ends."""
+
+    fault: Fault
+    begins: bool
+
+
 class FaultPlan:
     """Keeps track of which faults are active when."""
 
@@ -210,27 +218,29 @@ class FaultPlan:
         """Schedule a fault for its time, or for now if it names none."""
         self._waiting.append((now_s if fault.start_s is None else fault.start_s, fault))
 
-    def advance(self, now_s: float) -> tuple[list[Fault], list[Fault]]:
-        """Return the faults that start now and those that end."""
-        begun = [fault for start_s, fault in self._waiting if start_s <= now_s]
-        self._waiting = [(start_s, fault) for start_s, fault in self._waiting if start_s > now_s]
-        well = {fault.device for fault in begun if fault.kind == "ok"}
-        ended = [
-            fault
-            for end_s, fault in self._holding
-            if fault.device in well or (end_s is not None and end_s <= now_s)
-        ]
-        self._holding = [held for held in self._holding if held[1] not in ended]
-        begun = [fault for fault in begun if fault.kind != "ok"]
-        for fault in begun:
+    def advance(self, now_s: float) -> list[FaultChange]:
+        """Return which faults begin and end now, in order."""
+        changes = self._end(lambda end_s, _: end_s is not None and end_s <= now_s)
+        due = sorted((one for one in self._waiting if one[0] <= now_s), key=lambda one: one[0])
+        self._waiting = [one for one in self._waiting if one[0] > now_s]
+        for _, fault in due:
+            if fault.kind == "ok":
+                changes += self._end(lambda _, held, name=fault.device: held.device == name)
+                continue
             duration_s = fault.duration_s
             self._holding.append((None if duration_s is None else now_s + duration_s, fault))
-        return begun, ended
+            changes.append(FaultChange(fault, begins=True))
+        return changes
 
     def of(self, device: str) -> dict[str, Fault]:
         """Return the active faults of a device, by kind; those of pins by kind and pin."""
         mine = [fault for _, fault in self._holding if fault.device == device]
         return {" ".join(filter(None, (fault.kind, fault.pin[0]))): fault for fault in mine}
+
+    def _end(self, is_over: Callable[[float | None, Fault], bool]) -> list[FaultChange]:
+        over = [held for held in self._holding if is_over(*held)]
+        self._holding = [held for held in self._holding if held not in over]
+        return [FaultChange(fault, begins=False) for _, fault in over]
 
 
 class Damage:

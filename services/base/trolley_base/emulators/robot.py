@@ -223,12 +223,11 @@ class EmulatedRobot:
         self._wait_for_hosts()
 
     def _change_faults(self, now_ns: int) -> None:
-        begun, ended = self._plan.advance((now_ns - self._began_ns) * 1e-9)
-        for fault in ended:
-            self._remark(f"{fault.device}: {fault.kind} ends")
-        for fault in begun:
-            self._remark(f"{fault.device}: {fault.kind} begins ({fault.text})")
-        for name in {fault.device for fault in (*begun, *ended)}:
+        changes = self._plan.advance((now_ns - self._began_ns) * 1e-9)
+        for fault, begins in changes:
+            what = f"begins ({fault.text})" if begins else "ends"
+            self._remark(f"{fault.device}: {fault.kind} {what}")
+        for name in {fault.device for fault, _ in changes}:
             self._ports[name].set_faults(self._plan.of(name), now_ns)
 
     def _catch_up(self, now_ns: int) -> None:

@@ -76,23 +76,32 @@ def test_what_is_broken_of_the_wheels_is_told():
     assert trouble_of({}) is WELL
 
 
+def changes(plan: FaultPlan, now_s: float) -> list[tuple[str, bool]]:
+    """What begins (True) and ends (False) at a time, by kind."""
+    return [(fault.kind, begins) for fault, begins in plan.advance(now_s)]
+
+
 def test_faults_hold_for_their_time():
     plan = FaultPlan()
     plan.add(parse_fault("ld19:silence@10+5", DEVICES), 0.0)
     plan.add(parse_fault("ld19:noise", DEVICES), 2.0)
-    assert plan.advance(1.0) == ([], [])
-    begun, ended = plan.advance(2.0)
-    assert [fault.kind for fault in begun] == ["noise"]
-    assert ended == []
+    assert changes(plan, 1.0) == []
+    assert changes(plan, 2.0) == [("noise", True)]
     plan.advance(10.1)
     assert set(plan.of("ld19")) == {"silence", "noise"}
     assert plan.of("linorobot") == {}
-    _, ended = plan.advance(15.2)
-    assert [fault.kind for fault in ended] == ["silence"]
+    assert changes(plan, 15.2) == [("silence", False)]
     plan.add(parse_fault("ld19:ok", DEVICES), 16.0)
-    begun, ended = plan.advance(16.0)
-    assert (begun, [fault.kind for fault in ended]) == ([], ["noise"])
+    assert changes(plan, 16.0) == [("noise", False)]
     assert plan.of("ld19") == {}
+
+
+def test_a_busy_computer_takes_faults_that_come_together_in_their_order():
+    plan = FaultPlan()
+    for text in ("ld19:silence", "ld19:ok", "ld19:unplug"):
+        plan.add(parse_fault(text, DEVICES), 1.0)
+    assert changes(plan, 1.1) == [("silence", True), ("silence", False), ("unplug", True)]
+    assert set(plan.of("ld19")) == {"unplug"}
 
 
 def test_several_pins_may_be_pulled_at_once():
