@@ -169,5 +169,5 @@ def test_paths_touch_nothing_and_are_short(seed) -> None:
     assert steps.max() <= 0.0501
     # An octile way along cells is at most 8 % longer than a straight one; detours cost more.
     assert path.length_m <= 1.01 * path.cost + 0.1
-    if not (cells[5:115, 20:143] == 100).any():
-        assert path.length_m <= 1.005 * math.dist(start, goal) + 0.05
+    if not (cells[5:115, 20:143] == 100).any():  # beside the room's walls the floor is dearer
+        assert path.length_m <= 1.005 * math.dist(start, goal) + 0.15
