@@ -3,8 +3,9 @@
 What the lidar has not seen is met as the stop field meets an echo, but softly: driven by hand the
 robot creeps on into it, driven by a program it stands before it. Where it saw the floor free, but
 not lately, a program creeps, too: somebody may have stepped there. Corners and sides that swing out
-of the footprint while it turns may always creep: to turn is how a lidar that looks ahead only comes
-to see the rest.
+of the footprint while it turns in place may creep: to turn is how a lidar that looks ahead only
+comes to see the rest. While a program also drives on, they come so slowly to what nobody ever saw
+that nothing is pushed by them.
 """
 
 import math
@@ -18,7 +19,7 @@ from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.observed_space import Unseen
 from trolley_base.safety.sweep import contact_times
-from trolley_base.safety.touching import point_velocities
+from trolley_base.safety.touching import closest_on_outline, point_velocities
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,12 @@ class SightDistanceParams:
     """A velocity faster than that by this share is a creep, too."""
     margin_m: float = 0.05
     """A place that was not seen is met this much before its middle: it is a cell wide [m]."""
+    soft: float = 0.01
+    """Sides come no faster to what was never seen, driven by a program that does not turn in place:
+    half of what counts as driving into something, as speeds are held by a half [m/s]."""
+    soft_m: float = 0.08
+    """So near to the middle of such a place: it is a cell wide, and what is remembered of the cells
+    around it is some centimetres off after half a minute [m]."""
     ahead_m: float = 0.01
     """What lies this much before the footprint's foremost point, as it drives, lies ahead [m]."""
 
@@ -107,10 +114,20 @@ class SightDistance:
             max(creep, self._scale_before(times[~is_held], twist)),
             self._scale_before(times[is_held], twist),
         )
+        if not by_hand and twist.speed > 0.0:
+            scale = min(scale, self._soft_scale(near[~is_ahead], twist))
         if scale == 1.0:
             return CLEAR
         way = WAYS[round(math.atan2(twist.vy, twist.vx) / (0.5 * math.pi)) % len(WAYS)]
         return Sight(scale, way if is_ahead[int(np.argmin(times))] else BESIDE)
+
+    def _soft_scale(self, beside: Floats, twist: Twist2D) -> float:
+        """Return what part of a velocity lets the sides come softly to places (n, 2) beside."""
+        gaps = beside - closest_on_outline(beside, self._footprint)
+        distances = np.hypot(gaps[:, 0], gaps[:, 1])
+        closing = -np.sum(point_velocities(beside, twist) * gaps, axis=1)
+        closing = (closing / np.maximum(distances, 1e-9))[distances < PARAMS.soft_m]
+        return PARAMS.soft / max(PARAMS.soft, float(np.max(closing, initial=0.0)))
 
     def is_creeping(self, twist: Twist2D) -> bool:
         """Say whether a velocity is no faster than what is driven where nothing was seen."""

@@ -96,6 +96,19 @@ def test_corners_that_swing_out_creep_whoever_drives(by_hand: bool) -> None:
     assert 0.0 < arc.scale < 1.0
 
 
+def test_a_side_comes_softly_to_what_was_never_seen_while_a_program_drives_on() -> None:
+    backing = Twist2D(-0.06, 0.0, -0.23)  # its left side swings out, behind what the lidar saw
+    unseen = Unseen(np.array([[-0.14, 0.16]]), np.array([False]))
+    look = SIGHT.look(backing, unseen, by_hand=False)
+    assert 0.14 * 0.23 * look.scale == pytest.approx(PARAMS.soft)
+    assert look.where == "beside the robot"
+    was_free = Unseen(unseen.points, np.array([True]))
+    assert SIGHT.look(backing, was_free, by_hand=False) == CLEAR
+    in_place = Twist2D(0.0, 0.0, -0.23)
+    for twist, by_hand in ((backing, True), (in_place, False)):
+        assert SIGHT.look(twist, unseen, by_hand=by_hand).scale > 2.0 * look.scale
+
+
 def test_backing_in_a_curve_into_what_was_not_seen_is_held() -> None:
     look = SIGHT.look(Twist2D(-0.2, 0.0, 0.3), cells(-0.45, 0.0), by_hand=False)
     assert look.where == "behind"
