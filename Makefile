@@ -42,7 +42,7 @@ else
 endif
 
 unit: setup ## The quick tests, while you work: no whole drives, no other programs, no browser, no lint.
-	@$(BIN)/python -m pytest -m "not slow and not programs and not drives" --numprocesses auto --dist worksteal \
+	@$(BIN)/python -m pytest -m "not slow and not programs and not drives" --numprocesses 4 --dist worksteal \
 		tests/unit tests/rules $(ARGS)
 
 slow: setup ## The tests that take longer: whole drives, more seeds, most of the browser's.
