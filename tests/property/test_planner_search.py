@@ -169,5 +169,7 @@ def test_paths_touch_nothing_and_are_short(seed) -> None:
     assert steps.max() <= 0.0501
     # An octile way along cells is at most 8 % longer than a straight one; detours cost more.
     assert path.length_m <= 1.01 * path.cost + 0.1
-    if not (cells[5:115, 20:143] == 100).any():  # beside the room's walls the floor is dearer
-        assert path.length_m <= 1.005 * math.dist(start, goal) + 0.15
+    if not (cells[5:115, 20:143] == 100).any():
+        # Beside the room's walls the floor is dearer, and the path keeps off them a little.
+        is_in_the_open = all(0.8 < y < 5.2 for _, y in (start, goal))
+        assert path.length_m <= 1.005 * math.dist(start, goal) + (0.05 if is_in_the_open else 0.15)

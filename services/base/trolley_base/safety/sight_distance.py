@@ -115,17 +115,22 @@ class SightDistance:
             self._scale_before(times[is_held], twist),
         )
         if not by_hand and twist.speed > 0.0:
-            scale = min(scale, self._soft_scale(near[~is_ahead], twist))
+            scale = min(scale, self._soft_scale(near[~is_ahead], velocities[~is_ahead]))
         if scale == 1.0:
             return CLEAR
         way = WAYS[round(math.atan2(twist.vy, twist.vx) / (0.5 * math.pi)) % len(WAYS)]
         return Sight(scale, way if is_ahead[int(np.argmin(times))] else BESIDE)
 
-    def _soft_scale(self, beside: Floats, twist: Twist2D) -> float:
-        """Return what part of a velocity lets the sides come softly to places (n, 2) beside."""
+    def _soft_scale(self, beside: Floats, velocities: Floats) -> float:
+        """Return what part of a motion lets the sides come softly to places (n, 2) beside.
+
+        Args:
+            beside: the places [m].
+            velocities: (n, 2) theirs as seen from the robot [m/s].
+        """
         gaps = beside - closest_on_outline(beside, self._footprint)
         distances = np.hypot(gaps[:, 0], gaps[:, 1])
-        closing = -np.sum(point_velocities(beside, twist) * gaps, axis=1)
+        closing = -np.sum(velocities * gaps, axis=1)
         closing = (closing / np.maximum(distances, 1e-9))[distances < PARAMS.soft_m]
         return PARAMS.soft / max(PARAMS.soft, float(np.max(closing, initial=0.0)))
 
