@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from support.processes import Process, RouterProcess, find_free_port, write_config
+from support.processes import Process, RouterProcess, find_free_port, own_router, write_config
 from support.signals import start_children_with_defaults
 from support.waiting import PATIENCE_S
 from support.wire import wait_for_service
 
-from trolley.runtime.zenoh_bus import ZenohBus, open_bus, open_router
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 start_children_with_defaults()
 
@@ -68,8 +68,7 @@ def router_endpoint(request: pytest.FixtureRequest) -> Generator[str]:
     if "router" in request.fixturenames:
         yield request.getfixturevalue("router").endpoint
         return
-    endpoint = f"tcp/127.0.0.1:{find_free_port()}"
-    with open_router([endpoint]):
+    with own_router() as endpoint:
         yield endpoint
 
 

@@ -10,13 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from support.processes import Process, find_free_port, write_config
+from support.processes import Process, own_router, write_config
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics, worlds
 from trolley.config import load_config
 from trolley.connection import Connection
-from trolley.runtime.zenoh_bus import open_router
 
 WORLD = """\
 map = "{map}"
@@ -45,10 +44,9 @@ def running_robot(folder: Path) -> Iterator[Path]:
     """Base and localizer run, and know where they are; their robot.toml."""
     room = worlds.find("room.yaml")
     (folder / "wrong.toml").write_text(WORLD.format(map=room))
-    endpoint = f"tcp/127.0.0.1:{find_free_port()}"
-    path = write_config(folder / "robot.toml", endpoint, more=REST.format(map=room))
     environment = {"TROLLEY_STATE": str(folder / "state")}
-    with open_router([endpoint]):
+    with own_router() as endpoint:
+        path = write_config(folder / "robot.toml", endpoint, more=REST.format(map=room))
         services = [
             Process(["-m", name, "--config", str(path)], folder / f"{name}.log", environment)
             for name in ("trolley_base", "trolley_localizer")

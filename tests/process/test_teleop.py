@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from support.processes import Process, find_free_port, write_config
+from support.processes import Process, own_router, write_config
 from support.standing import HandDriven, stands
 from support.terminals import Terminal, trolley
 from support.waiting import PATIENCE_S, wait_until
@@ -17,7 +17,6 @@ from support.waiting import PATIENCE_S, wait_until
 from trolley import topics
 from trolley.client import Robot
 from trolley.geometry import Twist2D
-from trolley.runtime.zenoh_bus import open_router
 
 ENTER_KITTY, LEAVE_KITTY = "\x1b[>31u", "\x1b[<u"
 UP, UP_RELEASE = "\x1b[A", "\x1b[1;1:3A"
@@ -68,8 +67,7 @@ class Room:
 
 @contextmanager
 def open_room(folder: Path) -> Iterator[Room]:
-    endpoint = f"tcp/127.0.0.1:{find_free_port()}"
-    with open_router([endpoint]):
+    with own_router() as endpoint:
         room = Room(folder, endpoint)
         yield room
         room.end()

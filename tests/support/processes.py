@@ -5,10 +5,12 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from support.waiting import PATIENCE_S, wait_until
+from trolley.runtime.zenoh_bus import open_router
 
 TESTS = Path(__file__).resolve().parents[1]
 
@@ -76,6 +78,14 @@ class Process:
         if self.is_running:
             self.send(signal.SIGKILL)
         self._popen.wait()
+
+
+@contextmanager
+def own_router() -> Iterator[str]:
+    """A router in this process; yields where it listens."""
+    endpoint = f"tcp/127.0.0.1:{find_free_port()}"
+    with open_router([endpoint]):
+        yield endpoint
 
 
 class RouterProcess:
