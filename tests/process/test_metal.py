@@ -53,7 +53,6 @@ def test_each_cause_sends_a_zero_for_good(linorobot: Metal) -> None:
         metal.check_that_it_stays()
         for state in metal.states[num_said:]:
             links = {link.name: link.state for link in state.links}
-            assert links["chassis"] == "up"
             assert state.mode == "held" or links["lidar"] == "up"
         metal.hand.let_go()
         metal.emulated.fault("ld19:ok")
