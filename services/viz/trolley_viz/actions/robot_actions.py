@@ -107,10 +107,6 @@ class RobotActions:
         }[action]
         self.ask(request, Nothing(), f"{action}: not done")
 
-    def resume(self) -> None:
-        """Let the robot drive again; it does not set off by itself."""
-        self.ask(requests.BASE_RESUME, Nothing(), "Not resumed")
-
     def ask(
         self,
         request: Request[Any, Any],

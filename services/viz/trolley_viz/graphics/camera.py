@@ -8,12 +8,6 @@ from numpy.typing import NDArray
 
 FIELD_OF_VIEW = math.radians(42.0)
 ELEVATION = math.radians(66.0)
-PANEL_PIXELS = 330
-NARROW = 0.75
-"""Width over height of a picture below which viser's panel is taken to lie over its lower part. The
-width alone says nothing: it is in pixels of the device, of which a phone has as many as a desk."""
-BELOW = 0.8
-"""How much more than the map is to be seen then, by its height."""
 MARGIN = 1.1
 SHIFT = 0.05
 """How far the map is moved up, by its height: Stop lies over the lower edge."""
@@ -61,34 +55,18 @@ def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
     server.initial_camera.look_at = look_at
 
 
-def is_narrow(width: float, height: float) -> bool:
-    """Whether a picture of so many pixels is seen on a phone."""
-    return width < NARROW * height
-
-
-def seen_pixels(client: viser.ClientHandle, *, is_new: bool = False) -> tuple[int, int]:
-    """Width and height of a browser's picture.
-
-    One that `is_new` tells as a rule, but not always, the width from before the panel was docked.
-    """
-    width, height = client.camera.image_width, client.camera.image_height
-    if is_new and not is_narrow(width, height):
-        width -= PANEL_PIXELS
-    return max(width, 1), max(height, 1)
-
-
-def fit(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[float, float]) -> None:
-    """Move one browser's camera so that it sees all of `bounds` in so many pixels."""
-    position, look_at = _stand_for(bounds, pixels)
+def fit(client: viser.ClientHandle, bounds: Bounds, aspect: float) -> None:
+    """Move one browser's camera so that it sees all of `bounds`, `aspect` times as wide as high."""
+    position, look_at = stand(bounds, aspect)
     with client.atomic():
         client.camera.fov = FIELD_OF_VIEW
         client.camera.position = position
         client.camera.look_at = look_at
 
 
-def stands(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[float, float]) -> bool:
+def stands(client: viser.ClientHandle, bounds: Bounds, aspect: float) -> bool:
     """Whether the camera stands where `fit` put it: nobody has moved it since."""
-    position, _ = _stand_for(bounds, pixels)
+    position, _ = stand(bounds, aspect)
     return np.allclose(client.camera.position, position, atol=1e-2)
 
 
@@ -99,13 +77,3 @@ def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:
     """
     starts = (stand(one, INITIAL_ASPECT)[0] for one in (bounds, UNKNOWN_MAP))
     return any(np.allclose(client.camera.position, start, atol=1e-3) for start in starts)
-
-
-def _stand_for(
-    bounds: Bounds, pixels: tuple[float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    width, height = pixels
-    if is_narrow(width, height):
-        x0, y0, x1, y1 = bounds
-        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
-    return stand(bounds, width / height)

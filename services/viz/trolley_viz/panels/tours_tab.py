@@ -1,11 +1,10 @@
 """The tab of the tours: the trip under way, the stored tours and their editor, past trips."""
 
-import viser
-
 from trolley import topics
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour
 from trolley_viz.actions.tour_actions import TourActions
+from trolley_viz.controls.controls import Controls
 from trolley_viz.editing.tour_draft import Draft, Editing
 from trolley_viz.panels.past_trips import PastTripsPanel
 from trolley_viz.panels.tour_editor import TourEditor
@@ -22,32 +21,25 @@ from trolley_viz.scene.tours import (
 )
 from trolley_viz.session.session import Session
 
-# Fingers need more room than viser gives a group of buttons.
-TOUCH_STYLE = (
-    "<style>@media (pointer:coarse){"
-    '.mantine-Button-root[data-size="compact-xs"]{height:2.6rem!important}}</style>'
-)
-
 
 class TourTab:
     """All about tours in one browser; who only looks sees the trip and past trips."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+    def __init__(self, gui: Controls, session: Session) -> None:
         self._session = session
         actions = session.actions
         self._stored = TourActions(actions, lambda: session.robot)
         self._edited_on = ""
         """The robot whose tour is edited."""
         self._drawing = TourDrawing(session.client.scene, "/edited_tour", raised=0.02)
-        gui.add_html(TOUCH_STYLE)
         steer = actions.steer_tour if session.may_drive else None
-        self._trip = TripPanel(gui, steer, session.post)
+        self._trip = TripPanel(gui, steer)
         self._list: TourList | None = None
         self._editor: TourEditor | None = None
         if session.may_drive:
-            self._list = TourList(gui, self, actions.history, session.post)
-            self._editor = TourEditor(gui, session, self._save, session.post)
-        self._past = PastTripsPanel(gui, session.post)
+            self._list = TourList(gui, self, actions.history)
+            self._editor = TourEditor(gui, session, self._save)
+        self._past = PastTripsPanel(gui)
 
     def update(self, view: View) -> None:
         """Show what is."""

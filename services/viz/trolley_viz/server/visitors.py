@@ -1,6 +1,5 @@
 """Visitors: which browser it is, and what its person may do."""
 
-import contextvars
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +17,3 @@ class Visitor:
 
 
 NOBODY = Visitor()
-
-present: contextvars.ContextVar[Visitor] = contextvars.ContextVar("present", default=NOBODY)
-"""The visitor whose connection the current task serves; viser's callbacks run in such a task."""

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import viser
+
 from trolley.runtime.service import Service
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopPresses
-from trolley_viz.server.web_server import LocalServer
 from trolley_viz.session.robot_scene import RobotScenes
 from trolley_viz.settings import Choices
 
@@ -17,8 +18,8 @@ class Hub:
 
     service: Service
     """Asks the robots, and knows the time."""
-    server: LocalServer
-    """The web server."""
+    server: viser.ViserServer
+    """Of the scene."""
     robots: Robots
     """The robots of the network."""
     stops: StopPresses
@@ -28,7 +29,7 @@ class Hub:
     remember: Callable[[str, Choices], None]
     """Saves the choices of a browser."""
     let_go: Callable[[int], None]
-    """Takes the joystick out of a browser's hand."""
+    """Takes the joystick out of a page's hand."""
 
     def is_open(self, client_id: int) -> bool:
         """Whether a browser is still connected; viser knows before it says that it is gone."""

@@ -1,6 +1,7 @@
 """One browser: its controls, its tool, the robot that it follows and the layers that it shows."""
 
 from collections.abc import Callable, Set
+from dataclasses import dataclass
 
 import msgspec
 import viser
@@ -9,6 +10,7 @@ from trolley.messages import MapChange, SuspectLine
 from trolley_viz.actions.aiming import Aiming
 from trolley_viz.actions.place_actions import PlaceActions
 from trolley_viz.actions.robot_actions import RobotActions
+from trolley_viz.controls.controls import Controls, Folder
 from trolley_viz.drawing.canvas import Canvas
 from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
 from trolley_viz.drawing.suspected_mirrors import SuspectLines
@@ -16,22 +18,36 @@ from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.zone_requests import ZoneRequests
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
+from trolley_viz.overlays.pages import File
 from trolley_viz.pointing.drags import Drags
 from trolley_viz.pointing.pointer import Pointer
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
 from trolley_viz.scene.scene import shown_layers
 from trolley_viz.sentences import Tone
+from trolley_viz.server.messages import Notice, Told
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.server.web_server import configure_look
 from trolley_viz.session.browser_scene import BrowserScene
 from trolley_viz.session.hub import Hub
-from trolley_viz.session.notices import Notices
 from trolley_viz.session.viewport import Viewport
 from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
 
 FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""
+
+
+@dataclass(frozen=True)
+class PagePort:
+    """The page of a browser, as its session uses it."""
+
+    number: int
+    """Tells it from all others."""
+    visitor: Visitor
+    """Who it is."""
+    controls: Controls
+    """What its person can press."""
+    say: Callable[[Told], None]
+    """Tells the page something."""
 
 
 class Session:
@@ -40,25 +56,20 @@ class Session:
     Args:
         hub: what all browsers share.
         client: viser's handle of the browser.
-        visitor: who it is.
+        page: its page.
         choices: what was chosen there before.
     """
 
     def __init__(
-        self,
-        hub: Hub,
-        client: viser.ClientHandle,
-        visitor: Visitor,
-        choices: Choices,
+        self, hub: Hub, client: viser.ClientHandle, page: PagePort, choices: Choices
     ) -> None:
         self.client = client
-        self.visitor = visitor
+        self.visitor = page.visitor
+        self._page = page
         self._hub = hub
         service = hub.service
         self._choices = choices
         self._robot = choices.robot or hub.robots.own
-        self._notices = Notices(client)
-        self._folders: dict[str, viser.GuiFolderHandle] = {}
         self.drags = Drags(
             self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
         )
@@ -96,7 +107,7 @@ class Session:
         self.change_requests = ChangeRequests(
             service, self.actions, lambda: self._robot, self._map_name
         )
-        configure_look(client.gui, dark=choices.dark)
+        _set_look(client, dark=choices.dark)
         self.scene = BrowserScene(client.scene)
         """What this browser alone has in its scene."""
         self._viewport = Viewport(client)
@@ -127,6 +138,11 @@ class Session:
         """What is known of the robot."""
         return self._hub.scenes.of(self._robot).view
 
+    @property
+    def hint(self) -> str:
+        """What the armed tool waits for, "" where there is none."""
+        return self.zone_editor.hint or self.map_editor.hint or self.aiming.hint
+
     def robot_labels(self) -> dict[str, str]:
         """What to call each robot in a list, to its name."""
         hub = self._hub
@@ -142,10 +158,12 @@ class Session:
         return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
 
     # What the panels ask for.
-    def folder(self, title: str, *, is_open: bool = False) -> viser.GuiFolderHandle:
+    def folder(self, title: str, *, is_open: bool = False) -> Folder:
         """Add a folder of controls: as its person left it, else open or not as is said here."""
-        is_open = self._choices.folders.get(title, is_open)
-        folder = self._folders[title] = self.client.gui.add_folder(title, expand_by_default=is_open)
+        folder = self._page.controls.add_folder(
+            title, is_open=self._choices.folders.get(title, is_open)
+        )
+        folder.on_fold(lambda is_open: self._remember_folder(title, is_open=is_open))
         return folder
 
     def post(self, fn: Callable[[], None]) -> None:
@@ -154,7 +172,11 @@ class Session:
 
     def tell(self, title: str, text: str, tone: Tone) -> None:
         """Show a notice: a title and a sentence."""
-        self._notices.show(title, text, tone)
+        self._page.say(Told(notice=Notice(title=title, text=text, tone=tone)))
+
+    def save_file(self, name: str, text: str) -> None:
+        """Let the browser save a file."""
+        self._page.say(Told(file=File(name, text)))
 
     def press_stop(self) -> None:
         """Stop the robot."""
@@ -165,18 +187,13 @@ class Session:
         for name in self._hub.robots.names(self._robot):
             self._hub.stops.press(name, self._hub.service.monotonic_ns)
 
-    def press_resume(self) -> None:
-        """Let it drive again."""
-        self._hub.stops.release(self._robot)
-        self.actions.resume()
-
     def follow(self, robot: str) -> None:
         """Show another robot."""
         if robot != self._robot:
             self.put_tools_away()
             self.map_editor.leave()
             self.actions.forget()
-            self._hub.let_go(self.client.client_id)
+            self._hub.let_go(self._page.number)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
 
@@ -207,17 +224,9 @@ class Session:
         """Note the width and height of the picture [px of the page]."""
         self._viewport.resized(size, self._hub.service.monotonic_ns)
 
-    def remember_folder(self, title: str, *, is_open: bool) -> None:
-        """Note that a folder was opened or closed, and remember it."""
-        folder = self._folders.get(title)
-        if folder is not None:  # a page may say anything
-            folder.expand_by_default = is_open  # as the page makes it anew with its tab
-            folders = {**self._choices.folders, title: is_open}
-            self._choose(msgspec.structs.replace(self._choices, folders=folders))
-
     def set_dark(self, *, is_dark: bool) -> None:
         """Change the look, and remember it."""
-        configure_look(self.client.gui, dark=is_dark)
+        _set_look(self.client, dark=is_dark)
         self._choose(msgspec.structs.replace(self._choices, dark=is_dark))
 
     def fit_view(self) -> None:
@@ -258,6 +267,10 @@ class Session:
         self.map_editor.choose("look")
 
     # Inside.
+    def _remember_folder(self, title: str, *, is_open: bool) -> None:
+        folders = {**self._choices.folders, title: is_open}
+        self._choose(msgspec.structs.replace(self._choices, folders=folders))
+
     def _post_while_open(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread what a pointer did, unless its browser is gone."""
 
@@ -295,3 +308,7 @@ class Session:
     def _choose(self, choices: Choices) -> None:
         self._choices = choices
         self._hub.remember(self.visitor.browser, choices)
+
+
+def _set_look(client: viser.ClientHandle, *, dark: bool) -> None:
+    client.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)

@@ -19,8 +19,8 @@ class Viewport:
         self._size: tuple[float, float] | None = None
         """Width and height of the picture [px of the page], once the page has told."""
         self._fitted = ""
-        """The map that the camera was last moved for, and the pixels there were then."""
-        self._pixels: tuple[float, float] = (1, 1)
+        """The map that the camera was last moved for, and the shape of the picture then."""
+        self._aspect = 1.0
         self._is_at_start = False
         """Whether it was moved to where every page begins anyway."""
         self._settled_ns: int | None = None
@@ -42,8 +42,7 @@ class Viewport:
         """Show the whole map."""
         bounds = map_bounds(view)
         if bounds is not None:
-            self._pixels = self._seen_pixels()
-            camera.fit(self._client, bounds, self._pixels)
+            self._fit(bounds)
 
     def update(self, view: View, robot: str) -> None:
         """Move the camera to a map that is new to it, and again where the page undoes that."""
@@ -56,9 +55,8 @@ class Viewport:
         bounds = map_bounds(view)
         if bounds is None or not (is_new or self._is_to_fit_again(view.now_ns, bounds)):
             return
-        self._pixels = self._seen_pixels(is_new=not self._fitted)
         self._settled_ns = view.now_ns + SETTLE_NS
-        camera.fit(self._client, bounds, self._pixels)
+        self._fit(bounds)
         self._is_at_start = camera.was_reset(self._client, bounds)
         self._fitted = fitted
 
@@ -69,9 +67,14 @@ class Viewport:
         if self._settled_ns is None or now_ns < self._settled_ns:
             return False
         self._settled_ns = None
-        width, height = self._seen_pixels()
-        is_other = abs(width / height - self._pixels[0] / self._pixels[1]) > SAME_ASPECT
-        return is_other and camera.stands(self._client, bounds, self._pixels)
+        is_other = abs(self._seen_aspect() - self._aspect) > SAME_ASPECT
+        return is_other and camera.stands(self._client, bounds, self._aspect)
 
-    def _seen_pixels(self, *, is_new: bool = False) -> tuple[float, float]:
-        return self._size or camera.seen_pixels(self._client, is_new=is_new)
+    def _fit(self, bounds: camera.Bounds) -> None:
+        self._aspect = self._seen_aspect()
+        camera.fit(self._client, bounds, self._aspect)
+
+    def _seen_aspect(self) -> float:
+        at = self._client.camera
+        width, height = self._size or (at.image_width, at.image_height)
+        return max(width, 1) / max(height, 1)

@@ -1,0 +1,89 @@
+"""How a control looks, as the page is told; `frontend/controls.js` draws it."""
+
+from typing import Literal
+
+from msgspec import Struct
+
+Kind = Literal[
+    "button",
+    "choice",
+    "check",
+    "folder",
+    "html",
+    "list",
+    "number",
+    "slider",
+    "tab",
+    "tabs",
+    "text",
+    "tiles",
+]
+Colour = Literal["grey", "green", "teal", "purple", "amber", "red"]
+"""What a button does: red stops, green goes, amber pauses, purple is a place, teal a tour or tool,
+grey the rest."""
+Value = str | float | bool | None
+
+
+class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One control.
+
+    Attributes:
+        kind: what it is: `choice` is a row of buttons, `list` one to choose from, `tiles` holds
+            large buttons in two columns.
+        parent: the folder or tab that it is in, 0 for the page.
+        order: among its brothers, lowest first.
+        label: what stands on it or before it.
+        icon: a Tabler name.
+        colour: of a button.
+        is_hidden: whether it is left out.
+        is_disabled: whether it can be seen but not used.
+        is_open: of a folder.
+        value: of what holds one; the open one of `tabs`.
+        options: of a `choice` or `list`.
+        min: least value of a number.
+        max: greatest value of a number.
+        step: from one value of a number to the next.
+        hint: says more than the label.
+        content: of `html`, made safe.
+    """
+
+    kind: Kind
+    parent: int = 0
+    order: float = 0.0
+    label: str = ""
+    icon: str = ""
+    colour: Colour = "grey"
+    is_hidden: bool = False
+    is_disabled: bool = False
+    is_open: bool = False
+    value: Value = None
+    options: tuple[str, ...] = ()
+    min: float | None = None
+    max: float | None = None
+    step: float | None = None
+    hint: str = ""
+    content: str = ""
+
+
+class Command(Struct, frozen=True, kw_only=True):
+    """What a key does.
+
+    Attributes:
+        id: of the control that it stands for.
+        title: what it is called in the list of commands.
+        key: as `KeyboardEvent.key` names it, in small letters; with `shift+` before it.
+    """
+
+    id: int
+    title: str
+    key: str
+
+
+class ControlChanges(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What changed since the page was last told."""
+
+    looks: dict[int, Look] = {}
+    """By id; those that are new, too."""
+    gone: list[int] = []
+    commands: list[Command] | None = None
+    """All of them, where any changed."""

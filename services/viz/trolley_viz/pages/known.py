@@ -1,0 +1,43 @@
+"""What the sentences about a robot depend on, gathered from its streams."""
+
+from trolley import topics
+from trolley_viz.robots.view import View
+from trolley_viz.scene.tours import tour_of
+from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, position_line, trip_line
+from trolley_viz.situation import RobotState
+
+
+def robot_state(view: View, silent: frozenset[str]) -> RobotState:
+    """Gather what the sentence about the robot depends on."""
+    streams = view.streams
+    estimate, saved = streams.latest(topics.POSE), streams.latest(topics.POSES)
+    trip = streams.latest(topics.TOUR)
+    robot_ns, age_s = view.robot_ns, None
+    if robot_ns is not None and estimate is not None:
+        age_s = (robot_ns - estimate.stamp_ns) * 1e-9
+    return RobotState(
+        is_away=view.is_away,
+        base=streams.latest(topics.BASE),
+        has_map=view.map is not None,
+        estimate=estimate,
+        estimate_age_s=age_s,
+        goal=streams.latest(topics.GOAL),
+        trip=trip,
+        tour=None if trip is None else tour_of(trip, view),
+        places=[] if saved is None else saved.poses,
+        silent=silent,
+        mapping=streams.latest(topics.MAPPING),
+    )
+
+
+def state_lines(known: RobotState) -> list[StatusLine]:
+    """The lines of the state: position, what holds it, where it is going, the trip."""
+    if known.is_away:
+        return [AWAY]
+    lines = [
+        position_line(known.estimate, known.estimate_age_s),
+        base_line(known.base),
+        goal_line(known.goal, list(known.places)),
+        trip_line(known.trip, known.tour),
+    ]
+    return [line for line in lines if line is not None]
