@@ -127,8 +127,8 @@ class VizService(Service):
     def close_scene(self, client_id: int) -> None:
         """Forget a connection of viser's that is gone."""
         for page in self.pages.values():
-            if page.session is not None and page.session.client.client_id == client_id:
-                page.detach()
+            if page.session.picture.is_of(client_id):
+                page.session.detach()
         for secret, client in tuple(self._unclaimed.items()):
             if client.client_id == client_id:
                 del self._unclaimed[secret]
@@ -160,7 +160,7 @@ class VizService(Service):
         if said.scene is not None:
             client = self._unclaimed.pop(said.scene, None)
             if client is not None:
-                page.attach(client)
+                page.session.attach(client)
         page.hear(said, self.monotonic_ns)
 
     # What it does again and again.
@@ -185,8 +185,7 @@ class VizService(Service):
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
         scenes = hub.scenes.by_robot
         for page in self.pages.values():
-            if page.session is not None:
-                page.session.update_scene(scenes.keys())
+            page.session.update_scene(scenes.keys())
         hub.server.flush()  # viser would wait for more to send together
         if now_ns >= self._panels_due_ns:
             self._panels_due_ns = now_ns + PANEL_PERIOD_NS

@@ -41,6 +41,7 @@ from trolley_viz.server.messages import Answer, Notice, PageState, Said, Told
 from trolley_viz.server.visitors import NOBODY, Visitor
 from trolley_viz.server.web_server import close_scene, open_scene
 from trolley_viz.service import VizService
+from trolley_viz.session.browser_scene import BrowserScene
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScene
 from trolley_viz.session.session import Session
@@ -346,9 +347,13 @@ class Stage:
     @property
     def session(self) -> Session:
         """Of the browser that came first."""
-        session = next(iter(self.viz.pages.values())).session
-        assert session is not None
-        return session
+        return next(iter(self.viz.pages.values())).session
+
+    def drawn(self, client_id: int = 0) -> BrowserScene:
+        """What a browser alone has in its scene."""
+        scene = self.page(client_id).session.scene
+        assert scene is not None
+        return scene
 
     @property
     def hub(self) -> Hub:

@@ -151,6 +151,47 @@ def test_commands_are_told_where_they_change_and_work_unseen() -> None:
     assert (controls.commands, pressed) == ([], ["undo"])
 
 
+def test_what_nobody_looks_at_is_told_once_it_is_looked_at() -> None:
+    controls = Controls()
+    tabs = controls.add_tabs()
+    with tabs.add_tab("Go", "x") as go:
+        word = controls.add_html("")
+    with tabs.add_tab("More", "x") as more:
+        age = controls.add_html("")
+        with controls.add_folder("Keys") as keys:
+            inner = controls.add_html("")
+        with controls.add_folder(visible=False) as hidden:
+            deep = controls.add_html("")
+
+    def told() -> set[int]:
+        changes = controls.take_changes()
+        return set() if changes is None else set(changes.looks)
+
+    def change() -> None:
+        for one in (word, age, inner, deep):
+            one.content += "x"
+
+    assert {word.id, age.id, inner.id, deep.id} <= told()  # all there is, once
+    change()
+    assert told() == {word.id}
+    change()
+    controls.handle(tabs.id, float(more.id))  # as JSON numbers come
+    assert told() == {age.id}
+    controls.handle(keys.id, True)
+    assert told() == {inner.id}
+    hidden.visible = True
+    assert told() == {hidden.id, deep.id}
+    controls.handle(tabs.id, float(go.id))
+    assert told() == {word.id}
+    change()
+    controls.forget_sent()
+    assert {word.id, age.id, inner.id, deep.id} <= told()
+    age.visible = False
+    assert told() == set()
+    age.remove()
+    assert controls.take_changes() is not None
+
+
 def one_of_each() -> tuple[Controls, list[Control]]:
     controls = Controls()
     tabs = controls.add_tabs()
@@ -197,6 +238,7 @@ def test_no_value_from_a_page_does_harm(value: object) -> None:
         ("On", 1),
         ("Place", "c"),
         ("Keys", None),
+        ("Keys", 1.0),
     ],
 )
 def test_what_a_control_cannot_hold_is_refused(label: str, value: object) -> None:

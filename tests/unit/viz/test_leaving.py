@@ -80,7 +80,7 @@ class Page:
         self.wait(lambda: bool(stage.viz.pages))
         (self.page,) = stage.viz.pages.values()
         self.line.send(f'{{"scene": "{self._secret()}"}}')
-        self.wait(lambda: self.page.session is not None)
+        self.wait(lambda: self.page.session.picture.client is not None)
         self.run(0.5)
 
     def run(self, seconds: float) -> None:
@@ -100,12 +100,18 @@ class Page:
         wait_until(look, "it is as it should be")
 
     def begin_drag(self, node: str) -> None:
-        owner = self.stage.session.client.scene._owner_id
+        owner = self._owner
         for phase in ("start", "update"):
-            say(self.socket, drag(phase, node, owner))  # type: ignore[arg-type]
+            say(self.socket, drag(phase, node, owner))
 
     def end_drag(self, node: str) -> None:
-        say(self.socket, drag("end", node, self.stage.session.client.scene._owner_id))  # type: ignore[arg-type]
+        say(self.socket, drag("end", node, self._owner))
+
+    @property
+    def _owner(self) -> Any:
+        client = self.stage.session.picture.client
+        assert client is not None
+        return client.scene._owner_id
 
     def tell(self, **gesture: Any) -> None:
         said = {"gesture": {"at_ms": self.stage.now_ms, **gesture}}
@@ -115,7 +121,7 @@ class Page:
         """Go without a word."""
         for one in (self.line, self.socket):
             one.socket.shutdown(socket.SHUT_RDWR)
-        self.wait(lambda: self.page.session is None)
+        self.wait(lambda: self.page.session.picture.client is None)
         self.stage.runtime.run(3.0)
 
     def _is_heard(self) -> bool:
@@ -150,6 +156,7 @@ def test_no_goal_is_sent(page: Page, stage: "Stage") -> None:
     page.begin_drag("/pointing")
     page.wait(lambda: session.pointing._arrow is not None)
     page.leave()
+    assert session.pointing._arrow is None
     assert stage.robot.goals == []
 
 

@@ -170,7 +170,7 @@ def test_turning_takes_all_of_the_scene_along(hand: Hand) -> None:
         editor.turn_to(degrees)
     hand.wait()
     assert [op.angle for op in editor.draft.ops] == pytest.approx([math.radians(30.0)])
-    root = hand.stage.session.scene._overrides[hand.stage.session.robot][""]
+    root = hand.stage.drawn()._overrides[hand.stage.session.robot][""]
     hand.wait()
     assert root.wxyz[3] == pytest.approx(math.sin(math.radians(15.0)))
     editor.straighten()

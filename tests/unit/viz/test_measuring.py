@@ -94,6 +94,9 @@ def test_a_browser_that_leaves_follows_nothing(
     plot.type("Value", "odom:pose.x")
     stage.runtime.run(0.5)
     stage.leave(stage.browsers[0])
+    stage.runtime.run(29.0)
+    assert followed == ["odom"]  # it may come back
+    stage.runtime.run(2.0)
     assert followed == []
 
 

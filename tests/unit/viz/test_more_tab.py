@@ -150,7 +150,7 @@ def test_frames_are_switched_one_by_one(stage: "Stage") -> None:
     assert "base_link odom" in page.text()
     page.tick("laser")
     stage.runtime.run(1.2)
-    axes = stage.session.scene._axes._axes
+    axes = stage.drawn()._axes._axes
     assert list(axes) == ["laser"]
     assert axes["laser"].position[:2] == pytest.approx([1.6, 0.0])
     page.tick("laser", is_on=False)

@@ -182,7 +182,7 @@ def test_a_page_that_answers_stays(stage: "Stage") -> None:
     browser = stage.browse()
     stage.runtime.run(60.0)
     assert not browser.line.is_closed
-    assert stage.page().session is not None
+    assert browser.state.has_scene
 
 
 def test_a_page_that_does_not_answer_is_given_up_and_has_let_go(stage: "Stage") -> None:
@@ -259,7 +259,6 @@ def test_with_its_key_alone_nobody_gets_at_anothers_page(stage: "Stage", visitor
     told = stranger.line.told
     assert told[0].hello.may_drive == (visitor.role == "operator")
     assert not any(one.state.has_scene for one in told if one.state is not None)
-    assert not any(one.controls.looks for one in told if one.controls is not None)
     for control in page.controls.all:
         stage.say(stranger, Said(press=Press(id=1, at_ms=stage.now_ms, control=control)))
     stage.say(stranger, let_go(stage))
@@ -301,7 +300,7 @@ def test_a_slow_line_gets_beats_and_answers_and_later_the_newest_state(stage: "S
 
 def test_while_nothing_changes_nothing_but_beats_is_told(stage: "Stage") -> None:
     line = stage.connect()
-    stage.runtime.run(0.5)
+    stage.runtime.run(2.5)
     line.told.clear()
     stage.runtime.run(5.0)
     assert all(map(is_only_beat_or_answer, line.told))
@@ -336,8 +335,8 @@ def test_a_scene_is_claimed_once_and_by_its_own_secret_only(stage: "Stage") -> N
         stage.say(thief, Said(scene=secret))
         stage.say(browser, Said(scene=secret))
     stage.runtime.run(0.5)
-    assert stage.page(1).session is None
-    assert stage.session is session
+    assert stage.page(1).session.picture.client is None
+    assert session.picture.client is browser
 
 
 def test_secrets_are_not_to_be_guessed(stage: "Stage") -> None:
@@ -353,45 +352,73 @@ def test_a_scene_that_went_before_it_was_claimed_cannot_be(stage: "Stage") -> No
     stage.viz.open_scene(other)
     stage.viz.close_scene(1)
     stage.say(browser, Said(scene=other.secret))
-    assert stage.session.client is browser
+    assert stage.session.picture.client is browser
     assert stage.viz._unclaimed == {}
 
 
 def test_a_page_whose_scene_is_lost_goes_on_without_and_finds_another(stage: "Stage") -> None:
     browser = stage.browse()
     stage.session.switch_layer("costmap", is_on=True)
-    stage.session.follow("kart")
+    assert press(stage, browser, "Go to …").is_done
     stage.runtime.run(0.5)
     controls = set(stage.page().controls.all)
-    assert controls
-    browser.line.told.clear()
     stage.viz.close_scene(0)
     stage.runtime.run(0.5)
     assert not browser.line.is_closed
     assert not browser.state.has_scene
-    assert browser.state.robot == "kart"
-    (gone,) = [told.controls for told in browser.line.told if told.controls is not None]
-    assert set(gone.gone) == controls
-    assert gone.commands == []
-    stage.say(browser, Said(press=Press(id=1, at_ms=stage.now_ms, control=min(controls))))
-    assert not browser.answers[1].is_done
+    assert stage.streams().isdisjoint({"scan", "costmap"})  # nobody sees them
+    assert press(stage, browser, "Press again to cancel").is_done
+    stage.runtime.run(0.5)
+    assert press(stage, browser, "Go to …").is_done
+    assert stage.session.pointing._plane is None
     stage.show(browser)
     stage.runtime.run(0.5)
     assert browser.state.has_scene
-    assert stage.session.robot == "kart"
-    assert stage.session.layers()["costmap"]
-    assert not controls & set(stage.page().controls.all)  # no number means anything else
+    assert {"scan", "costmap"} <= stage.streams()
+    assert controls <= set(stage.page().controls.all)
+    assert stage.session.pointing._plane is not None  # what was begun goes on
+    point(stage)
+    stage.say(browser, let_go(stage))
+    stage.runtime.run(0.5)
+    assert len(stage.robot.goals) == 1
 
 
 def test_a_page_may_change_its_scene(stage: "Stage") -> None:
     """As when viser's page is loaded anew before the old connection is seen to be gone."""
     browser = stage.browse()
-    old = stage.session
+    old = stage.session.scene
     stage.show(browser)
     stage.runtime.run(0.5)
-    assert stage.session is not old
-    (tabs,) = [one for one in stage.page().controls.all.values() if one.look.kind == "tabs"]
-    assert tabs.visible
+    assert stage.session.scene is not old
+
+
+@pytest.mark.parametrize("begun", ["zone", "erase"])
+def test_what_is_drawn_is_drawn_again_in_another_scene(stage: "Stage", begun: str) -> None:
+    browser, session = stage.browse(), stage.session
+    canvas: Any
+    if begun == "zone":
+        session.zone_editor.start("keepout")
+        canvas = session.zone_editor._canvas
+        session.zone_editor._tapped((0.0, 0.0), 0.1)
+        assert canvas._dots is not None
+    else:
+        session.map_editor.open()
+        session.map_editor.choose("erase")
+        canvas = session.map_editor._canvas
+        session.map_editor._tapped((0.0, 0.0), 0.1)
+        stage.runtime.run(0.5)
+        assert session.map_editor.hides_map
+    floor = canvas._floor
+    stage.viz.close_scene(0)
+    assert canvas._floor is None
+    assert canvas._dots is None
+    assert not session.map_editor.hides_map
+    stage.show(browser)
+    stage.runtime.run(0.5)
+    assert canvas._floor is not None
+    assert canvas._floor is not floor
+    assert (canvas._dots is not None) == (begun == "zone")
+    assert session.map_editor.hides_map == (begun == "erase")
 
 
 # Gone.

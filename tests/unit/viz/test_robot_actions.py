@@ -94,7 +94,7 @@ def test_several_places_are_driven_as_one_tour(stage: "Stage", session: Session)
     assert session.aiming.armed == GO_TO  # for the next one
     stage.runtime.run(0.3)
     assert stage.robot.goals == []
-    assert len(session.scene._goal_pins._nodes) == 4  # an arrow and a number each
+    assert len(stage.drawn()._goal_pins._nodes) == 4  # an arrow and a number each
     actions.start_goal_queue()
     stage.runtime.run(0.3)
     (started,) = stage.robot.tours
@@ -105,7 +105,7 @@ def test_several_places_are_driven_as_one_tour(stage: "Stage", session: Session)
     stage.robot.publish(topics.TOUR, over)
     stage.runtime.run(0.3)
     assert actions.goal_queue.items == ()
-    assert session.scene._goal_pins._nodes == []
+    assert stage.drawn()._goal_pins._nodes == []
 
 
 def test_who_follows_another_robot_leaves_all_behind(stage: "Stage", session: Session) -> None:

@@ -307,8 +307,9 @@ def test_a_browser_that_leaves_leaves_nothing(hand: Hand, stage: "Stage", keeper
     editor, canvas = hand.editor, hand.canvas
     hand.tap(0.0, 0.0)
     stage.leave(stage.browsers[0])
-    assert editor.mode == "idle"
     assert canvas._floor is None
+    stage.runtime.run(31.0)
+    assert editor.mode == "idle"
     assert keeper.names == ["hall mirror"]
 
 

@@ -283,11 +283,20 @@ class Folder(Container):
 
 
 class Tabs(Control):
-    """Folders of which one is seen at a time; which one is the page's own affair."""
+    """Folders of which one is seen at a time, at first the first."""
 
     def add_tab(self, title: str, icon: str) -> Container:
         """Add a tab, to be filled while it is entered."""
-        return Container(self._tree, Look(kind="tab", parent=self.id, label=title, icon=icon))
+        tab = Container(self._tree, Look(kind="tab", parent=self.id, label=title, icon=icon))
+        if self._look.value is None:
+            self._look = structs.replace(self._look, value=tab.id)
+        return tab
+
+    def handle(self, value: Value) -> None:
+        """Open one of them."""
+        if isinstance(value, bool) or value not in self._tree.inside(self.id):
+            raise BadValue("none of the tabs")
+        self._look = structs.replace(self._look, value=value)
 
 
 class Controls:
@@ -300,6 +309,8 @@ class Controls:
         self._inside: list[int] = []
         self._changed: set[int] = set()
         self._gone: set[int] = set()
+        self._told: set[int] = set()
+        """Those that the page knows; what changes where nobody looks it is told later."""
         self._has_new_commands = False
 
     # What the panels call.
@@ -420,17 +431,21 @@ class Controls:
     def forget_sent(self) -> None:
         """Send everything again, as to a page that has just been opened."""
         self._changed = set(self._controls)
+        self._told.clear()
         self._gone.clear()
         self._has_new_commands = True
 
     def take_changes(self) -> ControlChanges | None:
-        """Return what the page has not been told yet, None for nothing."""
-        if not (self._changed or self._gone or self._has_new_commands):
+        """Return what the page has not been told and is to see, None for nothing."""
+        due = {id_ for id_ in self._changed if id_ not in self._told or self._is_in_sight(id_)}
+        if not (due or self._gone or self._has_new_commands):
             return None
-        looks = {id_: self._controls[id_].look for id_ in sorted(self._changed)}
+        looks = {id_: self._controls[id_].look for id_ in sorted(due)}
         commands = self.commands if self._has_new_commands else None
         changes = ControlChanges(looks=looks, gone=sorted(self._gone), commands=commands)
-        self._changed, self._gone, self._has_new_commands = set(), set(), False
+        self._told |= due
+        self._changed -= due
+        self._gone, self._has_new_commands = set(), False
         return changes
 
     # What the controls call.
@@ -448,13 +463,18 @@ class Controls:
         if control.id in self._controls:
             self._changed.add(control.id)
 
+    def inside(self, parent: int) -> list[int]:
+        """Return the numbers of what is in a container."""
+        return [id_ for id_, one in self._controls.items() if one.look.parent == parent]
+
     def drop(self, control: Control) -> None:
         """Forget a control and all that is in it."""
-        for inner in [one for one in self._controls.values() if one.look.parent == control.id]:
-            self.drop(inner)
+        for inner in self.inside(control.id):
+            self.drop(self._controls[inner])
         if self._controls.pop(control.id, None) is not None:
             self._gone.add(control.id)
             self._changed.discard(control.id)
+            self._told.discard(control.id)
             if self._commands.pop(control.id, None) is not None:
                 self._has_new_commands = True
 
@@ -470,6 +490,21 @@ class Controls:
     def _look(self, kind: Kind, visible: bool, **rest: Any) -> Look:
         parent = self._inside[-1] if self._inside else 0
         return Look(kind=kind, parent=parent, is_hidden=not visible, **rest)
+
+    def _is_in_sight(self, id_: int) -> bool:
+        """Whether nothing that a control is in is hidden, folded away or another tab than is open.
+
+        The control itself may be hidden: that it is so now has to be told.
+        """
+        look = self._controls[id_].look
+        while look.parent != 0:
+            around = self._controls[look.parent].look
+            is_folded = around.kind == "folder" and around.label != "" and not around.is_open
+            is_behind = look.kind == "tab" and around.value != id_
+            if around.is_hidden or is_folded or is_behind:
+                return False
+            id_, look = look.parent, around
+        return True
 
     def _can_be_used(self, control: Control) -> bool:
         look: Look = control.look

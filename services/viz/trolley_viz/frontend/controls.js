@@ -280,31 +280,37 @@ const MAKERS = {
     return { element, box: element, show: () => {} };
   },
 
-  tabs() {
+  tabs(controls, self) {
     const row = make("div", { role: "tablist" }), box = make("div");
     const element = make("div", {}, row, box);
-    const drawn = { element, box, show: () => {}, open: null };
+    const drawn = { element, box, show: (look) => { drawn.open = String(look.value) }, open: null };
+    // What a person opens is told: what is behind is kept up to date only while it is seen.
+    drawn.chosen = (id) => {
+      if (drawn.open === id) return;
+      drawn.choose(id);
+      controls.press(self, Number(id));
+    };
     drawn.choose = (id) => {
       drawn.open = id;
       for (const tab of row.children) {
         const isOpen = tab.dataset.id === id;
         tab.setAttribute("aria-selected", String(isOpen));
         tab.tabIndex = isOpen ? 0 : -1;
-        document.getElementById(tab.getAttribute("aria-controls")).hidden = !isOpen;
+        const inside = document.getElementById(tab.getAttribute("aria-controls"));
+        if (inside !== null) inside.hidden = !isOpen;
       }
     };
     drawn.added = (tab, id) => {
       if (tab.tab.parentElement !== row) row.append(tab.tab);
-      tab.tab.onclick = () => drawn.choose(id);
-      if (drawn.open === null || !document.getElementById(`tab-${drawn.open}`)) drawn.choose(id);
-      else drawn.choose(drawn.open);
+      tab.tab.onclick = () => drawn.chosen(id);
+      drawn.choose(drawn.open ?? id);
     };
     row.addEventListener("keydown", (event) => {
       const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
       if (by === undefined) return;
       const tabs = [...row.children], at = tabs.indexOf(event.target);
       const next = tabs[(at + by + tabs.length) % tabs.length];
-      drawn.choose(next.dataset.id);
+      drawn.chosen(next.dataset.id);
       next.focus();
     });
     return drawn;

@@ -1,10 +1,8 @@
-"""An open page: its line, and once viser has connected to it, its session and controls."""
+"""An open page: its line, its session and its controls."""
 
 import re
 from dataclasses import dataclass
 from typing import Any
-
-import viser
 
 from trolley import requests
 from trolley.codes import Refused
@@ -78,14 +76,13 @@ class Page:
         self.visitor = visitor
         self.controls = Controls()
         """What its person can press."""
-        self.session: Session | None = None
-        """What it shows and may do; None while it has no scene."""
+        self.session = Session(hub, PagePort(number, visitor, self.controls, self.say), choices)
+        """What it shows and may do."""
+        self._console = Console(self.controls, self.session)
         self._number = number
-        self._choices = choices
         self._hub = hub
         self._shared = shared
         self._line: Line | None = None
-        self._console: Console | None = None
         self._silence = SilentServices()
         self._state: PageState | None = None
         self._pad: PadState | None = None
@@ -95,9 +92,7 @@ class Page:
     @property
     def robot(self) -> str:
         """The name of the robot that it follows."""
-        if self.session is not None:
-            return self.session.robot
-        return self._choices.robot or self._hub.robots.own
+        return self.session.robot
 
     @property
     def may_drive(self) -> bool:
@@ -106,7 +101,7 @@ class Page:
 
     def shown_layers(self) -> set[str]:
         """The keys of the layers that it shows."""
-        if self.session is None:
+        if self.session.picture.client is None:
             return set()
         return {key for key, is_on in self.session.layers().items() if is_on}
 
@@ -157,16 +152,16 @@ class Page:
     def hear(self, said: Said, now_ns: int) -> None:
         """Do what the page says."""
         self._heard_ns = now_ns
-        session, now_ms = self.session, now_ns * 1e-6
+        now_ms = now_ns * 1e-6
         if said.stop is not None:
             self._stop(said.stop, now_ns)
         if said.press is not None and self._is_timely(said.press, now_ms):
             self._press(said.press)
         if said.resume is not None and self._is_timely(said.resume, now_ms):
             self._resume(said.resume)
-        if said.gesture is not None and session is not None:
+        if said.gesture is not None:
             is_late = not -AHEAD_MS <= now_ms - said.gesture.at_ms <= LATE_MS
-            self._gesture(session, said.gesture, is_late=is_late)
+            self._gesture(said.gesture, is_late=is_late)
         if said.grip is not None and self.may_drive:
             self._shared.joystick.hear(self._number, self.robot, said.grip)
         if said.overlay is not None:
@@ -176,28 +171,11 @@ class Page:
                 if file is not None:
                     self.say(Told(file=file))
 
-    # Its scene.
-    def attach(self, client: viser.ClientHandle) -> None:
-        """Take viser's connection to the same page."""
-        self.detach()
-        port = PagePort(self._number, self.visitor, self.controls, self.say)
-        self.session = Session(self._hub, client, port, self._choices)
-        self._console = Console(self.controls, self.session)
-
-    def detach(self) -> None:
-        """Go without a scene, as while viser's page loads."""
-        if self.session is not None:
-            self.session.put_tools_away()
-            self._choices = self.session.choices
-            self.session = None
-        if self._console is not None:
-            self._console.close()
-            self._console = None
-        self.controls.clear()
-
     def close(self) -> None:
         """Forget it: nobody comes back."""
-        self.detach()
+        self.session.put_tools_away()
+        self.session.detach()
+        self._console.close()
         self._shared.joystick.leave(self._number)
         self._shared.overlays.forget(self._number)
 
@@ -205,8 +183,7 @@ class Page:
         """Tell the page what changed, if it has taken what it was told before."""
         known = robot_state(view, self._silence.update(view))
         lines = state_lines(known)
-        if self._console is not None:
-            self._console.update(view, lines)
+        self._console.update(view, lines)
         line = self._line
         if line is None or not line.is_clear:
             return
@@ -222,9 +199,9 @@ class Page:
             lines=lines,
             stop=stop,
             is_stopped=base is not None and base.is_halted and not view.is_away,
-            hint="" if self.session is None else self.session.hint,
-            dark=(self.session.choices if self.session else self._choices).dark,
-            has_scene=self.session is not None,
+            hint=self.session.hint,
+            dark=self.session.choices.dark,
+            has_scene=self.session.picture.client is not None,
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
         told = Told(
@@ -286,7 +263,8 @@ class Page:
         self._hub.stops.release(resume.robot)
         self._hub.service.request(requests.BASE_RESUME, Nothing(), answered, robot=resume.robot)
 
-    def _gesture(self, session: Session, gesture: Gesture, *, is_late: bool) -> None:
+    def _gesture(self, gesture: Gesture, *, is_late: bool) -> None:
+        session = self.session
         if gesture.size is not None:
             session.resized(gesture.size)
         elif gesture.cancelled or (is_late and gesture.released is not None):
@@ -296,7 +274,7 @@ class Page:
 
     def _shown_overlays(self) -> ShownOverlays | None:
         session = self.session
-        if session is None or not session.layers()[OverlayLayer.key]:
+        if not session.layers()[OverlayLayer.key]:
             return None
         scene = self._hub.scenes.by_robot.get(session.robot)
         if scene is None:

@@ -20,6 +20,7 @@ from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
 from trolley_viz.overlays.pages import File
 from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import Pointer
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
@@ -55,15 +56,13 @@ class Session:
 
     Args:
         hub: what all browsers share.
-        client: viser's handle of the browser.
         page: its page.
         choices: what was chosen there before.
     """
 
-    def __init__(
-        self, hub: Hub, client: viser.ClientHandle, page: PagePort, choices: Choices
-    ) -> None:
-        self.client = client
+    def __init__(self, hub: Hub, page: PagePort, choices: Choices) -> None:
+        self.picture = Picture()
+        """Where it draws what is its own."""
         self.visitor = page.visitor
         self._page = page
         self._hub = hub
@@ -73,14 +72,14 @@ class Session:
         self.drags = Drags(
             self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
         )
-        self.pointing = Pointer(client, self.drags)
+        self.pointing = Pointer(self.picture, self.drags)
         self.actions = RobotActions(service, lambda: self._robot, lambda: self.view, self.tell)
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
         self.place_actions = PlaceActions(self.actions, self.aiming, lambda: self.view)
         self.zone_editor = ZoneEditor(
-            Canvas(client, self.drags),
+            Canvas(self.picture, self.drags),
             ZoneRequests(
                 service,
                 lambda: self._robot,
@@ -94,23 +93,45 @@ class Session:
             self._begin_zone,
         )
         self.map_editor = MapEditor(
-            Canvas(client, self.drags),
-            MapPreview(client),
+            Canvas(self.picture, self.drags),
+            MapPreview(self.picture),
             service,
             lambda: self._robot,
             lambda: self.view,
             self.tell,
             self._begin_map_tool,
         )
-        self.suspected_mirrors = SuspectLines(client.scene)
-        self.change_marks = ChangeMarks(client.scene)
+        self.suspected_mirrors = SuspectLines(self.picture)
+        self.change_marks = ChangeMarks(self.picture)
         self.change_requests = ChangeRequests(
             service, self.actions, lambda: self._robot, self._map_name
         )
-        _set_look(client, dark=choices.dark)
+        self.scene: BrowserScene | None = None
+        """What this browser alone has in its scene; None while it has no picture."""
+        self._viewport: Viewport | None = None
+        self._size: tuple[float, float] | None = None
+        """Width and height of the picture [px of the page], once the page has told."""
+
+    # Its picture.
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Draw in a picture that is new; what is under way there goes on."""
+        self.detach()
+        self.picture.client = client
+        _set_look(client, dark=self._choices.dark)
         self.scene = BrowserScene(client.scene)
-        """What this browser alone has in its scene."""
-        self._viewport = Viewport(client)
+        self._viewport = Viewport(client, self._size)
+        self.pointing.show()
+        self.zone_editor.show()
+        self.map_editor.show()
+
+    def detach(self) -> None:
+        """Go without a picture, as while viser's part of the page loads."""
+        if self.picture.client is not None:
+            self.drags.cancelled()
+            self.pointing.hide()
+            self.zone_editor.hide()
+            self.map_editor.hide()
+            self.picture.client = self.scene = self._viewport = None
 
     # What the panels read.
     @property
@@ -222,43 +243,48 @@ class Session:
 
     def resized(self, size: tuple[float, float]) -> None:
         """Note the width and height of the picture [px of the page]."""
-        self._viewport.resized(size, self._hub.service.monotonic_ns)
+        self._size = size
+        if self._viewport is not None:
+            self._viewport.resized(size, self._hub.service.monotonic_ns)
 
     def set_dark(self, *, is_dark: bool) -> None:
         """Change the look, and remember it."""
-        _set_look(self.client, dark=is_dark)
+        if self.picture.client is not None:
+            _set_look(self.picture.client, dark=is_dark)
         self._choose(msgspec.structs.replace(self._choices, dark=is_dark))
 
     def fit_view(self) -> None:
         """Show the whole map."""
-        self._viewport.fit(self.view)
+        if self._viewport is not None:
+            self._viewport.fit(self.view)
 
     # What the service asks for.
     def update_scene(self, robots: Set[str]) -> None:
         """Show what this browser wants to see of the robots in the scene, and nothing else."""
         layers, view = self.layers(), self.view
-        hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
-        shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
-        self.scene.show_robot(self._robot, robots, shown)
-        self.scene.move_root(self._robot, self.map_editor.new_T_old)
         self.drags.tick()
         self.aiming.request_preview()
-        markers = self._hub.scenes.of(self._robot).markers
-        self.scene.draw(
-            view,
-            layers,
-            preview=self.aiming.preview,
-            queue=self.actions.goal_queue.items,
-            icons=markers.icons if layers[markers.key] else [],
-            frames=self.frames_on(),
-            eye=self._viewport.eye,
-        )
+        if self.scene is not None and self._viewport is not None:
+            hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
+            shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
+            self.scene.show_robot(self._robot, robots, shown)
+            self.scene.move_root(self._robot, self.map_editor.new_T_old)
+            markers = self._hub.scenes.of(self._robot).markers
+            self.scene.draw(
+                view,
+                layers,
+                preview=self.aiming.preview,
+                queue=self.actions.goal_queue.items,
+                icons=markers.icons if layers[markers.key] else [],
+                frames=self.frames_on(),
+                eye=self._viewport.eye,
+            )
+            self._viewport.update(view, self._robot)
         self._keep_one_tool()
         self.zone_editor.update()
         self.map_editor.update()
         self.suspected_mirrors.update(view, self._choices.dismissed, is_shown=layers["zones"])
         self.change_marks.update(view, is_shown=layers["zones"])
-        self._viewport.update(view, self._robot)
 
     def put_tools_away(self) -> None:
         """End all pointing and drawing."""
@@ -275,7 +301,8 @@ class Session:
         """Call on the service's thread what a pointer did, unless its browser is gone."""
 
         def call() -> None:
-            if self._hub.is_open(self.client.client_id):
+            client = self.picture.client
+            if client is not None and self._hub.is_open(client.client_id):
                 fn()
 
         self._hub.service.call_soon(call)

@@ -14,9 +14,9 @@ SAME_ASPECT = 0.03
 class Viewport:
     """The camera of one browser."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
+    def __init__(self, client: viser.ClientHandle, size: tuple[float, float] | None) -> None:
         self._client = client
-        self._size: tuple[float, float] | None = None
+        self._size = size
         """Width and height of the picture [px of the page], once the page has told."""
         self._fitted = ""
         """The map that the camera was last moved for, and the shape of the picture then."""
