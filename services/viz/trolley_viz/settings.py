@@ -24,7 +24,9 @@ class Choices(Struct, frozen=True, kw_only=True):
     layers: dict[str, bool] = {}
     """Layer key to shown or not; a layer that is missing is as it is by default."""
     dark: bool = False
-    """Dark background."""
+    """The dark look, even where the device is set to the light one."""
+    light: bool = False
+    """The light look, even where the device is set to the dark one."""
     dismissed: list[Dismissed] = []
     """Mirrors that are no longer suspected here."""
     folders: dict[str, bool] = {}

@@ -136,7 +136,7 @@ def test_layers_are_switched_and_the_look_too(stage: "Stage") -> None:
     stage.browse()
     page = later(stage)
     page.tick("Laser scan · now", is_on=False)
-    page.tick("Dark background")
+    page.choose("Look", "dark")
     stage.runtime.run(2.0)
     assert not page.value("Laser scan")
     assert not stage.session.layers()["scan"]

@@ -83,11 +83,25 @@ def test_what_cannot_be_pressed_is_answered_so(stage: "Stage") -> None:
     browser = stage.browse()
     stage.say(browser, Said(press=Press(id=1, at_ms=stage.now_ms, control=10**6)))
     assert browser.answers[1] == Answer(id=1, is_done=False, text="This can no longer be pressed.")
-    answer = press(stage, browser, "Dark background", value="very")
-    assert answer.text == "Not understood: neither on nor off."
-    assert press(stage, browser, "Dark background", value=True).is_done
-    stage.runtime.run(0.5)
-    assert browser.state.dark
+    answer = press(stage, browser, "Look", value="very")
+    assert answer.text == "Not understood: none of the list."
+
+
+@pytest.mark.parametrize("prefers_dark", [True, False])
+def test_the_look_is_the_devices_unless_another_is_chosen(
+    stage: "Stage", *, prefers_dark: bool
+) -> None:
+    browser = stage.browse(0, ANN)
+    stage.say(browser, Said(prefers_dark=prefers_dark))
+    for look, is_dark in [
+        ("as this device", prefers_dark),
+        ("dark", True),
+        ("light", False),
+        ("as this device", prefers_dark),
+    ]:
+        assert press(stage, browser, "Look", value=look).is_done
+        stage.runtime.run(0.5)
+        assert browser.state.dark == is_dark
 
 
 def test_folders_stay_as_they_were_left(stage: "Stage") -> None:

@@ -265,7 +265,7 @@ ANN, BEN = Visitor("ann"), Visitor("ben")
 def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
     stage.browse(0, ANN)
     stage.session.switch_layer("costmap", is_on=True)
-    stage.session.set_dark(is_dark=True)
+    stage.session.choose_look(dark=True, light=False)
     stage.runtime.run(0.1)
     stored = tomllib.loads((stage.viz.state.path / "viewer.toml").read_text())
     assert stored["browsers"]["ann"]["dark"] is True

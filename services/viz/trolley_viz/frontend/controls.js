@@ -74,7 +74,7 @@ export class Controls {
     const drawn = this.all.get(String(id));
     // What is there from now on: what is told later is compared with it.
     if (drawn !== undefined && "value" in drawn.look) drawn.look = { ...drawn.look, value };
-    const answer = await this.line.ask_for("press", { control: Number(id), value });
+    const answer = await this.line.ask("press", { control: Number(id), value });
     if (answer.is_done) return;
     this.notices.show({ title: "Not done", text: answer.text, tone: "warn" });
     if (this.all.has(String(id))) this.put(String(id), this.told.get(String(id)));

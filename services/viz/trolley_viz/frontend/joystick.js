@@ -1,6 +1,6 @@
 // The joystick. What is held here drives the robot only as long as this says so, ten times a second;
 // everything that might be a release is one.
-const BEAT_MS = 100, MAX_WAITING_BYTES = 1000;
+const BEAT_MS = 100;
 const MARKUP = `
 <button class="hand-open" type="button" aria-label="Drive by hand" aria-expanded="false">
   <svg viewBox="0 0 24 24" aria-hidden="true"><path d="M12 3l3 4h-6zM12 21l-3-4h6zM3 12l4-3v6zM21 12l-4 3v-6z"/><circle cx="12" cy="12" r="3"/></svg>
@@ -87,6 +87,7 @@ export class Joystick {
   }
 
   show() {
+    this.button.disabled = !this.line.isOpen;
     this.card.classList.toggle("hand-off", !this.can);
     this.card.classList.toggle("hand-held", this.pointer !== null && this.can);
     this.speed.textContent = `${Number(this.slider.value).toFixed(2)} m/s`;
@@ -125,10 +126,9 @@ export class Joystick {
   }
 
   send() {
-    const { x, y } = this, held = this.pointer !== null, socket = this.line.socket;
-    // On a connection that does not get rid of what it has, more would only come late.
-    if (held && socket !== null && socket.bufferedAmount > MAX_WAITING_BYTES) return;
-    const grip = { x, y, held, speed: Number(this.slider.value), sent_ms: performance.now() };
-    this.line.send({ grip });
+    const { x, y } = this, held = this.pointer !== null;
+    this.line.say("grip", {
+      x, y, held, speed: Number(this.slider.value), sent_ms: performance.now(),
+    });
   }
 }

@@ -23,7 +23,7 @@ scene.opened = (frame) => keys.listenTo(frame.document);
 
 document.getElementById("stop").addEventListener("click", () => status.stop());
 document.getElementById("resume").addEventListener("click", async () => {
-  const answer = await line.ask_for("resume", { robot: status.robot });
+  const answer = await line.ask("resume", { robot: status.robot });
   if (!answer.is_done) notices.show({ title: "Resume: not done", text: answer.text, tone: "warn" });
 });
 
@@ -52,8 +52,13 @@ function welcome(hello) {
     location.reload();
   }
   document.body.classList.toggle("only-looks", !hello.may_drive);
+  sayLook();
   controls.forget();
 }
+
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const sayLook = () => line.say("say", { prefers_dark: dark.matches });
+dark.addEventListener("change", sayLook);
 
 function changed(state) {
   document.body.dataset.line = state;

@@ -77,9 +77,9 @@ export class Overlays {
     const card = event.target.closest(".ov-card");
     if (card === null) return;
     const id = card.dataset.name, item = event.target.closest("[data-index]");
-    if (item !== null) this.line.send({ overlay: { id, index: Number(item.dataset.index) } });
+    if (item !== null) this.line.say("say", { overlay: { id, index: Number(item.dataset.index) } });
     else if (event.target.closest(".ov-csv") !== null) {
-      this.line.send({ overlay: { id, csv: true } });
+      this.line.say("say", { overlay: { id, csv: true } });
     }
   }
 

@@ -33,7 +33,7 @@ export class Scene {
     if (secret !== undefined && secret !== this.told) {
       this.told = secret;
       this.loadedMs = now;
-      this.line.send({ scene: secret });
+      this.line.say("say", { scene: secret });
       this.tellSize();
     } else if (now - this.loadedMs > GIVEN_UP_MS) {
       this.load();
@@ -99,6 +99,6 @@ export class Scene {
   }
 
   say(gesture) {
-    if (this.line.isOpen) this.line.send({ gesture: { at_ms: this.line.now, ...gesture } });
+    this.line.gesture(gesture);
   }
 }

@@ -159,6 +159,8 @@ class Page:
             self._press(said.press)
         if said.resume is not None and self._is_timely(said.resume, now_ms):
             self._resume(said.resume)
+        if said.prefers_dark is not None:
+            self.session.prefer_dark(is_dark=said.prefers_dark)
         if said.gesture is not None:
             is_late = not -AHEAD_MS <= now_ms - said.gesture.at_ms <= LATE_MS
             self._gesture(said.gesture, is_late=is_late)
@@ -200,7 +202,7 @@ class Page:
             stop=stop,
             is_stopped=base is not None and base.is_halted and not view.is_away,
             hint=self.session.hint,
-            dark=self.session.choices.dark,
+            dark=self.session.is_dark,
             has_scene=self.session.picture.client is not None,
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None

@@ -33,6 +33,8 @@ BEAMS = [
     ("not used", 4),
 ]
 PERIOD_NS = 1_000_000_000
+AS_DEVICE, LIGHT, DARK = "as this device", "light", "dark"
+"""The looks."""
 
 DOUBTS = [("mirror?", SUSPECT_COLOUR), ("new?", APPEARED_COLOUR), ("gone?", GONE_COLOUR)]
 """What is asked on the map."""
@@ -45,8 +47,10 @@ class MoreTab:
         self._due_ns = 0
         fit = gui.add_button("Show the whole map", icon="maximize")
         fit.on_press(session.fit_view)
-        look = gui.add_check("Dark background", session.choices.dark)
-        look.on_change(lambda is_dark: session.set_dark(is_dark=is_dark))
+        chosen = session.choices
+        now = DARK if chosen.dark else LIGHT if chosen.light else AS_DEVICE
+        look = gui.add_list("Look", (AS_DEVICE, LIGHT, DARK), value=now)
+        look.on_change(lambda one: session.choose_look(dark=one == DARK, light=one == LIGHT))
         self._layers = {group: LayerPanel(gui, session, group) for group in GROUPS}
         with session.folder("Position"):
             self._position = gui.add_html("")

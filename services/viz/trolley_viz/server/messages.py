@@ -73,6 +73,8 @@ class Said(Struct, frozen=True, kw_only=True):
     resume: Resume | None = None
     scene: Name | None = None
     """The secret by which viser's connection is known to be the same page's."""
+    prefers_dark: bool | None = None
+    """How the device is set."""
     gesture: Gesture | None = None
     grip: Grip | None = None
     overlay: Click | None = None
@@ -115,7 +117,7 @@ class PageState(Struct, frozen=True, kw_only=True):
         stop: what became of the last press of Stop.
         is_stopped: whether Resume would let it drive again.
         hint: what an armed tool waits for.
-        dark: the look that was chosen.
+        dark: whether it has the dark look.
         has_scene: whether viser's connection of the page is known.
     """
 

@@ -109,6 +109,7 @@ class Session:
         self.scene: BrowserScene | None = None
         """What this browser alone has in its scene; None while it has no picture."""
         self._viewport: Viewport | None = None
+        self._prefers_dark = False
         self._size: tuple[float, float] | None = None
         """Width and height of the picture [px of the page], once the page has told."""
 
@@ -117,7 +118,7 @@ class Session:
         """Draw in a picture that is new; what is under way there goes on."""
         self.detach()
         self.picture.client = client
-        _set_look(client, dark=self._choices.dark)
+        self._set_look()
         self.scene = BrowserScene(client.scene)
         self._viewport = Viewport(client, self._size)
         self.pointing.show()
@@ -153,6 +154,12 @@ class Session:
     def choices(self) -> Choices:
         """What was chosen here."""
         return self._choices
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether it has the dark look."""
+        chosen = self._choices
+        return chosen.dark or (self._prefers_dark and not chosen.light)
 
     @property
     def view(self) -> View:
@@ -247,11 +254,15 @@ class Session:
         if self._viewport is not None:
             self._viewport.resized(size, self._hub.service.monotonic_ns)
 
-    def set_dark(self, *, is_dark: bool) -> None:
-        """Change the look, and remember it."""
-        if self.picture.client is not None:
-            _set_look(self.picture.client, dark=is_dark)
-        self._choose(msgspec.structs.replace(self._choices, dark=is_dark))
+    def choose_look(self, *, dark: bool, light: bool) -> None:
+        """Change the look, and remember it; neither: as the device is set."""
+        self._choose(msgspec.structs.replace(self._choices, dark=dark, light=light))
+        self._set_look()
+
+    def prefer_dark(self, *, is_dark: bool) -> None:
+        """Note how the device is set."""
+        self._prefers_dark = is_dark
+        self._set_look()
 
     def fit_view(self) -> None:
         """Show the whole map."""
@@ -293,6 +304,13 @@ class Session:
         self.map_editor.choose("look")
 
     # Inside.
+    def _set_look(self) -> None:
+        client = self.picture.client
+        if client is not None:
+            client.gui.configure_theme(
+                dark_mode=self.is_dark, show_logo=False, show_share_button=False
+            )
+
     def _remember_folder(self, title: str, *, is_open: bool) -> None:
         folders = {**self._choices.folders, title: is_open}
         self._choose(msgspec.structs.replace(self._choices, folders=folders))
@@ -335,7 +353,3 @@ class Session:
     def _choose(self, choices: Choices) -> None:
         self._choices = choices
         self._hub.remember(self.visitor.browser, choices)
-
-
-def _set_look(client: viser.ClientHandle, *, dark: bool) -> None:
-    client.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
