@@ -8,7 +8,7 @@ from typing import Any
 from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.messages import Look
 
-CONTAINERS = ("folder", "tab", "tabs", "tiles")
+CONTAINERS = ("bar", "card", "folder", "tab", "tabs", "tiles")
 
 
 class PageOf:

@@ -80,7 +80,7 @@ class Aiming:
 
     def point_pose(self) -> None:
         """Let the person point out where the robot is."""
-        self.arm(Tool(SET_POSE, ignore, self._set_pose), POSE_HINT)
+        self.arm(Tool(SET_POSE, ignore, self.set_pose), POSE_HINT)
 
     def request_preview(self) -> None:
         """Ask for the path to where the pointer is: one request at a time, and not too often."""
@@ -139,7 +139,8 @@ class Aiming:
         )
         self.point_goal()  # the next one
 
-    def _set_pose(self, pointed: Pointed) -> None:
+    def set_pose(self, pointed: Pointed) -> None:
+        """Tell the robot that this is where it is; it faces as it thinks where nothing is said."""
         self.put_away()
         view = self._view()
         if view.placement.world != MAP:

@@ -269,6 +269,10 @@ class Folder(Container):
 
     _act: Callable[[bool], None] | None = None
 
+    def open(self) -> None:
+        """Open it on the page."""
+        self._change(is_open=True)
+
     def on_fold(self, act: Callable[[bool], None]) -> None:
         """Call `act` with whether a person opened it."""
         self._act = act
@@ -282,6 +286,21 @@ class Folder(Container):
             self._act(value)
 
 
+class Card(Container):
+    """Controls over the map, about one thing there, that can be closed."""
+
+    _act: Act | None = None
+
+    def on_close(self, act: Act) -> None:
+        """Call `act` when a person closes it."""
+        self._act = act
+
+    def handle(self, value: Value) -> None:
+        """Close it."""
+        if self._act is not None:
+            self._act()
+
+
 class Tabs(Control):
     """Folders of which one is seen at a time, at first the first."""
 
@@ -291,6 +310,14 @@ class Tabs(Control):
         if self._look.value is None:
             self._look = structs.replace(self._look, value=tab.id)
         return tab
+
+    def is_open(self, tab: Container) -> bool:
+        """Whether one of them is seen on the page."""
+        return self._look.value == tab.id
+
+    def open(self, tab: Container) -> None:
+        """Open one of them on the page."""
+        self._change(value=tab.id)
 
     def handle(self, value: Value) -> None:
         """Open one of them."""
@@ -386,6 +413,14 @@ class Controls:
     def add_tiles(self, *, visible: bool = True) -> Container:
         """Add a place for large buttons in two columns, to be filled while it is entered."""
         return Container(self, self._look("tiles", visible))
+
+    def add_bar(self) -> Container:
+        """Add a row of small buttons over the map, to be filled while it is entered."""
+        return Container(self, self._look("bar", True))
+
+    def add_card(self) -> Card:
+        """Add a card over the map, to be filled while it is entered."""
+        return Card(self, self._look("card", False))
 
     def add_tabs(self) -> Tabs:
         """Add a row of tabs."""

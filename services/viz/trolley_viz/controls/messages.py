@@ -5,7 +5,9 @@ from typing import Literal
 from msgspec import Struct
 
 Kind = Literal[
+    "bar",
     "button",
+    "card",
     "choice",
     "check",
     "folder",
@@ -29,7 +31,8 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         kind: what it is: `choice` is a row of buttons, `list` one to choose from, `tiles` holds
-            large buttons in two columns.
+            large buttons in two columns; over the map, `bar` holds small ones and `card` what there
+            is to a thing that was touched.
         parent: the folder or tab that it is in, 0 for the page.
         order: among its brothers, lowest first.
         label: what stands on it or before it.

@@ -2,11 +2,12 @@
 // is said, and a field shows again what holds.
 import { fill } from "./html.js";
 
-const TYPING_MS = 300;
+const TYPING_MS = 300, OVER_MAP = ["bar", "card"];
 
 export class Controls {
-  constructor(root, line, notices) {
+  constructor(root, over, line, notices) {
     this.root = root;
+    this.over = over;
     this.line = line;
     this.notices = notices;
     this.all = new Map(); // by id: what is drawn
@@ -58,7 +59,7 @@ export class Controls {
   place(id, look) {
     const drawn = this.all.get(id);
     const parent = this.all.get(String(look.parent || 0));
-    const box = parent === undefined ? this.root : parent.box;
+    const box = parent?.box ?? (OVER_MAP.includes(look.kind) ? this.over : this.root);
     const rank = [look.order || 0, Number(id)];
     drawn.element.rank = rank;
     const next = [...box.children].find((one) => one !== drawn.element && one.rank
@@ -151,6 +152,7 @@ const MAKERS = {
         setIcon(icon, look.icon);
         setText(text, look.label || "");
         element.dataset.colour = look.colour || "grey";
+        if (element.parentElement?.classList.contains("bar")) element.title = look.label;
         element.disabled = Boolean(look.is_disabled);
       },
     };
@@ -275,6 +277,19 @@ const MAKERS = {
     };
   },
 
+  bar() {
+    const element = make("div", { role: "toolbar", ariaLabel: "View" });
+    return { element, box: element, show: () => {} };
+  },
+
+  card(controls, id) {
+    const title = make("h2"), box = make("div", { className: "inside" });
+    const close = make("button", { type: "button", textContent: "×", ariaLabel: "Close" });
+    const element = make("section", { ariaLabel: "What was touched" }, title, close, box);
+    close.addEventListener("click", () => controls.press(id));
+    return { element, box, show: (look) => setText(title, look.label || "") };
+  },
+
   tiles() {
     const element = make("div");
     return { element, box: element, show: () => {} };
@@ -283,7 +298,8 @@ const MAKERS = {
   tabs(controls, self) {
     const row = make("div", { role: "tablist" }), box = make("div");
     const element = make("div", {}, row, box);
-    const drawn = { element, box, show: (look) => { drawn.open = String(look.value) }, open: null };
+    const drawn = { element, box, open: null };
+    drawn.show = (look) => drawn.choose(String(look.value));
     // What a person opens is told: what is behind is kept up to date only while it is seen.
     drawn.chosen = (id) => {
       if (drawn.open === id) return;

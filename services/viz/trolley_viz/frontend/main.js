@@ -12,7 +12,9 @@ import { Status } from "./status.js";
 const notices = new Notices(document.getElementById("notices"));
 const status = new Status(() => line);
 const line = new Line(told, changed);
-const controls = new Controls(document.getElementById("controls"), line, notices);
+const controls = new Controls(
+  document.getElementById("controls"), document.getElementById("over"), line, notices,
+);
 const scene = new Scene(document.getElementById("scene"), line);
 const joystick = new Joystick(document.getElementById("hand"), line);
 const overlays = new Overlays(document.getElementById("overlays"), line);

@@ -2,7 +2,7 @@
 // what a pointer does there. What is pressed counts as let go only if its own pointer comes up,
 // alone, while the page has the focus.
 
-const LOOK_MS = 300, GIVEN_UP_MS = 8000, PASSED_ON = ["fixedDpr"];
+const LOOK_MS = 300, GIVEN_UP_MS = 8000, TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
 const HIDDEN = `
 [data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;
 
@@ -72,7 +72,10 @@ export class Scene {
 
   press(event) {
     if (this.held !== null) this.cancel(); // a second finger
-    else if (event.button === 0) this.held = { id: event.pointerId, kind: event.pointerType };
+    else if (event.button === 0) {
+      const { pointerId: id, pointerType: kind, clientX: x, clientY: y, timeStamp: ms } = event;
+      this.held = { id, kind, x, y, ms };
+    }
   }
 
   tellSize() {
@@ -83,13 +86,14 @@ export class Scene {
   // Shares of the picture as viser counts them: to the middle of the pixel.
   letGo(event) {
     if (this.held === null || event.pointerId !== this.held.id) return;
+    const { x, y, ms } = this.held, canvas = this.canvas;
     this.held = null;
-    const canvas = this.canvas;
     if (canvas === null) return;
     const box = canvas.getBoundingClientRect();
     const u = (event.clientX - box.left + 0.5) / canvas.clientWidth;
     const v = (event.clientY - box.top + 0.5) / canvas.clientHeight;
-    this.say({ released: [u, v] });
+    const isNear = Math.hypot(event.clientX - x, event.clientY - y) < TAP_PX;
+    this.say({ released: [u, v], is_tap: isNear && event.timeStamp - ms < TAP_MS });
   }
 
   cancel() {

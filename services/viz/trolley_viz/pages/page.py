@@ -273,6 +273,8 @@ class Page:
             session.drags.cancelled()
         elif gesture.released is not None:
             session.drags.released(gesture.released)
+            if gesture.is_tap:
+                session.tapped(gesture.released)
 
     def _shown_overlays(self) -> ShownOverlays | None:
         session = self.session

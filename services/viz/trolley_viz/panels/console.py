@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 
-from trolley_viz.controls.controls import Controls
+from trolley_viz.controls.controls import Container, Controls
 from trolley_viz.panels.go_tab import GoTab
 from trolley_viz.panels.map_tab import MapTab
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.more_tab import MoreTab
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
+from trolley_viz.panels.touch_card import Leads, TouchCard
 from trolley_viz.panels.tours_tab import TourTab
+from trolley_viz.panels.view_bar import ViewBar
+from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
@@ -25,15 +28,20 @@ class Console:
             gui.add_html(note("You may look, but not drive. STOP works."))
         self._go: GoTab | None = None
         self._map: MapTab | None = None
-        tabs = gui.add_tabs()
+        self._card: TouchCard | None = None
+        self._view_bar = ViewBar(gui, session)
+        tabs = self._tabs = gui.add_tabs()
         if session.may_drive:
             with tabs.add_tab("Go", "steering-wheel"):
                 self._go = GoTab(gui, session)
-        with tabs.add_tab("Tours", "route"):
+        self._tours_tab = tabs.add_tab("Tours", "route")
+        with self._tours_tab:
             self._tours = TourTab(gui, session)
         if session.may_drive:
-            with tabs.add_tab("Map", "map-2"):
+            map_tab = tabs.add_tab("Map", "map-2")
+            with map_tab:
                 self._map = MapTab(gui, session)
+            self._card = self._add_card(gui, self._map, map_tab)
         with tabs.add_tab("More", "dots"):
             self._more = MoreTab(gui, session)
             with session.folder("State"):
@@ -50,9 +58,39 @@ class Console:
         self._tours.update(view)
         if self._map is not None:
             self._map.update(view)
+        if self._card is not None:
+            self._card.update(view)
+        self._view_bar.update()
         self._state.content = "".join(map(row, lines))
         self._more.update(view)
 
     def close(self) -> None:
         """Stop following what only this browser shows."""
         self._more.close_plot()
+
+    # Inside.
+    def _add_card(self, gui: Controls, of_map: MapTab, map_tab: Container) -> TouchCard:
+        """Add the card of what is touched, with ways to the tabs where there is more to do."""
+
+        def edit_place(name: str) -> None:
+            self._tabs.open(map_tab)
+            of_map.edit_place(name)
+
+        def edit_zone(name: str) -> None:
+            self._tabs.open(map_tab)
+            of_map.edit_zone(name)
+
+        def add_to_tour(one: Touched) -> None:
+            self._tabs.open(self._tours_tab)
+            self._tours.add_touched(one)
+
+        self._session.take_tap = self._take_tap
+        return TouchCard(gui, self._session, Leads(edit_place, edit_zone, add_to_tour))
+
+    def _take_tap(self, one: Touched) -> bool:
+        """While a tour is edited, places and points that are touched are added to it."""
+        is_wanted = self._tabs.is_open(self._tours_tab) and self._tours.is_editing
+        if is_wanted and one.what in ("place", "floor"):
+            self._tours.add_touched(one)
+            return True
+        return False

@@ -15,11 +15,23 @@ class MapTab:
 
     def __init__(self, gui: Controls, session: Session) -> None:
         self._changes = ChangePanel(gui, session)
-        with session.folder("Places", is_open=True):
+        self._session = session
+        self._places_folder = session.folder("Places", is_open=True)
+        with self._places_folder:
             self._places = PlacePanel(gui, session)
         self._zones = ZonePanel(gui, session)
         self._mapping = MappingPanel(gui, session)
         self._map_edit = MapEditPanel(gui, session)
+
+    def edit_place(self, name: str) -> None:
+        """Let a place be changed."""
+        self._places_folder.open()
+        self._places.edit(name)
+
+    def edit_zone(self, name: str) -> None:
+        """Let a zone be changed."""
+        self._zones.folder.open()
+        self._session.zone_editor.select(name)
 
     def update(self, view: View) -> None:
         """Show what there is to choose, and what is under way."""

@@ -81,6 +81,11 @@ class PlacePanel:
         self._point.label = "Point on the map …" if is_new else "Move on the map …"
         show_undo(self._undo, self._actions.history)
 
+    def edit(self, name: str) -> None:
+        """Choose a place, to be changed."""
+        if name in self._stored:
+            self._place.value, self._next = name, ""
+
     # Inside.
     def _fill(self, place: SavedPose | None) -> None:
         """Put what is stored into the fields."""

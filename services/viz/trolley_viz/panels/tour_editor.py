@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from trolley import topics
+from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour
 from trolley_viz.actions.aiming import ignore
@@ -14,6 +15,7 @@ from trolley_viz.panels.markup import note, row, title
 from trolley_viz.panels.point_editor import REMOVE, UP, PointEditor
 from trolley_viz.panels.tour_times import TimesEditor
 from trolley_viz.pointing.pointer import Pointed, Tool
+from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import place_finder
 from trolley_viz.sentences import StatusLine
@@ -21,6 +23,7 @@ from trolley_viz.session.session import Session
 
 TOUR_POINT = "tour_point"
 POINT_HINT = "Press where it should stop, drag the way it should face, and release."
+TAP_HINT = "Tap places on the map in the order in which it should visit them."
 CHOOSE = "choose …"
 HERE, POINT_OUT = "Where it is", "Point on the map"
 KEEP_MINE, TAKE_THEIRS = "Keep mine", "Take theirs"
@@ -57,6 +60,7 @@ class TourEditor:
         with self._folder:
             self._title = gui.add_html("")
             self._name = gui.add_text("Name", "")
+            gui.add_html(note(TAP_HINT))
             self._points = gui.add_folder()
             with self._points:
                 self._point = PointEditor(
@@ -225,6 +229,19 @@ class TourEditor:
             self._is_leaving = False
             self.editing.add(point)
 
+    def add_touched(self, one: Touched) -> None:
+        """Add a place or a point of the floor that was touched on the map."""
+        if one.what == "place":
+            self._add(Point(name=one.name))
+        elif self.editing is not None:
+            self._add(Point(pose=self._facing_on(self.editing, one.x, one.y, None)))
+
+    def _facing_on(self, editing: Editing, x: float, y: float, yaw: float | None) -> Pose2D:
+        """A pose at a place, which without a heading faces on from the last point."""
+        points = editing.draft.points
+        last = points[-1].where(place_finder(self._session.view)) if points else None
+        return bearing(x, y, yaw, last)
+
     def _add_named(self, name: str) -> None:
         if name != CHOOSE:
             self._add(Point(name=name))
@@ -262,9 +279,8 @@ class TourEditor:
             editing = self.editing
             if editing is None or editing is not before:
                 return
-            points, find = editing.draft.points, place_finder(session.view)
-            last = points[-1].where(find) if points else None
-            take(editing, Point(pose=bearing(pointed.x, pointed.y, pointed.yaw, last)))
+            pose = self._facing_on(editing, pointed.x, pointed.y, pointed.yaw)
+            take(editing, Point(pose=pose))
 
         if session.aiming.armed == TOUR_POINT:
             session.aiming.put_away()

@@ -10,6 +10,7 @@ from trolley_viz.panels.past_trips import PastTripsPanel
 from trolley_viz.panels.tour_editor import TourEditor
 from trolley_viz.panels.tour_list import TourList
 from trolley_viz.panels.trip import TripPanel
+from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import (
     TourDrawing,
@@ -69,6 +70,18 @@ class TourTab:
         if self._editor is not None:
             self._edited_on = self._session.robot
             self._editor.open(Editing(None, Draft()) if tour is None else Editing.open(tour))
+
+    @property
+    def is_editing(self) -> bool:
+        """Whether a tour of this robot is edited."""
+        return self._edited_here() is not None
+
+    def add_touched(self, one: Touched) -> None:
+        """Add what was touched on the map to the tour that is edited, or to a new one."""
+        if self._editor is not None:
+            if not self.is_editing:
+                self.edit(None)
+            self._editor.add_touched(one)
 
     def copy(self, tour: Tour) -> None:
         """Save it once more, under another name."""

@@ -26,7 +26,8 @@ class ZonePanel:
         self._filled = -1
         self._mode: Mode = "idle"
         self._commands: list[Button] = []
-        with session.folder("Zones", is_open=True):
+        self.folder = session.folder("Zones", is_open=True)
+        with self.folder:
             self._suspect = gui.add_html(note(SUSPECT_TEXT), visible=False)
             self._answer = gui.add_choice("Mirror?", (YES, NO), visible=False)
             self._lines = gui.add_choice("Draw a line", tuple(LINE_KINDS))

@@ -12,7 +12,7 @@ from trolley.geometry.frames import MAP
 from trolley.messages import Tour, TourStatus
 from trolley_viz.editing.tour_draft import Draft, Find
 from trolley_viz.graphics.pictures import pin_picture
-from trolley_viz.graphics.shapes import flat, open_segments
+from trolley_viz.graphics.shapes import circle, flat, open_segments
 from trolley_viz.robots.past_trips import Spot, trouble_spots
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Layer
@@ -178,12 +178,6 @@ def add_pin(
         cast_shadow=False,
         receive_shadow=False,
     )
-
-
-def circle(radius: float) -> np.ndarray:
-    """A circle as an outline (24, 2) [m]."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 class TripLayer(Layer):

@@ -57,6 +57,8 @@ class Gesture(Struct, frozen=True, kw_only=True):
     at_ms: Time
     released: tuple[Share, Share] | None = None
     """Where it was let go, as shares of the picture."""
+    is_tap: bool = False
+    """That it came down in the same place shortly before."""
     cancelled: bool = False
     """That the press was called off."""
     size: tuple[Pixels, Pixels] | None = None

@@ -9,6 +9,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import Path
 from trolley_viz.editing.goal_queue import QueuedGoal
 from trolley_viz.graphics.shapes import place
+from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
 from trolley_viz.scene.frame_axes import FrameAxes
 from trolley_viz.scene.goal_pins import GoalPins
@@ -17,6 +18,7 @@ from trolley_viz.scene.place_labels import Eye, PlaceLabels
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT
+from trolley_viz.scene.touch_mark import TouchMark
 from trolley_viz.sentences import goal_name
 
 
@@ -37,6 +39,7 @@ class BrowserScene:
         self._icons = Icons(scene)
         self._labels = PlaceLabels(scene)
         self._axes = FrameAxes(scene)
+        self._touch_mark = TouchMark(scene)
 
     def show_robot(self, robot: str, robots: Set[str], layers: Mapping[str, bool]) -> None:
         """Show one of the robots in the shared scene, and of its layers those that are on."""
@@ -69,6 +72,7 @@ class BrowserScene:
         icons: list[Icon],
         frames: list[str],
         eye: Eye,
+        touched: Touched | None,
     ) -> None:
         """Draw what is this browser's own.
 
@@ -80,7 +84,9 @@ class BrowserScene:
             icons: the pictograms of programs, to be turned towards its camera.
             frames: the frames whose axes are shown.
             eye: its camera.
+            touched: what its person touched.
         """
+        self._touch_mark.draw(touched)
         self._preview.draw(preview, view.placement)
         self._goal_pins.draw(queue, view.placement)
         self._icons.show(icons, eye.wxyz)

@@ -10,18 +10,21 @@ from trolley.messages import MapChange, SuspectLine
 from trolley_viz.actions.aiming import Aiming
 from trolley_viz.actions.place_actions import PlaceActions
 from trolley_viz.actions.robot_actions import RobotActions
+from trolley_viz.actions.touching import Touching
 from trolley_viz.controls.controls import Controls, Folder
 from trolley_viz.drawing.canvas import Canvas
 from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
 from trolley_viz.drawing.suspected_mirrors import SuspectLines
 from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.zone_requests import ZoneRequests
+from trolley_viz.graphics.camera import Look
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
 from trolley_viz.overlays.pages import File
 from trolley_viz.pointing.drags import Drags
 from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import Pointer
+from trolley_viz.pointing.touch import Touched, touched
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
 from trolley_viz.scene.scene import shown_layers
@@ -78,6 +81,14 @@ class Session:
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
         self.place_actions = PlaceActions(self.actions, self.aiming, lambda: self.view)
+        self.touching = Touching(
+            service,
+            self.actions,
+            self.aiming,
+            self.place_actions,
+            lambda: self._robot,
+            lambda: self.view,
+        )
         self.zone_editor = ZoneEditor(
             Canvas(self.picture, self.drags),
             ZoneRequests(
@@ -109,6 +120,10 @@ class Session:
         self.scene: BrowserScene | None = None
         """What this browser alone has in its scene; None while it has no picture."""
         self._viewport: Viewport | None = None
+        self.look = Look()
+        """How its person wants to see the map."""
+        self.take_tap: Callable[[Touched], bool] | None = None
+        """Takes what is touched, as while a tour is made of it; says whether it did."""
         self._prefers_dark = False
         self._size: tuple[float, float] | None = None
         """Width and height of the picture [px of the page], once the page has told."""
@@ -120,7 +135,7 @@ class Session:
         self.picture.client = client
         self._set_look()
         self.scene = BrowserScene(client.scene)
-        self._viewport = Viewport(client, self._size)
+        self._viewport = Viewport(client, self._size, self.look)
         self.pointing.show()
         self.zone_editor.show()
         self.map_editor.show()
@@ -264,8 +279,20 @@ class Session:
         self._prefers_dark = is_dark
         self._set_look()
 
+    def look_at(self, x: float, y: float) -> None:
+        """Show a place in the world [m] from near."""
+        if self._viewport is not None:
+            self._viewport.look_at(x, y)
+
+    def change_look(self, look: Look) -> None:
+        """See the map from elsewhere."""
+        self.look = look
+        if self._viewport is not None:
+            self._viewport.change(look, self.view)
+
     def fit_view(self) -> None:
-        """Show the whole map."""
+        """Show the whole map, and follow nobody."""
+        self.change_look(Look(is_flat=self.look.is_flat))
         if self._viewport is not None:
             self._viewport.fit(self.view)
 
@@ -284,11 +311,12 @@ class Session:
             self.scene.draw(
                 view,
                 layers,
-                preview=self.aiming.preview,
+                preview=self.aiming.preview or self.touching.preview,
                 queue=self.actions.goal_queue.items,
                 icons=markers.icons if layers[markers.key] else [],
                 frames=self.frames_on(),
                 eye=self._viewport.eye,
+                touched=self.touching.touched,
             )
             self._viewport.update(view, self._robot)
         self._keep_one_tool()
@@ -297,8 +325,17 @@ class Session:
         self.suspected_mirrors.update(view, self._choices.dismissed, is_shown=layers["zones"])
         self.change_marks.update(view, is_shown=layers["zones"])
 
+    def tapped(self, at: tuple[float, float]) -> None:
+        """Take a tap on the picture, unless a tool waits for it: shares of its width and height."""
+        if self.hint or self._viewport is None or not self.may_drive:
+            return
+        one = touched(self.view, self._viewport.eye, at)
+        if one is None or not (self.take_tap and self.take_tap(one)):
+            self.touching.touch(one)
+
     def put_tools_away(self) -> None:
         """End all pointing and drawing."""
+        self.touching.close()
         self.aiming.put_away()
         self.zone_editor.leave()
         self.map_editor.choose("look")
