@@ -145,7 +145,7 @@ def test_stop_while_it_is_held_stops_for_good(
     wait_until(lambda: driven.twist().wz > 0.5, "it turns")
     shown.robot.stop()
     driven.wait_until_it_stands()
-    expect(page.locator(".hand-say")).to_contain_text("Press Resume to let it drive again")
+    expect(page.locator(".hand-say")).to_contain_text("Press “Drive on” to let it drive again")
     page.mouse.up()
     shown.robot.resume()
     expect(page.locator(".hand-say")).to_have_text("")

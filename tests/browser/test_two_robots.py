@@ -145,13 +145,13 @@ def test_one_viewer_shows_and_stops_two_robots(
     button(page, "Stop all robots").click()
     wait_until(lambda: (first_mode(), second.mode) == ("stopped", "stopped"), "both stop")
     expect(page.get_by_text("Bertha: Stopped")).to_be_visible()
-    button(page, "Resume").click()
+    button(page, "Drive on").click()
     wait_until(lambda: first_mode() == "ok", "the one that is followed goes on")
     assert second.mode == "stopped"
     page.screenshot(path=pictures / "two-robots.png")
     button(page, "Follow Bertha").click()
-    expect(page.get_by_text("Stopped. Press Resume to let it drive again.")).to_be_visible()
-    button(page, "Resume").click()
+    expect(page.get_by_text("Stopped. Press “Drive on” to let it drive again.")).to_be_visible()
+    button(page, "Drive on").click()
     wait_until(lambda: second.mode == "ok", "it is the second one's now")
     assert page.get_by_text("outline is shown").count() == 0  # nothing is amiss with its body
     page.screenshot(path=pictures / "second-robot.png")

@@ -223,7 +223,7 @@ def test_stop_is_in_sight_whatever_tab_is_open(page: Page) -> None:
     for tab in ("Tours", "Map", "More", "Go"):
         page.get_by_role("tab", name=tab).click()
         expect(page.get_by_role("button", name="STOP")).to_be_in_viewport(ratio=1)
-        expect(page.get_by_role("button", name="Resume")).to_be_in_viewport(ratio=1)
+        expect(page.get_by_role("button", name="Drive on")).to_be_in_viewport(ratio=1)
 
 
 def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -> None:
@@ -233,12 +233,12 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
 
     page.get_by_role("button", name="STOP").click()
     wait_until(lambda: mode() == "stopped", "base is stopped")
-    expect(page.get_by_text("Stopped. Press Resume to let it drive again.")).to_be_visible()
-    page.get_by_role("button", name="Resume").click()
+    expect(page.get_by_text("Stopped. Press “Drive on” to let it drive again.")).to_be_visible()
+    page.get_by_role("button", name="Drive on").click()
     wait_until(lambda: mode() == "ok", "base may drive again")
     page.keyboard.press("Space")
     wait_until(lambda: mode() == "stopped", "a key stops it, too")
-    page.get_by_role("button", name="Resume").click()
+    page.get_by_role("button", name="Drive on").click()
     wait_until(lambda: mode() == "ok", "base may drive again")
 
 

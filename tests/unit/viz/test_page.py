@@ -8,8 +8,9 @@ import msgspec
 import pytest
 from support.pages import page_of
 
-from trolley import topics
+from trolley import codes, topics
 from trolley.geometry import Twist2D
+from trolley.messages import GoalStatus
 from trolley_viz.actions.aiming import GO_TO
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.pages.page import AHEAD_MS, LATE_MS
@@ -189,6 +190,27 @@ def test_who_may_only_look_does_not_resume_nor_press_what_others_have(stage: "St
         assert not guest.answers[2].is_done
     stage.runtime.run(0.5)
     assert stage.robot.mode == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("reason", "goes_on"), [(codes.STOPPED, True), (codes.PAUSED, False), ("", False)]
+)
+def test_drive_on_continues_what_the_stop_has_paused(
+    stage: "Stage", reason: str, *, goes_on: bool
+) -> None:
+    browser = stage.browse()
+    asked: list[str] = []
+    stage.session.actions.steer = asked.append  # type: ignore[method-assign]
+    goal = GoalStatus(stamp_ns=stage.robot.stamp_ns, id="a", state="paused", reason=reason)
+    stage.robot.publish(topics.GOAL, goal)
+    stage.say(browser, Said(stop=Stop(id=1, robots=["trolley"])))
+    stage.runtime.run(1.0)
+    assert ("go on" in browser.state.sentence.headline) == goes_on
+    assert asked == []
+    stage.say(browser, Said(resume=Resume(id=2, at_ms=stage.now_ms, robot="trolley")))
+    stage.runtime.run(1.0)
+    assert stage.robot.mode == "ok"
+    assert asked == (["Continue"] if goes_on else [])
 
 
 # The line.

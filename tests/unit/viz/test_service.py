@@ -248,7 +248,7 @@ def test_without_a_service_the_refusal_names_it(stage: "Stage") -> None:
     browser = stage.browse()
     stage.session.actions.steer_tour("Pause")
     stage.runtime.run(0.5)
-    assert "tour is not running" in browser.notices[0][1]
+    assert "The tour service is not running" in browser.notices[0][1]
 
 
 def test_steering_names_the_goal_that_was_seen(stage: "Stage") -> None:
@@ -321,7 +321,7 @@ def test_each_browser_shows_and_follows_what_it_wants(stage: "Stage") -> None:
 def test_a_viewer_has_stop_and_nothing_that_moves(stage: "Stage") -> None:
     browser = stage.browse(0, Visitor("guest", "viewer"))
     page = page_of(stage)
-    assert page.labels[:3] == ["Tours", "Past trips", "More"]
+    assert page.labels[4:7] == ["Tours", "Past trips", "More"]
     assert page.keys == []
     assert "You may look, but not drive." in page.text()
     stage.say(browser, Said(stop=Stop(id=1, robots=["trolley"])))

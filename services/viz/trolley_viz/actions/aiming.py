@@ -18,7 +18,7 @@ from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.editing.undo import Step
 from trolley_viz.pointing.pointer import Pointed, Pointer, Tool
 from trolley_viz.robots.view import View
-from trolley_viz.sentences import duration
+from trolley_viz.sentences import duration, refusal
 
 GO_TO, SET_POSE = "go_to", "set_pose"
 GOAL_HINT = "Press where it should go, drag the way it should face, and release."
@@ -195,7 +195,10 @@ class Aiming:
         self._asked = None
         if isinstance(reply, Refused):
             self.preview = None
-            self.hint = GOAL_HINT if reply.code == codes.TIMEOUT else reply.message
+            is_busy = reply.code == codes.TIMEOUT
+            self.hint = GOAL_HINT if is_busy else refusal(reply)
+            if is_busy or reply.code == codes.NOT_READY:
+                self._wanted = self._wanted or asked  # it may answer by and by
         else:
             self.preview = reply
             self.hint = preview_text(reply)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Literal
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
@@ -13,7 +13,7 @@ from trolley_viz.editing.goal_queue import MAX_STOPS, GoalQueue
 from trolley_viz.editing.undo import History, Step
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell
+from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell, refusal
 
 TRIP_GOALS = "tour-"
 """The prefix of the ids of a trip's goals."""
@@ -62,7 +62,7 @@ class RobotActions:
         if not what:
             self.tell(f"{action}: not done", "The robot is not going anywhere.", "idle")
         elif what == "trip":
-            self.steer_tour({"Pause": "Pause", "Continue": "Resume", "Cancel": "End"}[action])
+            self.steer_tour("End" if action == "Cancel" else action)
         else:
             self.steer_goal(action, goal)
 
@@ -75,6 +75,14 @@ class RobotActions:
         }[action]
         which = WhichGoal(id=None if goal is None else goal.id)
         self.ask(request, which, f"{action}: not done")
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether what is under way waits for nothing but the end of a stop."""
+        streams = self._view().streams
+        goal, trip = streams.latest(topics.GOAL), streams.latest(topics.TOUR)
+        status = trip if what_is_under_way(goal, trip) == "trip" else goal
+        return status is not None and (status.state, status.reason) == ("paused", codes.STOPPED)
 
     def start_goal_queue(self) -> None:
         """Drive to the queued goals, one after the other."""
@@ -98,10 +106,10 @@ class RobotActions:
         self.ask(requests.TOUR_START, StartTour(name=name), "The tour did not start")
 
     def steer_tour(self, action: str) -> None:
-        """Do "Pause", "Resume", "Skip" or "End" to the trip."""
+        """Do "Pause", "Continue", "Skip" or "End" to the trip."""
         request = {
             "Pause": requests.TOUR_PAUSE,
-            "Resume": requests.TOUR_RESUME,
+            "Continue": requests.TOUR_RESUME,
             "Skip": requests.TOUR_SKIP,
             "End": requests.TOUR_STOP,
         }[action]
@@ -119,7 +127,7 @@ class RobotActions:
         def finish(reply: Any) -> None:
             if isinstance(reply, Refused):
                 self._service.log.info("Refused", request=request.name, code=reply.code)
-                self.tell(failed, reply.message, "bad")
+                self.tell(failed, refusal(reply), "bad")
             elif done is not None:
                 done(reply)
 
@@ -153,7 +161,7 @@ class RobotActions:
         if before is None or not was_driving or before.pose is None:
             self.steer_goal("Cancel", sent)
         elif (before.id or "").startswith(TRIP_GOALS):
-            self.steer_tour("Resume")
+            self.steer_tour("Continue")
         else:
             goal = SendGoal(id=self._service.new_id(), pose=before.pose, frame=before.frame)
             self.ask(requests.GOAL_SEND, goal, "The robot cannot go back")

@@ -17,6 +17,7 @@ from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
+from trolley_viz.sentences import refusal
 
 FLOOR_TITLE = "a place on the map"
 
@@ -65,7 +66,7 @@ class Touching:
             if not isinstance(reply, Refused):
                 self.preview, self.way = reply, preview_text(reply)
             elif reply.code != codes.TIMEOUT:
-                self.way = reply.message
+                self.way = refusal(reply)
 
         self._service.request(requests.GOAL_PREVIEW, self._goal(one), answered, robot=self._robot())
 

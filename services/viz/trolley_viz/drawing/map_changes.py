@@ -22,6 +22,7 @@ from trolley_viz.pointing.picture import Picture
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL
 from trolley_viz.scene.places import APPEARED_COLOUR, GONE_COLOUR
+from trolley_viz.sentences import refusal
 
 DASH_M, GAP_M = 0.08, 0.06
 LABELS = {"appeared": "new?", "gone": "gone?"}
@@ -154,13 +155,13 @@ class ChangeRequests:
                 )
             else:
                 self._service.log.info("Refused", request="map/edit", code=reply.code)
-                self._actions.tell("The map was not changed", reply.message, "bad")
+                self._actions.tell("The map was not changed", refusal(reply), "bad")
 
         request_map_edit(self._service, params, finish, robot)
 
     def _rename(self, params: EditMap, names: list[str] | Refused) -> None:
         if isinstance(names, Refused):
-            self._actions.tell("The map was not changed", names.message, "bad")
+            self._actions.tell("The map was not changed", refusal(names), "bad")
             return
         as_name = free_name(params.name, names)
         self._edit(replace(params, as_name=as_name), may_rename=False)

@@ -26,7 +26,7 @@ scene.opened = (frame) => keys.listenTo(frame.document);
 document.getElementById("stop").addEventListener("click", () => status.stop());
 document.getElementById("resume").addEventListener("click", async () => {
   const answer = await line.ask("resume", { robot: status.robot });
-  if (!answer.is_done) notices.show({ title: "Resume: not done", text: answer.text, tone: "warn" });
+  if (!answer.is_done) notices.show({ title: "It cannot drive on", text: answer.text, tone: "warn" });
 });
 
 function told(message) {

@@ -35,7 +35,7 @@ export class Status {
     say(this.hint, state.hint || "");
     this.hint.hidden = !state.hint;
     document.documentElement.dataset.look = state.dark ? "dark" : "light";
-    this.resume.disabled = false;
+    this.resume.disabled = !state.is_stopped;
     this.resume.dataset.lit = String(Boolean(state.is_stopped));
     this.tick();
   }

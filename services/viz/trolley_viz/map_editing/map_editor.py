@@ -35,7 +35,7 @@ from trolley_viz.map_editing.map_draft import Draft, Drawn, draw
 from trolley_viz.map_editing.map_preview import MapPreview, model_of
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapModel
-from trolley_viz.sentences import Tell
+from trolley_viz.sentences import Tell, refusal
 
 Tool = Literal["look", "erase", "wall", "crop"]
 HINTS: dict[Tool, str] = {
@@ -366,7 +366,7 @@ class MapEditor:
             if reply.code == codes.EXISTS and self.is_open:
                 self.as_name = self._free_name()
                 self.filled += 1
-            self._tell("Not saved", reply.message or codes.SENTENCES[reply.code], "bad")
+            self._tell("Not saved", refusal(reply), "bad")
 
         request_map_edit(self._service, params, finish, self._robot())
 

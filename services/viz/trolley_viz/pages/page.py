@@ -17,6 +17,7 @@ from trolley_viz.robots.silence import SilentServices
 from trolley_viz.robots.stop_presses import DISOBEYED
 from trolley_viz.robots.view import View
 from trolley_viz.scene.overlays import OverlayLayer
+from trolley_viz.sentences import refusal
 from trolley_viz.server.lines import Line
 from trolley_viz.server.messages import (
     PROTOCOL,
@@ -87,6 +88,8 @@ class Page:
         self._state: PageState | None = None
         self._pad: PadState | None = None
         self._heard_ns = 0
+        self._goes_on = False
+        """Whether what was stopped is to continue as soon as the robot may drive."""
 
     # What it is.
     @property
@@ -191,6 +194,9 @@ class Page:
             return
         shown = self._shown_overlays()
         base = known.base
+        if self._goes_on and base is not None and base.mode == "ok":
+            self._goes_on = False
+            self.session.actions.steer("Continue")
         stop = self._hub.stops.line(view.robot_name, view.now_ns)
         if stop is None and base is not None and base.not_stopped:
             stop = DISOBEYED
@@ -257,9 +263,13 @@ class Page:
             self.say(Told(answer=Answer(id=resume.id, is_done=False, text=why)))
             return
 
+        actions = self.session.actions
+        goes_on = resume.robot == self.robot and actions.was_stopped
+
         def answered(reply: Any) -> None:
             self._hub.stops.resumed(resume.robot)
-            why = reply.message if isinstance(reply, Refused) else ""
+            self._goes_on = goes_on and not isinstance(reply, Refused)
+            why = refusal(reply) if isinstance(reply, Refused) else ""
             self.say(Told(answer=Answer(id=resume.id, is_done=not why, text=why)))
 
         self._hub.stops.release(resume.robot)

@@ -70,10 +70,10 @@ class GoTab:
         """Offer to pause or to go on, and to cancel, what is under way."""
         what = what_is_under_way(goal, trip)
         status = trip if what == "trip" else goal
-        is_paused = status is not None and status.state == "paused"
-        self._pause.visible = bool(what) and not is_paused
-        self._go_on.visible = bool(what) and is_paused
-        self._cancel.visible = bool(what)
+        is_paused = bool(what) and status is not None and status.state == "paused"
+        # Always there, so that nothing moves under a finger.
+        self._pause.visible, self._go_on.visible = not is_paused, is_paused
+        self._pause.disabled = self._cancel.disabled = not what
 
 
 def _going_to(goal: GoalStatus | None, places: list[SavedPose]) -> str | None:

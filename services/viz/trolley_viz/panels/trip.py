@@ -8,7 +8,7 @@ from trolley_viz.panels.markup import note, row, title
 from trolley_viz.sentences import UNDER_WAY, StatusLine, duration, result_line
 
 DRIVING_ACTIONS = ("Pause", "Skip", "End")
-PAUSED_ACTIONS = ("Resume", "Skip", "End")
+PAUSED_ACTIONS = ("Continue", "Skip", "End")
 MAX_STOP_ROWS = 30
 
 

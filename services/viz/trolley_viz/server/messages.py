@@ -117,7 +117,7 @@ class PageState(Struct, frozen=True, kw_only=True):
         sentence: what it is doing, or what keeps it from driving.
         lines: its state in detail.
         stop: what became of the last press of Stop.
-        is_stopped: whether Resume would let it drive again.
+        is_stopped: whether “Drive on” would let it drive again.
         hint: what an armed tool waits for.
         dark: whether it has the dark look.
         has_scene: whether viser's connection of the page is known.
