@@ -49,7 +49,7 @@ def place_of(shown: "Shown", name: str) -> SavedPose | None:
 
 def field(page: Page, label: str) -> Locator:
     """The field behind a label."""
-    return page.get_by_label(label, exact=True)
+    return page.get_by_label(label, exact=True).filter(visible=True)
 
 
 def choose(page: Page, label: str, option: str) -> None:
