@@ -159,11 +159,17 @@ def open_page(browser: Browser, width: int, height: int, **options: Any) -> Page
     return page
 
 
+def open_viewer(page: Page, url: str) -> None:
+    """Open the viewer, until it knows where the robot is and shows the map."""
+    page.goto(url)
+    page.get_by_text("Localized").first.wait_for()
+    page.locator("#scene-wait").wait_for(state="hidden")
+
+
 @pytest.fixture(scope="module")
 def page(shown: Shown, browser: Browser) -> Iterator[Page]:
     page = open_page(browser, 1000, 640)
-    page.goto(shown.url)
-    page.get_by_text("Localized").first.wait_for()
+    open_viewer(page, shown.url)
     yield page
     page.context.close()
 

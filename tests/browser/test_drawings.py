@@ -13,7 +13,7 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Marker, Overlay, Transform
 
-from .conftest import open_page
+from .conftest import open_page, open_viewer
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -43,7 +43,7 @@ def page(shown: "Shown", browser: Browser) -> Iterator[Page]:
     robot.put_marker("test", "ball", Marker(kind="sphere", pose=Pose2D(2.0, 1.0, 0.0), z=0.2))
     robot.put_marker("test", "icon", Marker(kind="icon", icon="fa-robot", frame="base_link", z=0.5))
     page = open_page(browser, 390, 844)
-    page.goto(shown.url)
+    open_viewer(page, shown.url)
     page.locator(".ov-card").first.wait_for()
     yield page
     page.context.close()

@@ -13,7 +13,7 @@ from trolley import topics
 from trolley.geometry import wrap_angle
 from trolley.messages import SavedPose
 
-from .conftest import open_page
+from .conftest import open_page, open_viewer
 from .seeing import pixel_of, wait_for_frames
 
 if TYPE_CHECKING:
@@ -84,8 +84,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     assert page.context.browser is not None
     phone = open_page(page.context.browser, 390, 844, has_touch=True, is_mobile=True)
     context = phone.context
-    phone.goto(shown.url)
-    phone.get_by_text("Localized").first.wait_for()
+    open_viewer(phone, shown.url)
     fingers = context.new_cdp_session(phone)
 
     def touch(kind: str, *points: tuple[float, float]) -> None:

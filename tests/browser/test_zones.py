@@ -17,7 +17,7 @@ from trolley.messages import Path as Way
 from trolley.messages import SuspectLine, Suspects, Zone, floats_from_bytes
 from trolley.messages.request_params import Named, SendGoal
 
-from .conftest import open_page
+from .conftest import open_page, open_viewer
 from .seeing import pixel_of, wait_for_frames
 
 if TYPE_CHECKING:
@@ -34,8 +34,7 @@ def open_map(browser: Browser, url: str, *, touch: bool) -> Page:
     """A page with the tab of the map open; small, as it is drawn in software."""
     page = open_page(browser, 1120, 640, has_touch=touch)
     page.bring_to_front()  # one in the background draws no frames
-    page.goto(url)
-    page.get_by_text("Localized").first.wait_for()
+    open_viewer(page, url)
     page.get_by_role("tab", name="Map").click()
     expect(page.get_by_role("button", name="Mirror")).to_be_visible()
     page.wait_for_timeout(2500)  # by then the view is mended if the page was laid out late

@@ -35,6 +35,7 @@ function told(message) {
   if (state !== undefined) {
     status.show(state);
     scene.hasSession = state.has_scene;
+    document.getElementById("scene-wait").hidden = state.has_scene;
   }
   if (changes !== undefined) {
     controls.take(changes);
