@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.go_tab import GoTab
+from trolley_viz.panels.links import LinksPanel
 from trolley_viz.panels.map_tab import MapTab
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.more_tab import MoreTab
+from trolley_viz.panels.people import PeoplePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.tours_tab import TourTab
@@ -25,6 +27,7 @@ class Console:
             gui.add_html(note("You may look, but not drive. STOP works."))
         self._go: GoTab | None = None
         self._map: MapTab | None = None
+        self._links: LinksPanel | None = None
         tabs = gui.add_tabs()
         if session.may_drive:
             with tabs.add_tab("Go", "steering-wheel"):
@@ -36,6 +39,9 @@ class Console:
                 self._map = MapTab(gui, session)
         with tabs.add_tab("More", "dots"):
             self._more = MoreTab(gui, session)
+            self._people = PeoplePanel(gui, session)
+            if session.may_drive:
+                self._links = LinksPanel(gui, session.folder, session.hub.links)
             with session.folder("State"):
                 self._state = gui.add_html("")
             with session.folder("Keys"):
@@ -52,6 +58,9 @@ class Console:
             self._map.update(view)
         self._state.content = "".join(map(row, lines))
         self._more.update(view)
+        self._people.update(view.now_ns)
+        if self._links is not None:
+            self._links.update(view.now_ns)
 
     def close(self) -> None:
         """Stop following what only this browser shows."""
