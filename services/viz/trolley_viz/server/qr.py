@@ -11,7 +11,7 @@ BLOCKS = " ▄▀█"
 def qr_image(text: str) -> str:
     """Draw a QR code, as the address of an image that is the image itself."""
     code = segno.make(text, error="m", micro=False)
-    return code.svg_data_uri(border=QUIET, light="#fff", dark="#000")
+    return code.svg_data_uri(border=QUIET, light="#fff", dark="#000", omitsize=True)
 
 
 def qr_lines(text: str) -> list[str]:
