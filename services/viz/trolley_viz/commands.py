@@ -55,12 +55,17 @@ def _print(what: str, link: str, *, with_code: bool) -> None:
         say("No QR code can be shown here: the output is not UTF-8.", err=True)
         return
     lines = qr_lines(link)
-    if sys.stdout.isatty() and shutil.get_terminal_size().columns < len(lines[0]):
+    if is_terminal() and shutil.get_terminal_size().columns < len(lines[0]):
         say(f"The QR code needs a terminal of {len(lines[0])} columns.", err=True)
         return
     for line in lines:
         # Colours of its own: not all cameras read light on dark.
         say(line, fg="black", bg="bright_white")
+
+
+def is_terminal() -> bool:
+    """Whether the output goes to a terminal."""
+    return sys.stdout.isatty()
 
 
 def _read(path: Path) -> AccessTokens:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given as drawn
 from hypothesis import strategies as st
 from support.pages import PageOf, page_of
 
@@ -85,17 +85,20 @@ def test_a_browser_without_a_name_is_called_by_what_it_is(agent: str, name: str)
     assert device_name(agent) == name
 
 
-@given(st.text())
+@drawn(st.text())
 def test_no_header_makes_up_a_name_of_its_own(agent: str) -> None:
     assert device_name(agent) in DEVICE_NAMES
 
 
 # Names.
 def names_of(
-    *, robots: tuple[str, ...] = (), saved: list[Any] | None = None, **given: str
+    *,
+    robots: tuple[str, ...] = (),
+    saved: list[Any] | None = None,
+    given: dict[str, str] | None = None,
 ) -> Names:
     saves = [] if saved is None else saved
-    return Names(given, saves.append, lambda: robots)
+    return Names(given or {}, saves.append, lambda: robots)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +123,7 @@ def test_a_name_is_one_line_that_can_be_seen(typed: str, name: str) -> None:
     assert clean(typed) == name
 
 
-@given(st.text(max_size=300))
+@drawn(st.text(max_size=300))
 def test_whatever_is_typed_a_name_is_printable_and_stays_as_it_is(typed: str) -> None:
     name = clean(typed)
     assert name.isprintable()
@@ -145,7 +148,7 @@ def test_whatever_is_typed_a_name_is_printable_and_stays_as_it_is(typed: str) ->
 )
 def test_a_name_that_is_too_long_or_somebody_elses_is_refused(typed: str) -> None:
     saved: list[Any] = []
-    names = names_of(robots=("trolley",), saved=saved, **{BEN.browser: "Ben"})
+    names = names_of(robots=("trolley",), saved=saved, given={BEN.browser: "Ben"})
     assert names.give(ANN, typed).endswith(".")
     assert (names.of(ANN), names.of(BEN), saved) == ("Chrome on Android", "Ben", [])
 
@@ -181,7 +184,7 @@ def test_only_so_many_names_are_kept() -> None:
 
 
 def test_names_that_somebody_wrote_into_the_file_are_cleaned() -> None:
-    names = names_of(**{ANN.browser: "A\u202enn" + "x" * 10**5, BEN.browser: "\x00"})
+    names = names_of(given={ANN.browser: "A\u202enn" + "x" * 10**5, BEN.browser: "\x00"})
     assert names.of(ANN) == ("A nn" + "x" * 50)[:MAX_NAME]
     assert names.of(BEN) == "Firefox on Windows"
 

@@ -134,12 +134,14 @@ class AccessControl:
                 text="This link is no longer valid. Ask for a new one.",
             )
         browser = browser or secrets.token_hex(8)
-        # On to the page without the token, which else would stand in the history.
+        # On to the page without the token, which else would stand in the history; to no other
+        # host, as browsers understand //name and /\name.
+        path = urlsplit(request.path).path.lstrip("/\\")
         return AccessDecision(
             Visitor(browser, role),
             HTTPStatus.SEE_OTHER,
             cookie=self._set_cookie(request, browser, token),
-            location=urlsplit(request.path).path or "/",
+            location=f"/{path}",
         )
 
     def _is_own_page(self, origin: str, host: str) -> bool:
