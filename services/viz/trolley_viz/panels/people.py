@@ -2,12 +2,12 @@
 
 from trolley_viz.controls.controls import Controls, Text
 from trolley_viz.panels.markup import note, row
+from trolley_viz.panels.more_tab import PERIOD_NS
 from trolley_viz.people.names import NO_COOKIE
 from trolley_viz.people.people import Present
 from trolley_viz.sentences import StatusLine, duration
 from trolley_viz.session.session import Session
 
-PERIOD_NS = 1_000_000_000
 MAX_ROWS = 30
 ROLES = {"operator": "Drives", "viewer": "Looks only"}
 HINT = "Such as “Anna's phone”: others see who sent the robot, and who stopped it."
