@@ -15,7 +15,7 @@ from trolley.files import read_file
 from trolley.runtime.state import state_root
 from trolley.state_file import parse
 from trolley_viz.server.access import FILE, AccessTokens
-from trolley_viz.server.links import OUT_OF_REACH, links_of
+from trolley_viz.server.links import OUT_OF_REACH, Links, links_of
 from trolley_viz.server.qr import BLOCKS, qr_lines
 
 
@@ -40,25 +40,29 @@ def viewer_link(as_json: bool, with_codes: bool) -> None:
     if as_json:
         print_json({"operator": links.operator, "viewer": links.viewer})
         return
-    if with_codes and not links.is_reachable:
-        say(OUT_OF_REACH, err=True)
-    with_codes = with_codes and links.is_reachable
-    _print("To drive:         ", links.operator, with_code=with_codes)
-    _print("To look and stop: ", links.viewer, with_code=with_codes)
+    why_not = _why_no_code(links) if with_codes else ""
+    if why_not:
+        say(why_not, err=True)
+    for what, link in (("To drive:", links.operator), ("To look and stop:", links.viewer)):
+        say(f"{what:17} {link}")
+        if with_codes and not why_not:
+            _print_code(link)
 
 
-def _print(what: str, link: str, *, with_code: bool) -> None:
-    say(what + link)
-    if not with_code:
-        return
+def _why_no_code(links: Links) -> str:
+    """Return why no code can be shown here, "" if it can."""
+    if not links.is_reachable:
+        return OUT_OF_REACH
     if not can_say(BLOCKS):
-        say("No QR code can be shown here: the output is not UTF-8.", err=True)
-        return
-    lines = qr_lines(link)
-    if is_terminal() and shutil.get_terminal_size().columns < len(lines[0]):
-        say(f"The QR code needs a terminal of {len(lines[0])} columns.", err=True)
-        return
-    for line in lines:
+        return "No QR code can be shown here: the output is not UTF-8."
+    width = max(len(qr_lines(link)[0]) for link in (links.operator, links.viewer))
+    if is_terminal() and shutil.get_terminal_size().columns < width:
+        return f"No QR code can be shown here: it needs a terminal of {width} columns."
+    return ""
+
+
+def _print_code(link: str) -> None:
+    for line in qr_lines(link):
         # Colours of its own: not all cameras read light on dark.
         say(line, fg="black", bg="bright_white")
 
