@@ -301,11 +301,13 @@ def test_the_page_shows_who_is_there_and_how(stage: "Stage") -> None:
     stage.page(1).session.follow("kart")
     stage.runtime.run(1.5)
     said = page_of(stage).within("People").text()
-    assert "Chrome on Android This page. Drives. Opened for 3 min. Follows Trolley." in said
-    assert "Safari on iPhone Looks only. Opened just now. Follows kart." in said
+    assert "Chrome on Android This page. Drives. Open for 3 min. Follows Trolley." in said
+    assert "Safari on iPhone Looks only. Just opened. Follows kart." in said
     assert "a browser Drives." in said
     theirs = page_of(stage, 1).within("People").text()
     assert theirs.startswith("Safari on iPhone This page.")
+    stage.runtime.run(60.0)
+    assert "Looks only. Open for 1 min." in page_of(stage).within("People").text()
     nobody = page_of(stage, 2).within("People")
     assert NO_COOKIE in nobody.text()
     assert not nobody.is_shown("Name of this browser")

@@ -48,10 +48,8 @@ class PeoplePanel:
         robot = self._session.hub.robots.get(one.robot)
         title = one.robot if robot is None else robot.title or one.robot
         is_this = one.number == self._session.number
-        minutes = int((now_ns - one.since_ns) * 1e-9) // 60
-        since = f"for {duration(60.0 * minutes)}" if minutes else "just now"
         here = "This page. " if is_this else ""
-        detail = f"{here}{ROLES[one.role]}. Opened {since}. Follows {title}."
+        detail = f"{here}{ROLES[one.role]}. {_age(now_ns - one.since_ns)}. Follows {title}."
         return StatusLine(one.name, "good" if is_this else "idle", detail)
 
     def _give(self) -> None:
@@ -66,3 +64,11 @@ class PeoplePanel:
         field.value = names.given(session.visitor)
         self._due_ns = 0
         session.tell("Saved", f"This browser is called {names.of(session.visitor)}.", "good")
+
+
+def _age(open_ns: int) -> str:
+    """Say how long a page has been open, coarsely, so that it does not change all the time."""
+    minutes = int(open_ns * 1e-9) // 60
+    if minutes < 2:
+        return f"Open for {minutes} min" if minutes else "Just opened"
+    return f"Open for {duration(60.0 * minutes)}"
