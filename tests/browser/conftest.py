@@ -64,6 +64,7 @@ class Shown:
     """A demo with its viewer, and a client on its bus."""
 
     def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self.viz_port = find_free_port()
         self.demo = Demo(folder, "--viz-port", str(self.viz_port), "--seed", "3")
         self.robot = Robot(self.demo.name, [self.demo.endpoint])

@@ -8,21 +8,26 @@ import itertools
 import secrets
 
 import viser
+from msgspec import structs
 
 from trolley import requests, teleop, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
+from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, every
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
 from trolley_viz.pages.page import Page, Shared
+from trolley_viz.people.names import Names
+from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Fleet, Robots
 from trolley_viz.robots.stop_presses import Answered, StopPresses
 from trolley_viz.server.access import FILE as ACCESS_FILE
 from trolley_viz.server.access import AccessControl, AccessTokens, is_loopback_host
 from trolley_viz.server.lines import Line, Lines
+from trolley_viz.server.links import links_of
 from trolley_viz.server.messages import Said
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
@@ -70,17 +75,20 @@ class VizService(Service):
     # Life.
     def start(self) -> None:
         """Open the web page."""
-        self.joystick = Teleop(self, self._robots)
+        self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
+        people = People(Names(self._settings.names, self._save_names, self._robot_titles))
+        self.joystick = Teleop(self, self._robots, people.driver_name)
+        tokens = self._tokens()
         self._scene = open_scene()
         lines = Lines(self.call_soon, self.open_line, self.hear, self.close_line)
         try:
-            self._web = WebServer(self._config, self._access_control(), lines, self._scene)
+            access = self._access_control(tokens)
+            self._web = WebServer(self._config, access, lines, self._scene)
         except PortTaken as taken:
             # Nothing to trace: the sentence says it all, so it is no exception in the log.
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
             close_scene(self._scene)
             raise SystemExit(1) from taken
-        self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
         self.hub = Hub(
             service=self,
@@ -90,6 +98,8 @@ class VizService(Service):
             scenes=RobotScenes(self, self._scene, self._robots),
             remember=self._remember,
             let_go=self.joystick.let_go,
+            people=people,
+            links=links_of(self._config, tokens),
         )
         self._shared = Shared(self.joystick, OverlayPages(self))
         self._bridge = open_bridge(self, self._config)
@@ -177,6 +187,7 @@ class VizService(Service):
             if not self.pages:
                 self._fleet.update(is_watched=False)
                 hub.scenes.update({}, ())
+                hub.people.stoppers.keep(set())
         if not self.pages:
             return
         self._robots.update(self._robot_watch.by_parts)
@@ -184,6 +195,7 @@ class VizService(Service):
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
         scenes = hub.scenes.by_robot
+        hub.people.stoppers.keep(scenes.keys())
         for page in self.pages.values():
             page.session.update_scene(scenes.keys())
         hub.server.flush()  # viser would wait for more to send together
@@ -204,12 +216,16 @@ class VizService(Service):
         self.joystick.drive()
 
     # Inside.
-    def _access_control(self) -> AccessControl:
-        """Who is let in: with the tokens that are saved, or new ones."""
+    def _tokens(self) -> AccessTokens:
+        """The tokens that are saved, or new ones."""
         tokens = self.state.read(ACCESS_FILE, AccessTokens)
         if tokens is None:
             tokens = AccessTokens.new()
             self.save(ACCESS_FILE, tokens, is_secret=True)
+        return tokens
+
+    def _access_control(self, tokens: AccessTokens) -> AccessControl:
+        """Who is let in."""
         config = self._config
         return AccessControl(
             config.port, config.origins, always_ask=config.always_ask, tokens=tokens
@@ -223,19 +239,28 @@ class VizService(Service):
         return shown
 
     def _ask_stop(self, robot: str, answered: Answered) -> None:
-        self.request(
-            requests.BASE_STOP,
-            Nothing(),
-            lambda reply: answered(not isinstance(reply, Refused)),
-            timeout_s=1.0,
-            robot=robot,
-        )
+        def finish(reply: BaseState | Refused) -> None:
+            if self.hub is not None and not isinstance(reply, Refused):
+                self.hub.people.stoppers.answered(robot, reply.stamp_ns)
+            answered(not isinstance(reply, Refused))
+
+        self.request(requests.BASE_STOP, Nothing(), finish, timeout_s=1.0, robot=robot)
 
     def _remember(self, browser: str, choices: Choices) -> None:
         """Save a browser's choices; one without a name is not remembered."""
         if browser:
             self._settings = self._settings.with_choices(browser, choices)
             self.save(FILE, self._settings)
+
+    def _save_names(self, names: dict[str, str]) -> None:
+        self._settings = structs.replace(self._settings, names=names)
+        self.save(FILE, self._settings)
+
+    def _robot_titles(self) -> list[str]:
+        """What the robots are called, each by both of its names."""
+        names = self._robots.names()
+        known = [robot for name in names if (robot := self._robots.get(name)) is not None]
+        return [*names, *(robot.title for robot in known)]
 
 
 def _page_of(line: Line) -> PageName:

@@ -1,6 +1,6 @@
 """What the viewer remembers for each browser: the robot, the layers that are shown, the look."""
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from trolley.messages.types import Point
 
@@ -38,9 +38,12 @@ class ViewerSettings(Struct, frozen=True, kw_only=True):
 
     browsers: dict[str, Choices] = {}
     """By what the viewer calls each browser, those that chose last at the end."""
+    names: dict[str, str] = {}
+    """What people call their browsers, by what the viewer does. Not in `Choices`: each page of a
+    browser saves its own."""
 
     def with_choices(self, browser: str, choices: Choices) -> "ViewerSettings":
         """Remember a browser's choices, and forget the browsers that chose longest ago."""
         others = {name: old for name, old in self.browsers.items() if name != browser}
         recent = dict([*others.items()][-(MAX_BROWSERS - 1) :])
-        return ViewerSettings(browsers={**recent, browser: choices})
+        return structs.replace(self, browsers={**recent, browser: choices})

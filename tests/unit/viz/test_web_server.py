@@ -142,6 +142,53 @@ def test_without_a_token_there_is_neither_page_nor_socket(asking: Served) -> Non
             pass
 
 
+def upgrade(port: int, path: str, **headers: str) -> int:
+    """Ask for a socket under any names, and return the status."""
+    names = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
+    with contextlib.closing(connection):
+        connection.request("GET", path, headers={**names, **headers})
+        return connection.getresponse().status
+
+
+@pytest.mark.parametrize("path", ["/line", "/line?page=abc", "/scene/"])
+def test_no_socket_is_opened_under_a_strangers_name(served: Served, path: str) -> None:
+    assert upgrade(served.port, path) == 101
+    rebound = f"evil.example:{served.port}"
+    assert upgrade(served.port, path, Host=rebound) == 401
+    assert upgrade(served.port, path, Host=rebound, Origin=f"http://{rebound}") == 401
+    assert upgrade(served.port, path, Origin=f"http://{rebound}") == 403
+    operator = f"trolley-{served.port}=0123456789abcdef.{served.tokens.operator}"
+    assert upgrade(served.port, path, Origin=f"http://{rebound}", Cookie=operator) == 403
+
+
+@pytest.mark.parametrize("path", ["/line", "/scene/"])
+def test_a_token_opens_no_socket_by_its_address(asking: Served, path: str) -> None:
+    for token in (asking.tokens.operator, asking.tokens.viewer):
+        assert upgrade(asking.port, f"{path}?token={token}") == 401
+        other = f"trolley-{asking.port + 1}=0123456789abcdef.{token}"
+        assert upgrade(asking.port, path, Cookie=other) == 401
+        own = f"trolley-{asking.port}=0123456789abcdef.{token}"
+        assert upgrade(asking.port, path, Cookie=own) == 101
+    assert all(line.visitor.browser == "0123456789abcdef" for line in asking.lines)
+
+
+def test_a_name_that_is_far_too_long_ends_the_line_and_nothing_else(served: Served) -> None:
+    with connect(f"ws://127.0.0.1:{served.port}/line", max_queue=1) as line:
+        wait_until(lambda: served.lines, "the line is open")
+        press = {"id": 1, "at_ms": 0, "control": 1, "value": "x" * 10**6}
+        line.send(json.dumps({"press": press}))
+        with pytest.raises(ConnectionClosed):
+            line.recv(timeout=PATIENCE_S)
+    assert served.said == []
+    assert fetch(served.port)[0] == 200
+
+
 def test_a_link_opens_the_page_and_its_sockets(asking: Served) -> None:
     status, headers, _ = fetch(asking.port, f"/?token={asking.tokens.viewer}")
     assert (status, headers["Location"]) == (303, "/")

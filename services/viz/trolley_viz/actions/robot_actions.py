@@ -17,10 +17,20 @@ from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell, refusal
 
 TRIP_GOALS = "tour-"
 """The prefix of the ids of a trip's goals."""
+SENDING = (requests.GOAL_SEND, requests.TOUR_START)
+"""The requests that set a robot off."""
 
 
 class RobotActions:
-    """Requests from one browser; all on the service's thread."""
+    """Requests from one browser; all on the service's thread.
+
+    Args:
+        service: asks.
+        robot: the name of the robot that is asked.
+        view: what is known of it.
+        tell: shows a notice.
+        note_sent: notes a robot and the goal or trip that it was sent.
+    """
 
     def __init__(
         self,
@@ -28,11 +38,13 @@ class RobotActions:
         robot: Callable[[], str],
         view: Callable[[], View],
         tell: Tell,
+        note_sent: Callable[[str, str], None],
     ) -> None:
         self._service = service
         self._robot = robot
         self._view = view
         self.tell = tell
+        self._note_sent = note_sent
         self.history = History()
         """What the person did and can undo."""
         self.goal_queue = GoalQueue()
@@ -123,15 +135,20 @@ class RobotActions:
         done: Callable[[Any], None] | None = None,
     ) -> None:
         """Send a request to the selected robot and tell people if it is refused."""
+        robot = self._robot()
 
         def finish(reply: Any) -> None:
             if isinstance(reply, Refused):
                 self._service.log.info("Refused", request=request.name, code=reply.code)
                 self.tell(failed, refusal(reply), "bad")
-            elif done is not None:
+                return
+            sent = _id_of(reply) if request in SENDING else None
+            if sent:
+                self._note_sent(robot, sent)
+            if done is not None:
                 done(reply)
 
-        self._service.request(request, params, finish, robot=self._robot())
+        self._service.request(request, params, finish, robot=robot)
 
     # Inside.
     def line_up(self, *, is_added: bool) -> None:
@@ -165,6 +182,10 @@ class RobotActions:
         else:
             goal = SendGoal(id=self._service.new_id(), pose=before.pose, frame=before.frame)
             self.ask(requests.GOAL_SEND, goal, "The robot cannot go back")
+
+
+def _id_of(status: GoalStatus | TourStatus) -> str | None:
+    return status.id if isinstance(status, GoalStatus) else status.trip
 
 
 def what_is_under_way(

@@ -68,7 +68,8 @@ export class Status {
       text = stop.text;
       isAlarm = stop.is_alarm;
     } else if (this.state !== null && this.state.is_stopped && line.isOpen) {
-      text = "Stopped";
+      const by = this.state.stopped_by;
+      text = by ? `Stopped by ${by}` : "Stopped";
     }
     say(this.stopLine, text);
     this.stopLine.hidden = text === "";

@@ -1,5 +1,8 @@
 """Driving with the joystick on the screen: commands to the robots, their state to the pads."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 from msgspec import Struct
 
 from trolley import teleop, topics
@@ -40,11 +43,13 @@ class Teleop:
     Args:
         service: publishes, and knows the time.
         robots: what is known of each.
+        name_of: what to call the browser of a page, "" where there is nothing to tell it by.
     """
 
-    def __init__(self, service: Service, robots: Robots) -> None:
+    def __init__(self, service: Service, robots: Robots, name_of: Callable[[int], str]) -> None:
         self._service = service
         self._robots = robots
+        self._name_of = name_of
         self._driven: dict[str, _DrivenRobot] = {}
 
     def hear(self, who: int, robot: str, grip: Grip) -> None:
@@ -86,10 +91,10 @@ class Teleop:
         can, robot = self._can_drive(name), self._robots.get(name)
         driven = self._driven.get(name)
         holder = None if driven is None else driven.joystick.holder
-        is_taken = holder not in (None, who)
-        words = AWAY if not can else SOMEBODY_ELSE if is_taken else _obstacle(view)
+        taken = None if holder in (None, who) else self._taken_by(holder)
+        words = AWAY if not can else taken or _obstacle(view)
         return PadState(
-            can=can and not is_taken,
+            can=can and taken is None,
             mine=holder == who,
             max_speed=0.0 if robot is None else robot.max_speed,
             text="" if words is None else f"{words.headline}. {words.detail}",
@@ -99,6 +104,10 @@ class Teleop:
     def _robot_ns(self, name: str) -> int | None:
         """The time of a robot [ns], None while its clock is silent."""
         return self._service.time_of(name).now(self._service.monotonic_ns)
+
+    def _taken_by(self, holder: int) -> StatusLine:
+        name = self._name_of(holder)
+        return replace(SOMEBODY_ELSE, headline=f"Driven by {name}") if name else SOMEBODY_ELSE
 
     def _can_drive(self, name: str) -> bool:
         return self._robots.get(name) is not None and self._robot_ns(name) is not None

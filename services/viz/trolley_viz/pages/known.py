@@ -1,6 +1,7 @@
 """What the sentences about a robot depend on, gathered from its streams."""
 
 from trolley import topics
+from trolley_viz.actions.robot_actions import what_is_under_way
 from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import tour_of
 from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, position_line, trip_line
@@ -30,8 +31,20 @@ def robot_state(view: View, silent: frozenset[str]) -> RobotState:
     )
 
 
-def state_lines(known: RobotState) -> list[StatusLine]:
-    """The lines of the state: position, what holds it, where it is going, the trip."""
+def under_way(known: RobotState) -> str | None:
+    """The id of the trip that is under way, or else of the goal."""
+    goal, trip = known.goal, known.trip
+    match what_is_under_way(goal, trip):
+        case "trip":
+            return None if trip is None else trip.trip
+        case "goal":
+            return None if goal is None else goal.id
+        case _:
+            return None
+
+
+def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
+    """The lines of the state: position, what holds it, where it is going, the trip, who sent it."""
     if known.is_away:
         return [AWAY]
     lines = [
@@ -39,5 +52,6 @@ def state_lines(known: RobotState) -> list[StatusLine]:
         base_line(known.base),
         goal_line(known.goal, list(known.places)),
         trip_line(known.trip, known.tour),
+        StatusLine(f"Sent by {sender}", "idle") if sender else None,
     ]
     return [line for line in lines if line is not None]

@@ -11,7 +11,7 @@ from trolley_viz.controls.controls import BadValue, Controls, NotThere
 from trolley_viz.joystick.teleop import PadState, Teleop
 from trolley_viz.overlays.cards import Moment
 from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
-from trolley_viz.pages.known import robot_state, state_lines
+from trolley_viz.pages.known import robot_state, state_lines, under_way
 from trolley_viz.panels.console import Console
 from trolley_viz.robots.silence import SilentServices
 from trolley_viz.robots.stop_presses import DISOBEYED
@@ -90,6 +90,7 @@ class Page:
         self._heard_ns = 0
         self._goes_on = False
         """Whether what was stopped is to continue as soon as the robot may drive."""
+        self._since_ns = hub.service.monotonic_ns
 
     # What it is.
     @property
@@ -120,6 +121,7 @@ class Page:
             self.disconnect(old)
             old.close()
         self._line, self._heard_ns = line, now_ns
+        self._hub.people.come(self._number, self.visitor, lambda: self.robot, self._since_ns)
         self._state = self._pad = None
         self.controls.forget_sent()
         self._shared.overlays.forget(self._number)
@@ -135,6 +137,7 @@ class Page:
         if self.is_on(line):
             self._line = None
             self._shared.joystick.leave(self._number)
+            self._hub.people.go(self._number)
 
     def beat(self, now_ns: int) -> None:
         """Let the page know that the viewer lives; give up a page that does not answer."""
@@ -157,7 +160,7 @@ class Page:
         self._heard_ns = now_ns
         now_ms = now_ns * 1e-6
         if said.stop is not None:
-            self._stop(said.stop, now_ns)
+            self._stop(said.stop)
         if said.press is not None and self._is_timely(said.press, now_ms):
             self._press(said.press)
         if said.resume is not None and self._is_timely(said.resume, now_ms):
@@ -187,7 +190,9 @@ class Page:
     def update(self, view: View) -> None:
         """Tell the page what changed, if it has taken what it was told before."""
         known = robot_state(view, self._silence.update(view))
-        lines = state_lines(known)
+        people = self._hub.people
+        sender = people.senders.of(view.robot_name, under_way(known))
+        lines = state_lines(known, sender)
         self._console.update(view, lines)
         line = self._line
         if line is None or not line.is_clear:
@@ -210,6 +215,7 @@ class Page:
             hint=self.session.hint,
             dark=self.session.is_dark,
             has_scene=self.session.picture.client is not None,
+            stopped_by=people.stoppers.of(view.robot_name, base),
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
         told = Told(
@@ -247,12 +253,12 @@ class Page:
             answer = Answer(id=press.id, is_done=True)
         self.say(Told(answer=answer))
 
-    def _stop(self, stop: Stop, now_ns: int) -> None:
+    def _stop(self, stop: Stop) -> None:
         hub = self._hub
         # A viewer that has just started has not heard of all robots yet.
         named = [name for name in stop.robots if ROBOT_NAME.fullmatch(name)]
         for robot in named or hub.robots.names(self.robot):
-            hub.stops.press(robot, now_ns)
+            hub.press_stop(robot, self.visitor)
         self.say(Told(answer=Answer(id=stop.id, is_done=True)))
 
     def _resume(self, resume: Resume) -> None:
@@ -273,6 +279,7 @@ class Page:
             self.say(Told(answer=Answer(id=resume.id, is_done=not why, text=why)))
 
         self._hub.stops.release(resume.robot)
+        self._hub.people.stoppers.release(resume.robot)
         self._hub.service.request(requests.BASE_RESUME, Nothing(), answered, robot=resume.robot)
 
     def _gesture(self, gesture: Gesture, *, is_late: bool) -> None:

@@ -4,9 +4,11 @@ from collections.abc import Sequence
 
 from trolley_viz.controls.controls import Container, Controls
 from trolley_viz.panels.go_tab import GoTab
+from trolley_viz.panels.links import LinksPanel
 from trolley_viz.panels.map_tab import MapTab
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.more_tab import MoreTab
+from trolley_viz.panels.people import PeoplePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.touch_card import Leads, TouchCard
@@ -30,6 +32,7 @@ class Console:
         self._map: MapTab | None = None
         self._card: TouchCard | None = None
         self._view_bar = ViewBar(gui, session)
+        self._links: LinksPanel | None = None
         tabs = self._tabs = gui.add_tabs()
         if session.may_drive:
             with tabs.add_tab("Go", "steering-wheel"):
@@ -44,6 +47,9 @@ class Console:
             self._card = self._add_card(gui, self._map, map_tab)
         with tabs.add_tab("More", "dots"):
             self._more = MoreTab(gui, session)
+            self._people = PeoplePanel(gui, session)
+            if session.may_drive:
+                self._links = LinksPanel(gui, session.folder, session.hub.links)
             with session.folder("State"):
                 self._state = gui.add_html("")
             with session.folder("Keys"):
@@ -63,6 +69,9 @@ class Console:
         self._view_bar.update()
         self._state.content = "".join(map(row, lines))
         self._more.update(view)
+        self._people.update(view.now_ns)
+        if self._links is not None:
+            self._links.update(view.now_ns)
 
     def close(self) -> None:
         """Stop following what only this browser shows."""

@@ -71,6 +71,11 @@ def table(rows: Sequence[tuple[str, ...]]) -> str:
     return f'<table class="table">{lines}</table>'
 
 
+def code_image(address: str, what: str) -> str:
+    """A QR code, always dark on light, and what it holds in words."""
+    return f'<img class="code" src="{html.escape(address)}" alt="{html.escape(what)}">'
+
+
 def plot(svg: str) -> str:
     """A picture as wide as the panel."""
     return f'<div class="plot">{svg}</div>'

@@ -118,6 +118,7 @@ class PageState(Struct, frozen=True, kw_only=True):
         lines: its state in detail.
         stop: what became of the last press of Stop.
         is_stopped: whether “Drive on” would let it drive again.
+        stopped_by: who pressed Stop, as far as it was at a page.
         hint: what an armed tool waits for.
         dark: whether it has the dark look.
         has_scene: whether viser's connection of the page is known.
@@ -132,6 +133,7 @@ class PageState(Struct, frozen=True, kw_only=True):
     hint: str = ""
     dark: bool = False
     has_scene: bool = False
+    stopped_by: str = ""
 
 
 class Told(Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -5,9 +5,13 @@ from dataclasses import dataclass
 
 import viser
 
+from trolley import topics
 from trolley.runtime.service import Service
+from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopPresses
+from trolley_viz.server.links import Links
+from trolley_viz.server.visitors import Visitor
 from trolley_viz.session.robot_scene import RobotScenes
 from trolley_viz.settings import Choices
 
@@ -30,6 +34,18 @@ class Hub:
     """Saves the choices of a browser."""
     let_go: Callable[[int], None]
     """Takes the joystick out of a page's hand."""
+    people: People
+    """Who has the viewer open, and who did what."""
+    links: Links
+    """Let others in: for operators only."""
+
+    def press_stop(self, robot: str, visitor: Visitor) -> None:
+        """Stop a robot, and note who did."""
+        self.stops.press(robot, self.service.monotonic_ns)
+        scene = self.scenes.by_robot.get(robot)
+        if scene is not None:
+            base = scene.streams.latest(topics.BASE)
+            self.people.stoppers.press(robot, self.people.names.of(visitor), base)
 
     def is_open(self, client_id: int) -> bool:
         """Whether a browser is still connected; viser knows before it says that it is gone."""

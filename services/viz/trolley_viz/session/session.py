@@ -76,7 +76,9 @@ class Session:
             self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
         )
         self.pointing = Pointer(self.picture, self.drags)
-        self.actions = RobotActions(service, lambda: self._robot, lambda: self.view, self.tell)
+        self.actions = RobotActions(
+            service, lambda: self._robot, lambda: self.view, self.tell, self._note_sent
+        )
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
@@ -161,6 +163,11 @@ class Session:
         return self.visitor.role == "operator"
 
     @property
+    def number(self) -> int:
+        """Tells its page from all others."""
+        return self._page.number
+
+    @property
     def robot(self) -> str:
         """The name of the robot that it follows."""
         return self._robot
@@ -223,12 +230,12 @@ class Session:
 
     def press_stop(self) -> None:
         """Stop the robot."""
-        self._hub.stops.press(self._robot, self._hub.service.monotonic_ns)
+        self._hub.press_stop(self._robot, self.visitor)
 
     def press_stop_all(self) -> None:
         """Stop all robots, also those that are away: each as soon as it answers."""
         for name in self._hub.robots.names(self._robot):
-            self._hub.stops.press(name, self._hub.service.monotonic_ns)
+            self._hub.press_stop(name, self.visitor)
 
     def follow(self, robot: str) -> None:
         """Show another robot."""
@@ -341,6 +348,11 @@ class Session:
         self.map_editor.choose("look")
 
     # Inside.
+    def _note_sent(self, robot: str, sent: str) -> None:
+        """Note that a goal or trip was sent from here."""
+        people = self._hub.people
+        people.senders.note(robot, sent, people.names.of(self.visitor))
+
     def _set_look(self) -> None:
         client = self.picture.client
         if client is not None:
