@@ -166,7 +166,7 @@ def test_a_number_of_any_topic_is_plotted(page: Page, pictures: Path) -> None:
     page.get_by_text("Plot", exact=True).click()
     field(page, "Value").fill("odom:twist.vx")
     field(page, "Value").press("Enter")
-    expect(page.locator(".trolley-plot polyline").first).to_be_attached()
+    expect(page.locator(".plot polyline").first).to_be_attached()
     page.screenshot(path=pictures / "plot.png")
     page.get_by_text("Plot", exact=True).click()
     page.get_by_role("tab", name="Go").click()

@@ -10,11 +10,14 @@ import msgspec
 from aiohttp import web
 
 from trolley_viz.server.messages import Said, Told
+from trolley_viz.server.sending import room_of
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.threads import Post
 
 MAX_LINES = 100
 """A household has fewer pages open."""
+SMALL_BYTES = 2000
+"""With more than that on its way the page waits for what is new."""
 NOT_UNDERSTOOD, TOO_MANY = 1008, 1013
 """WebSocket close codes "policy violation" and "try again later"."""
 
@@ -48,7 +51,7 @@ class Line:
     @property
     def is_clear(self) -> bool:
         """Whether everything that was sent is on its way: only then more than beats is sent."""
-        return not self._waiting and self._transport.get_write_buffer_size() == 0
+        return not self._waiting and room_of(self._transport).takes(0, SMALL_BYTES)
 
     def send(self, told: Told) -> None:
         """Tell the page something."""

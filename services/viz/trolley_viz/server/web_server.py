@@ -31,6 +31,8 @@ from trolley_viz.graphics import camera
 from trolley_viz.graphics.icons import icon_svg
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
 from trolley_viz.server.lines import Lines
+from trolley_viz.server.scene_link import SceneLink
+from trolley_viz.server.sending import wait_for_room
 
 PAGE = Path(str(resources.files("trolley_viz").joinpath("frontend")))
 SCENE = "/scene/"
@@ -60,6 +62,8 @@ MAX_UNSENT_BYTES = 16_384
 """What is buffered for a slow browser cannot be replaced by anything newer."""
 SCENE_BUFFER_BYTES = 16_384
 """What waits between viser and here; viser drops what is old only before it."""
+CHUNK_BYTES = 8192
+"""Viser's page is sent in pieces of this size."""
 SEGMENT_BYTES = 1460
 """As on Ethernet; on one host they are large, and the system lets ten of them wait."""
 MAX_SCENE_REPLY_BYTES = 1 << 20
@@ -209,10 +213,19 @@ class WebServer:
             raise web.HTTPNotFound  # viser's page is one file
         accepts = {"Accept-Encoding": request.headers.get("Accept-Encoding", "identity")}
         async with self._to_scene.get(f"http://{self._scene}/", headers=accepts) as answer:
-            encoding = {"Content-Encoding": answer.headers.get("Content-Encoding", "identity")}
-            return web.Response(
-                body=await answer.read(), headers=encoding, content_type="text/html"
-            )
+            body = await answer.read()
+            encoding = answer.headers.get("Content-Encoding", "identity")
+        page = web.StreamResponse(headers={"Content-Encoding": encoding, "ETag": _etag(body)})
+        if request.headers.get("If-None-Match") == page.headers["ETag"]:
+            raise web.HTTPNotModified
+        page.content_type, page.content_length = "text/html", len(body)
+        await page.prepare(request)
+        # It is ten times as large as all else: what is small has to get past it.
+        for start in range(0, len(body), CHUNK_BYTES):
+            if request.transport is not None:
+                await wait_for_room(request.transport, CHUNK_BYTES)
+            await page.write(body[start : start + CHUNK_BYTES])
+        return page
 
     async def _join_with_scene(self, request: web.Request) -> web.StreamResponse:
         """Connect a browser with viser, and pass on what each says."""
@@ -226,29 +239,11 @@ class WebServer:
         ) as scene:
             await browser.prepare(request)
             _keep_backlog_short(request)
-            ways = [
-                asyncio.create_task(_pass_on(browser, scene)),
-                asyncio.create_task(_pass_on(scene, browser)),
-            ]
-            try:
-                await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for way in ways:
-                    way.cancel()
-                await browser.close()
+            transport = request.transport
+            if transport is not None:
+                await SceneLink(browser, transport, scene).run()
+            await browser.close()
         return browser
-
-
-Socket = web.WebSocketResponse | aiohttp.ClientWebSocketResponse
-
-
-async def _pass_on(source: Socket, target: Socket) -> None:
-    """Hand on what comes, each when the one before is on its way."""
-    async for message in source:
-        if message.type == aiohttp.WSMsgType.BINARY:
-            await target.send_bytes(message.data)
-        elif message.type == aiohttp.WSMsgType.TEXT:
-            await target.send_str(message.data)
 
 
 async def _index(_: web.Request) -> web.StreamResponse:
@@ -281,6 +276,10 @@ def _refusal(decided: AccessDecision) -> web.Response:
     text = REFUSAL.format(text=html.escape(decided.text), form=form)
     headers = {"Location": decided.location} if decided.location else {}
     return web.Response(text=text, status=decided.status, content_type="text/html", headers=headers)
+
+
+def _etag(body: bytes) -> str:
+    return f'"{hashlib.sha256(body).hexdigest()[:16]}"'
 
 
 def _wants_socket(request: web.Request) -> bool:
