@@ -29,10 +29,12 @@ from aiohttp import web
 from trolley.config.viz import VizConfig
 from trolley_viz.graphics import camera
 from trolley_viz.graphics.icons import icon_svg
+from trolley_viz.languages.catalogue import catalogues
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
 from trolley_viz.server.lines import Lines
 
 PAGE = Path(str(resources.files("trolley_viz").joinpath("frontend")))
+LANGUAGES = PAGE.parent / "languages"
 SCENE = "/scene/"
 """Where viser's page is, in a frame of ours."""
 HEADERS = {"Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
@@ -156,6 +158,7 @@ class WebServer:
         app.router.add_get("/", _index)
         app.router.add_get("/line", self._line)
         app.router.add_get("/page/icon/{name}.svg", _icon)
+        app.router.add_get("/page/words/{language}.json", _words)
         app.router.add_static("/page/", PAGE)
         app.router.add_get(SCENE + "{path:.*}", self._pass_to_scene)
         runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=0.5)
@@ -253,7 +256,16 @@ async def _pass_on(source: Socket, target: Socket) -> None:
 
 async def _index(_: web.Request) -> web.StreamResponse:
     text = (PAGE / "index.html").read_text(encoding="utf-8")
-    return web.Response(text=text.replace("{build}", BUILD), content_type="text/html")
+    text = text.replace("{build}", BUILD).replace("{languages}", " ".join(catalogues()))
+    return web.Response(text=text, content_type="text/html")
+
+
+async def _words(request: web.Request) -> web.StreamResponse:
+    """Say what the page's own words are in another language."""
+    catalogue = catalogues().get(request.match_info["language"])
+    if catalogue is None:
+        raise web.HTTPNotFound
+    return web.json_response(catalogue.page)
 
 
 async def _icon(request: web.Request) -> web.StreamResponse:
@@ -323,7 +335,7 @@ def _bind(host: str, port: int) -> socket.socket:
 def _build() -> str:
     """Return what tells this page from an older one that is still open."""
     digest = hashlib.sha256()
-    for path in sorted(PAGE.rglob("*")):
+    for path in sorted([*PAGE.rglob("*"), *LANGUAGES.glob("*.toml")]):
         if path.is_file():
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
