@@ -33,9 +33,10 @@ _TAG = re.compile(r"(<[^<>]*>)")
 _TITLE = re.compile(r'(?<= title=")[^"<>]*(?=")')
 _VOID = frozenset({"br", "hr", "img", "input", "path", "line", "polyline", "circle", "rect"})
 
-MAX_CHARACTERS = 600
-"""Nothing that the page says by itself is longer; programs and other robots may say more."""
-MAX_DEPTH = 6
+MAX_CHARACTERS = 400
+"""No text with parts is longer; programs and other robots may say more."""
+MAX_SEARCHES = 150
+"""For one text with its parts. What the page says by itself needs a few dozen."""
 MAX_SENTENCES = 8
 MIN_OWN_CHARACTERS = 6
 """A pattern with fewer characters of its own fits almost anything: all its parts must be known."""
@@ -52,6 +53,10 @@ class Found(NamedTuple):
     """How many characters of the English text are in the catalogue."""
 
 
+class TooMuch(Exception):
+    """A text has so many parts that looking for all of them would take long."""
+
+
 class Pattern:
     """One entry of a catalogue that has placeholders."""
 
@@ -59,7 +64,9 @@ class Pattern:
         self._translation = translation
         self._kinds = dict(PLACEHOLDER.findall(english))
         self.own_characters = len(PLACEHOLDER.sub("", english))
-        self._begins = PLACEHOLDER.split(english, maxsplit=1)[0]
+        own = PLACEHOLDER.split(english)[::3]
+        self.begins, self.longest = own[0], max(own, key=len)
+        """Of its own characters, those at the beginning and the longest piece."""
         self._strict = _regex(english, _NAME)
         self._loose = _regex(english, _ANY_NAME)
 
@@ -67,8 +74,6 @@ class Pattern:
         self, text: str, inner: Callable[[str], Found], *, is_loose: bool
     ) -> Found | None:
         """Return what a text is, None if it does not fit; `inner` translates parts of it."""
-        if not text.startswith(self._begins):
-            return None
         fit = (self._loose if is_loose else self._strict).fullmatch(text)
         if fit is None:
             return None
@@ -95,8 +100,15 @@ class Translator:
         entries = dict(texts)
         self._texts = {one: other for one, other in entries.items() if not PLACEHOLDER.search(one)}
         patterns = [Pattern(*entry) for entry in entries.items() if entry[0] not in self._texts]
-        self._patterns = sorted(patterns, key=lambda one: -one.own_characters)
-        self._find = functools.lru_cache(maxsize=MAX_CACHED)(self._find_whole)
+        patterns.sort(key=lambda one: -one.own_characters)
+        self._anywhere = [one for one in patterns if not one.begins]
+        self._by_first = {
+            first: [one for one in patterns if one.begins[:1] in ("", first)]
+            for first in {one.begins[0] for one in patterns if one.begins}
+        }
+        self._num_searches = 0
+        self._find = functools.lru_cache(maxsize=MAX_CACHED)(self._find_anew)
+        self._search = functools.lru_cache(maxsize=MAX_CACHED)(self._search_anew)
         self.markup = functools.lru_cache(maxsize=MAX_CACHED // 10)(self._in_markup)
         """Translates the texts in markup; what is marked with `translate="no"` stays."""
 
@@ -113,70 +125,80 @@ class Translator:
         return self._in_markup(markup, is_on=False) if 'translate="yes"' in markup else markup
 
     # Inside.
-    def _find_whole(self, text: str) -> Found:
-        return self._part(text.strip(), MAX_DEPTH)
+    def _find_anew(self, text: str) -> Found:
+        self._num_searches = 0
+        try:
+            return self._part(text.strip())
+        except TooMuch:
+            return Found(text)
 
-    def _search(self, text: str, depth: int, *, is_one: bool = False) -> Found:
+    def _search_anew(self, text: str, is_one: bool = False) -> Found:
         """Look a text up; `is_one`: as one piece, not sentence by sentence."""
         if not _LETTERS.search(text):
             return Found(text, is_whole=True)
         if text in self._texts:
             return Found(self._texts[text], is_whole=True, known=len(text))
-        if depth == 0 or len(text) > MAX_CHARACTERS:
+        if len(text) > MAX_CHARACTERS:
             return Found(text)
+        self._num_searches += 1
+        if self._num_searches > MAX_SEARCHES:
+            raise TooMuch
         best = Found(text)
-        for found in self._attempts(text, depth, is_one=is_one):
+        for found in self._attempts(text, is_one=is_one):
             if found.is_whole:
                 return found
             if best.text == text:
                 best = found
         return best
 
-    def _attempts(self, text: str, depth: int, *, is_one: bool) -> Iterator[Found]:
+    def _attempts(self, text: str, *, is_one: bool) -> Iterator[Found]:
         """What a text might be, the likeliest first."""
-        yield from self._fitting(text, depth, is_loose=False)
+        patterns = [
+            one
+            for one in self._by_first.get(text[0], self._anywhere)
+            if one.longest in text and text.startswith(one.begins)
+        ]
+        yield from self._fitting(patterns, text, is_loose=False)
         if not is_one:
-            yield from self._sentence_by_sentence(text, depth)
-        yield from self._fitting(text, depth, is_loose=True)
+            yield from self._sentence_by_sentence(text)
+        yield from self._fitting(patterns, text, is_loose=True)
 
-    def _fitting(self, text: str, depth: int, *, is_loose: bool) -> Iterator[Found]:
-        for pattern in self._patterns:
-            found = pattern.translate(
-                text, lambda part: self._part(part, depth - 1), is_loose=is_loose
-            )
+    def _fitting(self, patterns: list[Pattern], text: str, *, is_loose: bool) -> Iterator[Found]:
+        for pattern in patterns:
+            found = pattern.translate(text, self._part, is_loose=is_loose)
             if found is not None and (
                 found.is_whole or pattern.own_characters >= MIN_OWN_CHARACTERS
             ):
                 yield found
 
-    def _part(self, text: str, depth: int, *, is_one: bool = False) -> Found:
+    def _part(self, text: str, *, is_one: bool = False) -> Found:
         """Translate a part of a text: a sentence may have lost its capital or full stop there."""
-        found = self._search(text, depth, is_one=is_one)
+        found = self._search(text, is_one)
         if text in self._texts:
             return found
-        sentence = self._search(f"{text[:1].upper()}{text[1:]}.", depth, is_one=is_one)
+        sentence = self._search(f"{text[:1].upper()}{text[1:]}.", is_one)
         if sentence.is_whole and sentence.known > found.known * found.is_whole:
             return sentence._replace(text=sentence.text.removesuffix("."))
-        bare = self._search(text.removesuffix("."), depth, is_one=is_one)
+        bare = self._search(text.removesuffix("."), is_one)
         if bare.is_whole and not found.is_whole:
             return bare._replace(text=f"{bare.text}.")
         return found
 
-    def _sentence_by_sentence(self, text: str, depth: int) -> Iterator[Found]:
+    def _sentence_by_sentence(self, text: str) -> Iterator[Found]:
         """Translate the sentences of a text, several at once where they are known together."""
         rest = _ENDS.split(text, maxsplit=MAX_SENTENCES)
         if len(rest) == 1:
             return
-        found = [self._first_of(rest, depth, len(rest) - 1)]
+        found = [self._first_of(rest, len(rest) - 1)]
         while rest:
-            found.append(self._first_of(rest, depth, len(rest)))
+            found.append(self._first_of(rest, len(rest)))
         whole = all(one.is_whole for one in found)
         yield Found(" ".join(one.text for one in found), whole, sum(one.known for one in found))
 
-    def _first_of(self, rest: list[str], depth: int, most: int) -> Found:
+    def _first_of(self, rest: list[str], most: int) -> Found:
         """Take from the sentences that are left those that are known together, else the first."""
         for count in range(most, 0, -1):
-            one = self._part(" ".join(rest[:count]), depth, is_one=True)
+            one = self._part(" ".join(rest[:count]), is_one=True)
             if one.is_whole or count == 1:
                 del rest[:count]
                 return one
