@@ -69,10 +69,17 @@ def details(words: StatusLine, content: str, names: Collection[str] = ()) -> str
 
 def _with_names(text: str, names: Collection[str]) -> str:
     """A text whose parts are set off from each other; some of them are names."""
-    return "".join(
-        f'<span translate="no">{html.escape(part)}</span>' if part in names else html.escape(part)
-        for part in _SET_OFF.split(text)
-    )
+    parts = _SET_OFF.split(text)
+    parts[::2] = [_named(part) if part in names else _worded(part) for part in parts[::2]]
+    return "".join(parts)
+
+
+def _named(text: str) -> str:
+    return f'<span translate="no">{html.escape(text)}</span>'
+
+
+def _worded(text: str) -> str:
+    return f"<span>{html.escape(text)}</span>"
 
 
 def numbered(texts: Sequence[str]) -> str:
