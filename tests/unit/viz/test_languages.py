@@ -113,7 +113,7 @@ def every_state() -> Iterator[RobotState]:
         yield RobotState(**known, goal=goal, trip=trip)
     for state in values_of(MappingStatus, "state"):
         mapping = MappingStatus(stamp_ns=1, state=state, name="home")
-        yield RobotState(**known | {"estimate": None}, goal=idle, has_map=False, mapping=mapping)
+        yield RobotState(goal=idle, has_map=False, mapping=mapping)
     yield RobotState(is_away=True)
     yield RobotState()
     yield RobotState(goal=idle)
@@ -256,6 +256,10 @@ def test_languages_are_known_by_their_tags(tag: str, code: str) -> None:
         ),
         ("Undo: Save the tour St. Anna", "Rückgängig: Tour „St. Anna“ speichern"),
         ("It has arrived at 1. Stop.", "Er ist bei „1. Stop“ angekommen."),
+        (
+            "Home, because the battery was low. 2 of 3 stops reached.",
+            "Zu Hause, weil der Akku fast leer war. 2 von 3 Halten erreicht.",
+        ),
         ("Remove 08:30 Mon–Wed, Fri", "08:30 Mo–Mi, Fr entfernen"),
         ("The robot cannot drive: zorp.", "Der Roboter kann nicht fahren: zorp."),
         ("Nobody has ever said so.", "Nobody has ever said so."),

@@ -22,7 +22,7 @@ from trolley_viz.languages.catalogue import ENGLISH, catalogues
 PLACEHOLDER = re.compile(r"\{(\w+)([#*+]?)\}")
 _APART = r"[^,;:()“”„·→…!?\n]"
 """What keeps the parts of a text apart is in no name of a place, tour, zone or map."""
-_NAME = rf"\(-?[\d.]+, -?[\d.]+\)|(?:(?!\. [A-Z“]){_APART})+?"
+_NAME = rf"\(-?[\d.]+, -?[\d.]+\)|(?:(?!\. [A-Z“\d]){_APART})+?"
 _ANY_NAME = rf"\(-?[\d.]+, -?[\d.]+\)|{_APART}+?"
 """A name such as "St. Anna", which looks like the end of a sentence."""
 _KINDS = {"#": r"[-+±]?\d[\d.,:]*", "*": r".+?", "+": r".+?"}
@@ -73,14 +73,15 @@ class Pattern:
     def translate(
         self, text: str, inner: Callable[[str], Found], *, is_loose: bool
     ) -> Found | None:
-        """Return what a text is, None if it does not fit; `inner` translates parts of it."""
+        """Return what a text is, None where this does not fit; `inner` translates parts of it."""
         fit = (self._loose if is_loose else self._strict).fullmatch(text)
         if fit is None:
             return None
-        parts = {
-            name: inner(part) if self._kinds[name] == "*" else Found(part, is_whole=True)
-            for name, part in fit.groupdict().items()
-        }
+        parts: dict[str, Found] = {}
+        for name, part in fit.groupdict().items():
+            parts[name] = found = inner(part) if self._kinds[name] == "*" else Found(part, True)
+            if not found.is_whole and self.own_characters < MIN_OWN_CHARACTERS:
+                return None
         filled = PLACEHOLDER.sub(lambda found: parts[found[1]].text, self._translation)
         return Found(
             filled,
@@ -166,15 +167,13 @@ class Translator:
     def _fitting(self, patterns: list[Pattern], text: str, *, is_loose: bool) -> Iterator[Found]:
         for pattern in patterns:
             found = pattern.translate(text, self._part, is_loose=is_loose)
-            if found is not None and (
-                found.is_whole or pattern.own_characters >= MIN_OWN_CHARACTERS
-            ):
+            if found is not None:
                 yield found
 
     def _part(self, text: str, *, is_one: bool = False) -> Found:
         """Translate a part of a text: a sentence may have lost its capital or full stop there."""
         found = self._search(text, is_one)
-        if text in self._texts:
+        if text in self._texts or (found.is_whole and text.endswith(".")):
             return found
         sentence = self._search(f"{text[:1].upper()}{text[1:]}.", is_one)
         if sentence.is_whole and sentence.known > found.known * found.is_whole:
