@@ -29,7 +29,8 @@ from aiohttp import web
 from trolley.config.viz import VizConfig
 from trolley_viz.graphics import camera
 from trolley_viz.graphics.icons import icon_svg
-from trolley_viz.languages.catalogue import catalogues
+from trolley_viz.languages.catalogue import ENGLISH, catalogues, known_language
+from trolley_viz.languages.translator import translator_of
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
 from trolley_viz.server.lines import Lines
 
@@ -48,11 +49,11 @@ SCENE_POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'self'"
 )
 """viser's page is one file with its script inside."""
-REFUSAL = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Trolley</title>
+REFUSAL = """<!doctype html><html lang="{language}"><meta charset="utf-8"><title>Trolley</title>
 <meta name="viewport" content="width=device-width,initial-scale=1">
 <link rel="stylesheet" href="/page/refusal.css"><main><h1>Trolley</h1><p>{text}</p>{form}</main>"""
-ASKING = """<form><label>or paste the token here <input name="token" autocomplete="off"></label>
-<button>Open</button></form>"""
+ASKING = """<form><label>{paste} <input name="token" autocomplete="off"></label>
+<button>{open}</button></form>"""
 
 KEEP = {"Cache-Control": "max-age=86400"}
 MAX_LINE_BYTES = 20_000
@@ -186,7 +187,7 @@ class WebServer:
         )
         request[DECISION] = decided
         if decided.status != HTTPStatus.OK:
-            return _refusal(decided)
+            return _refusal(decided, request.headers.get("Accept-Language", ""))
         try:
             return await handler(request)
         except ConnectionResetError:  # a browser that leaves early is no error of ours
@@ -287,10 +288,17 @@ async def _add_headers(request: web.Request, response: web.StreamResponse) -> No
         response.headers["Set-Cookie"] = decided.cookie
 
 
-def _refusal(decided: AccessDecision) -> web.Response:
-    """Make the page that refuses somebody, or sends them on."""
-    form = ASKING if decided.status == HTTPStatus.UNAUTHORIZED else ""
-    text = REFUSAL.format(text=html.escape(decided.text), form=form)
+def _refusal(decided: AccessDecision, tags: str) -> web.Response:
+    """Make the page that refuses somebody in one of their languages, or sends them on."""
+    codes = (known_language(tag.strip()) for tag in tags.split(","))
+    language = next(filter(None, codes), ENGLISH)
+    words = translator_of(language)
+    say = str if words is None else words.text
+    is_asking = decided.status == HTTPStatus.UNAUTHORIZED
+    asking = ASKING.format(paste=say("or paste the token here"), open=say("Open"))
+    text = REFUSAL.format(
+        language=language, text=html.escape(say(decided.text)), form=asking if is_asking else ""
+    )
     headers = {"Location": decided.location} if decided.location else {}
     return web.Response(text=text, status=decided.status, content_type="text/html", headers=headers)
 
