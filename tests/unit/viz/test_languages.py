@@ -145,6 +145,27 @@ def test_every_sentence_of_the_wire_can_be_said(code: str) -> None:
     assert [text for text in codes.SENTENCES.values() if not words.knows(text)] == []
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "The file of its body is broken, so its outline is shown.",
+        "Its body is 33 m long: glb files count in metres.",
+        "There are too many markers; the last ones are not drawn.",
+        "3 markers are not drawn: there are too many of their kind, or they are too long.",
+        "One marker is not drawn. Frames 'a' and 'map' are not connected: nothing is known of 'a' "
+        "yet (missing: tf/a; known frames: map, odom).",
+        "The RPLIDAR A1 sends, but its head does not turn. Is its head free to turn, and its 5 V "
+        "supply strong enough?",
+        "The lidar sees nothing behind, so it does not move there. It will continue by itself.",
+        "Stop 2 (kitchen): not reached within 2 min; trying again in 10 s.",
+        "goal/send: planner did not answer in time.",
+        "Merged cellar (3.1 m of its walls match, 88%): home is stored as version 3.",
+    ],
+)
+def test_what_is_rarely_said_is_known_too(text: str) -> None:
+    assert translator("de").knows(text)
+
+
 class Texts(HTMLParser):
     """The texts of a piece of HTML, and those of its attributes that people see or hear."""
 

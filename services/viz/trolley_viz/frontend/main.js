@@ -50,7 +50,7 @@ function told(message) {
 
 async function speakNow(code) {
   await speak(code);
-  status.changed(line.state);
+  if (line.state !== "loading") status.changed(line.state);
 }
 
 // A page of another build does not know what this viewer says.
