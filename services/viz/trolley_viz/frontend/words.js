@@ -2,7 +2,8 @@
 const languages = document.querySelector("meta[name=languages]").content.split(" ");
 const KEPT = "language", ENGLISH = "en", SHOWN = ["aria-label", "title", "placeholder", "content"];
 const fixed = []; // what stands in the page from the beginning: how to write it, and its English
-let words = new Map(), now = ENGLISH;
+const loaded = new Map([[ENGLISH, new Map()]]); // by language: its words, once they are here
+let words = loaded.get(ENGLISH), now = ENGLISH;
 
 // An English text in the language of the page, its placeholders filled in.
 export function t(english, values = {}) {
@@ -51,13 +52,13 @@ function add(write, english) {
 export async function speak(code) {
   if (code === now) return;
   now = code;
-  const loaded = code === ENGLISH ? new Map() : await load(code);
+  if (!loaded.has(code)) await load(code);
   if (now !== code) return; // it has changed again meanwhile
-  if (loaded === null) {
-    now = ENGLISH;
+  if (!loaded.has(code)) {
+    now = ENGLISH; // the page stays as it is, and works
     return;
   }
-  words = loaded;
+  words = loaded.get(code);
   document.documentElement.lang = code;
   for (const [write, english] of fixed) write(t(english));
   try {
@@ -67,8 +68,7 @@ export async function speak(code) {
 
 async function load(code) {
   try {
-    return new Map(Object.entries(await (await fetch(`/page/words/${code}.json`)).json()));
-  } catch {
-    return null; // the page stays as it is, and works
-  }
+    const answer = await fetch(`/page/words/${code}.json`);
+    loaded.set(code, new Map(Object.entries(await answer.json())));
+  } catch { /* it is asked for again when the viewer next tells the language */ }
 }
