@@ -27,6 +27,8 @@ class Choices(Struct, frozen=True, kw_only=True):
     """The dark look, even where the device is set to the light one."""
     light: bool = False
     """The light look, even where the device is set to the dark one."""
+    language: str = ""
+    """The code of the language; "": as the device is set."""
     dismissed: list[Dismissed] = []
     """Mirrors that are no longer suspected here."""
     folders: dict[str, bool] = {}

@@ -35,6 +35,9 @@ from trolley.messages.request_params import Nothing, SendGoal, SetPose, StartTou
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 from trolley_viz.joystick.teleop import PadState
+from trolley_viz.languages.catalogue import ENGLISH, catalogues
+from trolley_viz.languages.translator import Translator
+from trolley_viz.pages.language import in_language
 from trolley_viz.pages.page import Page
 from trolley_viz.server.lines import Line
 from trolley_viz.server.messages import Answer, Notice, PageState, Said, Told
@@ -206,6 +209,32 @@ class OwnScene:
         return lambda path, *args, **options: add(f"{self._above}{path}", *args, **options)
 
 
+MADE_UP = {
+    "Fits.",
+    "It is the file that robot.toml names.",
+    "Stored.",
+    "The disk is full.",
+}
+"""What programs and robots say here and nobody says elsewhere."""
+
+
+class Listener(Translator):
+    """A translator that remembers which texts it does not know."""
+
+    def __init__(self) -> None:
+        super().__init__(catalogues()["de"].all_texts().items())
+        self.markup = self._in_markup  # not cached: what is heard again counts again
+        self.unknown: set[str] = set()
+
+    def text(self, english: str) -> str:
+        if not self.knows(english):
+            self.unknown.add(english)
+        return super().text(english)
+
+
+GERMAN = Listener()
+
+
 class PretendLine:
     """Stands for the connection to a page; what the page is told is kept, and beats are answered.
 
@@ -223,6 +252,7 @@ class PretendLine:
         self.visitor = visitor
         self._say, self._end = say, end
         self.told: list[Told] = []
+        self.language = ENGLISH
         self.is_clear = True
         self.is_closed = False
         self.is_heard = True
@@ -230,6 +260,10 @@ class PretendLine:
 
     def send(self, told: Told) -> None:
         self.told.append(told)
+        if told.state is not None:
+            self.language = told.state.language
+        if self.language == ENGLISH:
+            in_language(told, GERMAN)
         if told.beat_ms is not None and self.is_heard and not self.is_closed:
             self._say(Said(beat_ms=told.beat_ms))
 
@@ -371,6 +405,14 @@ class Stage:
         """The streams that are subscribed to."""
         stage = self.scenes.get(robot)
         return set() if stage is None else set(stage.streams.names())
+
+
+@pytest.fixture(autouse=True)
+def all_that_is_told_is_in_the_catalogue() -> Iterator[None]:
+    """Whatever a page is told in any test here can be said in another language."""
+    GERMAN.unknown.clear()
+    yield
+    assert sorted(GERMAN.unknown - MADE_UP) == []
 
 
 @pytest.fixture

@@ -91,6 +91,7 @@ def words(stage: "Stage") -> dict[str, list[Said]]:
         "resume": [Said(resume=Resume(id=1, at_ms=now_ms, robot="trolley"))],
         "scene": [Said(scene=secret) for secret in ("", "x", stage.browsers[0].secret)],
         "prefers_dark": [Said(prefers_dark=True), Said(prefers_dark=False)],
+        "language": [Said(language="de"), Said(language="xx")],
         "gesture": [
             Said(gesture=Gesture(at_ms=now_ms, released=(0.5, 0.5))),
             Said(gesture=Gesture(at_ms=now_ms, cancelled=True)),

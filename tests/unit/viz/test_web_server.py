@@ -3,6 +3,7 @@
 import contextlib
 import http.client
 import json
+import re
 import socket
 import time
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 from trolley.config import VizConfig
+from trolley_viz.languages.catalogue import catalogues
 from trolley_viz.server.access import AccessControl, AccessTokens
 from trolley_viz.server.lines import Line, Lines
 from trolley_viz.server.messages import Answer, Said, Told
@@ -224,6 +226,36 @@ def test_files_outside_of_the_page_are_not_served(served: Served) -> None:
         assert fetch(served.port, path)[0] in (403, 404)
     assert fetch(served.port, "/page/icon/home.svg")[0] == 200
     assert fetch(served.port, "/page/icon/nothing-of-that-name.svg")[0] == 404
+
+
+def test_the_words_of_the_page_are_served_in_every_language(served: Served) -> None:
+    for code, catalogue in catalogues().items():
+        status, _, body = fetch(served.port, f"/page/words/{code}.json")
+        assert status == 200
+        assert json.loads(body) == catalogue.page
+    listed = re.search('name="languages" content="(.*?)"', fetch(served.port)[2].decode())
+    assert listed is not None
+    assert listed[1].split() == [*catalogues()]
+    for code in ("en", "xx", "..", "de.toml", "%2e%2e%2fde"):
+        assert fetch(served.port, f"/page/words/{code}.json")[0] == 404
+
+
+@pytest.mark.parametrize(
+    ("accepted", "said"),
+    [
+        ("de-DE,de;q=0.9,en;q=0.8", "Dieser Viewer verlangt einen Zugang"),
+        ("tlh, en", "This viewer asks for a token"),
+        ("", "This viewer asks for a token"),
+        ("<script>", "This viewer asks for a token"),
+    ],
+)
+def test_who_is_refused_is_told_so_in_their_language(
+    asking: Served, accepted: str, said: str
+) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", asking.port, timeout=PATIENCE_S)
+    with contextlib.closing(connection):
+        connection.request("GET", "/", headers={"Accept-Language": accepted})
+        assert said in connection.getresponse().read().decode()
 
 
 @pytest.fixture

@@ -247,6 +247,10 @@ class List(Field[str]):
             chosen = options[0] if options else ""
         self._change(options=tuple(options), value=chosen)
 
+    def set_words(self, words: Sequence[str]) -> None:
+        """Say which of its options are no names that people gave."""
+        self._change(words=tuple(words))
+
     def _checked(self, value: Value) -> str:
         if not isinstance(value, str) or value not in self._look.options:
             raise BadValue("none of the list")
@@ -290,6 +294,10 @@ class Card(Container):
     """Controls over the map, about one thing there, that can be closed."""
 
     _act: Act | None = None
+
+    def call(self, title: str, *, is_name: bool) -> None:
+        """Say what it is about, by a name that people gave or in our words."""
+        self._change(label=title, is_name=is_name)
 
     def on_close(self, act: Act) -> None:
         """Call `act` when a person closes it."""
@@ -346,10 +354,17 @@ class Controls:
         return Html(self, self._look("html", visible, content=content))
 
     def add_button(
-        self, label: str, *, icon: str = "", colour: Colour = "grey", visible: bool = True
+        self,
+        label: str,
+        *,
+        icon: str = "",
+        colour: Colour = "grey",
+        is_name: bool = False,
+        visible: bool = True,
     ) -> Button:
-        """Add a button."""
-        return Button(self, self._look("button", visible, label=label, icon=icon, colour=colour))
+        """Add a button; its label may be a name that people gave."""
+        look = self._look("button", visible, label=label, icon=icon, colour=colour)
+        return Button(self, structs.replace(look, is_name=is_name))
 
     def add_choice(self, label: str, options: Sequence[str], *, visible: bool = True) -> Choice:
         """Add a row of buttons."""
@@ -388,9 +403,18 @@ class Controls:
         look = self._look("slider", visible, label=label, value=value)
         return Number(self, structs.replace(look, min=min, max=max, step=step))
 
-    def add_check(self, label: str, value: bool, *, hint: str = "", visible: bool = True) -> Check:
-        """Add a box that is ticked or not."""
-        return Check(self, self._look("check", visible, label=label, value=value, hint=hint))
+    def add_check(
+        self,
+        label: str,
+        value: bool,
+        *,
+        hint: str = "",
+        is_name: bool = False,
+        visible: bool = True,
+    ) -> Check:
+        """Add a box that is ticked or not; its label may be a name that people gave."""
+        look = self._look("check", visible, label=label, value=value, hint=hint)
+        return Check(self, structs.replace(look, is_name=is_name))
 
     def add_list(
         self,
@@ -398,13 +422,24 @@ class Controls:
         options: Sequence[str],
         *,
         value: str | None = None,
+        words: Sequence[str] | None = None,
         disabled: bool = False,
         visible: bool = True,
     ) -> List:
-        """Add a list to choose from; without a value the first is chosen."""
+        """Add a list to choose from.
+
+        Args:
+            label: stands before it.
+            options: what there is.
+            value: what is chosen; None: the first.
+            words: the options, now or later, that are no names that people gave; None: all.
+            disabled: whether it can be seen but not used.
+            visible: whether it is shown.
+        """
         chosen = value if value is not None else options[0] if options else ""
         look = self._look("list", visible, label=label, options=tuple(options), value=chosen)
-        return List(self, structs.replace(look, is_disabled=disabled))
+        own = None if words is None else tuple(words)
+        return List(self, structs.replace(look, words=own, is_disabled=disabled))
 
     def add_folder(self, title: str = "", *, is_open: bool = False, visible: bool = True) -> Folder:
         """Add a folder, to be filled while it is entered."""

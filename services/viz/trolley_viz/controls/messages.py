@@ -36,6 +36,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
         parent: the folder or tab that it is in, 0 for the page.
         order: among its brothers, lowest first.
         label: what stands on it or before it.
+        is_name: whether the label is a name that people gave: it is not translated.
         icon: a Tabler name.
         colour: of a button.
         is_hidden: whether it is left out.
@@ -43,6 +44,8 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
         is_open: of a folder.
         value: of what holds one; the open one of `tabs`.
         options: of a `choice` or `list`.
+        words: the options that are no names that people gave; None: all.
+        shown: what stands for the options in the page's language; none: they themselves.
         min: least value of a number.
         max: greatest value of a number.
         step: from one value of a number to the next.
@@ -54,6 +57,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
     parent: int = 0
     order: float = 0.0
     label: str = ""
+    is_name: bool = False
     icon: str = ""
     colour: Colour = "grey"
     is_hidden: bool = False
@@ -61,6 +65,8 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
     is_open: bool = False
     value: Value = None
     options: tuple[str, ...] = ()
+    words: tuple[str, ...] | None = None
+    shown: tuple[str, ...] = ()
     min: float | None = None
     max: float | None = None
     step: float | None = None

@@ -1,6 +1,7 @@
 // The controls, drawn as the viewer says. What is pressed goes there with its time; what is refused
 // is said, and a field shows again what holds.
 import { fill } from "./html.js";
+import { t } from "./words.js";
 
 const TYPING_MS = 300, OVER_MAP = ["bar", "card"];
 
@@ -77,7 +78,7 @@ export class Controls {
     if (drawn !== undefined && "value" in drawn.look) drawn.look = { ...drawn.look, value };
     const answer = await this.line.ask("press", { control: Number(id), value });
     if (answer.is_done) return;
-    this.notices.show({ title: "Not done", text: answer.text, tone: "warn" });
+    this.notices.show({ title: t("Not done"), text: t(answer.text), tone: "warn" });
     if (this.all.has(String(id))) this.put(String(id), this.told.get(String(id)));
   }
 
@@ -116,6 +117,15 @@ function setIcon(icon, name) {
   if (name) icon.style.setProperty("--icon", `url("/page/icon/${encodeURIComponent(name)}.svg")`);
 }
 
+// The options of a list with what stands for each, in the language of the page.
+function named({ options = [], shown = [] }) {
+  return options.map((option, i) => [option, shown[i] ?? option]);
+}
+
+function haveChanged(look, before) {
+  return String(named(before)) !== String(named(look));
+}
+
 const newIcon = () => make("i", { className: "icon", ariaHidden: "true" });
 
 // A field with its label before it, and what says more behind.
@@ -151,6 +161,7 @@ const MAKERS = {
       show(look) {
         setIcon(icon, look.icon);
         setText(text, look.label || "");
+        text.translate = !look.is_name;
         element.dataset.colour = look.colour || "grey";
         if (element.parentElement?.classList.contains("bar")) element.title = look.label;
         element.disabled = Boolean(look.is_disabled);
@@ -166,9 +177,9 @@ const MAKERS = {
       element,
       show(look, before) {
         setText(label, look.label || "");
-        if (String(before.options) !== String(look.options)) {
-          row.replaceChildren(...(look.options || []).map((option) => {
-            const button = make("button", { type: "button", textContent: option });
+        if (haveChanged(look, before)) {
+          row.replaceChildren(...named(look).map(([option, text]) => {
+            const button = make("button", { type: "button", textContent: text });
             button.addEventListener("click", () => controls.press(id, option));
             return button;
           }));
@@ -242,9 +253,9 @@ const MAKERS = {
       element,
       show(look, before) {
         name(look);
-        if (String(before.options) !== String(look.options)) {
-          input.replaceChildren(...(look.options || []).map((one) =>
-            make("option", { value: one, textContent: one })));
+        if (haveChanged(look, before)) {
+          input.replaceChildren(...named(look).map(([option, text]) =>
+            make("option", { value: option, textContent: text })));
           input.value = look.value;
         } else if (before.value !== look.value) {
           input.value = look.value;
@@ -278,14 +289,14 @@ const MAKERS = {
   },
 
   bar() {
-    const element = make("div", { role: "toolbar", ariaLabel: "View" });
+    const element = make("div", { role: "toolbar", ariaLabel: t("View") });
     return { element, box: element, show: () => {} };
   },
 
   card(controls, id) {
     const title = make("h2"), box = make("div", { className: "inside" });
-    const close = make("button", { type: "button", textContent: "×", ariaLabel: "Close" });
-    const element = make("section", { ariaLabel: "What was touched" }, title, close, box);
+    const close = make("button", { type: "button", textContent: "×", ariaLabel: t("Close") });
+    const element = make("section", { ariaLabel: t("What was touched") }, title, close, box);
     close.addEventListener("click", () => controls.press(id));
     return { element, box, show: (look) => setText(title, look.label || "") };
   },

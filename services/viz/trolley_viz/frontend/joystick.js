@@ -1,5 +1,7 @@
 // The joystick. What is held here drives the robot only as long as this says so, ten times a second;
 // everything that might be a release is one.
+import { follow, t } from "./words.js";
+
 const BEAT_MS = 100;
 const MARKUP = `
 <button class="hand-open" type="button" aria-label="Drive by hand" aria-expanded="false">
@@ -24,6 +26,7 @@ export class Joystick {
   constructor(root, line) {
     this.line = line;
     root.innerHTML = MARKUP;
+    follow(root);
     const find = (name) => root.querySelector(name);
     this.button = find(".hand-open");
     this.card = find(".hand-card");
@@ -77,7 +80,7 @@ export class Joystick {
   lose() {
     this.can = false;
     this.release();
-    this.tell("No connection to the viewer.", "bad");
+    this.tell(t("No connection to the viewer."), "bad");
     this.show();
   }
 

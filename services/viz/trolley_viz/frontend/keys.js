@@ -1,4 +1,6 @@
 // Keys, and the list of all commands.
+import { t } from "./words.js";
+
 export class Keys {
   constructor(status, controls, joystick) {
     this.status = status;
@@ -53,7 +55,7 @@ export class Keys {
 
   fill() {
     const wanted = this.find.value.trim().toLowerCase();
-    const stop = { title: "Stop the robot", key: "space", act: () => this.status.stop() };
+    const stop = { title: t("Stop the robot"), key: "space", act: () => this.status.stop() };
     const all = [stop, ...this.commands].filter((one) => one.title.toLowerCase().includes(wanted));
     this.list.replaceChildren(...all.map((one) => this.row(one)));
   }
@@ -63,7 +65,7 @@ export class Keys {
     const key = document.createElement("kbd");
     button.type = "button";
     button.append(command.title, " ");
-    key.textContent = command.key;
+    key.textContent = t(command.key);
     button.append(key);
     button.addEventListener("click", () => {
       this.palette.close();

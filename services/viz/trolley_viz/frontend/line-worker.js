@@ -3,8 +3,9 @@
 // answered; Stop is kept until it is.
 const SILENCE_MS = 1500, RETRY_MS = 700, PATIENCE_MS = 4000, LOOK_MS = 150, BUSY_MS = 500;
 const MAX_WAITING_BYTES = 1000;
-const UNANSWERED = "The connection was lost before it was answered.";
-const NOT_CONNECTED = "There is no connection. Nothing was done.";
+const t = (english) => english; // the page shows it in its language
+const UNANSWERED = t("The connection was lost before it was answered.");
+const NOT_CONNECTED = t("There is no connection. Nothing was done.");
 
 const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) =>
   one.toString(16).padStart(2, "0")).join("");

@@ -8,7 +8,9 @@ import { Notices } from "./notices.js";
 import { Keys } from "./keys.js";
 import { Sheet } from "./sheet.js";
 import { Status } from "./status.js";
+import { deviceLanguage, follow, likelyLanguage, speak, t } from "./words.js";
 
+follow(document.documentElement);
 const notices = new Notices(document.getElementById("notices"));
 const status = new Status(() => line);
 const line = new Line(told, changed);
@@ -22,17 +24,19 @@ const keys = new Keys(status, controls, joystick);
 new Sheet(document.getElementById("panel"), document.getElementById("handle"));
 keys.listenTo(document);
 scene.opened = (frame) => keys.listenTo(frame.document);
+speakNow(likelyLanguage());
 
 document.getElementById("stop").addEventListener("click", () => status.stop());
 document.getElementById("resume").addEventListener("click", async () => {
   const answer = await line.ask("resume", { robot: status.robot });
-  if (!answer.is_done) notices.show({ title: "It cannot drive on", text: answer.text, tone: "warn" });
+  if (!answer.is_done) notices.show({ title: t("It cannot drive on"), text: t(answer.text), tone: "warn" });
 });
 
 function told(message) {
   const { hello, state, controls: changes, pad, overlays: shown, notice, file } = message;
   if (hello !== undefined) welcome(hello);
   if (state !== undefined) {
+    speakNow(state.language);
     status.show(state);
     scene.hasSession = state.has_scene;
     document.getElementById("scene-wait").hidden = state.has_scene;
@@ -47,6 +51,11 @@ function told(message) {
   if (file !== undefined) save(file);
 }
 
+async function speakNow(code) {
+  await speak(code);
+  if (line.state !== "loading") status.changed(line.state);
+}
+
 // A page of another build does not know what this viewer says.
 function welcome(hello) {
   const build = document.querySelector("meta[name=build]").content;
@@ -56,12 +65,14 @@ function welcome(hello) {
   }
   document.body.classList.toggle("only-looks", !hello.may_drive);
   sayLook();
+  line.say("say", { language: deviceLanguage() });
   controls.forget();
 }
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const sayLook = () => line.say("say", { prefers_dark: dark.matches });
 dark.addEventListener("change", sayLook);
+addEventListener("languagechange", () => line.say("say", { language: deviceLanguage() }));
 
 function changed(state) {
   document.body.dataset.line = state;

@@ -1,6 +1,6 @@
 // What the robot is doing, what became of Stop, and what is known when nothing is heard.
-const REFUSED = "This viewer asks for a token: open the link that `trolley viewer-link` prints.";
-const NO_VIEWER = "The viewer does not answer. Is it running?";
+import { t } from "./words.js";
+
 const SENDING_MS = 400;
 
 export class Status {
@@ -47,8 +47,12 @@ export class Status {
   }
 
   changed(state) {
-    if (state === "refused") say(this.sentence, REFUSED);
-    else if (state === "loading") say(this.sentence, NO_VIEWER);
+    if (state === "refused") {
+      say(this.sentence,
+        t("This viewer asks for a token: open the link that `trolley viewer-link` prints."));
+    } else if (state === "loading") {
+      say(this.sentence, t("The viewer does not answer. Is it running?"));
+    }
     if (state !== "open") this.resume.disabled = true;
     this.lost.hidden = state !== "lost";
     this.tick();
@@ -60,16 +64,16 @@ export class Status {
     const stop = this.state === null ? null : this.state.stop;
     let text = "", isAlarm = false;
     if (isWaiting && (!line.isOpen || performance.now() - this.pressedMs > SENDING_MS)) {
-      text = "NOT STOPPED: no connection";
+      text = t("NOT STOPPED: no connection");
       isAlarm = true;
     } else if (isWaiting) {
-      text = "Stopping …";
+      text = t("Stopping …");
     } else if (stop && line.isOpen) {
       text = stop.text;
       isAlarm = stop.is_alarm;
     } else if (this.state !== null && this.state.is_stopped && line.isOpen) {
       const by = this.state.stopped_by;
-      text = by ? `Stopped by ${by}` : "Stopped";
+      text = by ? t("Stopped by {by}", { by }) : t("Stopped");
     }
     say(this.stopLine, text);
     this.stopLine.hidden = text === "";
@@ -79,12 +83,13 @@ export class Status {
 
   sayLost(line, isWaiting) {
     const seconds = Math.round(line.silence);
-    const ago = seconds < 120 ? `${seconds} s ago` : `${Math.round(seconds / 60)} min ago`;
-    const last = this.state === null ? "nothing yet" : `“${this.state.sentence.headline}”`;
-    say(this.lostSaid, `It last said: ${last} ${ago}.`);
+    const time = seconds < 120 ? `${seconds} s` : `${Math.round(seconds / 60)} min`;
+    say(this.lostSaid, this.state === null
+      ? t("It last said: nothing yet {time} ago.", { time })
+      : t("It last said: “{sentence}” {time} ago.", { sentence: this.state.sentence.headline, time }));
     say(this.lostDoes, isWaiting
-      ? "STOP will be sent first when the connection is back. If it must stop now, switch it off."
-      : "STOP can be pressed: it is sent first when the connection is back. Nothing else is sent.");
+      ? t("STOP will be sent first when the connection is back. If it must stop now, switch it off.")
+      : t("STOP can be pressed: it is sent first when the connection is back. Nothing else is sent."));
   }
 }
 

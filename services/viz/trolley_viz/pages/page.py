@@ -9,9 +9,11 @@ from trolley.codes import Refused
 from trolley.messages.request_params import Nothing
 from trolley_viz.controls.controls import BadValue, Controls, NotThere
 from trolley_viz.joystick.teleop import PadState, Teleop
+from trolley_viz.languages.translator import translator_of
 from trolley_viz.overlays.cards import Moment
 from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
 from trolley_viz.pages.known import robot_state, state_lines, under_way
+from trolley_viz.pages.language import in_language
 from trolley_viz.panels.console import Console
 from trolley_viz.robots.silence import SilentServices
 from trolley_viz.robots.stop_presses import DISOBEYED
@@ -91,6 +93,7 @@ class Page:
         self._goes_on = False
         """Whether what was stopped is to continue as soon as the robot may drive."""
         self._since_ns = hub.service.monotonic_ns
+        self._language = self.session.language
 
     # What it is.
     @property
@@ -122,9 +125,7 @@ class Page:
             old.close()
         self._line, self._heard_ns = line, now_ns
         self._hub.people.come(self._number, self.visitor, lambda: self.robot, self._since_ns)
-        self._state = self._pad = None
-        self.controls.forget_sent()
-        self._shared.overlays.forget(self._number)
+        self._forget_told()
         hello = Hello(protocol=PROTOCOL, build=BUILD, may_drive=self.may_drive)
         line.send(Told(hello=hello, beat_ms=now_ns * 1e-6))
 
@@ -151,9 +152,9 @@ class Page:
             line.send(Told(beat_ms=now_ns * 1e-6))
 
     def say(self, told: Told) -> None:
-        """Tell the page something, if it hears."""
+        """Tell the page something in its language, if it hears."""
         if self._line is not None:
-            self._line.send(told)
+            self._line.send(in_language(told, translator_of(self._language)))
 
     def hear(self, said: Said, now_ns: int) -> None:
         """Do what the page says."""
@@ -165,8 +166,7 @@ class Page:
             self._press(said.press)
         if said.resume is not None and self._is_timely(said.resume, now_ms):
             self._resume(said.resume)
-        if said.prefers_dark is not None:
-            self.session.prefer_dark(is_dark=said.prefers_dark)
+        self._hear_of_device(said)
         if said.gesture is not None:
             is_late = not -AHEAD_MS <= now_ms - said.gesture.at_ms <= LATE_MS
             self._gesture(said.gesture, is_late=is_late)
@@ -197,6 +197,9 @@ class Page:
         line = self._line
         if line is None or not line.is_clear:
             return
+        if self._language != self.session.language:
+            self._language = self.session.language
+            self._forget_told()
         shown = self._shown_overlays()
         base = known.base
         if self._goes_on and base is not None and base.mode == "ok":
@@ -214,6 +217,7 @@ class Page:
             is_stopped=base is not None and base.is_halted and not view.is_away,
             hint=self.session.hint,
             dark=self.session.is_dark,
+            language=self._language,
             has_scene=self.session.picture.client is not None,
             stopped_by=people.stoppers.of(view.robot_name, base),
         )
@@ -226,9 +230,22 @@ class Page:
         )
         self._state, self._pad = state, pad
         if told != Told():
-            line.send(told)
+            self.say(told)
 
     # Inside.
+    def _forget_told(self) -> None:
+        """Tell it everything again."""
+        self._state = self._pad = None
+        self.controls.forget_sent()
+        self._shared.overlays.forget(self._number)
+
+    def _hear_of_device(self, said: Said) -> None:
+        """Note how the device is set."""
+        if said.prefers_dark is not None:
+            self.session.prefer_dark(is_dark=said.prefers_dark)
+        if said.language is not None:
+            self.session.prefer_language(said.language)
+
     def _is_timely(self, pressed: Press | Resume, now_ms: float) -> bool:
         """Whether a press is new; says so to the page if it is not."""
         late_ms = now_ms - pressed.at_ms

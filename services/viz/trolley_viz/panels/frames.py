@@ -47,7 +47,7 @@ class FrameTreePanel:
             if one.link is not None
         ]
         lines = "".join(map(note, missing_links(view.placement)))
-        self._links.content = table(rows) + lines
+        self._links.content = table(rows, num_names=2) + lines
 
     def _build(self, keys: list[tuple[str, int]], on: set[str]) -> None:
         for box in self._boxes.values():
@@ -55,7 +55,8 @@ class FrameTreePanel:
         self._boxes.clear()
         with self._inside:
             for frame, depth in keys:
-                box = self._gui.add_check(INDENT * depth + frame[:MAX_LETTERS], frame in on)
+                label = INDENT * depth + frame[:MAX_LETTERS]
+                box = self._gui.add_check(label, frame in on, is_name=True)
                 box.on_change(
                     lambda is_on, frame=frame: self._session.switch_frame(frame, is_on=is_on)
                 )

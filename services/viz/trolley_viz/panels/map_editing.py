@@ -31,7 +31,7 @@ class MapEditPanel:
                 self._wall = gui.add_slider("Wall (m)", WALL_M, min=0.05, max=0.5, step=0.05)
                 self._angle = gui.add_slider("Turn (°)", 0.0, min=-180.0, max=180.0, step=0.5)
                 self._straight = gui.add_button("Straighten the walls", icon="angle")
-                self._other = gui.add_list("Merge with", (CHOOSE,))
+                self._other = gui.add_list("Merge with", (CHOOSE,), words=(CHOOSE,))
                 self._back = gui.add_button("Undo last step", icon="arrow-back")
                 self._name = gui.add_text("Save as", "")
                 self._save = gui.add_button("Save as new version", icon="check", colour="green")

@@ -1,17 +1,23 @@
-"""Small pieces of HTML, styled by `frontend/markup.css`; what comes from the wire is escaped."""
+"""Small pieces of HTML, styled by `frontend/markup.css`; what comes from the wire is escaped.
+
+What is marked with `translate="no"` is a name that people gave; it is so in every language.
+"""
 
 import html
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 
 from trolley_viz.sentences import StatusLine
 
+_SET_OFF = re.compile("( → | · )")
 
-def row(words: StatusLine) -> str:
-    """A coloured dot, the headline, and the details below it."""
+
+def row(words: StatusLine, names: Collection[str] = ()) -> str:
+    """A coloured dot, the headline, in which there may be names, and the details below it."""
     detail = f"<small>{html.escape(words.detail)}</small>" if words.detail else ""
     return (
         f'<div class="status-row" data-tone="{words.tone}"><i></i>'
-        f"<span><b>{html.escape(words.headline)}</b>{detail}</span></div>"
+        f"<span><b>{_with_names(words.headline, names)}</b>{detail}</span></div>"
     )
 
 
@@ -38,35 +44,60 @@ def note(text: str) -> str:
     return f'<div class="note">{html.escape(text)}</div>'
 
 
-def card(name: str, summary: str) -> str:
-    """A name and what there is to say about it."""
+def verbatim(text: str) -> str:
+    """A line of small print that is no text of ours, such as a value."""
+    return f'<div class="note" translate="no">{html.escape(text)}</div>'
+
+
+def card(name: str, summary: str, names: Collection[str] = ()) -> str:
+    """A name and what there is to say about it, in which there may be more names."""
     return (
-        f'<div class="card"><b>{html.escape(name)}</b><small>{html.escape(summary)}</small></div>'
+        f'<div class="card"><b translate="no">{html.escape(name)}</b>'
+        f"<small>{_with_names(summary, names)}</small></div>"
     )
 
 
-def details(words: StatusLine, content: str) -> str:
+def details(words: StatusLine, content: str, names: Collection[str] = ()) -> str:
     """A dot, a headline and its details, which open to more: that is markup already."""
     return (
         f'<details class="details"><summary data-tone="{words.tone}"><i></i> '
-        f"<b>{html.escape(words.headline)}</b><small>{html.escape(words.detail)}</small></summary>"
+        f"<b>{_with_names(words.headline, names)}</b>"
+        f"<small>{html.escape(words.detail)}</small></summary>"
         f"{content}</details>"
     )
 
 
+def _with_names(text: str, names: Collection[str]) -> str:
+    """A text whose parts are set off from each other; some of them are names."""
+    parts = _SET_OFF.split(text)
+    parts[::2] = [_named(part) if part in names else _worded(part) for part in parts[::2]]
+    return "".join(parts)
+
+
+def _named(text: str) -> str:
+    return f'<span translate="no">{html.escape(text)}</span>'
+
+
+def _worded(text: str) -> str:
+    return f"<span>{html.escape(text)}</span>"
+
+
 def numbered(texts: Sequence[str]) -> str:
-    """A list whose entries are numbered; nothing without any."""
+    """A list of names whose entries are numbered; nothing without any."""
     entries = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
-    return f'<ol class="numbered">{entries}</ol>' if entries else ""
+    return f'<ol class="numbered" translate="no">{entries}</ol>' if entries else ""
 
 
-def table(rows: Sequence[tuple[str, ...]]) -> str:
-    """Rows of cells; the first of each says what the others are about."""
+def table(rows: Sequence[tuple[str, ...]], num_names: int = 0) -> str:
+    """Rows of cells; the first of each says what the others are about.
+
+    Args:
+        rows: the cells.
+        num_names: how many of each row, from the first, are names.
+    """
     lines = "".join(
-        f'<tr><th scope="row">{html.escape(first)}</th>'
-        + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
-        + "</tr>"
-        for first, *cells in rows
+        "<tr>" + "".join(_cell(cell, i, num_names) for i, cell in enumerate(cells)) + "</tr>"
+        for cells in rows
     )
     return f'<table class="table">{lines}</table>'
 
@@ -74,6 +105,12 @@ def table(rows: Sequence[tuple[str, ...]]) -> str:
 def code_image(address: str, what: str) -> str:
     """A QR code, always dark on light, and what it holds in words."""
     return f'<img class="code" src="{html.escape(address)}" alt="{html.escape(what)}">'
+
+
+def _cell(text: str, column: int, num_names: int) -> str:
+    tag, scope = ("td", "") if column else ("th", ' scope="row"')
+    name = ' translate="no"' if column < num_names else ""
+    return f"<{tag}{scope}{name}>{html.escape(text)}</{tag}>"
 
 
 def plot(svg: str) -> str:

@@ -14,7 +14,7 @@ from trolley_viz.overlays.figures import plot_columns, plot_svg
 from trolley_viz.overlays.readings import Reading, Readings
 from trolley_viz.overlays.source import fields_of
 from trolley_viz.panels.controls import AddFolder
-from trolley_viz.panels.markup import note, plot, table
+from trolley_viz.panels.markup import note, plot, table, verbatim
 from trolley_viz.robots.frames import PLACE, frames_of, why_nowhere
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
@@ -30,8 +30,8 @@ class FramesPanel:
 
     def __init__(self, gui: Controls, folder: AddFolder) -> None:
         with folder("Distance and angle"):
-            self._parent = gui.add_list("From", (BASE, MAP))
-            self._child = gui.add_list("To", (BASE, MAP), value=MAP)
+            self._parent = gui.add_list("From", (BASE, MAP), words=())
+            self._child = gui.add_list("To", (BASE, MAP), value=MAP, words=())
             self._said = gui.add_html("")
 
     def update(self, view: View) -> None:
@@ -75,8 +75,8 @@ class PlotPanel:
         self._text = ""
         with folder("Plot"):
             names = (NO_TOPIC, *(one.name for one in topics.TOPICS if one.kind is Kind.STREAM))
-            self._topic = gui.add_list("Topic", names)
-            self._fields = gui.add_list("Field", (NO_TOPIC,), disabled=True)
+            self._topic = gui.add_list("Topic", names, words=(NO_TOPIC,))
+            self._fields = gui.add_list("Field", (NO_TOPIC,), words=(NO_TOPIC,), disabled=True)
             self._source = gui.add_text(
                 "Value", "", hint="For example odom:twist.vx or scan:ranges[0]"
             )
@@ -130,8 +130,8 @@ class PlotPanel:
             self._high.value if is_fixed else None,
         )
         is_silent = reading.is_silent(view.now_ns, is_away=view.is_away)
-        value = f"No data for {age_s:.0f} s." if is_silent else written(reading.value, "")
-        return note(value) + plot(svg)
+        silence = note(f"No data for {age_s:.0f} s.") if is_silent else ""
+        return (silence or verbatim(written(reading.value, ""))) + plot(svg)
 
     def _choose_topic(self, name: str) -> None:
         fields = [field for one in topics.TOPICS if one.name == name for field in fields_of(one)]

@@ -5,6 +5,7 @@ import numpy as np
 from trolley import topics
 from trolley.messages import PoseEstimate
 from trolley_viz.controls.controls import Check, Controls
+from trolley_viz.languages.catalogue import ENGLISH, catalogues
 from trolley_viz.panels.frames import FrameTreePanel
 from trolley_viz.panels.markup import note, swatches, table
 from trolley_viz.panels.measuring import FramesPanel, PlotPanel
@@ -51,6 +52,7 @@ class MoreTab:
         now = DARK if chosen.dark else LIGHT if chosen.light else AS_DEVICE
         look = gui.add_list("Look", (AS_DEVICE, LIGHT, DARK), value=now)
         look.on_change(lambda one: session.choose_look(dark=one == DARK, light=one == LIGHT))
+        _add_languages(gui, session)
         self._layers = {group: LayerPanel(gui, session, group) for group in GROUPS}
         with session.folder("Position"):
             self._position = gui.add_html("")
@@ -135,6 +137,15 @@ def position_rows(view: View) -> list[tuple[str, ...]]:
     if view.robot_ns is not None:
         rows.append(("age", age_text((view.robot_ns - estimate.stamp_ns) * 1e-9)))
     return rows
+
+
+def _add_languages(gui: Controls, session: Session) -> None:
+    """Let the person choose a language, each of which is called as it calls itself."""
+    codes = {AS_DEVICE: "", "English": ENGLISH}
+    codes |= {catalogue.name: code for code, catalogue in catalogues().items()}
+    chosen = next((name for name, code in codes.items() if code == session.choices.language), None)
+    language = gui.add_list("Language", tuple(codes), value=chosen, words=(AS_DEVICE,))
+    language.on_change(lambda name: session.choose_language(codes[name]))
 
 
 def _deviations(estimate: PoseEstimate) -> str:

@@ -23,7 +23,7 @@ class PastTripsPanel:
         self._is_open = False
         self._num_shown = SHOWN_AT_ONCE
         self._toggle = gui.add_button("Past trips", icon="history")
-        self._tour = gui.add_list("Tour", (ALL_TOURS,), visible=False)
+        self._tour = gui.add_list("Tour", (ALL_TOURS,), words=(ALL_TOURS, UNNAMED), visible=False)
         self._list = gui.add_html("")
         self._more = gui.add_button("Show more", visible=False)
         self._toggle.on_press(self._switch)
@@ -76,7 +76,8 @@ def _trip(trip: PastTrip) -> str:
         results = note(f"{left_out} earlier stops are not shown.") + results
     title = " · ".join(filter(None, [trip.name or UNNAMED, when_text(trip.started_at)]))
     words = StatusLine(title, tone_of(trip), summary(trip))
-    return details(words, results or note("It had not reached a stop yet."))
+    names = [trip.name] if trip.name else []
+    return details(words, results or note("It had not reached a stop yet."), names)
 
 
 def tone_of(trip: PastTrip) -> Tone:

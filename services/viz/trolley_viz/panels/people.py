@@ -39,7 +39,7 @@ class PeoplePanel:
         present = self._session.hub.people.present
         # This one is in front: among many it would be left out.
         present.sort(key=lambda one: one.number != self._session.number)
-        lines = [row(self._line(one, now_ns)) for one in present[:MAX_ROWS]]
+        lines = [row(self._line(one, now_ns), [one.name]) for one in present[:MAX_ROWS]]
         if len(present) > MAX_ROWS:
             lines.append(note(f"and {len(present) - MAX_ROWS} more"))
         self._rows.content = "".join(lines)

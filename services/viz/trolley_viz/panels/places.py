@@ -49,9 +49,9 @@ class PlacePanel:
         """What the fields were filled from."""
         self._next = ""
         """The place to be chosen as soon as it is listed."""
-        self._place = gui.add_list("Place", (NEW,))
+        self._place = gui.add_list("Place", (NEW,), words=(NEW,))
         self._name = gui.add_text("Name", "")
-        self._icon = gui.add_list("Icon", tuple(ICONS))
+        self._icon = gui.add_list("Icon", tuple(ICONS), words=tuple(ICONS))
         self._note = gui.add_text("Note", "", visible=False)
         with gui.add_tiles():
             self._save = gui.add_button("Save changes", icon="device-floppy", colour="green")

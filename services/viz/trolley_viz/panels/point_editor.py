@@ -37,7 +37,7 @@ class PointEditor:
         self.folder = gui.add_folder("Stop", is_open=True, visible=False)
         with self.folder:
             order = gui.add_choice("Order", (UP, DOWN, REMOVE))
-            self._place = gui.add_list("Place", (ON_MAP,))
+            self._place = gui.add_list("Place", (ON_MAP,), words=(ON_MAP,))
             show = gui.add_button("Point it out on the map", icon="map-pin", colour="teal")
             self._passes = gui.add_check("Pass without stopping", False)
             self._dwell = gui.add_number("Stay (s)", 0.0, min=0.0, max=MAX_SECONDS, step=1.0)

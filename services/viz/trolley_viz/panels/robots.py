@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from trolley_viz.controls.controls import Button, Controls, Html
 from trolley_viz.panels.controls import AddFolder
 from trolley_viz.panels.markup import row
-from trolley_viz.robots.fleet import Member
+from trolley_viz.robots.fleet import IS_AWAY, Member
 from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, percent, position_line
 
 
@@ -24,7 +24,7 @@ class RobotsPanel:
         self._names: Mapping[str, str] = {}
         """By what they are called in the list."""
         self._rows: dict[str, tuple[Html, Button]] = {}
-        self._choice = gui.add_list("Robot", (), visible=False)
+        self._choice = gui.add_list("Robot", (), words=(), visible=False)
         self._choice.on_change(lambda label: follow(self._names[label]))
         self._folder = folder("All robots")
         self._folder.visible = False
@@ -42,6 +42,7 @@ class RobotsPanel:
         """
         self._names = labels
         self._choice.options = [*labels]
+        self._choice.set_words([label for label in labels if label.endswith(IS_AWAY)])
         self._choice.value = next(label for label, name in labels.items() if name == followed)
         self._choice.visible = len(labels) > 1
         self._folder.visible = bool(members)

@@ -38,7 +38,9 @@ class StreamPanel:
             (name, f"{self._rates[name]:.1f} Hz" if name in self._rates else "…")
             for name in self._counts
         ]
-        self._streams.content = note("Streams from the robot, as they arrive") + table(rows)
+        self._streams.content = note("Streams from the robot, as they arrive") + table(
+            rows, num_names=1
+        )
 
     def _count(self, view: View) -> None:
         since_ns = view.now_ns - self._counted_ns

@@ -48,6 +48,6 @@ class Tiles:
         self._more.content = note(f"and {num_left_out} more") if num_left_out else ""
 
     def _add(self, name: str) -> Button:
-        button = self._gui.add_button(name)
+        button = self._gui.add_button(name, is_name=True)
         button.on_press(lambda: self._press(name))
         return button

@@ -75,7 +75,7 @@ class TouchCard:
             self._name.value = ""
         is_here = one.what in ("place", "floor")
         is_other = one.what == "robot" and one.name != view.robot_name
-        self._card.label = one.name or FLOOR
+        self._card.call(one.name or FLOOR, is_name=bool(one.name))
         self._about.content = note(self._words(view, one))
         self._go.visible = self._tour.visible = is_here
         self._name.visible = self._save.visible = self._pose.visible = one.what == "floor"

@@ -77,7 +77,7 @@ class TourEditor:
 
     def _add_controls(self, gui: Controls) -> None:
         self._around = gui.add_html("")
-        self._add_place = gui.add_list("Add place", (CHOOSE,))
+        self._add_place = gui.add_list("Add place", (CHOOSE,), words=(CHOOSE,))
         self._add_other = gui.add_choice("or add", (HERE, POINT_OUT))
 
     def _option_controls(self, gui: Controls) -> None:

@@ -73,7 +73,9 @@ class TourList:
                 self._cards[name] = self._add(name)
             folder, text = self._cards[name]
             folder.order = order
-            text.content = card(name, summary(self._tours[name]))
+            tour = self._tours[name]
+            names = {stop.name for stop in tour.stops if stop.name}
+            text.content = card(name, summary(tour), names)
         self._rest.content = self._rest_text(tours, len(found))
         show_undo(self._undo, self._history)
 

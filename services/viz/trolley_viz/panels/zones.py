@@ -32,7 +32,7 @@ class ZonePanel:
             self._answer = gui.add_choice("Mirror?", (YES, NO), visible=False)
             self._lines = gui.add_choice("Draw a line", tuple(LINE_KINDS))
             self._areas = gui.add_choice("Draw an area", tuple(AREA_KINDS))
-            self._choice = gui.add_list("Change", (CHOOSE,))
+            self._choice = gui.add_list("Change", (CHOOSE,), words=(CHOOSE,))
             self._pick = gui.add_button("Choose on the map", icon="hand-finger")
             self._name = gui.add_text("Name", "", visible=False)
             self._speed = gui.add_number(

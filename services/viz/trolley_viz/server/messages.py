@@ -12,6 +12,7 @@ from msgspec import Meta, Struct
 from trolley_viz.controls.messages import ControlChanges, Value
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.joystick.teleop import PadState
+from trolley_viz.languages.catalogue import ENGLISH
 from trolley_viz.overlays.pages import Click, File, OverlayUpdate
 from trolley_viz.robots.stop_presses import StopLine
 from trolley_viz.sentences import StatusLine, Tone
@@ -77,6 +78,8 @@ class Said(Struct, frozen=True, kw_only=True):
     """The secret by which viser's connection is known to be the same page's."""
     prefers_dark: bool | None = None
     """How the device is set."""
+    language: Name | None = None
+    """That of the device, as a tag such as "de-AT"."""
     gesture: Gesture | None = None
     grip: Grip | None = None
     overlay: Click | None = None
@@ -121,6 +124,7 @@ class PageState(Struct, frozen=True, kw_only=True):
         stopped_by: who pressed Stop, as far as it was at a page.
         hint: what an armed tool waits for.
         dark: whether it has the dark look.
+        language: the code of the language in which it is told everything.
         has_scene: whether viser's connection of the page is known.
     """
 
@@ -132,6 +136,7 @@ class PageState(Struct, frozen=True, kw_only=True):
     is_stopped: bool = False
     hint: str = ""
     dark: bool = False
+    language: str = ENGLISH
     has_scene: bool = False
     stopped_by: str = ""
 

@@ -29,12 +29,15 @@ from aiohttp import web
 from trolley.config.viz import VizConfig
 from trolley_viz.graphics import camera
 from trolley_viz.graphics.icons import icon_svg
+from trolley_viz.languages.catalogue import ENGLISH, catalogues, known_language
+from trolley_viz.languages.translator import translator_of
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
 from trolley_viz.server.lines import Lines
 from trolley_viz.server.scene_link import SceneLink
 from trolley_viz.server.sending import wait_for_room
 
 PAGE = Path(str(resources.files("trolley_viz").joinpath("frontend")))
+LANGUAGES = PAGE.parent / "languages"
 SCENE = "/scene/"
 """Where viser's page is, in a frame of ours."""
 HEADERS = {"Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
@@ -48,11 +51,11 @@ SCENE_POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'self'"
 )
 """viser's page is one file with its script inside."""
-REFUSAL = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Trolley</title>
+REFUSAL = """<!doctype html><html lang="{language}"><meta charset="utf-8"><title>Trolley</title>
 <meta name="viewport" content="width=device-width,initial-scale=1">
 <link rel="stylesheet" href="/page/refusal.css"><main><h1>Trolley</h1><p>{text}</p>{form}</main>"""
-ASKING = """<form><label>or paste the token here <input name="token" autocomplete="off"></label>
-<button>Open</button></form>"""
+ASKING = """<form><label>{paste} <input name="token" autocomplete="off"></label>
+<button>{open}</button></form>"""
 
 KEEP = {"Cache-Control": "max-age=86400"}
 MAX_LINE_BYTES = 20_000
@@ -160,6 +163,7 @@ class WebServer:
         app.router.add_get("/", _index)
         app.router.add_get("/line", self._line)
         app.router.add_get("/page/icon/{name}.svg", _icon)
+        app.router.add_get("/page/words/{language}.json", _words)
         app.router.add_static("/page/", PAGE)
         app.router.add_get(SCENE + "{path:.*}", self._pass_to_scene)
         runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=0.5)
@@ -187,7 +191,7 @@ class WebServer:
         )
         request[DECISION] = decided
         if decided.status != HTTPStatus.OK:
-            return _refusal(decided)
+            return _refusal(decided, request.headers.get("Accept-Language", ""))
         try:
             return await handler(request)
         except ConnectionResetError:  # a browser that leaves early is no error of ours
@@ -248,7 +252,16 @@ class WebServer:
 
 async def _index(_: web.Request) -> web.StreamResponse:
     text = (PAGE / "index.html").read_text(encoding="utf-8")
-    return web.Response(text=text.replace("{build}", BUILD), content_type="text/html")
+    text = text.replace("{build}", BUILD).replace("{languages}", " ".join(catalogues()))
+    return web.Response(text=text, content_type="text/html")
+
+
+async def _words(request: web.Request) -> web.StreamResponse:
+    """Say what the page's own words are in another language."""
+    catalogue = catalogues().get(request.match_info["language"])
+    if catalogue is None:
+        raise web.HTTPNotFound
+    return web.json_response(catalogue.page)
 
 
 async def _icon(request: web.Request) -> web.StreamResponse:
@@ -270,10 +283,17 @@ async def _add_headers(request: web.Request, response: web.StreamResponse) -> No
         response.headers["Set-Cookie"] = decided.cookie
 
 
-def _refusal(decided: AccessDecision) -> web.Response:
-    """Make the page that refuses somebody, or sends them on."""
-    form = ASKING if decided.status == HTTPStatus.UNAUTHORIZED else ""
-    text = REFUSAL.format(text=html.escape(decided.text), form=form)
+def _refusal(decided: AccessDecision, tags: str) -> web.Response:
+    """Make the page that refuses somebody in one of their languages, or sends them on."""
+    codes = (known_language(tag.strip()) for tag in tags.split(","))
+    language = next(filter(None, codes), ENGLISH)
+    words = translator_of(language)
+    say = str if words is None else words.text
+    is_asking = decided.status == HTTPStatus.UNAUTHORIZED
+    asking = ASKING.format(paste=say("or paste the token here"), open=say("Open"))
+    text = REFUSAL.format(
+        language=language, text=html.escape(say(decided.text)), form=asking if is_asking else ""
+    )
     headers = {"Location": decided.location} if decided.location else {}
     return web.Response(text=text, status=decided.status, content_type="text/html", headers=headers)
 
@@ -322,7 +342,7 @@ def _bind(host: str, port: int) -> socket.socket:
 def _build() -> str:
     """Return what tells this page from an older one that is still open."""
     digest = hashlib.sha256()
-    for path in sorted(PAGE.rglob("*")):
+    for path in sorted([*PAGE.rglob("*"), *LANGUAGES.glob("*.toml")]):
         if path.is_file():
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]

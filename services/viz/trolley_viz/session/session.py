@@ -18,6 +18,7 @@ from trolley_viz.drawing.suspected_mirrors import SuspectLines
 from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.zone_requests import ZoneRequests
 from trolley_viz.graphics.camera import Look
+from trolley_viz.languages.catalogue import ENGLISH, known_language
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
 from trolley_viz.overlays.pages import File
@@ -127,6 +128,7 @@ class Session:
         self.take_tap: Callable[[Touched], bool] | None = None
         """Takes what is touched, as while a tour is made of it; says whether it did."""
         self._prefers_dark = False
+        self._device_language = ""
         self._size: tuple[float, float] | None = None
         """Width and height of the picture [px of the page], once the page has told."""
 
@@ -182,6 +184,11 @@ class Session:
         """Whether it has the dark look."""
         chosen = self._choices
         return chosen.dark or (self._prefers_dark and not chosen.light)
+
+    @property
+    def language(self) -> str:
+        """The code of the language in which its page is."""
+        return known_language(self._choices.language) or self._device_language or ENGLISH
 
     @property
     def view(self) -> View:
@@ -296,6 +303,14 @@ class Session:
         self.look = look
         if self._viewport is not None:
             self._viewport.change(look, self.view)
+
+    def choose_language(self, code: str) -> None:
+        """Change the language, and remember it; "": as the device is set."""
+        self._choose(msgspec.structs.replace(self._choices, language=code))
+
+    def prefer_language(self, tag: str) -> None:
+        """Note the language of the device, if it is one of ours."""
+        self._device_language = known_language(tag)
 
     def fit_view(self) -> None:
         """Show the whole map, and follow nobody."""
