@@ -18,6 +18,7 @@ from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
 from trolley_viz.pages.page import Page, Shared
+from trolley_viz.past.keeper import Keeper
 from trolley_viz.robots.fleet import Fleet, Robots
 from trolley_viz.robots.stop_presses import Answered, StopPresses
 from trolley_viz.server.access import FILE as ACCESS_FILE
@@ -60,6 +61,8 @@ class VizService(Service):
             self.close_watch,
             lambda robot: self.time_of(robot).now(self.monotonic_ns),
         )
+        self.past = Keeper(self, config.robot.name)
+        self.parts = (self.past,)
         self.pages: dict[PageName, Page] = {}
         """The pages that are open."""
         self._numbers = itertools.count()
@@ -82,6 +85,7 @@ class VizService(Service):
             raise SystemExit(1) from taken
         self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
+        self.past.start()
         self.hub = Hub(
             service=self,
             server=self._scene,
@@ -90,6 +94,7 @@ class VizService(Service):
             scenes=RobotScenes(self, self._scene, self._robots),
             remember=self._remember,
             let_go=self.joystick.let_go,
+            past=self.past,
         )
         self._shared = Shared(self.joystick, OverlayPages(self))
         self._bridge = open_bridge(self, self._config)
@@ -112,6 +117,7 @@ class VizService(Service):
     def stop(self) -> None:
         """Close the web page."""
         if self.hub is not None:
+            self.past.stop()
             self._web.close()
             close_scene(self._scene)
             if self._bridge is not None:
@@ -177,6 +183,7 @@ class VizService(Service):
             if not self.pages:
                 self._fleet.update(is_watched=False)
                 hub.scenes.update({}, ())
+                self.past.follow(set())
         if not self.pages:
             return
         self._robots.update(self._robot_watch.by_parts)
@@ -184,6 +191,7 @@ class VizService(Service):
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
         scenes = hub.scenes.by_robot
+        self.past.follow(scenes.keys())
         for page in self.pages.values():
             page.session.update_scene(scenes.keys())
         hub.server.flush()  # viser would wait for more to send together

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import viser
 
 from trolley.runtime.service import Service
+from trolley_viz.past.keeper import Keeper
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopPresses
 from trolley_viz.session.robot_scene import RobotScenes
@@ -30,6 +31,8 @@ class Hub:
     """Saves the choices of a browser."""
     let_go: Callable[[int], None]
     """Takes the joystick out of a page's hand."""
+    past: Keeper
+    """Records what the robots do."""
 
     def is_open(self, client_id: int) -> bool:
         """Whether a browser is still connected; viser knows before it says that it is gone."""
