@@ -33,6 +33,8 @@ class RobotActions:
         self._robot = robot
         self._view = view
         self.tell = tell
+        self.before_ask: Callable[[Request[Any, Any]], None] | None = None
+        """Hears of each request before it is sent."""
         self.history = History()
         """What the person did and can undo."""
         self.goal_queue = GoalQueue()
@@ -131,6 +133,8 @@ class RobotActions:
             elif done is not None:
                 done(reply)
 
+        if self.before_ask is not None:
+            self.before_ask(request)
         self._service.request(request, params, finish, robot=self._robot())
 
     # Inside.

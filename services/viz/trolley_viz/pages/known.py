@@ -41,3 +41,8 @@ def state_lines(known: RobotState) -> list[StatusLine]:
         trip_line(known.trip, known.tour),
     ]
     return [line for line in lines if line is not None]
+
+
+def now_line(now: StatusLine) -> StatusLine:
+    """Say what is, beside what was."""
+    return StatusLine(f"Now: {now.headline}", now.tone, now.detail)

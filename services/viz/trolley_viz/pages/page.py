@@ -8,10 +8,11 @@ from trolley import requests
 from trolley.codes import Refused
 from trolley.messages.request_params import Nothing
 from trolley_viz.controls.controls import BadValue, Controls, NotThere
+from trolley_viz.joystick.joystick import Grip
 from trolley_viz.joystick.teleop import PadState, Teleop
 from trolley_viz.overlays.cards import Moment
 from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
-from trolley_viz.pages.known import robot_state, state_lines
+from trolley_viz.pages.known import now_line, robot_state, state_lines
 from trolley_viz.panels.console import Console
 from trolley_viz.robots.silence import SilentServices
 from trolley_viz.robots.stop_presses import DISOBEYED
@@ -168,7 +169,7 @@ class Page:
             is_late = not -AHEAD_MS <= now_ms - said.gesture.at_ms <= LATE_MS
             self._gesture(said.gesture, is_late=is_late)
         if said.grip is not None and self.may_drive:
-            self._shared.joystick.hear(self._number, self.robot, said.grip)
+            self._grip(said.grip)
         if said.overlay is not None:
             shown = self._shown_overlays()
             if shown is not None:
@@ -188,6 +189,8 @@ class Page:
         """Tell the page what changed, if it has taken what it was told before."""
         known = robot_state(view, self._silence.update(view))
         lines = state_lines(known)
+        now = situation(known)
+        then = self.session.past.sentence("" if view.map is None else view.map.name)
         self._console.update(view, lines)
         line = self._line
         if line is None or not line.is_clear:
@@ -203,8 +206,8 @@ class Page:
         state = PageState(
             robot=view.robot_name,
             title=view.robot_name if view.robot is None else view.robot.title or view.robot_name,
-            sentence=situation(known),
-            lines=lines,
+            sentence=then or now,
+            lines=[now_line(now), *lines] if then else lines,
             stop=stop,
             is_stopped=base is not None and base.is_halted and not view.is_away,
             hint=self.session.hint,
@@ -249,6 +252,7 @@ class Page:
 
     def _stop(self, stop: Stop, now_ns: int) -> None:
         hub = self._hub
+        self.session.past.return_to_now()
         # A viewer that has just started has not heard of all robots yet.
         named = [name for name in stop.robots if ROBOT_NAME.fullmatch(name)]
         for robot in named or hub.robots.names(self.robot):
@@ -263,6 +267,7 @@ class Page:
             self.say(Told(answer=Answer(id=resume.id, is_done=False, text=why)))
             return
 
+        self.session.past.return_to_now()
         actions = self.session.actions
         goes_on = resume.robot == self.robot and actions.was_stopped
 
@@ -274,6 +279,11 @@ class Page:
 
         self._hub.stops.release(resume.robot)
         self._hub.service.request(requests.BASE_RESUME, Nothing(), answered, robot=resume.robot)
+
+    def _grip(self, grip: Grip) -> None:
+        if grip.held:
+            self.session.past.return_to_now()
+        self._shared.joystick.hear(self._number, self.robot, grip)
 
     def _gesture(self, gesture: Gesture, *, is_late: bool) -> None:
         session = self.session

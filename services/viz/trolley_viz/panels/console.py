@@ -7,6 +7,7 @@ from trolley_viz.panels.go_tab import GoTab
 from trolley_viz.panels.map_tab import MapTab
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.more_tab import MoreTab
+from trolley_viz.panels.past_bar import PastBar
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.touch_card import Leads, TouchCard
@@ -30,6 +31,7 @@ class Console:
         self._map: MapTab | None = None
         self._card: TouchCard | None = None
         self._view_bar = ViewBar(gui, session)
+        self._past_bar = PastBar(gui, session)
         tabs = self._tabs = gui.add_tabs()
         if session.may_drive:
             with tabs.add_tab("Go", "steering-wheel"):
@@ -61,6 +63,7 @@ class Console:
         if self._card is not None:
             self._card.update(view)
         self._view_bar.update()
+        self._past_bar.update()
         self._state.content = "".join(map(row, lines))
         self._more.update(view)
 

@@ -54,6 +54,25 @@ def details(words: StatusLine, content: str) -> str:
     )
 
 
+def lead(press: str, text: str) -> str:
+    """A small button; its control hears `press`."""
+    return (
+        f'<button type="button" class="small" data-press="{html.escape(press)}">'
+        f"{html.escape(text)}</button>"
+    )
+
+
+def leads(entries: Sequence[tuple[str, StatusLine]]) -> str:
+    """Lines that can be pressed, each with what its control hears then."""
+    buttons = "".join(
+        f'<button type="button" class="lead" data-press="{html.escape(press)}"'
+        f' data-tone="{words.tone}"><i></i><span><b>{html.escape(words.headline)}</b>'
+        f"{html.escape(words.detail)}</span></button>"
+        for press, words in entries
+    )
+    return f'<div class="leads">{buttons}</div>' if buttons else ""
+
+
 def numbered(texts: Sequence[str]) -> str:
     """A list whose entries are numbered; nothing without any."""
     entries = "".join(f"<li>{html.escape(text)}</li>" for text in texts)

@@ -67,7 +67,7 @@ class Capacity(NamedTuple):
     poses: int
     scans: int
     thins: bool
-    """Whether samples lie farther apart where there is no more room, instead of the oldest going."""
+    """Whether, where there is no more room, every second sample goes instead of the oldest."""
 
 
 LATELY = Capacity(1200, 600, thins=False)
@@ -120,6 +120,15 @@ class Then:
     aim: Pose2D | None = None
     scan: NDArray[np.float32] | None = None
     """(n, 2) x, y [m] on the map."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What there is to draw of a moment."""
+
+    then: Then
+    track: NDArray[np.float32]
+    """Pieces of the line that was driven until then, (n, 2, 2) x, y [m] on its map."""
 
 
 Timed = TypeVar("Timed", Sentence, Aim, Failure)
@@ -203,7 +212,7 @@ class Record:
             self.first_ns = None if self.last_ns < at_ns else max(self.first_ns, at_ns)
 
     def go_on(self, newer: "Record") -> None:
-        """Take in what was recorded since; what is here is moved back where clocks say otherwise."""
+        """Take in what was recorded since; what is here must be older, whatever clocks say."""
         if newer.first_ns is None:
             return
         if self.last_ns >= newer.first_ns:

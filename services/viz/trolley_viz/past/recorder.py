@@ -32,7 +32,7 @@ from trolley_viz.past.record import LATELY, TRIP, Failure, Record
 from trolley_viz.robots.past_trips import has_failed
 from trolley_viz.robots.silence import SILENT_NS
 from trolley_viz.robots.streams import Streams
-from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, StatusLine, result_line
+from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, result_line
 from trolley_viz.situation import RobotState, situation
 
 KEPT_NS = 600_000_000_000
