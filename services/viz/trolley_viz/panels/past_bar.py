@@ -22,7 +22,7 @@ class PastBar:
         """The midnight before the first time on the slider, local monotonic."""
         self._strip = gui.add_strip()
         with self._strip:
-            self._timeline = gui.add_timeline("Time")
+            self._timeline = gui.add_timeline("Time of day")
             self._play = gui.add_button("")
             self._fast = gui.add_button("")
             self._now = gui.add_button("Now", icon="player-track-next", colour="green")

@@ -7,7 +7,7 @@ so a file takes a third of what the plain numbers would.
 
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -36,8 +36,10 @@ class Table(Struct, frozen=True, kw_only=True):
 class TripFile(Struct, frozen=True, kw_only=True):
     """The content of a file; times are those of `Record`."""
 
-    schema: int = 1
-    """Of the file; counted up when its form changes, or the columns of its tables."""
+    SCHEMA: ClassVar[int] = 1
+    """Counted up when the form changes, or the columns of the tables."""
+
+    schema: int = SCHEMA
     robot: str
     trip: str
     unix_offset_ns: int
