@@ -10,7 +10,7 @@ from support.pages import PageOf, page_of
 
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import PastTrip, StopResult, TourStatus
+from trolley.messages import GoalStatus, PastTrip, StopResult, TourStatus
 from trolley.messages.request_params import AskHistory, Nothing
 from trolley.runtime.service import Service, answers
 from trolley_viz.joystick.joystick import Grip
@@ -548,3 +548,31 @@ def test_a_robot_that_finds_its_place_draws_no_line_there(stage: "Stage") -> Non
     assert len(track) > 5
     assert np.hypot(*(track[:, 1] - track[:, 0]).T).max() < 1.0
     assert isinstance(record(stage).at(stage.viz.monotonic_ns).pose, Pose2D)
+
+
+def test_a_trip_is_written_also_where_the_next_begins_at_once(
+    stage: "Stage", tour: PretendTour, tmp_path: Path
+) -> None:
+    tour.say()
+    drive(stage, 5.0)
+    tour.say(trip="t2")
+    drive(stage, 5.0)
+    assert [file.name for file in files(tmp_path)] == ["t1.trip"]
+    stage.viz.past.stop()
+    assert [file.name for file in files(tmp_path)] == ["t1.trip", "t2.trip"]
+
+
+def test_nothing_goes_wrong_while_the_viewer_starts(stage: "Stage") -> None:
+    stage.robot.publish(topics.GOAL, GoalStatus(stamp_ns=0, id=None, state="idle"))
+    drive(stage, 6.0)
+    assert record(stage).moments() == []
+
+
+def test_a_robot_of_any_name_leads_to_no_other_folder(stage: "Stage", tmp_path: Path) -> None:
+    drive(stage, 2.0)
+    before = sorted(tmp_path.rglob("*"))
+    store = stage.viz.past.store
+    store.save(("..", "t1"), record(stage).copy())
+    store.save(("a/../../b", "t1"), record(stage).copy())
+    store.save_now(("trolley", "../t1"), record(stage).copy())
+    assert sorted(tmp_path.rglob("*")) == before

@@ -43,7 +43,8 @@ class Keeper:
         """Write what is not on disk yet."""
         for robot, recorder in self._recorders.items():
             trip = recorder.trip
-            if trip is not None and self._is_unsaved(robot, trip):
+            is_due = trip is not None and robot not in self._loading
+            if trip is not None and is_due and self._is_unsaved(robot, trip):
                 self.store.save_now((robot, trip.trip), trip.record)
 
     def follow(self, robots: Set[str]) -> None:
@@ -85,10 +86,14 @@ class Keeper:
     @every(SAMPLE_PERIOD_S, clock="local")
     def sample(self) -> None:
         """Take a sample of each robot, and write what is due."""
+        if not self.store.is_open:
+            return  # a trip under way may have a file already
         for robot, recorder in self._recorders.items():
             before = recorder.trip
             recorder.sample()
             if recorder.trip is not None and recorder.trip is not before:
+                if before is not None:
+                    self._save(robot, before)
                 self._go_on(robot, recorder.trip)
             self._save_trip(robot, recorder)
 
@@ -110,16 +115,22 @@ class Keeper:
     def _save_trip(self, robot: str, recorder: Recorder) -> None:
         """Write a trip that has ended, or grown enough."""
         trip = recorder.trip
-        if trip is None or robot in self._loading or not self._is_unsaved(robot, trip):
+        if trip is None:
             return
         record, first_ns = trip.record, trip.record.first_ns or 0
-        _, until_ns = self._saved.get(robot, (record, 0))
+        saved, until_ns = self._saved.get(robot, (None, 0))
+        since_ns = until_ns if saved is record else first_ns
         age_ns = record.last_ns - first_ns
+        has_grown = record.last_ns - since_ns > GROWTH * age_ns
         is_over = robot not in self._recorders or recorder.is_trip_over
-        has_grown = record.last_ns - max(until_ns, first_ns) > GROWTH * age_ns
         if is_over or (age_ns >= FIRST_SAVE_NS and has_grown):
-            self._saved[robot] = record, record.last_ns
-            self.store.save((robot, trip.trip), record.copy())
+            self._save(robot, trip)
+
+    def _save(self, robot: str, trip: TripRecord) -> None:
+        """Write a trip, unless it is on disk as it is."""
+        if robot not in self._loading and self._is_unsaved(robot, trip):
+            self._saved[robot] = trip.record, trip.record.last_ns
+            self.store.save((robot, trip.trip), trip.record.copy())
 
     def _is_unsaved(self, robot: str, trip: TripRecord) -> bool:
         saved, until_ns = self._saved.get(robot, (None, 0))

@@ -54,6 +54,11 @@ AFTER_TRIP_NS = 5_000_000_000
 BEGINNING_S = 5.0
 """A trip that is younger when it is first heard of is recorded from its beginning [s]."""
 
+SETTLE_NS = 2_000_000_000
+"""Until what is watched has come, nothing is said: it would be that services are not running."""
+FARTHEST_M = 1e6
+"""No map reaches so far; a pose beyond is somebody's mistake."""
+
 WATCHED: tuple[Topic[Any], ...] = (
     topics.BASE,
     topics.GOAL,
@@ -94,6 +99,9 @@ class Recorder:
         )
         self._laser = service.watch(topics.TF, "laser", robot=robot)
         self._streams.follow(WATCHED)
+        self._said_from_ns = service.monotonic_ns + SETTLE_NS
+        self._epoch: int = 0
+        """The run of the robot's base."""
         self._estimate: PoseEstimate | None = None
         self._alive: dict[str, int] = {}
         """When each service answered last [ns]."""
@@ -120,12 +128,14 @@ class Recorder:
         """Note what is said of the robot now, and ask where it is."""
         service, now_ns = self._service, self._service.monotonic_ns
         self.record.drop_before(now_ns - KEPT_NS)
+        self._begin_anew(now_ns)
         self._follow_trip(now_ns)
         robot_ns = self._robot_ns()
-        words, aim = situation(self._known(robot_ns)), self._aim()
-        for record in self._records():
-            record.say(now_ns, words)
-            record.aim(now_ns, aim)
+        if now_ns >= self._said_from_ns:
+            words, aim = situation(self._known(robot_ns)), self._aim()
+            for record in self._records():
+                record.say(now_ns, words)
+                record.aim(now_ns, aim)
         if robot_ns is None:
             self._estimate = self._scan = None
             return
@@ -134,6 +144,15 @@ class Recorder:
         if now_ns >= self._health_due_ns:
             self._health_due_ns = now_ns + HEALTH_PERIOD_NS
             service.get(topics.HEALTH, then=self._take_health, robot=self._robot)
+
+    def _begin_anew(self, now_ns: int) -> None:
+        """Forget what was heard before the robot's base began a new run."""
+        epoch = self._service.time_of(self._robot).epoch
+        if epoch != self._epoch:
+            self._epoch, self._said_from_ns = epoch, now_ns + SETTLE_NS
+            self._estimate = self._scan = None
+            self._streams.drop_all()
+            self._streams.follow(WATCHED)
 
     # What the sentence depends on.
     def _known(self, robot_ns: int | None) -> RobotState:
@@ -177,6 +196,8 @@ class Recorder:
         self._estimate = estimate
         age_ns = max(robot_ns - estimate.stamp_ns, 0)
         if estimate.pose is None or estimate.map is None or age_ns > STALE_S * 1e9:
+            return
+        if max(abs(estimate.pose.x), abs(estimate.pose.y)) > FARTHEST_M:
             return
         at_ns = self._service.monotonic_ns - age_ns
         for record in self._records():

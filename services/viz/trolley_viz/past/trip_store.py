@@ -1,5 +1,6 @@
 """The records of trips on disk: written while a trip goes on, read when somebody looks at it."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,10 +12,14 @@ from trolley_viz.past.record import Record
 FOLDER = "viewer_trips"
 """In the state folder; below it one folder per robot, with one file per trip."""
 ENDING = ".trip"
+GONE = "The record of this trip is no longer there."
 MAX_TRIPS = 50
 """Older ones are deleted."""
 MAX_BYTES = 20 << 20
 """Of all files together; older ones are deleted."""
+
+NAMES = re.compile(r"[a-z0-9_-]{1,32}/[a-z0-9]{1,12}")
+"""A robot and its trip that a file may be called by: other names may lead anywhere."""
 
 TripName = tuple[str, str]
 """A robot and the id of its trip."""
@@ -30,6 +35,8 @@ class TripStore:
     def __init__(self, service: Service) -> None:
         self.names: frozenset[TripName] = frozenset()
         """The trips that there are on disk."""
+        self.is_open = False
+        """Whether it is known which there are."""
         self._service = service
 
     def open(self) -> None:
@@ -39,6 +46,8 @@ class TripStore:
 
     def save(self, name: TripName, record: Record) -> None:
         """Write the record of a trip, which must not change any more."""
+        if not NAMES.fullmatch("/".join(name)):
+            return
         folder, write = self._folder, self._writing(name, record)
 
         def work() -> tuple[OSError | None, frozenset[TripName]]:
@@ -55,6 +64,8 @@ class TripStore:
 
     def save_now(self, name: TripName, record: Record) -> None:
         """Write it before the viewer ends."""
+        if not NAMES.fullmatch("/".join(name)):
+            return
         error = self._writing(name, record)()
         if error is not None:
             self._service.log.error("A trip was not recorded", why=error.strerror)
@@ -64,6 +75,9 @@ class TripStore:
 
         What is broken, or of a newer Trolley, is kept aside.
         """
+        if name not in self.names:
+            then(GONE)
+            return
         path = self._path(name)
 
         def work() -> tuple[Record, int] | Unreadable | OSError:
@@ -102,11 +116,11 @@ class TripStore:
         return lambda: trip_file.write(path, trip_file.encode(*name, unix_offset_ns, record))
 
     def _listed(self, names: frozenset[TripName]) -> None:
-        self.names = names
+        self.names, self.is_open = names, True
 
     def _keep_aside(self, path: Path, why: Unreadable | OSError) -> str:
         if isinstance(why, FileNotFoundError):
-            return "The record of this trip is no longer there."
+            return GONE
         try:
             aside = keep_unreadable(path, why)
         except OSError:
