@@ -92,5 +92,5 @@ def test_a_failed_stop_leads_to_its_moment(page: Page, shown: "Shown", pictures:
     page.set_viewport_size({"width": 390, "height": 780})
     expect(page.get_by_label("Time of day")).to_be_visible()
     page.screenshot(path=pictures / "past-phone.png")
-    button(page, "Close the past").first.click()
+    button(page, "Close the past").click()
     expect(page.get_by_label("Time of day")).to_be_hidden()

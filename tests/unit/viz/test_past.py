@@ -178,7 +178,7 @@ def test_the_past_opens_and_closes(stage: "Stage") -> None:
     assert "Recorded since" in page.text()
     assert not stage.session.past.is_past
     stage.runtime.run(1.0)
-    page.within("Recorded since").press("Close the past")
+    page.press("Close the past")
     stage.runtime.run(0.5)
     assert not page.is_shown("Time of day")
     assert not browser.state.sentence.headline.startswith("At ")
@@ -254,7 +254,9 @@ def test_an_empty_record_leads_nowhere(stage: "Stage") -> None:
     page = open_past(stage)
     stage.viz.past._recorders["nobody"].record.first_ns = None
     page.press("Play")
+    page.press("Play 8 times as fast")
     assert not stage.session.past.is_past
+    assert stage.session.past.speed == 0.0
 
 
 def test_what_was_on_another_map_is_told_and_not_drawn(stage: "Stage") -> None:
@@ -300,6 +302,22 @@ def test_what_went_wrong_is_listed_and_leads_there(stage: "Stage") -> None:
     stage.runtime.run(0.5)
     assert "Press “Drive on”" in browser.state.sentence.headline
     assert not browser.state.is_stopped  # that is what is, not what was
+
+
+def test_who_looked_away_for_long_goes_on_with_what_is_still_there(stage: "Stage") -> None:
+    stage.browse()
+    stage.runtime.run(20.0)
+    page = open_past(stage)
+    look_back(stage, 4.0)
+    page.press("Play")
+    stage.runtime.run(0.5)
+    page.press("Halt")
+    stage.runtime.run(KEPT_NS * 1e-9 + 30.0)
+    page.press("Play")
+    stage.runtime.run(6.0)
+    assert stage.session.past.is_past
+    assert stage.session.past.at_ns >= record(stage).first_ns - 10**9
+    assert ghost(stage) is not None
 
 
 # Back to now.

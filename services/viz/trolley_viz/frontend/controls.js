@@ -333,7 +333,7 @@ const MAKERS = {
       element,
       show(look, before) {
         name(look);
-        if (isHeld) return; // the thumb stays under the finger
+        if (isHeld || isBusy) return; // the thumb stays under the finger
         for (const key of ["min", "max", "step"]) input[key] = look[key];
         input.value = look.value;
         tell();

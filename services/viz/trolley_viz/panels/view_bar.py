@@ -35,9 +35,7 @@ class ViewBar:
         self._turn.label = "Keep north up" if look.turns else "Turn with the robot"
         self._turn.icon = "navigation-north" if look.turns else "navigation"
         self._turn.colour = "teal" if look.turns else "grey"
-        past = self._session.past
-        self._past.label = "Close the past" if past.is_open else "Past"
-        self._past.colour = "teal" if past.is_open else "grey"
+        self._past.colour = "teal" if self._session.past.is_open else "grey"
 
     def _change_height(self) -> None:
         look = self._session.look

@@ -184,7 +184,8 @@ class Looking:
         """Play fast, or as it was."""
         if self.speed == 0.0:
             self.play_or_pause()
-        self.speed = FAST if self.speed != FAST else 1.0
+        if self.is_past:
+            self.speed = FAST if self.speed != FAST else 1.0
 
     def show_trip(self, trip: PastTrip, result: StopResult | None = None) -> None:
         """Look at a past trip: from its beginning, or where a stop was not reached."""
@@ -240,6 +241,7 @@ class Looking:
         newer = self._keeper.lately(self._robot())
         if self._at_ns < newer.last_ns - NEAR_END_NS:
             self._record = newer.copy()
+            self._at_ns = max(self._at_ns, newer.first_ns or 0)
         else:
             self.return_to_now()
 

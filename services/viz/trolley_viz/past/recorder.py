@@ -56,6 +56,8 @@ BEGINNING_S = 5.0
 
 SETTLE_NS = 2_000_000_000
 """Until what is watched has come, nothing is said: it would be that services are not running."""
+READ_BEFORE_S = 1.0
+"""A pose was read half a second ago, and that may have taken as long [s]: it is not stale yet."""
 FARTHEST_M = 1e6
 """No map reaches so far; a pose beyond is somebody's mistake."""
 
@@ -160,7 +162,7 @@ class Recorder:
         saved, trip = streams.latest(topics.POSES), streams.latest(topics.TOUR)
         age_s = None
         if robot_ns is not None and estimate is not None:
-            age_s = (robot_ns - estimate.stamp_ns) * 1e-9
+            age_s = max((robot_ns - estimate.stamp_ns) * 1e-9 - READ_BEFORE_S, 0.0)
         return RobotState(
             is_away=robot_ns is None,
             base=streams.latest(topics.BASE),
