@@ -30,14 +30,14 @@ NUM_SEEN = 15
 """A robot or a ghost covers more pixels than this."""
 
 
-def is_violet(pixels: Pixels) -> "NDArray[np.bool_]":
-    """As the ghost and its scan, on a light floor."""
+def is_pink(pixels: Pixels) -> "NDArray[np.bool_]":
+    """As the ghost and its scan."""
     red, green, blue = np.moveaxis(pixels, -1, 0)
-    return (blue > green + 35) & (red > green + 10) & (blue > red + 15)
+    return (red > green + 60) & (red > blue + 25) & (blue > green + 20)
 
 
-def num_violet(page: Page, point: tuple[float, float]) -> int:
-    return count_seen(page, point, is_violet, REACH_M)
+def num_pink(page: Page, point: tuple[float, float]) -> int:
+    return count_seen(page, point, is_pink, REACH_M)
 
 
 def truth(shown: "Shown") -> Pose2D:
@@ -55,21 +55,21 @@ def test_who_looks_back_sees_where_the_robot_was(
     button(page, "Past").click()
     slider = page.get_by_label("Time of day")
     expect(slider).to_be_visible()
-    without = num_violet(page, start)  # a saved place is drawn there
+    without = num_pink(page, start)
     slider.focus()
     page.keyboard.press("Home")
     expect(page.locator("#sentence")).to_contain_text(" ago: ")
     expect(page.locator("#lines")).to_contain_text("Now: It has arrived")
     poll(
         page,
-        lambda: num_violet(page, start) > without + NUM_SEEN,
+        lambda: num_pink(page, start) > without + NUM_SEEN,
         "the ghost stands where the robot began",
     )
     page.screenshot(path=pictures / "past.png")
     assert count_seen(page, FAR, is_blue, REACH_M) < NUM_SEEN
     button(page, "Now").click()
     poll(page, lambda: count_seen(page, FAR, is_blue, REACH_M) > NUM_SEEN, "the robot is seen")
-    assert num_violet(page, start) < without + NUM_SEEN
+    assert num_pink(page, start) < without + NUM_SEEN
 
 
 def test_a_failed_stop_leads_to_its_moment(page: Page, shown: "Shown", pictures: Path) -> None:
@@ -90,7 +90,7 @@ def test_a_failed_stop_leads_to_its_moment(page: Page, shown: "Shown", pictures:
     page.locator("summary", has_text="2 of 3 stops").first.click()
     button(page, "Show the moment").first.click()
     expect(page.locator("#sentence")).to_contain_text("stop 2 skipped")
-    poll(page, lambda: num_violet(page, FAR) > NUM_SEEN, "the ghost stands where it failed")
+    poll(page, lambda: num_pink(page, FAR) > NUM_SEEN, "the ghost stands where it failed")
     assert truth(shown).distance_to(Pose2D(*FAR, 0.0)) > 2.0
     page.screenshot(path=pictures / "past-moment.png")
     page.set_viewport_size({"width": 390, "height": 780})

@@ -25,7 +25,7 @@ class PastBar:
             self._timeline = gui.add_timeline("Time of day")
             self._play = gui.add_button("")
             self._fast = gui.add_button("")
-            self._now = gui.add_button("Now", icon="player-track-next", colour="green")
+            self._now = gui.add_button("Now", colour="green")
             self._close = gui.add_button("Close the past", icon="x")
             self._about = gui.add_html("")
             with gui.add_folder("What went wrong") as self._folder:
@@ -50,7 +50,7 @@ class PastBar:
         self._play.label = "Halt" if is_playing else "Play"
         self._play.icon = "player-pause" if is_playing else "player-play"
         self._fast.label = "Play at normal speed" if is_fast else "Play 8 times as fast"
-        self._fast.icon = "player-skip-forward"
+        self._fast.icon = "player-track-next"
         self._fast.colour = "teal" if is_fast else "grey"
         self._now.disabled = not past.is_past
         self._about.content = note(self._words())

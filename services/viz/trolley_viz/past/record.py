@@ -29,6 +29,8 @@ SCAN_HOLDS_NS = 12_000_000_000
 """A scan is shown this long: while the robot stands there is one in 10 s."""
 FAILURE_HOLDS_NS = 3_000_000_000
 """The failure of a stop stands this long before whatever came next."""
+FIRST_HOLDS_NS = 4_000_000_000
+"""The first sentence holds for this long before, too: poses are known a little earlier."""
 MAX_STEP_M = 1.5
 """No robot drives so far between two samples: there it was carried, or found its place anew."""
 TRACK_STEP_M = 0.05
@@ -310,6 +312,9 @@ class Record:
 
     def _words(self, at_ns: int) -> StatusLine | None:
         failure, said = _newest(self.failures, at_ns), _newest(self.sentences, at_ns)
+        if said is None and self.sentences:
+            first = self.sentences[0]
+            said = first if first.at_ns - at_ns <= FIRST_HOLDS_NS else None
         if failure is not None and at_ns - failure.at_ns <= FAILURE_HOLDS_NS:
             return StatusLine(failure.text, "bad")
         return None if said is None else StatusLine(said.text, said.tone)

@@ -18,9 +18,9 @@ from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
 from trolley_viz.scene.scan_and_particles import CandidateLayer, ParticleLayer, ScanLayer
 from trolley_viz.scene.tours import TripLayer
 
-GHOST = (112, 72, 190)
-SEEN = (150, 60, 200)
-GHOST_OPACITY = 0.6
+GHOST, SEEN = (206, 20, 106), (232, 62, 140)
+"""As nothing else on the map is: the robot is blue, places are purple, its scan is red."""
+GHOST_OPACITY = 0.75
 AIM_RADIUS_M = 0.18
 DEFAULT_FOOTPRINT = ((0.2, -0.2), (0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2))
 """Of a robot that has not told its own [m]."""
