@@ -23,7 +23,7 @@ CM = 0.01
 """Echoes are kept in whole centimetres [m]."""
 MAX_TEXTS = 2000
 """Sentences, goals and failures that are kept, of each."""
-POSE_HOLDS_NS = 3_000_000_000
+POSE_HOLDS_NS = 4_000_000_000
 """A robot stands where it was last seen this long; after that nobody knows where it was."""
 SCAN_HOLDS_NS = 12_000_000_000
 """A scan is shown this long: while the robot stands there is one in 10 s."""

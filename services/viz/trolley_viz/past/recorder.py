@@ -27,6 +27,7 @@ from trolley.messages import (
     floats_from_bytes,
 )
 from trolley.runtime.service import Service
+from trolley.teleop import SOURCE as BY_HAND
 from trolley.topics import Topic
 from trolley_viz.past.record import LATELY, TRIP, Failure, Record
 from trolley_viz.robots.past_trips import has_failed
@@ -42,7 +43,7 @@ SCAN_PERIOD_NS = 1_000_000_000
 STANDING_PERIOD_NS = 10_000_000_000
 """Between two scans while it stands."""
 MOVED_M, TURNED_RAD = 0.05, math.radians(3.0)
-"""It has moved since the last scan, if farther than this."""
+"""It has moved, if farther than this."""
 SCAN_WAITS_NS = 2_000_000_000
 """A scan waits this long for the poses around it."""
 POSES_AROUND = 6
@@ -56,8 +57,12 @@ BEGINNING_S = 5.0
 
 SETTLE_NS = 2_000_000_000
 """Until what is watched has come, nothing is said: it would be that services are not running."""
-READ_BEFORE_S = 1.0
-"""A pose was read half a second ago, and that may have taken as long [s]: it is not stale yet."""
+STANDING_READ_NS = 2_000_000_000
+"""Between two reads of the pose while the robot stands and has no goal."""
+STANDS_AFTER_NS = 5_000_000_000
+"""A robot that has not moved for so long stands."""
+READ_BEFORE_S = 2.5
+"""A pose was read up to two seconds ago, and that took a while [s]: it is not stale yet."""
 FARTHEST_M = 1e6
 """No map reaches so far; a pose beyond is somebody's mistake."""
 
@@ -112,6 +117,10 @@ class Recorder:
         self._scanned_ns = 0
         self._scanned_at: tuple[str, Pose2D] | None = None
         """Where the last scan was taken."""
+        self._read_ns = 0
+        """When the pose was last read."""
+        self._moved_ns = service.monotonic_ns
+        """When the robot was last seen to move."""
         self._scan: Scan | None = None
         """One that waits for the poses around it."""
 
@@ -142,7 +151,9 @@ class Recorder:
             self._estimate = self._scan = None
             return
         self._place_scan(now_ns, robot_ns)
-        service.get(topics.POSE, then=self._take_pose, robot=self._robot)
+        if self._is_pose_due(now_ns):
+            self._read_ns = now_ns
+            service.get(topics.POSE, then=self._take_pose, robot=self._robot)
         if now_ns >= self._health_due_ns:
             self._health_due_ns = now_ns + HEALTH_PERIOD_NS
             service.get(topics.HEALTH, then=self._take_health, robot=self._robot)
@@ -195,7 +206,9 @@ class Recorder:
         estimate, robot_ns = found.get(()), self._robot_ns()
         if estimate is None or robot_ns is None:
             return
-        self._estimate = estimate
+        before, self._estimate = self._estimate, estimate
+        if before is None or _has_moved(before.pose, estimate.pose):
+            self._moved_ns = self._service.monotonic_ns
         age_ns = max(robot_ns - estimate.stamp_ns, 0)
         if estimate.pose is None or estimate.map is None or age_ns > STALE_S * 1e9:
             return
@@ -213,11 +226,17 @@ class Recorder:
         waited_ns, last = self._service.monotonic_ns - self._scanned_ns, self._scanned_at
         if last is None or last[0] != map_name or waited_ns >= STANDING_PERIOD_NS:
             return True
-        was = last[1]
-        has_moved = pose.distance_to(was) > MOVED_M or (
-            abs(wrap_angle(pose.yaw - was.yaw)) > TURNED_RAD
+        return _has_moved(last[1], pose) and waited_ns >= SCAN_PERIOD_NS
+
+    def _is_pose_due(self, now_ns: int) -> bool:
+        """Whether to read the pose: each time, but seldom while the robot stands."""
+        goal, base = self._streams.latest(topics.GOAL), self._streams.latest(topics.BASE)
+        drives = (goal is not None and goal.state in DRIVING) or (
+            base is not None and base.source == BY_HAND
         )
-        return has_moved and waited_ns >= SCAN_PERIOD_NS
+        stands = not drives and now_ns - self._moved_ns > STANDS_AFTER_NS
+        # A scan that waits needs a pose on either side.
+        return not stands or self._scan is not None or now_ns - self._read_ns >= STANDING_READ_NS
 
     def _take_scan(self, found: dict[tuple[str, ...], Scan]) -> None:
         self._scan = found.get(())
@@ -307,6 +326,13 @@ def placed_echoes(
     cos, sin = np.cos(yaw[1:]), np.sin(yaw[1:])
     ahead, left = points_base.T
     return origin, np.stack([x[1:] + cos * ahead - sin * left, y[1:] + sin * ahead + cos * left], 1)
+
+
+def _has_moved(was: Pose2D | None, is_now: Pose2D | None) -> bool:
+    if was is None or is_now is None:
+        return was is not is_now
+    turned = abs(wrap_angle(is_now.yaw - was.yaw))
+    return is_now.distance_to(was) > MOVED_M or turned > TURNED_RAD
 
 
 def _of_one_run(rows: NDArray[Any]) -> NDArray[Any]:
