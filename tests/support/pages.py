@@ -8,7 +8,7 @@ from typing import Any
 from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.messages import Look
 
-CONTAINERS = ("bar", "card", "folder", "tab", "tabs", "tiles")
+CONTAINERS = ("bar", "card", "folder", "strip", "tab", "tabs", "tiles")
 
 
 class PageOf:
@@ -61,7 +61,7 @@ class PageOf:
 
     def value(self, label: str) -> Any:
         """Return what a field holds."""
-        return self._find(label, "text", "number", "slider", "check", "list")[1].value
+        return self._find(label, "text", "number", "slider", "timeline", "check", "list")[1].value
 
     def options(self, label: str) -> tuple[str, ...]:
         """Return what a list offers."""
@@ -72,6 +72,17 @@ class PageOf:
         """Press a button, alone or in a row of them."""
         id_, look = self._find(label, "button", "choice")
         self._controls.handle(id_, label if look.kind == "choice" else None)
+
+    def press_lead(self, text: str) -> None:
+        """Press the first button in the markup that has this text in it."""
+        for id_, look in self._shown():
+            for press, inside in re.findall(
+                r'data-press="(.*?)"[^>]*>(.*?)</button>', look.content
+            ):
+                if text in html.unescape(re.sub(r"<[^>]*>", "", inside)):
+                    self._controls.handle(id_, html.unescape(press))
+                    return
+        raise AssertionError(f"no {text!r} to press")
 
     def press_key(self, key: str) -> None:
         """Press a key that does something."""
@@ -84,7 +95,7 @@ class PageOf:
 
     def type(self, label: str, value: str | float) -> None:
         """Type something into a field, or move a slider."""
-        self._controls.handle(self._find(label, "text", "number", "slider")[0], value)
+        self._controls.handle(self._find(label, "text", "number", "slider", "timeline")[0], value)
 
     def tick(self, label: str, *, is_on: bool = True) -> None:
         """Tick a box, or take the tick away."""

@@ -20,6 +20,7 @@ from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
 from trolley_viz.pages.page import Page, Shared
+from trolley_viz.past.keeper import Keeper
 from trolley_viz.people.names import Names
 from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Fleet, Robots
@@ -65,6 +66,8 @@ class VizService(Service):
             self.close_watch,
             lambda robot: self.time_of(robot).now(self.monotonic_ns),
         )
+        self.past = Keeper(self, config.robot.name)
+        self.parts = (self.past,)
         self.pages: dict[PageName, Page] = {}
         """The pages that are open."""
         self._numbers = itertools.count()
@@ -90,6 +93,7 @@ class VizService(Service):
             close_scene(self._scene)
             raise SystemExit(1) from taken
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
+        self.past.start()
         self.hub = Hub(
             service=self,
             server=self._scene,
@@ -100,6 +104,7 @@ class VizService(Service):
             let_go=self.joystick.let_go,
             people=people,
             links=links_of(self._config, tokens),
+            past=self.past,
         )
         self._shared = Shared(self.joystick, OverlayPages(self))
         self._bridge = open_bridge(self, self._config)
@@ -122,6 +127,7 @@ class VizService(Service):
     def stop(self) -> None:
         """Close the web page."""
         if self.hub is not None:
+            self.past.stop()
             self._web.close()
             close_scene(self._scene)
             if self._bridge is not None:
@@ -188,6 +194,7 @@ class VizService(Service):
                 self._fleet.update(is_watched=False)
                 hub.scenes.update({}, ())
                 hub.people.stoppers.keep(set())
+                self.past.follow(set())
         if not self.pages:
             return
         self._robots.update(self._robot_watch.by_parts)
@@ -196,6 +203,7 @@ class VizService(Service):
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
         scenes = hub.scenes.by_robot
         hub.people.stoppers.keep(scenes.keys())
+        self.past.follow(scenes.keys())
         for page in self.pages.values():
             page.session.update_scene(scenes.keys())
         hub.server.flush()  # viser would wait for more to send together

@@ -121,7 +121,7 @@ class PretendRobot(Service):
             PoseEstimate(
                 stamp_ns=stamp,
                 map="room",
-                pose=Pose2D(1.5, 0.0, 0.0),
+                pose=Pose2D(1.5 + self.driven_m, 0.0, 0.0),
                 covariance=None,
                 state="localized",
                 match=0.93,

@@ -321,7 +321,7 @@ def test_each_browser_shows_and_follows_what_it_wants(stage: "Stage") -> None:
 def test_a_viewer_has_stop_and_nothing_that_moves(stage: "Stage") -> None:
     browser = stage.browse(0, Visitor("guest", "viewer"))
     page = page_of(stage)
-    assert page.labels[4:7] == ["Tours", "Past trips", "More"]
+    assert page.labels[4:8] == ["Past", "Tours", "Past trips", "More"]
     assert page.keys == []
     assert "You may look, but not drive." in page.text()
     stage.say(browser, Said(stop=Stop(id=1, robots=["trolley"])))

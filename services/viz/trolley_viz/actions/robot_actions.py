@@ -45,6 +45,8 @@ class RobotActions:
         self._view = view
         self.tell = tell
         self._note_sent = note_sent
+        self.before_ask: Callable[[Request[Any, Any]], None] | None = None
+        """Hears of each request before it is sent."""
         self.history = History()
         """What the person did and can undo."""
         self.goal_queue = GoalQueue()
@@ -148,6 +150,8 @@ class RobotActions:
             if done is not None:
                 done(reply)
 
+        if self.before_ask is not None:
+            self.before_ask(request)
         self._service.request(request, params, finish, robot=robot)
 
     # Inside.

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar, cast
 from msgspec import structs
 
 from trolley_viz.controls.messages import Colour, Command, ControlChanges, Kind, Look, Value
+from trolley_viz.sentences import Tone
 
 MAX_TEXT = 10_000
 """No person types more characters than that into a field."""
@@ -105,6 +106,18 @@ class Control:
 
 class Html(Control):
     """Text with markup, made safe by whoever sets it."""
+
+    _act: Callable[[str], None] | None = None
+
+    def on_press(self, act: Callable[[str], None]) -> None:
+        """Call `act` with the `data-press` of a button in it that is pressed."""
+        self._act = act
+
+    def handle(self, value: Value) -> None:
+        """Press one of its buttons."""
+        if self._act is None or not isinstance(value, str) or len(value) > MAX_TEXT:
+            raise BadValue("no button of this text")
+        self._act(value)
 
     @property
     def content(self) -> str:
@@ -230,6 +243,16 @@ class Number(Field[float]):
         least = -math.inf if self._look.min is None else self._look.min
         greatest = math.inf if self._look.max is None else self._look.max
         return min(max(float(value), least), greatest)
+
+
+class Timeline(Number):
+    """A slider over some time, with marks where something was."""
+
+    def show(
+        self, first_s: float, last_s: float, at_s: float, marks: Sequence[tuple[float, Tone]]
+    ) -> None:
+        """Show a time and some marks between two times of a day [s]."""
+        self._change(min=first_s, max=last_s, value=at_s, marks=tuple(marks))
 
 
 class List(Field[str]):
@@ -403,6 +426,11 @@ class Controls:
         look = self._look("slider", visible, label=label, value=value)
         return Number(self, structs.replace(look, min=min, max=max, step=step))
 
+    def add_timeline(self, label: str) -> Timeline:
+        """Add a slider over some time."""
+        look = self._look("timeline", True, label=label, value=0.0)
+        return Timeline(self, structs.replace(look, min=0.0, max=0.0, step=1.0))
+
     def add_check(
         self,
         label: str,
@@ -452,6 +480,10 @@ class Controls:
     def add_bar(self) -> Container:
         """Add a row of small buttons over the map, to be filled while it is entered."""
         return Container(self, self._look("bar", True))
+
+    def add_strip(self) -> Container:
+        """Add a strip along the lower edge of the map, to be filled while it is entered."""
+        return Container(self, self._look("strip", False))
 
     def add_card(self) -> Card:
         """Add a card over the map, to be filled while it is entered."""

@@ -4,6 +4,8 @@ from typing import Literal
 
 from msgspec import Struct
 
+from trolley_viz.sentences import Tone
+
 Kind = Literal[
     "bar",
     "button",
@@ -15,10 +17,12 @@ Kind = Literal[
     "list",
     "number",
     "slider",
+    "strip",
     "tab",
     "tabs",
     "text",
     "tiles",
+    "timeline",
 ]
 Colour = Literal["grey", "green", "teal", "purple", "amber", "red"]
 """What a button does: red stops, green goes, amber pauses, purple is a place, teal a tour or tool,
@@ -31,8 +35,9 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         kind: what it is: `choice` is a row of buttons, `list` one to choose from, `tiles` holds
-            large buttons in two columns; over the map, `bar` holds small ones and `card` what there
-            is to a thing that was touched.
+            large buttons in two columns; over the map, `bar` holds small ones, `card` what there is
+            to a thing that was touched, and `strip` what goes along its lower edge. A `timeline` is
+            a slider over times of a day [s], beginning at midnight.
         parent: the folder or tab that it is in, 0 for the page.
         order: among its brothers, lowest first.
         label: what stands on it or before it.
@@ -51,6 +56,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
         step: from one value of a number to the next.
         hint: says more than the label.
         content: of `html`, made safe.
+        marks: of a `timeline`: times of a day [s] and their colours.
     """
 
     kind: Kind
@@ -72,6 +78,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
     step: float | None = None
     hint: str = ""
     content: str = ""
+    marks: tuple[tuple[float, Tone], ...] = ()
 
 
 class Command(Struct, frozen=True, kw_only=True):

@@ -3,7 +3,7 @@
 import { fill } from "./html.js";
 import { t } from "./words.js";
 
-const TYPING_MS = 300, OVER_MAP = ["bar", "card"];
+const TYPING_MS = 300, OVER_MAP = ["bar", "card", "strip"];
 
 export class Controls {
   constructor(root, over, line, notices) {
@@ -147,8 +147,12 @@ function field(id, input) {
 }
 
 const MAKERS = {
-  html() {
+  html(controls, id) {
     const element = make("div");
+    element.addEventListener("click", (event) => {
+      const lead = event.target.closest("button[data-press]");
+      if (lead !== null) controls.press(id, lead.dataset.press);
+    });
     return { element, show: (look) => fill(element, look.content || "") };
   },
 
@@ -163,7 +167,7 @@ const MAKERS = {
         setText(text, look.label || "");
         text.translate = !look.is_name;
         element.dataset.colour = look.colour || "grey";
-        if (element.parentElement?.classList.contains("bar")) element.title = look.label;
+        if (element.parentElement?.matches(".bar, .strip")) element.title = look.label;
         element.disabled = Boolean(look.is_disabled);
       },
     };
@@ -301,6 +305,61 @@ const MAKERS = {
     return { element, box, show: (look) => setText(title, look.label || "") };
   },
 
+  strip() {
+    const element = make("section", { ariaLabel: "Past" });
+    return { element, box: element, show: () => {} };
+  },
+
+  // What it is dragged to is said as soon as what was said before is answered.
+  timeline(controls, id) {
+    const input = make("input", { type: "range" }), output = make("output");
+    const marks = make("div", { className: "marks", ariaHidden: "true" });
+    const { element, name } = field(id, input);
+    element.append(marks, output);
+    let next = null, isBusy = false, isHeld = false;
+    const tell = () => {
+      setText(output, timeOfDay(input.valueAsNumber));
+      input.setAttribute("aria-valuetext", output.textContent);
+    };
+    const send = async () => {
+      if (isBusy) return;
+      isBusy = true;
+      while (next !== null) {
+        const value = next;
+        next = null;
+        await controls.press(id, value);
+      }
+      isBusy = false;
+    };
+    input.addEventListener("pointerdown", () => { isHeld = true; });
+    for (const end of ["pointerup", "pointercancel", "change"]) {
+      input.addEventListener(end, () => { isHeld = false; });
+    }
+    input.addEventListener("input", () => {
+      next = input.valueAsNumber;
+      tell();
+      send();
+    });
+    return {
+      element,
+      show(look, before) {
+        name(look);
+        if (isHeld || isBusy) return; // the thumb stays under the finger
+        for (const key of ["min", "max", "step"]) input[key] = look[key];
+        input.value = look.value;
+        tell();
+        if (JSON.stringify([look.min, look.max, look.marks])
+          === JSON.stringify([before.min, before.max, before.marks])) return;
+        marks.replaceChildren(...(look.marks || []).map(([at, tone]) => {
+          const mark = make("i");
+          mark.dataset.tone = tone;
+          mark.style.left = `${100 * (at - look.min) / Math.max(look.max - look.min, 1)}%`;
+          return mark;
+        }));
+      },
+    };
+  },
+
   tiles() {
     const element = make("div");
     return { element, box: element, show: () => {} };
@@ -368,4 +427,10 @@ function showNumber(input, name, look, before) {
     input[key] = look[key] === undefined ? (key === "step" ? "any" : "") : look[key];
   }
   if (before.value !== look.value) input.value = look.value;
+}
+
+// Seconds since midnight as "14:05:12".
+function timeOfDay(seconds) {
+  const two = (number) => String(Math.floor(number)).padStart(2, "0");
+  return `${two(seconds / 3600 % 24)}:${two(seconds / 60 % 60)}:${two(seconds % 60)}`;
 }

@@ -55,3 +55,8 @@ def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
         StatusLine(f"Sent by {sender}", "idle") if sender else None,
     ]
     return [line for line in lines if line is not None]
+
+
+def now_line(now: StatusLine) -> StatusLine:
+    """Say what is, beside what was."""
+    return StatusLine(f"Now: {now.headline}", now.tone, now.detail)

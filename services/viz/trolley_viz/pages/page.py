@@ -8,11 +8,12 @@ from trolley import requests
 from trolley.codes import Refused
 from trolley.messages.request_params import Nothing
 from trolley_viz.controls.controls import BadValue, Controls, NotThere
+from trolley_viz.joystick.joystick import Grip
 from trolley_viz.joystick.teleop import PadState, Teleop
 from trolley_viz.languages.translator import translator_of
 from trolley_viz.overlays.cards import Moment
 from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
-from trolley_viz.pages.known import robot_state, state_lines, under_way
+from trolley_viz.pages.known import now_line, robot_state, state_lines, under_way
 from trolley_viz.pages.language import in_language
 from trolley_viz.panels.console import Console
 from trolley_viz.robots.silence import SilentServices
@@ -171,7 +172,7 @@ class Page:
             is_late = not -AHEAD_MS <= now_ms - said.gesture.at_ms <= LATE_MS
             self._gesture(said.gesture, is_late=is_late)
         if said.grip is not None and self.may_drive:
-            self._shared.joystick.hear(self._number, self.robot, said.grip)
+            self._grip(said.grip)
         if said.overlay is not None:
             shown = self._shown_overlays()
             if shown is not None:
@@ -193,6 +194,8 @@ class Page:
         people = self._hub.people
         sender = people.senders.of(view.robot_name, under_way(known))
         lines = state_lines(known, sender)
+        now = situation(known)
+        then = self.session.past.sentence("" if view.map is None else view.map.name)
         self._console.update(view, lines)
         line = self._line
         if line is None or not line.is_clear:
@@ -211,8 +214,8 @@ class Page:
         state = PageState(
             robot=view.robot_name,
             title=view.robot_name if view.robot is None else view.robot.title or view.robot_name,
-            sentence=situation(known),
-            lines=lines,
+            sentence=then or now,
+            lines=[now_line(now), *lines] if then else lines,
             stop=stop,
             is_stopped=base is not None and base.is_halted and not view.is_away,
             hint=self.session.hint,
@@ -272,6 +275,7 @@ class Page:
 
     def _stop(self, stop: Stop) -> None:
         hub = self._hub
+        self.session.past.return_to_now()
         # A viewer that has just started has not heard of all robots yet.
         named = [name for name in stop.robots if ROBOT_NAME.fullmatch(name)]
         for robot in named or hub.robots.names(self.robot):
@@ -286,6 +290,7 @@ class Page:
             self.say(Told(answer=Answer(id=resume.id, is_done=False, text=why)))
             return
 
+        self.session.past.return_to_now()
         actions = self.session.actions
         goes_on = resume.robot == self.robot and actions.was_stopped
 
@@ -298,6 +303,11 @@ class Page:
         self._hub.stops.release(resume.robot)
         self._hub.people.stoppers.release(resume.robot)
         self._hub.service.request(requests.BASE_RESUME, Nothing(), answered, robot=resume.robot)
+
+    def _grip(self, grip: Grip) -> None:
+        if grip.held:
+            self.session.past.return_to_now()
+        self._shared.joystick.hear(self._number, self.robot, grip)
 
     def _gesture(self, gesture: Gesture, *, is_late: bool) -> None:
         session = self.session

@@ -8,6 +8,7 @@ from trolley_viz.panels.links import LinksPanel
 from trolley_viz.panels.map_tab import MapTab
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.more_tab import MoreTab
+from trolley_viz.panels.past_bar import PastBar
 from trolley_viz.panels.people import PeoplePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
@@ -33,6 +34,7 @@ class Console:
         self._card: TouchCard | None = None
         self._view_bar = ViewBar(gui, session)
         self._links: LinksPanel | None = None
+        self._past_bar = PastBar(gui, session)
         tabs = self._tabs = gui.add_tabs()
         if session.may_drive:
             with tabs.add_tab("Go", "steering-wheel"):
@@ -67,6 +69,7 @@ class Console:
         if self._card is not None:
             self._card.update(view)
         self._view_bar.update()
+        self._past_bar.update()
         self._state.content = "".join(map(row, lines))
         self._more.update(view)
         self._people.update(view.now_ns)

@@ -82,6 +82,25 @@ def _worded(text: str) -> str:
     return f"<span>{html.escape(text)}</span>"
 
 
+def lead(press: str, text: str) -> str:
+    """A small button; its control hears `press`."""
+    return (
+        f'<button type="button" class="small" data-press="{html.escape(press)}">'
+        f"{html.escape(text)}</button>"
+    )
+
+
+def leads(entries: Sequence[tuple[str, StatusLine]]) -> str:
+    """Lines that can be pressed, each with what its control hears then."""
+    buttons = "".join(
+        f'<button type="button" class="lead" data-press="{html.escape(press)}"'
+        f' data-tone="{words.tone}"><i></i><span><b>{html.escape(words.headline)}</b>'
+        f"{html.escape(words.detail)}</span></button>"
+        for press, words in entries
+    )
+    return f'<div class="leads">{buttons}</div>' if buttons else ""
+
+
 def numbered(texts: Sequence[str]) -> str:
     """A list of names whose entries are numbered; nothing without any."""
     entries = "".join(f"<li>{html.escape(text)}</li>" for text in texts)

@@ -1,25 +1,42 @@
 """Past trips: when, which tour, how long, how far it got, and what came of each stop."""
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from trolley import codes
-from trolley.messages import PastTrip, TourStatus
+from trolley.messages import PastTrip, StopResult, TourStatus
 from trolley_viz.controls.controls import Controls
-from trolley_viz.panels.markup import details, note, row
-from trolley_viz.robots.past_trips import PastTrips
+from trolley_viz.panels.markup import details, lead, note, row
+from trolley_viz.robots.past_trips import PastTrips, has_failed
 from trolley_viz.sentences import StatusLine, Tone, duration, result_line
 
 SHOWN_AT_ONCE = 20
 MAX_RESULTS = 50
 ALL_TOURS = "all tours"
 UNNAMED = "unnamed"
+LOOK, MOMENT = "Look at it", "Show the moment"
+
+HasRecord = Callable[[PastTrip], bool]
 
 
 class PastTripsPanel:
-    """A list that is asked for when it is opened."""
+    """A list that is asked for when it is opened.
 
-    def __init__(self, gui: Controls) -> None:
+    Args:
+        gui: where it is added.
+        has_record: whether it is recorded what the robot did on a trip.
+        look_at: shows that, or the moment of a stop that was not reached.
+    """
+
+    def __init__(
+        self,
+        gui: Controls,
+        has_record: HasRecord,
+        look_at: Callable[[PastTrip, StopResult | None], None],
+    ) -> None:
+        self._has_record, self._look_at = has_record, look_at
+        self._trips: dict[str, PastTrip] = {}
+        """Those that are listed."""
         self._is_open = False
         self._num_shown = SHOWN_AT_ONCE
         self._toggle = gui.add_button("Past trips", icon="history")
@@ -27,6 +44,7 @@ class PastTripsPanel:
         self._list = gui.add_html("")
         self._more = gui.add_button("Show more", visible=False)
         self._toggle.on_press(self._switch)
+        self._list.on_press(self._lead)
         self._more.on_press(self._show_more)
 
     def update(
@@ -45,7 +63,19 @@ class PastTripsPanel:
         self._tour.options = [ALL_TOURS, *sorted({one.name or UNNAMED for one in trips})]
         chosen = [one for one in trips if self._tour.value in (ALL_TOURS, one.name or UNNAMED)]
         self._more.visible = len(chosen) > self._num_shown
-        self._list.content = trips_html(past, chosen[: self._num_shown])
+        shown = chosen[: self._num_shown]
+        self._trips = {one.trip: one for one in shown}
+        self._list.content = trips_html(past, shown, self._has_record)
+
+    def _lead(self, press: str) -> None:
+        """Show a trip, "t1", or what became of one of its stops, "t1 3"."""
+        name, _, index = press.partition(" ")
+        trip = self._trips.get(name)
+        if trip is None or not self._has_record(trip):
+            return
+        results = trip.results
+        is_stop = index.isdecimal() and int(index) < len(results)
+        self._look_at(trip, results[int(index)] if is_stop else None)
 
     def _switch(self) -> None:
         self._is_open, self._num_shown = not self._is_open, SHOWN_AT_ONCE
@@ -54,8 +84,10 @@ class PastTripsPanel:
         self._num_shown += SHOWN_AT_ONCE
 
 
-def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
-    """The trips, each of which opens to what came of its stops."""
+def trips_html(
+    past: PastTrips, trips: Sequence[PastTrip], has_record: HasRecord = lambda _: False
+) -> str:
+    """The trips, each of which opens to what came of its stops, and leads to what was recorded."""
     problem = (
         row(StatusLine("Past trips are not available right now", "warn", past.problem))
         if past.problem
@@ -65,19 +97,24 @@ def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
         return problem or note("Loading …")
     if not past.trips:
         return problem + note("No trips yet.")
-    return problem + "".join(map(_trip, trips))
+    return problem + "".join(_trip(trip, is_recorded=has_record(trip)) for trip in trips)
 
 
-def _trip(trip: PastTrip) -> str:
-    shown = trip.results[-MAX_RESULTS:]
+def _trip(trip: PastTrip, *, is_recorded: bool) -> str:
+    shown = list(enumerate(trip.results))[-MAX_RESULTS:]
     left_out = trip.reached + trip.missed - len(shown)
-    results = "".join(row(result_line(result)) for result in shown)
+    results = "".join(
+        row(result_line(result))
+        + (lead(f"{trip.trip} {i}", MOMENT) if is_recorded and has_failed(result) else "")
+        for i, result in shown
+    )
     if left_out > 0:
         results = note(f"{left_out} earlier stops are not shown.") + results
     title = " · ".join(filter(None, [trip.name or UNNAMED, when_text(trip.started_at)]))
     words = StatusLine(title, tone_of(trip), summary(trip))
     names = [trip.name] if trip.name else []
-    return details(words, results or note("It had not reached a stop yet."), names)
+    look = lead(trip.trip, LOOK) if is_recorded else ""
+    return details(words, look + (results or note("It had not reached a stop yet.")), names)
 
 
 def tone_of(trip: PastTrip) -> Tone:

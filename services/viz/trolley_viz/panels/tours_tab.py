@@ -2,7 +2,7 @@
 
 from trolley import topics
 from trolley.geometry.frames import MAP
-from trolley.messages import Tour
+from trolley.messages import PastTrip, Tour
 from trolley_viz.actions.tour_actions import TourActions
 from trolley_viz.controls.controls import Controls
 from trolley_viz.editing.tour_draft import Draft, Editing
@@ -40,7 +40,7 @@ class TourTab:
         if session.may_drive:
             self._list = TourList(gui, self, actions.history)
             self._editor = TourEditor(gui, session, self._save)
-        self._past = PastTripsPanel(gui)
+        self._past = PastTripsPanel(gui, self._has_record, session.past.show_trip)
 
     def update(self, view: View) -> None:
         """Show what is."""
@@ -54,6 +54,9 @@ class TourTab:
             self._list.update(tours, is_open=editing is None)
             self._editor.update(view, tours or [], is_shown=editing is not None)
         self._draw(view, editing)
+
+    def _has_record(self, trip: PastTrip) -> bool:
+        return self._session.hub.past.has_trip(self._session.robot, trip.trip)
 
     def _edited_here(self) -> Editing | None:
         """What is edited of the robot that is followed now."""

@@ -16,10 +16,12 @@ class ViewBar:
             self._above = gui.add_button("")
             self._follow = gui.add_button("")
             self._turn = gui.add_button("")
+            self._past = gui.add_button("Past", icon="history")
         fit.on_press(session.fit_view)
         self._above.on_press(self._change_height)
         self._follow.on_press(self._follow_or_stay)
         self._turn.on_press(self._turn_or_not)
+        self._past.on_press(self._open_or_close_past)
         self.update()
 
     def update(self) -> None:
@@ -33,6 +35,7 @@ class ViewBar:
         self._turn.label = "Keep north up" if look.turns else "Turn with the robot"
         self._turn.icon = "navigation-north" if look.turns else "navigation"
         self._turn.colour = "teal" if look.turns else "grey"
+        self._past.colour = "teal" if self._session.past.is_open else "grey"
 
     def _change_height(self) -> None:
         look = self._session.look
@@ -45,3 +48,10 @@ class ViewBar:
     def _turn_or_not(self) -> None:
         look = self._session.look
         self._session.change_look(replace(look, follows=True, turns=not look.turns))
+
+    def _open_or_close_past(self) -> None:
+        past = self._session.past
+        if past.is_open:
+            past.close()
+        else:
+            past.open()

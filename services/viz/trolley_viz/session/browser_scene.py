@@ -14,6 +14,7 @@ from trolley_viz.robots.view import View
 from trolley_viz.scene.frame_axes import FrameAxes
 from trolley_viz.scene.goal_pins import GoalPins
 from trolley_viz.scene.markers.icons import Icon, Icons
+from trolley_viz.scene.past import PastDrawing
 from trolley_viz.scene.place_labels import Eye, PlaceLabels
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
@@ -40,6 +41,8 @@ class BrowserScene:
         self._labels = PlaceLabels(scene)
         self._axes = FrameAxes(scene)
         self._touch_mark = TouchMark(scene)
+        self.past = PastDrawing(scene)
+        """The moment that its person looks at."""
 
     def show_robot(self, robot: str, robots: Set[str], layers: Mapping[str, bool]) -> None:
         """Show one of the robots in the shared scene, and of its layers those that are on."""

@@ -7,6 +7,7 @@ import viser
 
 from trolley import topics
 from trolley.runtime.service import Service
+from trolley_viz.past.keeper import Keeper
 from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopPresses
@@ -34,6 +35,8 @@ class Hub:
     """Saves the choices of a browser."""
     let_go: Callable[[int], None]
     """Takes the joystick out of a page's hand."""
+    past: Keeper
+    """Records what the robots do."""
     people: People
     """Who has the viewer open, and who did what."""
     links: Links

@@ -22,12 +22,14 @@ from trolley_viz.languages.catalogue import ENGLISH, known_language
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
 from trolley_viz.overlays.pages import File
+from trolley_viz.past.looking import Looking
 from trolley_viz.pointing.drags import Drags
 from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import Pointer
 from trolley_viz.pointing.touch import Touched, touched
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
+from trolley_viz.scene.past import HIDDEN
 from trolley_viz.scene.scene import shown_layers
 from trolley_viz.sentences import Tone
 from trolley_viz.server.messages import Notice, Told
@@ -80,6 +82,9 @@ class Session:
         self.actions = RobotActions(
             service, lambda: self._robot, lambda: self.view, self.tell, self._note_sent
         )
+        self.past = Looking(service, hub.past, lambda: self._robot, self.tell)
+        """Whether it looks at what is, or at a moment of the past."""
+        self.actions.before_ask = self.past.asks
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
@@ -250,6 +255,7 @@ class Session:
             self.put_tools_away()
             self.map_editor.leave()
             self.actions.forget()
+            self.past.close()
             self._hub.let_go(self._page.number)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
@@ -323,9 +329,11 @@ class Session:
         """Show what this browser wants to see of the robots in the scene, and nothing else."""
         layers, view = self.layers(), self.view
         self.drags.tick()
+        self._tick_past()
         self.aiming.request_preview()
         if self.scene is not None and self._viewport is not None:
             hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
+            hidden |= HIDDEN if self.past.is_past else set[str]()
             shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
             self.scene.show_robot(self._robot, robots, shown)
             self.scene.move_root(self._robot, self.map_editor.new_T_old)
@@ -340,6 +348,7 @@ class Session:
                 eye=self._viewport.eye,
                 touched=self.touching.touched,
             )
+            self.scene.past.draw(self.past.picture, view)
             self._viewport.update(view, self._robot)
         self._keep_one_tool()
         self.zone_editor.update()
@@ -374,6 +383,12 @@ class Session:
             client.gui.configure_theme(
                 dark_mode=self.is_dark, show_logo=False, show_share_button=False
             )
+
+    def _tick_past(self) -> None:
+        """Let the past go on; a tool that waits for the pointer is about what is now."""
+        if self.hint:
+            self.past.return_to_now()
+        self.past.tick()
 
     def _remember_folder(self, title: str, *, is_open: bool) -> None:
         folders = {**self._choices.folders, title: is_open}
