@@ -12,8 +12,8 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, SavedPoses, Zone, Zones
 from trolley_viz.graphics import camera
-from trolley_viz.pointing.touch import touched
 from trolley_viz.scene.place_labels import Eye
+from trolley_viz.scene.touch import touched
 from trolley_viz.server.messages import Gesture, Said
 from trolley_viz.server.visitors import Visitor
 

@@ -15,8 +15,8 @@ from trolley_viz.actions.aiming import ANY_HEADING, Aiming, preview_text
 from trolley_viz.actions.place_actions import PlaceActions
 from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.pointing.pointer import Pointed
-from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
+from trolley_viz.scene.touch import Touched
 from trolley_viz.sentences import refusal
 
 FLOOR_TITLE = "a place on the map"

@@ -15,8 +15,8 @@ from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.touch_card import Leads, TouchCard
 from trolley_viz.panels.tours_tab import TourTab
 from trolley_viz.panels.view_bar import ViewBar
-from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
+from trolley_viz.scene.touch import Touched
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
 

@@ -7,8 +7,8 @@ from trolley import topics
 from trolley.messages import Zone
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note
-from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
+from trolley_viz.scene.touch import Touched
 from trolley_viz.session.session import Session
 
 KINDS = {

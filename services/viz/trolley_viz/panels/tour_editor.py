@@ -15,8 +15,8 @@ from trolley_viz.panels.markup import note, row, title
 from trolley_viz.panels.point_editor import REMOVE, UP, PointEditor
 from trolley_viz.panels.tour_times import TimesEditor
 from trolley_viz.pointing.pointer import Pointed, Tool
-from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
+from trolley_viz.scene.touch import Touched
 from trolley_viz.scene.tours import place_finder
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session

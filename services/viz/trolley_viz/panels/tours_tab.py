@@ -10,8 +10,8 @@ from trolley_viz.panels.past_trips import PastTripsPanel
 from trolley_viz.panels.tour_editor import TourEditor
 from trolley_viz.panels.tour_list import TourList
 from trolley_viz.panels.trip import TripPanel
-from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
+from trolley_viz.scene.touch import Touched
 from trolley_viz.scene.tours import (
     TourDrawing,
     edited_colours,

@@ -55,7 +55,7 @@ AFTER_TRIP_NS = 5_000_000_000
 BEGINNING_S = 5.0
 """A trip that is younger when it is first heard of is recorded from its beginning [s]."""
 
-SETTLE_NS = 2_000_000_000
+SILENT_START_NS = 2_000_000_000
 """Until what is watched has come, nothing is said: it would be that services are not running."""
 STANDING_READ_NS = 2_000_000_000
 """Between two reads of the pose while the robot stands and has no goal."""
@@ -106,7 +106,7 @@ class Recorder:
         )
         self._laser = service.watch(topics.TF, "laser", robot=robot)
         self._streams.follow(WATCHED)
-        self._said_from_ns = service.monotonic_ns + SETTLE_NS
+        self._said_from_ns = service.monotonic_ns + SILENT_START_NS
         self._epoch: int = 0
         """The run of the robot's base."""
         self._estimate: PoseEstimate | None = None
@@ -162,7 +162,7 @@ class Recorder:
         """Forget what was heard before the robot's base began a new run."""
         epoch = self._service.time_of(self._robot).epoch
         if epoch != self._epoch:
-            self._epoch, self._said_from_ns = epoch, now_ns + SETTLE_NS
+            self._epoch, self._said_from_ns = epoch, now_ns + SILENT_START_NS
             self._estimate = self._scan = None
             self._streams.drop_all()
             self._streams.follow(WATCHED)

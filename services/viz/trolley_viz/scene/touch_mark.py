@@ -4,8 +4,8 @@ import viser
 
 from trolley.geometry import Pose2D
 from trolley_viz.graphics.shapes import circle, closed_segments, place
-from trolley_viz.pointing.touch import Touched
 from trolley_viz.scene.layer import Z_LABEL
+from trolley_viz.scene.touch import Touched
 
 COLOUR = (29, 95, 208)
 RADIUS_M = 0.16

@@ -9,7 +9,6 @@ from trolley.geometry import Pose2D
 from trolley.messages import Path
 from trolley_viz.editing.goal_queue import QueuedGoal
 from trolley_viz.graphics.shapes import place
-from trolley_viz.pointing.touch import Touched
 from trolley_viz.robots.view import View
 from trolley_viz.scene.frame_axes import FrameAxes
 from trolley_viz.scene.goal_pins import GoalPins
@@ -19,6 +18,7 @@ from trolley_viz.scene.place_labels import Eye, PlaceLabels
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT
+from trolley_viz.scene.touch import Touched
 from trolley_viz.scene.touch_mark import TouchMark
 from trolley_viz.sentences import goal_name
 

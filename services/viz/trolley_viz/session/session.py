@@ -26,11 +26,11 @@ from trolley_viz.past.looking import Looking
 from trolley_viz.pointing.drags import Drags
 from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import Pointer
-from trolley_viz.pointing.touch import Touched, touched
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
 from trolley_viz.scene.past import HIDDEN
 from trolley_viz.scene.scene import shown_layers
+from trolley_viz.scene.touch import Touched, touched
 from trolley_viz.sentences import Tone
 from trolley_viz.server.messages import Notice, Told
 from trolley_viz.server.visitors import Visitor
