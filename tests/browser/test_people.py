@@ -49,7 +49,7 @@ def test_both_see_who_sent_the_robot_and_who_stopped_it(
         one.reload()
         call(one, name)
     for one in (page, guest):
-        expect(one.get_by_text("<b>Ben</b> 🤖")).to_be_visible()
+        expect(one.get_by_text("<b>Ben</b> 🤖", exact=True)).to_be_visible()
     page.get_by_role("tab", name="Go").click()
     page.get_by_role("button", name="kitchen").click()
     for one in (page, guest):

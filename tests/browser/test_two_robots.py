@@ -161,7 +161,7 @@ def test_one_viewer_shows_and_stops_two_robots(
     expect(page.get_by_text("No contact with the robot").first).to_be_visible()
     page.screenshot(path=pictures / "second-away.png")
     button(page, "STOP").click()
-    expect(page.get_by_text("NOT STOPPED")).to_be_visible()
+    expect(page.locator("#stop-line")).to_contain_text("NOT STOPPED")
     button(page, "Follow Demo robot").click()
     expect(page.get_by_text("Localized").first).to_be_visible()
     page.get_by_text("All robots", exact=True).click()
