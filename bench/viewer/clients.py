@@ -1,4 +1,4 @@
-"""Browsers for `cost.py`: clients that speak viser's protocol, and a real Chromium.
+"""Browsers for `cost.py`: clients that speak the page's and viser's protocols, and a real Chromium.
 
 Both note for each scan that they received and decoded how long ago it was published, and how many
 updates of the particles came.
@@ -6,6 +6,8 @@ updates of the particles came.
 
 import asyncio
 import contextlib
+import re
+import secrets
 import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
@@ -19,7 +21,7 @@ import zstandard
 from bench.viewer.pretend_robot import NEAREST_M, SCAN_HZ, SPAN_S
 from playwright.async_api import Page, async_playwright
 from viser._messages import ViewerCameraMessage
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = [
@@ -28,7 +30,9 @@ ARGUMENTS = [
     "--enable-unsafe-swiftshader",
     "--no-sandbox",
 ]
-SCAN_NODE, PARTICLE_NODE = "/scan/points", "/particles/arrows"
+SCAN_NODE, PARTICLE_NODE, ROBOT_NODE = "/scan/points", "/particles/arrows", "/robot/base_link"
+SECRET = re.compile(r'data-secret="(\w+)"')
+"""By which viser's connection is known to be the same page's."""
 
 
 @dataclass
@@ -38,8 +42,15 @@ class Seen:
     since_s: float = field(default_factory=time.perf_counter)
     ages_s: list[float] = field(default_factory=list)
     """Of each scan, when it was decoded."""
+    poses_s: list[float] = field(default_factory=list[float])
+    """Of each place of the robot, its age when it was decoded."""
+    stops_s: list[float] = field(default_factory=list[float])
+    """How long each press of Stop took to be answered."""
     num_particles: int = 0
     num_bytes: int = 0
+    """Over viser's connection."""
+    num_line_bytes: int = 0
+    """Over the life line, as it is unpacked."""
 
     def take_scan(self, first_x: float, now_s: float) -> None:
         """Note a scan by the x of its first point."""
@@ -66,12 +77,16 @@ class Seen:
 
 
 class ProtocolClient:
-    """Receives and decodes all that viser sends, as the page does, and draws nothing."""
+    """Receives and decodes all that a page is sent, on both its connections, and draws nothing."""
 
-    def __init__(self, url: str) -> None:
-        """Connect with `run`."""
+    def __init__(self, url: str, headers: dict[str, str] | None = None) -> None:
+        """Connect with `run`; with `headers`, such as a cookie."""
         self._url = url.replace("http", "ws")
+        self._headers = headers or {}
+        self._line: asyncio.Future[ClientConnection] = asyncio.get_running_loop().create_future()
+        self._stops: dict[int, float] = {}
         self._zstd = zstandard.ZstdDecompressor()
+        self._secret: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.seen = Seen()
         self.is_reading = asyncio.Event()
         self.is_reading.set()
@@ -82,8 +97,44 @@ class ProtocolClient:
 
     async def run(self) -> None:
         """Receive until it is cancelled; does not read while `is_reading` is not set."""
+        async with asyncio.TaskGroup() as both:
+            both.create_task(self._hold_line())
+            both.create_task(self._watch_scene())
+
+    async def _hold_line(self) -> None:
+        """Answer beats, and claim the scene as soon as its secret is known."""
+        key = secrets.token_hex(16)
+        url = f"{self._url}/line?page={key}"
+        async with connect(url, additional_headers=self._headers, max_size=None) as socket:
+            self._line.set_result(socket)
+            claims = asyncio.create_task(self._claim(socket))
+            async for data in socket:
+                self.seen.num_line_bytes += len(data)
+                told = msgspec.json.decode(data)
+                if "beat_ms" in told:
+                    await socket.send(msgspec.json.encode({"beat_ms": told["beat_ms"]}).decode())
+                if "answer" in told and told["answer"]["id"] in self._stops:
+                    pressed_s = self._stops.pop(told["answer"]["id"])
+                    self.seen.stops_s.append(time.monotonic() - pressed_s)
+            await claims
+
+    async def press_stop(self, robot: str) -> None:
+        """Press Stop; how long its answer takes is noted."""
+        socket = await self._line
+        number = len(self._stops) + 1000 + len(self.seen.stops_s)
+        self._stops[number] = time.monotonic()
+        said = {"stop": {"id": number, "robots": [robot]}}
+        await socket.send(msgspec.json.encode(said).decode())
+
+    async def _claim(self, socket: ClientConnection) -> None:
+        await socket.send(msgspec.json.encode({"scene": await self._secret}).decode())
+
+    async def _watch_scene(self) -> None:
         protocol: Any = f"viser-v{viser.__version__}"
-        async with connect(self._url, subprotocols=[protocol], max_size=None) as socket:
+        url = f"{self._url}/scene/"
+        async with connect(
+            url, subprotocols=[protocol], additional_headers=self._headers, max_size=None
+        ) as socket:
             await socket.send(camera_message())
             while True:
                 await self.is_reading.wait()
@@ -103,7 +154,11 @@ class ProtocolClient:
             at += length
         now_s = time.time()
         for message in batch["messages"]:
+            if "data-secret" in str(message.get("props", "")) and not self._secret.done():
+                self._secret.set_result(SECRET.findall(str(message["props"]))[0])
             name, updates = message.get("name") or "", message.get("updates")
+            if message["type"] == "SetPositionMessage" and name.endswith(ROBOT_NODE):
+                self.seen.poses_s.append((now_s - message["position"][1]) % SPAN_S)
             if message["type"] != "SceneNodeUpdateMessage" or "points" not in updates:
                 continue
             if name.endswith(SCAN_NODE):

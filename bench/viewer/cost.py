@@ -34,6 +34,7 @@ footprint = {{length_m = 0.4, width_m = 0.4}}
 [zenoh]
 connect = ["tcp/127.0.0.1:{router}"]
 [viz]
+host = "{host}"
 port = {viewer}
 """
 
@@ -67,11 +68,11 @@ class Used:
 
 
 @contextlib.contextmanager
-def started(folder: Path) -> Iterator[tuple[Used, str]]:
+def started(folder: Path, host: str = "127.0.0.1") -> Iterator[tuple[Used, str]]:
     """Router, robot and viewer; gives the viewer's process and its address."""
     router, viewer = free_port(), free_port()
     config = folder / "robot.toml"
-    config.write_text(CONFIG.format(router=router, viewer=viewer))
+    config.write_text(CONFIG.format(router=router, viewer=viewer, host=host))
     environment = {**os.environ, "TROLLEY_STATE": str(folder / "state")}
     commands = (["-m", "trolley_viz"], ["-m", "bench.viewer.pretend_robot"])
     with open_router([f"tcp/127.0.0.1:{router}"]), (folder / "log").open("wb") as log:
@@ -86,8 +87,8 @@ def started(folder: Path) -> Iterator[tuple[Used, str]]:
             for command in commands
         ]
         try:
-            wait_for_port(viewer)
-            yield Used(processes[0].pid), f"http://127.0.0.1:{viewer}"
+            wait_for_port(viewer, host)
+            yield Used(processes[0].pid), f"http://{host}:{viewer}"
             if any(process.poll() is not None for process in processes):
                 raise RuntimeError((folder / "log").read_text())
         finally:
@@ -104,12 +105,12 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def wait_for_port(port: int, seconds: float = 60.0) -> None:
+def wait_for_port(port: int, host: str, seconds: float = 60.0) -> None:
     """Wait until somebody listens."""
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
+            if probe.connect_ex((host, port)) == 0:
                 return
         time.sleep(0.1)
     raise TimeoutError(f"nobody listens on port {port}")

@@ -1,10 +1,11 @@
-"""A pretend robot for `cost.py`: it stands still and says as much as a busy one.
+"""A pretend robot for `cost.py` and `thin_link.py`: it says as much as a busy one.
 
     python -m bench.viewer.pretend_robot --config robot.toml
 
 Scans of 720 beams at 10 Hz with their classes, 2000 particles at 5 Hz, odometry at 30 Hz. Beam 0
 tells when its scan was published: its range is 1 m and as many metres as there are seconds of the
-host's clock, modulo `SPAN_S`. As the robot stands at the origin, that is the x of the first point.
+host's clock, modulo `SPAN_S`. As the robot's x is always 0, that is the x of the first point. Its y
+is as many metres as there are seconds when its odometry was published, so it tells that in turn.
 """
 
 import time
@@ -89,9 +90,10 @@ class BusyRobot(Service):
 
     @every(1.0 / 30.0, clock="local")
     def tell_odometry(self) -> None:
-        """Standing."""
+        """Sliding to its left; where it is says when it was there."""
         still = Twist2D(0.0, 0.0, 0.0)
-        self.publish(topics.ODOM, Odometry(stamp_ns=self.monotonic_ns, pose=HERE, twist=still))
+        here = Pose2D(0.0, time.time() % SPAN_S, 0.0)
+        self.publish(topics.ODOM, Odometry(stamp_ns=self.monotonic_ns, pose=here, twist=still))
 
     @every(1.0 / SCAN_HZ, clock="local")
     def tell_scan(self) -> None:

@@ -64,6 +64,7 @@ class Shown:
     """A demo with its viewer, and a client on its bus."""
 
     def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self.viz_port = find_free_port()
         self.demo = Demo(folder, "--viz-port", str(self.viz_port), "--seed", "3")
         self.robot = Robot(self.demo.name, [self.demo.endpoint])
@@ -159,11 +160,17 @@ def open_page(browser: Browser, width: int, height: int, **options: Any) -> Page
     return page
 
 
+def open_viewer(page: Page, url: str) -> None:
+    """Open the viewer, until it knows where the robot is and shows the map."""
+    page.goto(url)
+    page.get_by_text("Localized").first.wait_for()
+    page.locator("#scene-wait").wait_for(state="hidden")
+
+
 @pytest.fixture(scope="module")
 def page(shown: Shown, browser: Browser) -> Iterator[Page]:
     page = open_page(browser, 1000, 640)
-    page.goto(shown.url)
-    page.get_by_text("Localized").first.wait_for()
+    open_viewer(page, shown.url)
     yield page
     page.context.close()
 

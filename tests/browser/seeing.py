@@ -11,18 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Page
+from playwright.sync_api import Frame, Locator, Page
 from support.waiting import PATIENCE_S
 
 from trolley.gridmap import load_map
-from trolley_viz.graphics.camera import (
-    BELOW,
-    FIELD_OF_VIEW,
-    PANEL_PIXELS,
-    bounds_of,
-    is_narrow,
-    stand,
-)
+from trolley_viz.graphics.camera import FIELD_OF_VIEW, bounds_of, stand
 
 WORLDS = Path(__file__).parents[2] / "worlds"
 
@@ -32,26 +25,29 @@ Colour = Callable[[Pixels], NDArray[np.bool_]]
 """Says of pixels (..., 3) which have a colour (...)."""
 
 
+def scene(page: Page) -> Frame:
+    """The frame in which the scene is drawn."""
+    return next(frame for frame in page.frames if "/scene/" in frame.url)
+
+
+def canvas(page: Page) -> Locator:
+    """What the scene is drawn on."""
+    return scene(page).locator("canvas[data-engine]")
+
+
 def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     """Where a point of the floor is seen, with the camera that the viewer gives a new browser."""
     grid = load_map(WORLDS / "apartment.yaml")
     known = np.argwhere(grid.cells >= 0)
     low, high = known.min(axis=0), known.max(axis=0) + 1
     corners = np.array([low, high])[:, ::-1] * grid.resolution
-    size = page.viewport_size
-    assert size is not None
-    bounds, width = bounds_of(grid.origin.transform_points(corners)), size["width"]
-    if is_narrow(width, size["height"]):  # the controls are a sheet over the lower part
-        x0, y0, x1, y1 = bounds
-        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
-    else:
-        width -= PANEL_PIXELS
-    position, look_at = stand(bounds, width / size["height"])
+    box = canvas(page).bounding_box()
+    assert box is not None
+    bounds = bounds_of(grid.origin.transform_points(corners))
+    position, look_at = stand(bounds, box["width"] / box["height"])
     forward = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.array([1.0, 0.0, 0.0])
     ray = np.array([*point, 0.0]) - position
-    box = page.locator("canvas[data-engine]").bounding_box()
-    assert box is not None
     scale = 0.5 * box["height"] / math.tan(0.5 * FIELD_OF_VIEW) / float(ray @ forward)
     up = float(ray @ np.cross(right, forward))
     return (
@@ -62,7 +58,7 @@ def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
 
 def wait_for_frames(page: Page) -> None:
     """Let what was put into the scene be drawn; without a graphics card that takes a while."""
-    page.evaluate(
+    scene(page).evaluate(
         "async () => { for (let i = 0; i < 4; i++) await new Promise(requestAnimationFrame) }"
     )
 

@@ -9,7 +9,7 @@ from support.waiting import wait_until
 
 from trolley import topics
 
-from .seeing import pixel_of, wait_for_frames
+from .seeing import pixel_of, scene, wait_for_frames
 from .test_viewer import FAR, FROM_FAR, button, goal_state
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 def test_what_is_not_let_go_of_sends_no_goal(page: Page, shown: "Shown") -> None:
     fingers = page.context.new_cdp_session(page)
-    hint = page.locator("#trolley-hint")
+    hint = page.locator("#hint")
 
     def touch(kind: str, *points: tuple[float, float]) -> None:
         at = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
@@ -47,7 +47,7 @@ def test_what_is_not_let_go_of_sends_no_goal(page: Page, shown: "Shown") -> None
     touch("touchEnd")
     expect(hint).to_contain_text("Press where it should go")
     drag_on()
-    page.evaluate("window.dispatchEvent(new Event('blur'))")  # as for another window
+    scene(page).evaluate("window.dispatchEvent(new Event('blur'))")  # as for another window
     expect(hint).to_contain_text("Press where it should go")
     touch("touchEnd")
     page.wait_for_timeout(500)

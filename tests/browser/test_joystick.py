@@ -13,7 +13,7 @@ from support.waiting import wait_until
 
 from trolley import topics
 
-from .conftest import open_page
+from .conftest import open_page, open_viewer
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -38,8 +38,7 @@ def open_pad(shown: "Shown", browser: Browser) -> Iterator[Callable[[], Page]]:
         """A small page: the fewer pixels to draw in software, the more time for the rest."""
         page = open_page(browser, width, height)
         opened.append(page)
-        page.goto(shown.url)
-        page.get_by_text("Localized").first.wait_for()
+        open_viewer(page, shown.url)
         page.get_by_role("button", name="Drive by hand").click()
         expect(page.locator(".hand-card")).not_to_have_class("hand-card hand-off")
         return page
@@ -145,7 +144,7 @@ def test_stop_while_it_is_held_stops_for_good(
     wait_until(lambda: driven.twist().wz > 0.5, "it turns")
     shown.robot.stop()
     driven.wait_until_it_stands()
-    expect(page.locator(".hand-say")).to_contain_text("Press Resume to let it drive again")
+    expect(page.locator(".hand-say")).to_contain_text("Press “Drive on” to let it drive again")
     page.mouse.up()
     shown.robot.resume()
     expect(page.locator(".hand-say")).to_have_text("")

@@ -47,7 +47,7 @@ def test_a_pose_is_set_with_an_arrow_and_found_without(page: Page, shown: "Shown
     assert truth is not None
     x, y, yaw = truth.pose.x, truth.pose.y, truth.pose.yaw + 0.15
     button(page, "Set pose …").click()
-    expect(page.locator("#trolley-hint")).to_contain_text("Press where the robot is")
+    expect(page.locator("#hint")).to_contain_text("Press where the robot is")
     drag(page, (x, y), (x + 0.8 * math.cos(yaw), y + 0.8 * math.sin(yaw)))
     expect(page.get_by_role("button", name="Undo: Set pose")).to_be_visible()
     wait_until(lambda: pose_error(shown) < 0.2, "it is localized from a rough arrow")
@@ -73,7 +73,7 @@ def test_the_footprint_is_seen_where_the_robot_is_and_where_it_goes(
 
     poll(page, lambda: seen(start, is_blue) > 0.6, "the footprint where it stands")
     button(page, "Go to …").click()
-    expect(page.locator("#trolley-hint")).to_contain_text("Press where it should go")
+    expect(page.locator("#hint")).to_contain_text("Press where it should go")
     drag(page, AWAY, BEYOND)
 
     def truth() -> Pose2D:
@@ -166,7 +166,7 @@ def test_a_number_of_any_topic_is_plotted(page: Page, pictures: Path) -> None:
     page.get_by_text("Plot", exact=True).click()
     field(page, "Value").fill("odom:twist.vx")
     field(page, "Value").press("Enter")
-    expect(page.locator(".trolley-plot polyline").first).to_be_attached()
+    expect(page.locator(".plot polyline").first).to_be_attached()
     page.screenshot(path=pictures / "plot.png")
     page.get_by_text("Plot", exact=True).click()
     page.get_by_role("tab", name="Go").click()
@@ -195,7 +195,7 @@ def test_a_part_that_hangs_is_named_and_nothing_is_made_up(page: Page, shown: "S
     try:
         expect(page.get_by_text("the planner is not running").first).to_be_visible()
         button(page, "kitchen").click()
-        expect(page.get_by_role("alert").filter(has_text="planner").first).to_be_visible()
+        expect(page.locator(".notice").filter(has_text="planner").first).to_be_visible()
     finally:
         os.kill(services["planner"], signal.SIGCONT)
     expect(page.get_by_text("It has arrived at start.")).to_be_visible()

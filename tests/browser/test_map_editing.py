@@ -11,8 +11,9 @@ from support.waiting import wait_until
 
 from trolley import topics
 
+from .seeing import wait_for_frames
 from .test_viewer import pixel_of
-from .test_zones import close_notices, open_map, wait_for_frames
+from .test_zones import open_map
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -49,7 +50,6 @@ def test_a_wall_is_drawn_seen_stored_and_taken_back(
     page.mouse.move(*pixel_of(page, (2.4, 0.9)), steps=6)
     page.mouse.up()
     expect(page.get_by_text("1 step")).to_be_visible()
-    close_notices(page)
     page.screenshot(path=pictures / "map-wall.png")
     save = page.get_by_role("button", name="Save as new version")
     save.tap()
@@ -57,6 +57,5 @@ def test_a_wall_is_drawn_seen_stored_and_taken_back(
     save.tap()
     wait_until(lambda: walls(shown, "apartment-2") > 0, "the robot is on the new map")
     assert walls(shown, "apartment-2") > before + 15
-    close_notices(page)
     page.get_by_role("button", name="Back to the previous version").tap()
     wait_until(lambda: walls(shown, "apartment") == before, "the robot is on the old map")

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
 from trolley import topics
@@ -18,16 +18,9 @@ if TYPE_CHECKING:
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 
-def text_field(page: Page, label: str) -> Locator:
-    """A field of text; viser does not tie the label of one to it."""
-    rows = page.locator(".mantine-Flex-root:visible")
-    return rows.filter(has=page.get_by_text(label, exact=True)).locator("input")
-
-
 def choose(page: Page, label: str, option: str) -> None:
     """Choose from a list."""
-    page.get_by_label(label).first.click()
-    page.get_by_role("option", name=option, exact=True).click()
+    page.get_by_label(label, exact=True).locator("visible=true").select_option(option)
 
 
 def button(page: Page, name: str, *, exact: bool = True) -> None:
@@ -52,7 +45,7 @@ def test_a_tour_is_made_driven_and_found_in_the_history(
     button(page, "New tour")
     expect(page.get_by_text("Add at least one place.")).to_be_visible()
     expect(page.get_by_role("button", name="Save", exact=True)).to_be_disabled()
-    text_field(page, "Name").fill("evening")
+    page.get_by_label("Name", exact=True).locator("visible=true").fill("evening")
     button(page, "Point on the map")
     expect(page.get_by_text("Press where it should stop")).to_be_visible()
     wait_for_frames(page)

@@ -17,8 +17,8 @@ from trolley.messages import Path as Way
 from trolley.messages import SuspectLine, Suspects, Zone, floats_from_bytes
 from trolley.messages.request_params import Named, SendGoal
 
-from .conftest import open_page
-from .seeing import pixel_of
+from .conftest import open_page, open_viewer
+from .seeing import pixel_of, wait_for_frames
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -34,11 +34,9 @@ def open_map(browser: Browser, url: str, *, touch: bool) -> Page:
     """A page with the tab of the map open; small, as it is drawn in software."""
     page = open_page(browser, 1120, 640, has_touch=touch)
     page.bring_to_front()  # one in the background draws no frames
-    page.goto(url)
-    page.get_by_text("Localized").first.wait_for()
+    open_viewer(page, url)
     page.get_by_role("tab", name="Map").click()
     expect(page.get_by_role("button", name="Mirror")).to_be_visible()
-    close_notices(page)
     page.wait_for_timeout(2500)  # by then the view is mended if the page was laid out late
     return page
 
@@ -66,21 +64,9 @@ def crosses(points: np.ndarray) -> bool:
     return bool(polygon_contains(np.array(ACROSS), fine).any())
 
 
-def wait_for_frames(page: Page) -> None:
-    """Wait until the page has drawn what it was last told: before that it cannot be hit."""
-    script = "(n) => new Promise(r => {const f = () => n-- ? requestAnimationFrame(f) : r(); f();})"
-    page.evaluate(script, 3)
-
-
-def close_notices(page: Page) -> None:
-    """What is told lies over the map for some seconds, and takes the clicks there."""
-    page.evaluate("document.querySelectorAll('[role=alert] button').forEach((b) => b.click())")
-    expect(page.get_by_role("alert")).to_have_count(0)
-
-
-def name_field(page: Page, name: str) -> Locator:
-    """The field in which a name stands; viser's text fields are not tied to their labels."""
-    return page.locator(f'.mantine-TextInput-input[value="{name}"]')
+def name_field(page: Page) -> Locator:
+    """The field of the name of the zone that is drawn or changed."""
+    return page.locator(".control.folder", has=page.get_by_text("Zones")).get_by_label("Name")
 
 
 def near(points: list[tuple[float, float]], wanted: list[tuple[float, float]]) -> None:
@@ -108,7 +94,6 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
     before = zones(shown)["no-go area 1"]
-    close_notices(page)
     page.get_by_role("button", name="Choose on the map").click()
     expect(page.get_by_text("Tap a zone on the map")).to_be_visible()
     wait_for_frames(page)
@@ -124,10 +109,10 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     moved = [(x, y + 1.0) for x, y in ACROSS]
     wait_until(lambda: zones(shown)["no-go area 1"] != before, "the zone is moved")
     near(zones(shown)["no-go area 1"].points, moved)
-    name_field(page, "no-go area 1").fill("cat's <b>bed</b>")
+    name_field(page).fill("cat's <b>bed</b>")
     page.get_by_role("button", name="Save", exact=True).click()
     expect(page.get_by_text("may not hold")).to_be_visible()
-    name_field(page, "cat's <b>bed</b>").fill("Katzenkörbchen")
+    name_field(page).fill("Katzenkörbchen")
     page.get_by_role("button", name="Save", exact=True).click()
     wait_until(lambda: "Katzenkörbchen" in zones(shown), "the zone is renamed")
     page.get_by_role("button", name="Delete", exact=True).click()

@@ -32,6 +32,7 @@ from trolley_mapper.edit.map_versions import MapVersions, Version, ZonesFile
 from trolley_tour.stored.checks import PosesFile, ToursFile
 from trolley_tour.trips import history_file
 from trolley_tour.trips.record import TripRecord
+from trolley_viz.past.trip_file import TripFile
 from trolley_viz.server.access import AccessTokens
 from trolley_viz.settings import ViewerSettings
 
@@ -64,6 +65,7 @@ FORMS = {
     **{name.replace("/", "_"): Form(kind, schema_of(kind)) for name, kind in KINDS.items()},
     "mapping.bin": Form(Checkpoint, Checkpoint(name="a", core=b"").schema),
     "map_edit.json": Form(SwitchPlan, 1),
+    "viewer_trip": Form(TripFile, TripFile.SCHEMA),
     "map.yaml": Form(Version, 1),
     "map.zones.toml": Form(ZonesFile, schema_of(ZonesFile)),
 }

@@ -18,6 +18,7 @@ def say(
     err: bool = False,
     nl: bool = True,
     fg: str | None = None,
+    bg: str | None = None,
     bold: bool | None = None,
 ) -> None:
     """Print lines of text, in a colour or bold where the terminal has them.
@@ -27,11 +28,13 @@ def say(
         err: to stderr instead of stdout.
         nl: whether the line ends.
         fg: the colour.
+        bg: the colour behind it.
         bold: whether it is bold.
     """
     stream = sys.stderr if err else sys.stdout
     fitting = fit(text, stream.encoding)
-    click.echo(click.style(fitting, fg=fg, bold=bold) if fg or bold else fitting, err=err, nl=nl)
+    styled = click.style(fitting, fg=fg, bg=bg, bold=bold) if fg or bg or bold else fitting
+    click.echo(styled, err=err, nl=nl)
 
 
 def say_over(text: str) -> None:

@@ -55,7 +55,9 @@ def outcome(request: Request[Any, R], replies: list[Reply], timed_out: bool) -> 
     except codec.BadPayload as problem:
         if reply.is_error:  # Zenoh's own error, which it sends at the deadline
             return Refused(
-                codes.TIMEOUT, f"{request.name}: {request.owner} did not answer in time."
+                codes.TIMEOUT,
+                f"{request.name}: {request.owner} did not answer in time.",
+                service=request.owner,
             )
         return Refused(codes.INTERNAL, f"{request.name}: the reply is not understood: {problem}")
     return Refused(error.code, error.message, **error.details)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from trolley import codes
+from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
@@ -40,6 +41,26 @@ class StatusLine:
     headline: str
     tone: Tone
     detail: str = ""
+
+
+SERVICES = {
+    "base": "The motor service",
+    "localizer": "The localizer",
+    "mapper": "The mapper",
+    "planner": "The planner",
+    "tour": "The tour service",
+}
+"""What the services are called at the beginning of a sentence."""
+
+
+def refusal(reply: Refused) -> str:
+    """Say why something was refused, also where nobody was there to refuse it."""
+    service = SERVICES.get(str(reply.details.get("service", "")))
+    if service is not None and reply.code == codes.NOT_READY:
+        return f"{service} is not running. If the robot has just started, try again in a moment."
+    if service is not None and reply.code == codes.TIMEOUT:
+        return f"{service} did not answer in time. Look whether it was done before you try again."
+    return reply.message or codes.SENTENCES.get(reply.code, reply.code)
 
 
 AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
@@ -103,7 +124,9 @@ def base_line(base: BaseState | None) -> StatusLine | None:
         case "ok":
             return StatusLine("Creeping", "warn", why)
         case "stopped":
-            return StatusLine("Stopped", "bad", _join(why, "Press Resume to let it drive again."))
+            return StatusLine(
+                "Stopped", "bad", _join(why, "Press “Drive on” to let it drive again.")
+            )
         case "held":
             return StatusLine("Held", "warn", _join(why, "It will continue by itself."))
         case _:

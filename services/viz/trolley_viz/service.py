@@ -4,46 +4,47 @@ viser serves the browsers on threads of its own; whatever happens there is hande
 `call_soon`. A robot's streams are subscribed to only while a browser follows it.
 """
 
-from dataclasses import dataclass
+import itertools
+import secrets
 
 import viser
+from msgspec import structs
 
 from trolley import requests, teleop, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
+from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, every
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
-from trolley_viz.overlays.cards import Moment
-from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
-from trolley_viz.panels.console import Console
-from trolley_viz.pointing.gestures import Gestures
+from trolley_viz.overlays.pages import OverlayPages
+from trolley_viz.pages.page import Page, Shared
+from trolley_viz.past.keeper import Keeper
+from trolley_viz.people.names import Names
+from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Fleet, Robots
 from trolley_viz.robots.stop_presses import Answered, StopPresses
-from trolley_viz.scene.overlays import OverlayLayer
-from trolley_viz.server import visitors
 from trolley_viz.server.access import FILE as ACCESS_FILE
 from trolley_viz.server.access import AccessControl, AccessTokens, is_loopback_host
+from trolley_viz.server.lines import Line, Lines
+from trolley_viz.server.links import links_of
+from trolley_viz.server.messages import Said
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.server.web_server import PortTaken, close_server, open_server
+from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScenes
-from trolley_viz.session.session import Session
 from trolley_viz.settings import FILE, Choices, ViewerSettings
 
 DRAW_PERIOD_S = 0.05
 """On average a scan waits half as long before it is drawn."""
 PANEL_PERIOD_NS = 200_000_000
-JOYSTICK_PATH, OVERLAYS_PATH, GESTURES_PATH = "/joystick", "/overlays", "/gestures"
+BEAT_PERIOD_S = 0.4
+"""A page that has heard nothing for 1.5 s says so: of three beats one may be late."""
 
 
-@dataclass(frozen=True)
-class Browser:
-    """An open browser: what it shows and may do, and the controls of its page."""
-
-    session: Session
-    console: Console
+PageName = tuple[str, Visitor]
+"""A page's key and who has it open: with the key alone nobody gets at another's page."""
 
 
 class VizService(Service):
@@ -65,50 +66,58 @@ class VizService(Service):
             self.close_watch,
             lambda robot: self.time_of(robot).now(self.monotonic_ns),
         )
-        self.browsers: dict[int, Browser] = {}
-        """The browsers that are open, by viser's number for each."""
+        self.past = Keeper(self, config.robot.name)
+        self.parts = (self.past,)
+        self.pages: dict[PageName, Page] = {}
+        """The pages that are open."""
+        self._numbers = itertools.count()
+        self._unclaimed: dict[str, viser.ClientHandle] = {}
+        """viser's connections that no page has claimed yet, by the secret each was given."""
         self._panels_due_ns = 0
 
     # Life.
     def start(self) -> None:
         """Open the web page."""
-        self.joystick = Teleop(self, self._robots, self._driven_by)
-        self.overlays = OverlayPages(self, self._shown_overlays)
-        self.gestures = Gestures(self.call_soon, self._session)
-        sockets = {
-            JOYSTICK_PATH: self.joystick.sockets.serve,
-            OVERLAYS_PATH: self.overlays.sockets.serve,
-            GESTURES_PATH: self.gestures.sockets.serve,
-        }
+        self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
+        people = People(Names(self._settings.names, self._save_names, self._robot_titles))
+        self.joystick = Teleop(self, self._robots, people.driver_name)
+        tokens = self._tokens()
+        self._scene = open_scene()
+        lines = Lines(self.call_soon, self.open_line, self.hear, self.close_line)
         try:
-            server = open_server(self._config, self._access_control(), sockets)
+            access = self._access_control(tokens)
+            self._web = WebServer(self._config, access, lines, self._scene)
         except PortTaken as taken:
             # Nothing to trace: the sentence says it all, so it is no exception in the log.
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
+            close_scene(self._scene)
             raise SystemExit(1) from taken
-        self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
+        self.past.start()
         self.hub = Hub(
             service=self,
-            server=server,
+            server=self._scene,
             robots=self._robots,
             stops=StopPresses(self._ask_stop),
-            scenes=RobotScenes(self, server, self._robots),
+            scenes=RobotScenes(self, self._scene, self._robots),
             remember=self._remember,
             let_go=self.joystick.let_go,
+            people=people,
+            links=links_of(self._config, tokens),
+            past=self.past,
         )
+        self._shared = Shared(self.joystick, OverlayPages(self))
         self._bridge = open_bridge(self, self._config)
 
-        # async, and only handing over: these run on the thread of the web server.
+        # async, and only handing over: these run on the thread of viser's server.
         async def connected(client: viser.ClientHandle) -> None:
-            visitor = visitors.present.get()
-            self.call_soon(lambda: self.open_browser(client, visitor))
+            self.call_soon(lambda: self.open_scene(client))
 
         async def disconnected(client: viser.ClientHandle) -> None:
-            self.call_soon(lambda: self.close_browser(client.client_id))
+            self.call_soon(lambda: self.close_scene(client.client_id))
 
-        server.on_client_connect(connected)
-        server.on_client_disconnect(disconnected)
+        self._scene.on_client_connect(connected)
+        self._scene.on_client_disconnect(disconnected)
         self.log.info("The viewer is ready", url=f"http://{self._config.host}:{self._config.port}")
         if not is_loopback_host(self._config.host):
             self.log.info(
@@ -118,28 +127,57 @@ class VizService(Service):
     def stop(self) -> None:
         """Close the web page."""
         if self.hub is not None:
-            close_server(self.hub.server)
+            self.past.stop()
+            self._web.close()
+            close_scene(self._scene)
             if self._bridge is not None:
                 self._bridge.close()
 
-    def open_browser(self, client: viser.ClientHandle, visitor: Visitor) -> None:
-        """Give a browser its controls."""
+    # Pages and their scenes.
+    def open_scene(self, client: viser.ClientHandle) -> None:
+        """Give a connection of viser's a secret, by which its page claims it."""
+        secret = secrets.token_hex(16)
+        self._unclaimed[secret] = client
+        client.gui.add_html(f'<span id="trolley-scene" data-secret="{secret}"></span>')
+
+    def close_scene(self, client_id: int) -> None:
+        """Forget a connection of viser's that is gone."""
+        for page in self.pages.values():
+            if page.session.picture.is_of(client_id):
+                page.session.detach()
+        for secret, client in tuple(self._unclaimed.items()):
+            if client.client_id == client_id:
+                del self._unclaimed[secret]
+
+    def open_line(self, line: Line) -> None:
+        """Connect a page, or one that was gone for a moment."""
         if self.hub is None:
             return
-        choices = self._settings.browsers.get(visitor.browser, Choices())
-        session = Session(self.hub, client, visitor, choices)
-        self.browsers[client.client_id] = Browser(session, Console(client.gui, session))
+        page = self.pages.get(_page_of(line))
+        if page is None:
+            visitor = line.visitor
+            choices = self._settings.browsers.get(visitor.browser, Choices())
+            page = Page(next(self._numbers), line.key, visitor, choices, self.hub, self._shared)
+            self.pages[_page_of(line)] = page
+        page.connect(line, self.monotonic_ns)
         self._panels_due_ns = 0
 
-    def close_browser(self, client_id: int) -> None:
-        """Forget a browser that is gone."""
-        browser = self.browsers.pop(client_id, None)
-        if browser is not None:
-            browser.session.put_tools_away()
-            browser.console.close()
-        if not self.browsers and self.hub is not None:
-            self._fleet.update(is_watched=False)
-            self.hub.scenes.update({}, ())
+    def close_line(self, line: Line) -> None:
+        """Note that the line to a page is gone."""
+        page = self.pages.get(_page_of(line))
+        if page is not None:
+            page.disconnect(line)
+
+    def hear(self, line: Line, said: Said) -> None:
+        """Do what a page says."""
+        page = self.pages.get(_page_of(line))
+        if page is None or not page.is_on(line):
+            return
+        if said.scene is not None:
+            client = self._unclaimed.pop(said.scene, None)
+            if client is not None:
+                page.session.attach(client)
+        page.hear(said, self.monotonic_ns)
 
     # What it does again and again.
     @every(DRAW_PERIOD_S, clock="local")
@@ -148,23 +186,37 @@ class VizService(Service):
         hub = self.hub
         if hub is None:
             return
-        hub.stops.tick(self.monotonic_ns)
-        if not self.browsers:
+        now_ns = self.monotonic_ns
+        hub.stops.tick(now_ns)
+        for name in [name for name, page in self.pages.items() if page.is_over(now_ns)]:
+            self.pages.pop(name).close()
+            if not self.pages:
+                self._fleet.update(is_watched=False)
+                hub.scenes.update({}, ())
+                hub.people.stoppers.keep(set())
+                self.past.follow(set())
+        if not self.pages:
             return
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(is_watched=True)
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
         scenes = hub.scenes.by_robot
-        for browser in self.browsers.values():
-            browser.session.update_scene(scenes.keys())
+        hub.people.stoppers.keep(scenes.keys())
+        self.past.follow(scenes.keys())
+        for page in self.pages.values():
+            page.session.update_scene(scenes.keys())
         hub.server.flush()  # viser would wait for more to send together
-        if self.monotonic_ns >= self._panels_due_ns:
-            self._panels_due_ns = self.monotonic_ns + PANEL_PERIOD_NS
-            for browser in self.browsers.values():
-                browser.console.update(browser.session.view)
-            self.overlays.send_changes()
-            self.joystick.send_states({name: one.view for name, one in scenes.items()})
+        if now_ns >= self._panels_due_ns:
+            self._panels_due_ns = now_ns + PANEL_PERIOD_NS
+            for page in self.pages.values():
+                page.update(hub.scenes.of(page.robot).view)
+
+    @every(BEAT_PERIOD_S, clock="local")
+    def beat(self) -> None:
+        """Let all pages know that the viewer lives."""
+        for page in self.pages.values():
+            page.beat(self.monotonic_ns)
 
     @every(teleop.PERIOD_S, clock="local")
     def send_commands(self) -> None:
@@ -172,56 +224,52 @@ class VizService(Service):
         self.joystick.drive()
 
     # Inside.
-    def _access_control(self) -> AccessControl:
-        """Who is let in: with the tokens that are saved, or new ones."""
+    def _tokens(self) -> AccessTokens:
+        """The tokens that are saved, or new ones."""
         tokens = self.state.read(ACCESS_FILE, AccessTokens)
         if tokens is None:
             tokens = AccessTokens.new()
             self.save(ACCESS_FILE, tokens, is_secret=True)
+        return tokens
+
+    def _access_control(self, tokens: AccessTokens) -> AccessControl:
+        """Who is let in."""
         config = self._config
         return AccessControl(
             config.port, config.origins, always_ask=config.always_ask, tokens=tokens
         )
 
-    def _session(self, client_id: int) -> Session | None:
-        browser = self.browsers.get(client_id)
-        return None if browser is None else browser.session
-
     def _layers_by_robot(self) -> dict[str, set[str]]:
         """The layers that somebody wants to see of each robot that is followed."""
         shown: dict[str, set[str]] = {}
-        for browser in self.browsers.values():
-            on = {key for key, is_on in browser.session.layers().items() if is_on}
-            shown.setdefault(browser.session.robot, set()).update(on)
+        for page in self.pages.values():
+            shown.setdefault(page.robot, set()).update(page.shown_layers())
         return shown
 
-    def _shown_overlays(self, client_id: int) -> ShownOverlays | None:
-        """The overlays that a browser shows."""
-        session = self._session(client_id)
-        if self.hub is None or session is None or not session.layers()[OverlayLayer.key]:
-            return None
-        scene = self.hub.scenes.by_robot.get(session.robot)
-        if scene is None:
-            return None
-        moment = Moment(self.monotonic_ns, is_away=scene.view.is_away)
-        return ShownOverlays(session.robot, scene.overlays, moment)
-
-    def _driven_by(self, client_id: int) -> str | None:
-        """The robot that a browser may drive by hand."""
-        session = self._session(client_id)
-        return session.robot if session is not None and session.may_drive else None
-
     def _ask_stop(self, robot: str, answered: Answered) -> None:
-        self.request(
-            requests.BASE_STOP,
-            Nothing(),
-            lambda reply: answered(not isinstance(reply, Refused)),
-            timeout_s=1.0,
-            robot=robot,
-        )
+        def finish(reply: BaseState | Refused) -> None:
+            if self.hub is not None and not isinstance(reply, Refused):
+                self.hub.people.stoppers.answered(robot, reply.stamp_ns)
+            answered(not isinstance(reply, Refused))
+
+        self.request(requests.BASE_STOP, Nothing(), finish, timeout_s=1.0, robot=robot)
 
     def _remember(self, browser: str, choices: Choices) -> None:
         """Save a browser's choices; one without a name is not remembered."""
         if browser:
             self._settings = self._settings.with_choices(browser, choices)
             self.save(FILE, self._settings)
+
+    def _save_names(self, names: dict[str, str]) -> None:
+        self._settings = structs.replace(self._settings, names=names)
+        self.save(FILE, self._settings)
+
+    def _robot_titles(self) -> list[str]:
+        """What the robots are called, each by both of its names."""
+        names = self._robots.names()
+        known = [robot for name in names if (robot := self._robots.get(name)) is not None]
+        return [*names, *(robot.title for robot in known)]
+
+
+def _page_of(line: Line) -> PageName:
+    return line.key, line.visitor

@@ -1,6 +1,6 @@
 """What the viewer remembers for each browser: the robot, the layers that are shown, the look."""
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from trolley.messages.types import Point
 
@@ -24,7 +24,11 @@ class Choices(Struct, frozen=True, kw_only=True):
     layers: dict[str, bool] = {}
     """Layer key to shown or not; a layer that is missing is as it is by default."""
     dark: bool = False
-    """Dark background."""
+    """The dark look, even where the device is set to the light one."""
+    light: bool = False
+    """The light look, even where the device is set to the dark one."""
+    language: str = ""
+    """The code of the language; "": as the device is set."""
     dismissed: list[Dismissed] = []
     """Mirrors that are no longer suspected here."""
     folders: dict[str, bool] = {}
@@ -36,9 +40,12 @@ class ViewerSettings(Struct, frozen=True, kw_only=True):
 
     browsers: dict[str, Choices] = {}
     """By what the viewer calls each browser, those that chose last at the end."""
+    names: dict[str, str] = {}
+    """What people call their browsers, by what the viewer does. Not in `Choices`: each page of a
+    browser saves its own."""
 
     def with_choices(self, browser: str, choices: Choices) -> "ViewerSettings":
         """Remember a browser's choices, and forget the browsers that chose longest ago."""
         others = {name: old for name, old in self.browsers.items() if name != browser}
         recent = dict([*others.items()][-(MAX_BROWSERS - 1) :])
-        return ViewerSettings(browsers={**recent, browser: choices})
+        return structs.replace(self, browsers={**recent, browser: choices})

@@ -74,10 +74,21 @@ def _base(known: RobotState) -> StatusLine | None:
         return None
     if base.mode == "stopped":
         why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_reason_of(base)}"
-        return StatusLine(f"{why}. Press Resume to let it drive again.", "bad")
+        return StatusLine(f"{why}. Press “Drive on” to let it {_what_then(known)}.", "bad")
     if base.reason == codes.DOES_NOT_OBEY:
         return StatusLine(base.message, "bad")
     return StatusLine(f"The robot cannot drive: {_reason_of(base)}.", "bad")
+
+
+def _what_then(known: RobotState) -> str:
+    """What a robot that is stopped will do once it may drive."""
+    goal, trip = known.goal, known.trip
+    if trip is not None and (trip.state, trip.reason) == ("paused", codes.STOPPED):
+        return "continue the tour"
+    if goal is not None and (goal.state, goal.reason) == ("paused", codes.STOPPED):
+        to = goal_name(goal, list(known.places))
+        return "go on" if to.startswith("(") else f"go on to {to}"
+    return "drive again"
 
 
 def _by_hand(known: RobotState) -> StatusLine | None:

@@ -1,8 +1,9 @@
 """A viewer in lock-step, a pretend robot that it watches, and pretend browsers that watch it."""
 
 import contextlib
+import re
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -33,11 +34,17 @@ from trolley.messages import (
 from trolley.messages.request_params import Nothing, SendGoal, SetPose, StartTour, WhichGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
-from trolley_viz.panels.console import Console
-from trolley_viz.server.access import AccessControl, AccessTokens
+from trolley_viz.joystick.teleop import PadState
+from trolley_viz.languages.catalogue import ENGLISH, catalogues
+from trolley_viz.languages.translator import Translator
+from trolley_viz.pages.language import in_language
+from trolley_viz.pages.page import Page
+from trolley_viz.server.lines import Line
+from trolley_viz.server.messages import Answer, Notice, PageState, Said, Told
 from trolley_viz.server.visitors import NOBODY, Visitor
-from trolley_viz.server.web_server import open_server
+from trolley_viz.server.web_server import close_scene, open_scene
 from trolley_viz.service import VizService
+from trolley_viz.session.browser_scene import BrowserScene
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScene
 from trolley_viz.session.session import Session
@@ -114,7 +121,7 @@ class PretendRobot(Service):
             PoseEstimate(
                 stamp_ns=stamp,
                 map="room",
-                pose=Pose2D(1.5, 0.0, 0.0),
+                pose=Pose2D(1.5 + self.driven_m, 0.0, 0.0),
                 covariance=None,
                 state="localized",
                 match=0.93,
@@ -202,27 +209,112 @@ class OwnScene:
         return lambda path, *args, **options: add(f"{self._above}{path}", *args, **options)
 
 
-class Browser:
-    """Stands for viser's handle of one browser."""
+MADE_UP = {
+    "Fits.",
+    "It is the file that robot.toml names.",
+    "Stored.",
+    "The disk is full.",
+}
+"""What programs and robots say here and nobody says elsewhere."""
 
-    def __init__(self, client_id: int, server: viser.ViserServer) -> None:
+
+class Listener(Translator):
+    """A translator that remembers which texts it does not know."""
+
+    def __init__(self) -> None:
+        super().__init__(catalogues()["de"].all_texts().items())
+        self.markup = self._in_markup  # not cached: what is heard again counts again
+        self.unknown: set[str] = set()
+
+    def text(self, english: str) -> str:
+        if not self.knows(english):
+            self.unknown.add(english)
+        return super().text(english)
+
+
+GERMAN = Listener()
+
+
+class PretendLine:
+    """Stands for the connection to a page; what the page is told is kept, and beats are answered.
+
+    Args:
+        key: of the page.
+        visitor: who it is.
+        say: takes what the page says.
+        end: takes note that the line is gone.
+    """
+
+    def __init__(
+        self, key: str, visitor: Visitor, say: Callable[[Said], None], end: Callable[[], None]
+    ) -> None:
+        self.key = key
+        self.visitor = visitor
+        self._say, self._end = say, end
+        self.told: list[Told] = []
+        self.language = ENGLISH
+        self.is_clear = True
+        self.is_closed = False
+        self.is_heard = True
+        """Whether what the page says comes through by itself."""
+
+    def send(self, told: Told) -> None:
+        self.told.append(told)
+        if told.state is not None:
+            self.language = told.state.language
+        if self.language == ENGLISH:
+            in_language(told, GERMAN)
+        if told.beat_ms is not None and self.is_heard and not self.is_closed:
+            self._say(Said(beat_ms=told.beat_ms))
+
+    def close(self) -> None:
+        self.is_closed = True
+        self._end()
+
+
+class Browser:
+    """Stands for one browser: viser's handle of it, and the line of its page."""
+
+    def __init__(self, client_id: int, server: viser.ViserServer, line: PretendLine) -> None:
         self.client_id = client_id
         # An API of its own, as viser gives each browser; what goes there is kept and not sent.
         self.scene = cast(Any, OwnScene(server.scene, f"/own{client_id}"))
-        self.gui = server.gui
+        self.gui = SimpleNamespace(add_html=self._keep, configure_theme=lambda **_: None)
         self.camera = SimpleNamespace(image_width=1200, image_height=800, fov=0.7)
         self.camera.position = np.array([0.0, 0.0, 10.0])
         self.camera.wxyz = np.array([0.0, 1.0, 0.0, 0.0])  # looks straight down
-        self.notices: list[tuple[str, str]] = []
-        self.shown_notices: list[str] = []
+        self.line = line
+        self.secret = ""
+
+    @property
+    def notices(self) -> list[tuple[str, str]]:
+        """Titles and texts of what the page was told to show for a while."""
+        told = [one.notice for one in self.line.told]
+        return [(one.title, one.text) for one in told if isinstance(one, Notice)]
+
+    @property
+    def answers(self) -> dict[int, Answer]:
+        """What the page was answered, by the numbers of what it said."""
+        told = [one.answer for one in self.line.told]
+        return {one.id: one for one in told if isinstance(one, Answer)}
+
+    @property
+    def state(self) -> PageState:
+        """The newest state that the page was told."""
+        told = [one.state for one in self.line.told if one.state is not None]
+        return told[-1]
+
+    @property
+    def pad(self) -> PadState:
+        """The newest that the page was told of the joystick."""
+        told = [one.pad for one in self.line.told if one.pad is not None]
+        return told[-1]
 
     def atomic(self) -> contextlib.AbstractContextManager[None]:
         return contextlib.nullcontext()
 
-    def add_notification(self, title: str, body: str, **_: Any) -> SimpleNamespace:
-        self.notices.append((title, body))
-        self.shown_notices.append(title)
-        return SimpleNamespace(remove=lambda: self.shown_notices.remove(title))
+    def _keep(self, html: str) -> None:
+        (self.secret,) = re.findall('data-secret="(.*?)"', html)
 
 
 class Stage:
@@ -238,24 +330,64 @@ class Stage:
         )
         self.robot = self.runtime.add(PretendRobot())
         self.viz = self.runtime.add(VizService(self.config))
+        self.browsers: dict[int, Any] = {}
 
     def browse(self, client_id: int = 0, visitor: Visitor = NOBODY) -> Any:
         """Open a browser and let everything settle; the real handle is viser's."""
-        browser = Browser(client_id, self.hub.server)
-        self.hub.server.get_clients = lambda: self.viz.browsers  # type: ignore[method-assign, assignment, return-value]
-        self.viz.open_browser(browser, visitor)  # type: ignore[arg-type]
+        browser = Browser(client_id, self.hub.server, self.connect(client_id, visitor))
+        self.show(browser)
         self.runtime.run(0.5)
         return browser
+
+    def connect(self, client_id: int = 0, visitor: Visitor = NOBODY) -> PretendLine:
+        """Open a line as the page of a browser does, again where there was one before."""
+        viz = self.viz
+        line = PretendLine(
+            f"page-{client_id}",
+            visitor,
+            lambda said: viz.call_soon(lambda: viz.hear(cast(Line, line), said)),
+            lambda: viz.call_soon(lambda: viz.close_line(cast(Line, line))),
+        )
+        viz.open_line(cast(Line, line))
+        return line
+
+    def show(self, browser: Any) -> None:
+        """Connect viser's part of a browser, and let its page say that it is the same."""
+        self.browsers[browser.client_id] = browser
+        self.hub.server.get_clients = lambda: self.browsers  # type: ignore[method-assign, assignment, return-value]
+        self.viz.open_scene(browser)
+        self.say(browser, Said(scene=browser.secret))
+
+    def say(self, browser: Any, said: Said) -> None:
+        """Say something as the page of a browser."""
+        self.viz.hear(cast(Line, browser.line), said)
+
+    def leave(self, browser: Any) -> None:
+        """Close a browser."""
+        del self.browsers[browser.client_id]
+        self.viz.close_line(cast(Line, browser.line))
+        self.viz.close_scene(browser.client_id)
+
+    @property
+    def now_ms(self) -> float:
+        """The viewer's time, as a page knows it."""
+        return self.viz.monotonic_ns * 1e-6
+
+    def page(self, client_id: int = 0) -> Page:
+        """Of a browser."""
+        (page,) = [one for one in self.viz.pages.values() if one.key == f"page-{client_id}"]
+        return page
 
     @property
     def session(self) -> Session:
         """Of the browser that came first."""
-        return next(iter(self.viz.browsers.values())).session
+        return next(iter(self.viz.pages.values())).session
 
-    @property
-    def console(self) -> Console:
-        """Of the browser that came first."""
-        return next(iter(self.viz.browsers.values())).console
+    def drawn(self, client_id: int = 0) -> BrowserScene:
+        """What a browser alone has in its scene."""
+        scene = self.page(client_id).session.scene
+        assert scene is not None
+        return scene
 
     @property
     def hub(self) -> Hub:
@@ -275,6 +407,14 @@ class Stage:
         return set() if stage is None else set(stage.streams.names())
 
 
+@pytest.fixture(autouse=True)
+def all_that_is_told_is_in_the_catalogue() -> Iterator[None]:
+    """Whatever a page is told in any test here can be said in another language."""
+    GERMAN.unknown.clear()
+    yield
+    assert sorted(GERMAN.unknown - MADE_UP) == []
+
+
 @pytest.fixture
 def stage(tmp_path: Path) -> Iterator[Stage]:
     stage = Stage(tmp_path)
@@ -282,12 +422,9 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
     stage.runtime.close()
 
 
-def open_gate() -> AccessControl:
-    return AccessControl(0, (), always_ask=False, tokens=AccessTokens.new())
-
-
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
-    server = open_server(VizConfig(port=free_port()), open_gate())
+    """A scene."""
+    server = open_scene()
     yield server
-    server.stop()
+    close_scene(server)

@@ -146,8 +146,48 @@ def test_no_other_token_counts(token: str) -> None:
     assert role(ask(peer=LAN, Cookie=f"trolley-{PORT}=0123456789abcdef.{token}")) is None
 
 
-def test_a_link_lets_no_socket_in() -> None:
-    assert role(ask("/?token=drives", peer=LAN, is_socket=True)) is None
+@pytest.mark.parametrize("path", ["/", "/line", "/scene/", "/line?page=abc&x=1"])
+def test_a_link_lets_no_socket_in(path: str) -> None:
+    shown = path + ("&" if "?" in path else "?") + "token=drives"
+    assert role(ask(shown, peer=LAN, is_socket=True)) is None
+    # Nor does it raise somebody who may only look.
+    cookie = cookie_of(ask("/?token=looks"))
+    assert role(ask(shown, peer=LAN, is_socket=True, Cookie=cookie)) == "viewer"
+
+
+@pytest.mark.parametrize("path", ["//evil.example/", "////evil.example", "/\\a.example", "/\\/a"])
+def test_a_link_leads_to_no_other_host(path: str) -> None:
+    shown = ask(f"{path}?token=drives", peer=LAN)
+    assert shown.status == HTTPStatus.SEE_OTHER
+    assert not shown.location[1:].startswith(("/", "\\"))
+
+
+@pytest.mark.parametrize("is_socket", [False, True])
+def test_the_cookie_of_another_port_is_another_viewers(*, is_socket: bool) -> None:
+    cookie = cookie_of(ask("/?token=drives")).replace(f"trolley-{PORT}", f"trolley-{PORT + 1}")
+    assert role(ask(peer=LAN, Cookie=cookie, is_socket=is_socket)) is None
+    both = f"{cookie}; {cookie_of(ask('/?token=looks'))}"
+    assert role(ask(peer=LAN, Cookie=both, is_socket=is_socket)) == "viewer"
+
+
+@pytest.mark.parametrize(
+    ("how", "device"),
+    [
+        ({}, "the viewer's computer"),
+        ({"peer": LAN}, "Firefox on Android"),
+        ({"X_Forwarded_For": LAN}, "Firefox on Android"),
+        ({"host": "evil.example:8080"}, "Firefox on Android"),
+    ],
+)
+def test_a_browser_is_known_by_what_it_says_it_is(how: dict[str, str], device: str) -> None:
+    agent = "Mozilla/5.0 (Android 14; Mobile; rv:133.0) Gecko/133.0 Firefox/133.0"
+    cookie = cookie_of(ask("/?token=drives"))
+    answer = ask(Cookie=cookie, User_Agent=agent, **how)  # type: ignore[arg-type]
+    assert answer.visitor is not None
+    assert answer.visitor.device == device
+    # Its page is the same after an update.
+    later = ask(Cookie=cookie, User_Agent="other", **how)  # type: ignore[arg-type]
+    assert later.visitor == answer.visitor
 
 
 @pytest.mark.parametrize(
@@ -170,8 +210,11 @@ def test_pages_of_this_host_are_its_own_on_any_port(name: str) -> None:
     assert role(ask(Origin=f"http://{name}")) == "operator"
 
 
-def test_a_strangers_name_that_leads_here_is_asked() -> None:
-    rebound = ask(host="evil.example:8080", Origin="http://evil.example:8080")
+@pytest.mark.parametrize("path", ["/", "/line", "/scene/"])
+@pytest.mark.parametrize("is_socket", [False, True])
+def test_a_strangers_name_that_leads_here_is_asked(path: str, *, is_socket: bool) -> None:
+    names = {"host": "evil.example:8080", "Origin": "http://evil.example:8080"}
+    rebound = ask(path, is_socket=is_socket, **names)  # type: ignore[arg-type]
     assert (role(rebound), rebound.status) == (None, HTTPStatus.UNAUTHORIZED)
 
 

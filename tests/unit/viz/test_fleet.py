@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
+from support.pages import page_of
 
 from trolley import topics
 from trolley.geometry import Pose2D
@@ -43,7 +44,8 @@ def live(stage: "Stage") -> None:
 def test_one_robot_alone_costs_nothing_more(stage: "Stage") -> None:
     stage.browse()
     assert stage.viz._fleet._watches == {}
-    assert not stage.console._robots._folder.visible
+    assert not page_of(stage).is_shown("All robots")
+    assert not page_of(stage).is_shown("Robot")
 
 
 def test_others_are_listed_and_drawn_where_they_share_the_map(stage: "Stage") -> None:
@@ -53,11 +55,10 @@ def test_others_are_listed_and_drawn_where_they_share_the_map(stage: "Stage") ->
     layer = stage.layer("others")
     assert list(layer._bodies) == ["kart"]
     assert layer._bodies["kart"].frame.position == pytest.approx([-1.0, 0.5, 0.0])
-    panel = stage.console._robots
-    assert panel._folder.visible
-    assert list(panel._rows) == ["kart", "trolley"]
-    assert "Kart" in panel._rows["kart"][0].content
-    assert not panel._rows["trolley"][1].visible
+    page = page_of(stage).within("All robots")
+    assert page.labels == ["Stop all robots", "Follow Kart"]
+    said = page.text()
+    assert said.index("Kart: ") < said.index("Trolley: ")
     say(stage, topics.POSE, estimate("attic"))
     stage.runtime.run(0.3)
     assert layer._bodies == {}
@@ -74,21 +75,37 @@ def test_who_falls_silent_is_grey_and_away(stage: "Stage") -> None:
     known = tuple(body.color)
     stage.runtime.run(1.5)
     assert tuple(body.color) != known
-    assert "Away" in stage.console._robots._rows["kart"][0].content
+    assert "Kart: Away" in page_of(stage).within("All robots").text()
+
+
+def test_another_robot_is_followed_from_the_list_and_from_its_row(stage: "Stage") -> None:
+    stage.browse()
+    enter(stage)
+    live(stage)
+    page = page_of(stage)
+    own, other = page.value("Robot"), next(one for one in page.options("Robot") if "Kart" in one)
+    page.choose("Robot", other)
+    stage.runtime.run(0.3)
+    assert stage.session.robot == "kart"
+    page.press("Follow Trolley")
+    stage.runtime.run(0.3)
+    assert (stage.session.robot, page.value("Robot")) == ("trolley", own)
 
 
 def test_without_a_browser_nobody_is_followed(stage: "Stage") -> None:
     stage.browse()
     enter(stage)
     assert stage.viz._fleet._watches
-    stage.viz.close_browser(0)
+    stage.leave(stage.browsers[0])
+    stage.runtime.run(35.0)  # until it can come back no more
     assert stage.viz._fleet._watches == {}
 
 
 def test_stop_all_stops_all_and_says_who_did_not_answer(stage: "Stage") -> None:
     stage.browse()
     enter(stage)
-    stage.session.press_stop_all()
+    stage.runtime.run(0.3)
+    page_of(stage).press("Stop all robots")
     stage.runtime.run(1.5)
     assert stage.robot.mode == "stopped"
     line = stage.hub.stops.line("trolley", stage.viz.monotonic_ns)

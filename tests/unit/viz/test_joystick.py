@@ -1,20 +1,18 @@
 """The joystick: who holds it, what it wants, and what goes to the robot."""
 
-import asyncio
 import json
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
-import websockets
-from support.waiting import wait_until
-from websockets.asyncio.client import connect
 
 from trolley import topics
 from trolley.geometry import Twist2D
 from trolley.messages import Robot
 from trolley_viz.joystick.joystick import LATE_MS, SILENCE_NS, Grip, Joystick, twist_of
-from trolley_viz.server.access import AccessTokens
-from trolley_viz.server.page_pieces import pad_html
+from trolley_viz.joystick.teleop import PadState
+from trolley_viz.server.messages import Said
+from trolley_viz.server.visitors import Visitor
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -119,31 +117,27 @@ def test_clocks_that_run_apart_make_nothing_late() -> None:
         assert joystick.holder == ONE
 
 
-def test_every_part_of_the_pad_is_in_the_page() -> None:
-    page = pad_html(7)
-    for part in ("startPad", "hand-pad", "pointercancel", "touch-action"):
-        assert part in page
-
-
 # The whole viewer.
-def press(stage: "Stage", who: int, held: bool = True, y: float = 1.0) -> None:
-    now_ms = stage.viz.monotonic_ns / MS
-    stage.viz.joystick._said(who, 0, grip(now_ms, y=y, held=held))
+def press(stage: "Stage", browser: Any, *, held: bool = True) -> None:
+    stage.say(browser, Said(grip=grip(stage.now_ms, held=held)))
+
+
+FORWARD = Twist2D(0.25, 0.0, 0.0)
 
 
 def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage: "Stage") -> None:
-    stage.browse()
+    browser = stage.browse()
     sent = stage.runtime.record(topics.COMMAND, "teleop")
     for _ in range(5):
-        press(stage, ONE)
+        press(stage, browser)
         stage.runtime.run(0.1)
     commands = list(sent)
     assert len(commands) >= 9
-    assert {command.twist for command in commands} == {Twist2D(0.25, 0.0, 0.0)}
+    assert {command.twist for command in commands} == {FORWARD}
     assert all(command.valid_for <= 0.3 for command in commands)
     stamps = [command.stamp_ns for command in commands]
     assert stamps == sorted(set(stamps))
-    press(stage, ONE, held=False)
+    press(stage, browser, held=False)
     stage.runtime.run(1.0)
     after = [command.twist for command in sent[len(commands) :]]
     assert set(after) == {Twist2D.zero()}
@@ -151,90 +145,88 @@ def test_a_held_pad_drives_the_robot_that_is_shown_then_zero_then_silence(stage:
 
 
 def test_who_follows_another_robot_lets_go(stage: "Stage") -> None:
-    stage.browse()
-    hands = stage.viz.joystick
-    hands.sockets._clients[ONE] = 0
+    browser = stage.browse()
     sent = stage.runtime.record(topics.COMMAND, "teleop")
-    press(stage, ONE)
+    press(stage, browser)
     stage.runtime.run(0.1)
-    assert sent[-1].twist == Twist2D(0.25, 0.0, 0.0)
+    assert sent[-1].twist == FORWARD
     stage.session.follow("kart")
-    press(stage, ONE)
+    press(stage, browser)
     stage.runtime.run(0.2)
     assert sent[-1].twist == Twist2D.zero()
     stage.session.follow("trolley")
-    press(stage, ONE)
+    press(stage, browser)
     stage.runtime.run(0.2)
     assert sent[-1].twist == Twist2D.zero()
-    press(stage, ONE, held=False)
-    press(stage, ONE)
+    press(stage, browser, held=False)
+    press(stage, browser)
     stage.runtime.run(0.1)
-    assert sent[-1].twist == Twist2D(0.25, 0.0, 0.0)
+    assert sent[-1].twist == FORWARD
 
 
-def ask(port: int, message: Any, path: str = "joystick?client=0", **options: Any) -> int | None:
-    """Say something over the pad's own connection; the code with which it is closed, if it is."""
-
-    async def talk() -> int | None:
-        async with connect(f"ws://127.0.0.1:{port}/{path}", **options) as socket:
-            try:
-                await socket.send(message)
-                await asyncio.wait_for(socket.recv(), 1.0)
-            except websockets.ConnectionClosed:
-                return socket.close_code
-            except TimeoutError:
-                return None
-        return None
-
-    return asyncio.run(talk())
-
-
-def test_the_pads_own_connection_takes_grips_and_nothing_else(stage: "Stage") -> None:
-    port = stage.config.viz.port
-    said = {"x": 0.0, "y": 1.0, "held": True, "speed": 0.2, "sent_ms": 5.0}
-    assert ask(port, json.dumps(said)) is None
-    for bad in ({**said, "x": 2.0}, {**said, "y": None}, {"x": 0.0}, ["x"] * 500):
-        assert ask(port, json.dumps(bad)) == 1008, bad
-    assert ask(port, "[" * 900) == 1008
-    assert ask(port, b"\xff\xfe") == 1008
-    for path in (
-        "joystick",
-        "joystick?client=-1",
-        "joystick?client=x",
-        f"joystick?client={'9' * 99}",
-    ):
-        assert ask(port, json.dumps(said), path) == 1008
-    wait_until(lambda: not stage.viz.joystick.sockets.clients(), "all are gone")
+@pytest.mark.parametrize("how", ["closed", "lost", "taken over"])
+def test_whoever_is_gone_has_let_go_at_once(stage: "Stage", how: str) -> None:
+    browser, other = stage.browse(), stage.browse(1)
+    sent = stage.runtime.record(topics.COMMAND, "teleop")
+    press(stage, browser)
+    stage.runtime.run(0.05)
+    assert sent[-1].twist == FORWARD
+    num_sent = len(sent)
+    if how == "closed":
+        stage.leave(browser)
+    elif how == "lost":
+        browser.line.close()
+    else:
+        stage.connect()
+    stage.runtime.run(0.1)
+    assert {command.twist for command in sent[num_sent:]} == {Twist2D.zero()}
+    press(stage, browser)  # was on its way
+    press(stage, other)
+    stage.runtime.run(0.05)
+    assert sent[-1].twist == FORWARD
+    stage.runtime.run(0.4)
+    assert other.pad.can
 
 
-def test_the_overlays_own_connection_takes_clicks_also_of_those_who_only_look(
-    stage: "Stage",
-) -> None:
-    stage.browse()
-    port = stage.config.viz.port
-    access = stage.viz.state.read("viewer_access.toml", AccessTokens)
-    assert access is not None
-    cookie = {"Cookie": f"trolley-{port}=0123456789abcdef.{access.viewer}"}
-    path = "overlays?client=0"
-    assert ask(port, '{"id": "mode", "index": 1}', path, additional_headers=cookie) is None
-    for bad in ("[]", '{"index": 1}', '{"id": "x", "index": "1"}', "[" * 900, "x" * 2000):
-        assert ask(port, bad, path) == 1008, bad
-    with pytest.raises(websockets.InvalidStatus):
-        ask(port, "{}", path, origin="http://elsewhere.example")
+def test_a_pad_is_told_what_keeps_it_from_driving(stage: "Stage") -> None:
+    one, other = stage.browse(), stage.browse(1)
+    assert one.pad == PadState(can=True, mine=False, max_speed=0.6, text="", tone="idle")
+    press(stage, one)
+    stage.runtime.run(0.25)
+    assert not other.pad.can
+    assert "Somebody else is driving" in other.pad.text
+    stage.runtime.kill("base")
+    stage.runtime.run(1.5)
+    assert not one.pad.can
 
 
-def test_pages_of_other_sites_do_not_drive(stage: "Stage") -> None:
-    with pytest.raises(websockets.InvalidStatus):
-        ask(stage.config.viz.port, "{}", origin="http://elsewhere.example")
+def test_who_may_only_look_has_no_pad_and_drives_nothing(stage: "Stage") -> None:
+    guest = stage.browse(0, Visitor("guest", "viewer"))
+    owner = stage.browse(1)
+    sent = stage.runtime.record(topics.COMMAND, "teleop")
+    for _ in range(3):
+        press(stage, guest)
+        stage.runtime.run(0.1)
+    assert sent == []
+    assert all(told.pad is None for told in guest.line.told)
+    assert owner.pad.can  # nor does it keep others from driving
 
 
-def test_who_may_only_look_cannot_drive_in_anothers_name(stage: "Stage") -> None:
-    stage.browse()
-    port = stage.config.viz.port
-    said = json.dumps({"x": 0.0, "y": 1.0, "held": True, "speed": 0.2, "sent_ms": 5.0})
-    access = stage.viz.state.read("viewer_access.toml", AccessTokens)
-    assert access is not None
-    cookie = f"trolley-{port}=0123456789abcdef.{access.viewer}"
-    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) == 1008
-    cookie = f"trolley-{port}=0123456789abcdef.{access.operator}"
-    assert ask(port, said, "joystick?client=0", additional_headers={"Cookie": cookie}) is None
+@pytest.mark.parametrize(
+    "rubbish",
+    [
+        {"x": 2.0},
+        {"x": float("nan")},
+        {"y": None},
+        {"held": 1},
+        {"speed": -1.0},
+        {"speed": 1e9},
+        {"sent_ms": -1.0},
+    ],
+)
+def test_no_grip_is_out_of_bounds(rubbish: dict[str, Any]) -> None:
+    said = {"grip": {"x": 0.0, "y": 1.0, "held": True, "speed": 0.2, "sent_ms": 5.0}}
+    msgspec.json.decode(json.dumps(said), type=Said)
+    said["grip"] |= rubbish
+    with pytest.raises(msgspec.DecodeError):
+        msgspec.json.decode(json.dumps(said), type=Said)

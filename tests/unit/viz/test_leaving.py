@@ -1,8 +1,9 @@
 """What is dragged and not let go of: the page goes, or says that it was not meant."""
 
 import asyncio
+import contextlib
+import re
 import socket
-import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,21 +11,30 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 import pytest
 import viser
-from support.waiting import PATIENCE_S
+import zstandard
+from support.waiting import wait_until
 from viser._messages import Message, SceneNodeDragMessage, ViewerCameraMessage
 from websockets.sync.client import ClientConnection, connect
 
 from trolley_viz.actions.aiming import GOAL_HINT
-from trolley_viz.pointing.gestures import Gesture
 
 if TYPE_CHECKING:
     from .conftest import Stage
 
 from .test_zones import MIRROR, ZoneKeeper
 
+STEP_S = 0.5
+"""A page that says nothing for three times as long is given up."""
+
 
 def say(page: ClientConnection, message: Message) -> None:
     page.send(msgspec.msgpack.encode(message.as_serializable_dict()))
+
+
+def shown(data: bytes) -> bytes:
+    """Return what viser tells its page, beside arrays."""
+    size = int.from_bytes(data[8:16], "little")
+    return zstandard.ZstdDecompressor().decompress(data[16 : 16 + size])
 
 
 def drag(phase: Literal["start", "update", "end"], node: str, owner: str) -> Message:
@@ -44,15 +54,15 @@ def drag(phase: Literal["start", "update", "end"], node: str, owner: str) -> Mes
 
 
 class Page:
-    """A page that speaks viser's protocol."""
+    """A page with both of its connections, to viser's scene and its own line."""
 
     def __init__(self, stage: "Stage") -> None:
         self.stage = stage
-        protocol: Any = f"viser-v{viser.__version__}"
         url = f"ws://127.0.0.1:{stage.config.viz.port}"
-        self.socket = connect(url, subprotocols=[protocol], max_size=None)
+        protocol: Any = f"viser-v{viser.__version__}"
+        self.line = connect(f"{url}/line?page=abc", max_queue=None)
+        self.socket = connect(f"{url}/scene/", subprotocols=[protocol], max_size=None)
         self.socket.recv()
-        self.gestures = connect(f"{url}/gestures?client=0")
         say(
             self.socket,
             ViewerCameraMessage(
@@ -67,39 +77,77 @@ class Page:
                 up_direction=(0.0, 0.0, 1.0),
             ),
         )
-        self.wait(lambda: bool(stage.viz.browsers))
-        stage.runtime.run(0.5)
+        self.wait(lambda: bool(stage.viz.pages))
+        (self.page,) = stage.viz.pages.values()
+        self.line.send(f'{{"scene": "{self._secret()}"}}')
+        self.wait(lambda: self.page.session.picture.client is not None)
+        self.run(0.5)
+
+    def run(self, seconds: float) -> None:
+        """Let time pass, in which it answers beats."""
+        for _ in range(max(1, round(seconds / STEP_S))):
+            self.line.send('{"beat_ms": 0}')
+            wait_until(self._is_heard, "the page is heard")
+            self.stage.runtime.run(STEP_S)
 
     def wait(self, is_so: Callable[[], bool]) -> None:
-        end_s = time.monotonic() + PATIENCE_S
-        while not is_so():
-            assert time.monotonic() < end_s
-            time.sleep(0.01)
-            self.stage.runtime.run(0.05)
+        """Wait for what comes over a socket; for the viewer no time passes."""
+
+        def look() -> bool:
+            self.stage.runtime.run(0.0)
+            return is_so()
+
+        wait_until(look, "it is as it should be")
 
     def begin_drag(self, node: str) -> None:
-        owner = self.stage.session.client.scene._owner_id
+        owner = self._owner
         for phase in ("start", "update"):
-            say(self.socket, drag(phase, node, owner))  # type: ignore[arg-type]
+            say(self.socket, drag(phase, node, owner))
 
     def end_drag(self, node: str) -> None:
-        say(self.socket, drag("end", node, self.stage.session.client.scene._owner_id))  # type: ignore[arg-type]
+        say(self.socket, drag("end", node, self._owner))
 
-    def tell(self, **gesture: object) -> None:
-        self.gestures.send(msgspec.json.encode(gesture))
+    @property
+    def _owner(self) -> Any:
+        client = self.stage.session.picture.client
+        assert client is not None
+        return client.scene._owner_id
+
+    def tell(self, **gesture: Any) -> None:
+        said = {"gesture": {"at_ms": self.stage.now_ms, **gesture}}
+        self.line.send(msgspec.json.encode(said).decode())
 
     def leave(self) -> None:
-        self.socket.socket.shutdown(socket.SHUT_RDWR)
-        self.wait(lambda: not self.stage.viz.browsers)
-        self.stage.runtime.run(0.5)
+        """Go without a word."""
+        for one in (self.line, self.socket):
+            one.socket.shutdown(socket.SHUT_RDWR)
+        self.wait(lambda: self.page.session.picture.client is None)
+        self.stage.runtime.run(3.0)
+
+    def _is_heard(self) -> bool:
+        self.stage.runtime.run(0.0)
+        return self.page._heard_ns == self.stage.viz.monotonic_ns
+
+    def _secret(self) -> str:
+        """By which it is known to be the same page's, as viser's page shows it."""
+
+        def look() -> re.Match[bytes] | None:
+            self.stage.runtime.run(0.0)
+            with contextlib.suppress(TimeoutError):
+                return re.search(rb'data-secret="(\w+)"', shown(self.socket.recv(0, decode=False)))
+            return None
+
+        found = wait_until(look, "viser's page has its secret")
+        assert found is not None
+        return found[1].decode()
 
 
 @pytest.fixture
 def page(stage: "Stage") -> Iterator[Page]:
     page = Page(stage)
     yield page
-    page.gestures.close()
-    page.socket.socket.close()
+    for one in (page.line, page.socket):
+        one.socket.close()
 
 
 def test_no_goal_is_sent(page: Page, stage: "Stage") -> None:
@@ -108,6 +156,22 @@ def test_no_goal_is_sent(page: Page, stage: "Stage") -> None:
     page.begin_drag("/pointing")
     page.wait(lambda: session.pointing._arrow is not None)
     page.leave()
+    assert session.pointing._arrow is None
+    assert stage.robot.goals == []
+
+
+def test_no_goal_is_sent_when_the_line_is_lost_before_it_is_let_go(
+    page: Page, stage: "Stage"
+) -> None:
+    stage.session.aiming.point_goal()
+    page.begin_drag("/pointing")
+    page.wait(lambda: stage.session.pointing._arrow is not None)
+    page.line.socket.shutdown(socket.SHUT_RDWR)
+    page.wait(lambda: page.page._line is None)
+    page.end_drag("/pointing")
+    page.wait(lambda: stage.session.drags._end is not None)
+    stage.runtime.run(3.0)
+    assert stage.session.drags._end is None
     assert stage.robot.goals == []
 
 
@@ -153,7 +217,7 @@ def test_no_goal_is_sent_when_the_phone_takes_the_touch(
     click.screen_pos = (0.7, 0.6)
     assert session.pointing._plane is not None
     asyncio.run(session.pointing._plane._impl.click_cb[0].callback(click))  # type: ignore[arg-type]
-    stage.runtime.run(3.0)
+    page.run(3.0)
     assert stage.robot.goals == []
     assert session.pointing.tool is not None  # for another try
     page.tell(released=(0.7, 0.6))
@@ -169,31 +233,12 @@ def test_an_end_of_which_the_page_says_nothing_is_none(page: Page, stage: "Stage
     page.begin_drag("/pointing")
     page.end_drag("/pointing")
     page.wait(lambda: session.drags._end is not None)
-    stage.runtime.run(3.0)
+    page.run(3.0)
     assert session.drags._end is None
     page.tell(released=(0.6, 0.5))  # too late
     page.wait(lambda: session.drags._released is not None)
-    stage.runtime.run(0.5)
+    page.run(0.5)
     assert stage.robot.goals == []
-
-
-def test_who_only_looks_speaks_for_no_operator(page: Page, stage: "Stage") -> None:
-    gestures = stage.viz.gestures
-    gestures.sockets._operators.clear()
-    gestures._said(0, 0, Gesture(released=(0.6, 0.5)))
-    assert stage.session.drags._released is None
-
-
-def test_folders_stay_as_they_were_left(page: Page, stage: "Stage") -> None:
-    assert stage.session.choices.folders == {}
-    page.tell(folder="Keys", is_open=True)
-    page.tell(folder="no such", is_open=True)
-    page.tell(folder="Places", is_open=False)
-    page.wait(lambda: len(stage.session.choices.folders) == 2)
-    assert stage.session.choices.folders == {"Keys": True, "Places": False}
-    assert stage.session.folder("Keys").expand_by_default
-    assert not stage.session.folder("Places", is_open=True).expand_by_default
-    assert not stage.session.folder("State").expand_by_default
 
 
 def test_no_zone_is_moved(page: Page, stage: "Stage") -> None:

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.pages import PageOf, page_of
 
 from trolley import requests, topics
 from trolley.codes import EXISTS, UNKNOWN_NAME, Refused
@@ -70,14 +71,14 @@ def keeper(stage: "Stage") -> MapKeeper:
     return stage.runtime.add(MapKeeper())
 
 
-def panel_of(stage: "Stage") -> Any:
-    panel = stage.console._changes
-    assert panel is not None
-    return panel
+@pytest.fixture
+def page(stage: "Stage", keeper: MapKeeper) -> PageOf:
+    stage.browse()
+    return page_of(stage).within("Map")
 
 
-def answer(stage: "Stage", what: str) -> None:
-    panel_of(stage)._answered(what)
+def answer(stage: "Stage", page: PageOf, what: str) -> None:
+    page.press(what)
     stage.runtime.run(0.5)
 
 
@@ -85,13 +86,12 @@ def test_changes_are_offered_and_accepted_under_a_name_of_their_own(
     stage: "Stage", keeper: MapKeeper
 ) -> None:
     browser = stage.browse()
-    panel = panel_of(stage)
-    assert panel._answer.visible
-    assert "2 things have changed" in panel._text.content
-    assert "<is>" not in panel._text.content
-    assert panel._which.options == ("all 2", "appeared-2", "gone-1")
+    page = page_of(stage).within("Map")
+    assert "2 things have changed" in page.text()
+    assert "<is>" not in page.html()
+    assert page.options("Which") == ("all 2", "appeared-2", "gone-1")
     assert len(stage.session.change_marks._nodes) == 4
-    answer(stage, ACCEPT)
+    answer(stage, page, ACCEPT)
     (edit,) = keeper.edits
     assert (edit.name, edit.as_name) == ("room", "room-3")
     assert edit.ops == ops_of([CAME, GONE])
@@ -99,28 +99,26 @@ def test_changes_are_offered_and_accepted_under_a_name_of_their_own(
     assert browser.notices[-1] == ("The map was changed", "Done.")
 
 
-def test_one_of_them_is_accepted(stage: "Stage", keeper: MapKeeper) -> None:
+def test_one_of_them_is_accepted(stage: "Stage", keeper: MapKeeper, page: PageOf) -> None:
     keeper.is_configured = False
-    stage.browse()
-    panel_of(stage)._which.value = "gone-1"
-    answer(stage, ACCEPT)
+    page.choose("Which", "gone-1")
+    answer(stage, page, ACCEPT)
     assert [(edit.as_name, edit.ops) for edit in keeper.edits] == [(None, ops_of([GONE]))]
 
 
-def test_not_now_is_for_this_browser_and_never_for_all(stage: "Stage", keeper: MapKeeper) -> None:
-    stage.browse()
-    panel_of(stage)._which.value = "gone-1"
-    answer(stage, LATER)
+def test_not_now_is_for_this_browser_and_never_for_all(
+    stage: "Stage", keeper: MapKeeper, page: PageOf
+) -> None:
+    page.choose("Which", "gone-1")
+    answer(stage, page, LATER)
     assert stage.session.change_marks.offered == [CAME]
-    assert "1 thing has changed" in panel_of(stage)._text.content
-    assert not panel_of(stage)._which.visible
+    assert "1 thing has changed" in page.text()
+    assert not page.is_shown("Which")
     assert keeper.changes == [CAME, GONE]
-    answer(stage, NEVER)
+    answer(stage, page, NEVER)
     assert keeper.changes == [GONE]
     assert stage.session.change_marks.offered == []
-    assert not panel_of(stage)._answer.visible
-    answer(stage, ACCEPT)
-    answer(stage, "nonsense")
+    assert not page.is_shown(NEVER)
     assert keeper.edits == []
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from support.pages import page_of
 
 from trolley import codes, requests
 from trolley.codes import Refused
@@ -23,6 +24,7 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service, answers
+from trolley_viz.controls.controls import NotThere
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -168,7 +170,7 @@ def test_turning_takes_all_of_the_scene_along(hand: Hand) -> None:
         editor.turn_to(degrees)
     hand.wait()
     assert [op.angle for op in editor.draft.ops] == pytest.approx([math.radians(30.0)])
-    root = hand.stage.session.scene._overrides[hand.stage.session.robot][""]
+    root = hand.stage.drawn()._overrides[hand.stage.session.robot][""]
     hand.wait()
     assert root.wxyz[3] == pytest.approx(math.sin(math.radians(15.0)))
     editor.straighten()
@@ -244,3 +246,38 @@ def test_drawing_a_zone_leaves_the_draft(hand: Hand) -> None:
     hand.stage.session.zone_editor.start("keepout")
     hand.wait()
     assert not hand.editor.is_open
+
+
+def test_the_map_is_changed_from_the_page(hand: Hand, mapper: Mapper) -> None:
+    page = page_of(hand.stage).within("Edit map")
+    assert not page.is_shown("Change this map")
+    assert "Look · nothing changed yet" in page.text()
+    with pytest.raises(NotThere):
+        page.press("Save as new version")
+    page.press("Erase")
+    hand.wait()
+    page.type("Brush (m)", 9.0)
+    page.tick("Erase to unknown")
+    hand.drag((-1.0, -1.95), (1.0, -1.95))
+    assert (hand.editor.brush_m, hand.editor.to_unknown) == (2.0, True)
+    assert "Erase · 1 step" in page.text()
+    page.press("Wall")
+    hand.wait()
+    assert not page.is_shown("Brush (m)")
+    page.type("Wall (m)", 0.1)
+    page.type("Turn (°)", 30.0)
+    hand.wait()
+    assert (hand.editor.wall_m, len(hand.editor.draft.ops)) == (0.1, 2)
+    page.press("Undo last step")
+    hand.wait()
+    assert page.value("Turn (°)") == 0.0
+    page.choose("Merge with", "attic")
+    hand.wait()
+    page.type("Save as", "home")
+    page.press("Save as new version")
+    hand.wait()
+    assert (mapper.asked[-1].as_name, len(mapper.asked[-1].ops)) == ("home", 2)
+    assert page.is_shown("Change this map")
+    page.press("Back to the previous version")
+    hand.wait()
+    assert mapper.asked[-1].ops == [TakeBack()]

@@ -168,7 +168,7 @@ def test_icons_stand_at_frames_and_places_and_face_the_camera(stage: "Stage") ->
     assert where["fa-robot"] == pytest.approx((1.5, 0.0, 0.5))
     assert where["home"] == pytest.approx((2.0, 1.0, 0.5))
     assert layer(stage).notes == ["There is no icon “no-such-thing”."]
-    shown = stage.session.scene._icons._nodes
+    shown = stage.drawn()._icons._nodes
     assert len(shown) == 3
     browser.camera.wxyz = np.array([math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0])  # to +y
     stage.runtime.run(0.2)

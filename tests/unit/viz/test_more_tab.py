@@ -1,12 +1,13 @@
 """What engineers see: layers with ages, the frame tree, services, certainty and truth."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.pages import PageOf, page_of
 
 from trolley import topics
 from trolley.geometry import Pose2D, Twist2D
@@ -112,40 +113,47 @@ def test_a_service_that_is_silent_is_said_to_be() -> None:
     assert service_line("tour", health, 12.0).headline == "tour: silent"
 
 
-def later(stage: "Stage") -> Any:
-    """The panel, brought up to date."""
+def later(stage: "Stage") -> PageOf:
+    """The tab, brought up to date."""
     stage.runtime.run(2.0)
-    return stage.console._more
+    return page_of(stage).within("More")
 
 
 def test_layers_tell_how_old_they_are(stage: "Stage") -> None:
     stage.browse()
     stage.session.switch_layer("costmap", is_on=True)
-    panels = later(stage)._layers
-    labels = [box.label for panel in panels.values() for box in panel._boxes.values()]
-    assert "Laser scan · now" in labels
-    assert "Costmap near the robot · no data" in labels
-    assert "Costmap of the whole map" in labels  # off: nothing is known of it
-    truth_box = next(box for kind, box in panels["Robot"]._boxes.items() if kind.key == "truth")
-    assert not truth_box.visible  # the robot is a real one
+    page = later(stage)
+    assert page.is_shown("Laser scan · now")
+    assert page.is_shown("Costmap near the robot · no data")
+    assert page.is_shown("Costmap of the whole map")  # off: nothing is known of it
+    assert not any("truth" in label.casefold() for label in page.labels)  # the robot is a real one
     stage.runtime.kill("base")
     stage.runtime.run(5.0)
-    labels = [box.label for box in panels["Sensing"]._boxes.values()]
-    assert "Laser scan · 5 s" in labels
+    assert page.is_shown("Laser scan · 5 s")
+
+
+def test_layers_are_switched_and_the_look_too(stage: "Stage") -> None:
+    stage.browse()
+    page = later(stage)
+    page.tick("Laser scan · now", is_on=False)
+    page.choose("Look", "dark")
+    stage.runtime.run(2.0)
+    assert not page.value("Laser scan")
+    assert not stage.session.layers()["scan"]
+    assert stage.session.choices.dark
 
 
 def test_frames_are_switched_one_by_one(stage: "Stage") -> None:
     stage.browse()
-    more = later(stage)
-    boxes = more._frames._boxes
-    assert [frame for frame, _ in boxes] == ["map", "odom", "base_link", "laser"]
-    assert "<b>base_link</b></td>" in more._frames._links.content
-    stage.session.switch_frame("laser", is_on=True)
+    page = later(stage).within("Frames")
+    assert page.labels == ["map", "odom", "base_link", "laser"]
+    assert "base_link odom" in page.text()
+    page.tick("laser")
     stage.runtime.run(1.2)
-    axes = stage.session.scene._axes._axes
+    axes = stage.drawn()._axes._axes
     assert list(axes) == ["laser"]
     assert axes["laser"].position[:2] == pytest.approx([1.6, 0.0])
-    stage.session.switch_frame("laser", is_on=False)
+    page.tick("laser", is_on=False)
     stage.runtime.run(0.2)
     assert axes == {}
     assert stage.session.choices.layers == {}
@@ -157,18 +165,17 @@ def test_the_missing_link_is_named(stage: "Stage") -> None:
     stage.runtime.put(
         topics.TF.key("trolley", "camera"), msgspec.json.encode(lone), "application/json"
     )
-    content = later(stage)._frames._links.content
-    assert "Missing: tf/nowhere." in content
-    assert "tf/laser" not in content
+    said = later(stage).within("Frames").text()
+    assert "Missing: tf/nowhere." in said
+    assert "tf/laser" not in said
 
 
 def test_services_and_rates_are_listed(stage: "Stage") -> None:
     stage.browse()
     stage.runtime.run(4.0)
-    streams = later(stage)._streams
-    assert "base: ok" in streams._services.content
-    assert "<b>scan</b>" in streams._streams.content
-    assert "10.0 Hz" in streams._streams.content
+    said = later(stage).within("Services and streams").text()
+    assert "base: ok" in said
+    assert "scan 10.0 Hz" in said
 
 
 def test_match_particles_and_error_are_numbers(stage: "Stage") -> None:

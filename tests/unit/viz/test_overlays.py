@@ -1,7 +1,7 @@
 """Overlays in the browsers: what is followed and when, what browsers are told, what clicks do."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -9,7 +9,10 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Choice, Overlay, OverlayRule, Transform, Twist2D, VelocityCommand
 from trolley_tour.service import TourService
-from trolley_viz.overlays.pages import Click, OverlayUpdate
+from trolley_viz.overlays.cards import Card
+from trolley_viz.overlays.pages import Click, File, OverlayUpdate
+from trolley_viz.server.messages import Said
+from trolley_viz.server.visitors import NOBODY, Visitor
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -20,38 +23,44 @@ DISTANCE = "tf:base_link/map:distance"
 class Page:
     """A browser's overlays, as its script keeps them."""
 
-    def __init__(self, stage: "Stage", monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, stage: "Stage", client_id: int = 0, visitor: Visitor = NOBODY) -> None:
         self.stage = stage
-        self.cards: dict[str, Any] = {}
-        self.last = OverlayUpdate()
-        self.num_told = 0
-        self.may_act = True
-        self.files: list[Any] = []
-        sockets = stage.viz.overlays.sockets
-        monkeypatch.setattr(sockets, "clients", lambda: {7: 0})
-        monkeypatch.setattr(sockets, "send", self._take)
-        monkeypatch.setattr(sockets, "may_act", lambda who: self.may_act)
+        self.browser = stage.browse(client_id, visitor)
 
-    def _take(self, who: int, told: OverlayUpdate) -> None:
-        self.num_told += 1
-        if told.csv is not None:
-            self.files.append(told.csv)
-            return
-        self.last = told
-        self.cards |= told.cards
-        self.cards = {name: self.cards[name] for name in told.order}
+    @property
+    def told(self) -> list[OverlayUpdate]:
+        """All that it was told."""
+        updates = [one.overlays for one in self.browser.line.told]
+        return [one for one in updates if one is not None]
+
+    @property
+    def cards(self) -> dict[str, Card]:
+        """What it shows now."""
+        cards: dict[str, Card] = {}
+        for told in self.told:
+            cards |= told.cards
+            cards = {name: cards[name] for name in told.order}
+        return cards
+
+    @property
+    def files(self) -> list[File]:
+        """What it was given to save."""
+        files = [one.file for one in self.browser.line.told]
+        return [one for one in files if one is not None]
 
     def body(self, name: str) -> str:
         return self.cards[name].body
 
     def click(self, name: str, index: int) -> None:
-        self.stage.viz.overlays._said(7, 0, Click(id=name, index=index))
+        self.stage.say(self.browser, Said(overlay=Click(id=name, index=index)))
+
+    def ask_csv(self, name: str) -> None:
+        self.stage.say(self.browser, Said(overlay=Click(id=name, csv=True)))
 
 
 @pytest.fixture
-def page(stage: "Stage", monkeypatch: pytest.MonkeyPatch) -> Page:
-    stage.browse()
-    return Page(stage, monkeypatch)
+def page(stage: "Stage") -> Page:
+    return Page(stage)
 
 
 def put(stage: "Stage", overlay: Overlay, name: str = "one") -> None:
@@ -74,7 +83,8 @@ def test_a_stream_is_followed_only_while_an_overlay_needs_it(stage: "Stage", pag
     assert watched(stage) == {"imu"}
     assert list(page.cards) == ["two"]
     overlays = stage.scenes["trolley"].overlays
-    stage.viz.close_browser(0)
+    stage.leave(page.browser)
+    stage.runtime.run(0.1)
     assert overlays._readings._watches == {}
 
 
@@ -93,7 +103,7 @@ def test_overlays_that_are_switched_off_follow_nothing(stage: "Stage", page: Pag
 def test_every_message_is_kept_and_the_page_is_told_a_few_times(stage: "Stage", page: Page) -> None:
     put(stage, Overlay(kind="plot", source="cmd_vel/own:twist.vx"))
     reading = stage.scenes["trolley"].overlays._readings.of("cmd_vel/own:twist.vx")
-    before, told = len(reading.history), page.num_told
+    before, told = len(reading.history), len(page.told)
     for i in range(200):
         command = VelocityCommand(
             stamp_ns=10**12 + i, twist=Twist2D(0.01 * i, 0.0, 0.0), valid_for=0.2
@@ -102,9 +112,9 @@ def test_every_message_is_kept_and_the_page_is_told_a_few_times(stage: "Stage", 
         stage.runtime.run(0.01)
     stage.runtime.run(0.3)
     assert len(reading.history) - before == 200
-    assert page.num_told - told <= 13  # five times a second
+    assert len(page.told) - told <= 13  # five times a second
     assert "1.99" in page.body("one")
-    stage.viz.overlays._said(7, 0, Click(id="one", csv=True))
+    page.ask_csv("one")
     (file,) = page.files
     assert file.name == "trolley-one.csv"
     assert file.text.splitlines()[-1] == f"{10**12 + 199},1.99"
@@ -187,8 +197,7 @@ def test_a_click_on_what_is_not_there_is_nothing(stage: "Stage", page: Page) -> 
     put(stage, Overlay(kind="text", text="x"), "text")
     for name, index in (("mode", 1), ("mode", -1), ("text", 0), ("gone", 0)):
         page.click(name, index)
-    stage.viz.overlays._said(7, 0, Click(id="text", csv=True))
-    stage.viz.overlays._said(7, 99, Click(id="mode", index=0))  # no such browser
+    page.ask_csv("text")
     stage.runtime.delete(topics.OVERLAY.key("trolley", "mode"))
     stage.runtime.run(0.3)
     page.click("mode", 0)
@@ -199,22 +208,27 @@ def test_a_click_on_what_is_not_there_is_nothing(stage: "Stage", page: Page) -> 
 
 def test_who_may_only_look_chooses_nothing(stage: "Stage", page: Page) -> None:
     heard: list[Choice] = stage.runtime.record(topics.CHOICE)
-    page.may_act = False
+    guest = Page(stage, 1, Visitor("guest", "viewer"))
     put(stage, Overlay(kind="menu", items=["Sleep"]), "mode")
-    assert not page.last.may_choose
-    page.click("mode", 0)
+    put(stage, Overlay(kind="plot", source="odom:twist.vx"), "speed")
+    assert page.told[-1].may_choose
+    assert not guest.told[-1].may_choose
+    guest.click("mode", 0)
     stage.runtime.run(0.3)
     assert heard == []
+    guest.ask_csv("speed")
+    assert [file.name for file in guest.files] == ["trolley-speed.csv"]
+    assert page.files == []
 
 
 def test_only_what_changed_is_told(stage: "Stage", page: Page) -> None:
     put(stage, Overlay(kind="text", text="still"), "still")
     put(stage, Overlay(kind="gauge", source="clock:rate"), "other")
-    told = page.num_told
+    told = len(page.told)
     stage.runtime.run(2.0)
-    assert page.num_told == told
+    assert len(page.told) == told
     put(stage, Overlay(kind="text", text="moved"), "still")
-    assert list(page.last.cards) == ["still"]
+    assert list(page.told[-1].cards) == ["still"]
 
 
 def test_a_few_dozen_are_shown_and_the_rest_is_counted(stage: "Stage", page: Page) -> None:
@@ -222,16 +236,23 @@ def test_a_few_dozen_are_shown_and_the_rest_is_counted(stage: "Stage", page: Pag
         stage.runtime.publish(topics.OVERLAY, Overlay(kind="text", text=str(i)), f"o{i:03}")
     stage.runtime.run(0.5)
     assert len(page.cards) == 24
-    assert page.last.note == "76 more overlays are not shown."
+    assert page.told[-1].note == "76 more overlays are not shown."
 
 
-def test_who_looks_later_sees_what_is_kept(stage: "Stage", monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_looks_later_sees_what_is_kept(stage: "Stage") -> None:
     stage.runtime.add(TourService(stage.config))
     put(stage, Overlay(kind="text", text="kept"))
-    stage.browse()
-    page = Page(stage, monkeypatch)
+    assert "kept" in Page(stage).body("one")
+
+
+def test_a_page_that_comes_back_is_told_all_of_them_again(stage: "Stage", page: Page) -> None:
+    put(stage, Overlay(kind="text", text="one"), "one")
+    page.browser.line.close()
     stage.runtime.run(0.5)
-    assert "kept" in page.body("one")
+    put(stage, Overlay(kind="text", text="two"), "two")
+    page.browser.line = stage.connect()
+    stage.runtime.run(0.5)
+    assert list(page.told[0].cards) == ["one", "two"]
 
 
 def test_a_new_run_of_base_begins_a_new_history(stage: "Stage", page: Page) -> None:

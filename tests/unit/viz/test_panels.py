@@ -1,22 +1,33 @@
 """The controls and their markup."""
 
-import asyncio
-from types import SimpleNamespace
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-import viser
+from support.pages import page_of
 
+from trolley import requests, topics
+from trolley.messages import MappingStatus
+from trolley.messages.request_params import MapNamed, Nothing, PauseMap
+from trolley.runtime.service import Service, answers
 from trolley_viz.graphics.camera import FIELD_OF_VIEW, stand
-from trolley_viz.panels.controls import set_options
-from trolley_viz.panels.markup import note, row, table
-from trolley_viz.panels.stop_bar import StopBar
+from trolley_viz.graphics.icons import icon_names
+from trolley_viz.panels.markup import (
+    card,
+    details,
+    note,
+    numbered,
+    row,
+    sentence,
+    swatches,
+    table,
+    title,
+)
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopLine, StopPresses
 from trolley_viz.scene.scan_and_particles import weight_colours
 from trolley_viz.sentences import StatusLine
-from trolley_viz.threads import handler
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -25,40 +36,88 @@ EVIL = "<img src=x onerror=alert(1)>"
 
 
 def test_names_from_the_wire_cannot_carry_markup() -> None:
-    for text in (row(StatusLine(EVIL, "good", EVIL)), note(EVIL), table([(EVIL, EVIL)])):
+    words = StatusLine(EVIL, "good", EVIL)
+    for text in (
+        row(words),
+        sentence(words),
+        details(words, ""),
+        note(EVIL),
+        title(EVIL),
+        card(EVIL, EVIL),
+        numbered([EVIL]),
+        table([(EVIL, EVIL)]),
+        swatches([(EVIL, (0, 0, 0))]),
+    ):
         assert "<img" not in text
         assert "&lt;img" in text
 
 
-def test_what_the_service_changes_itself_is_nobodys_wish() -> None:
-    acted: list[object] = []
-    handle = handler(lambda call: call(), lambda client, value: acted.append(value))
-    target = SimpleNamespace(value="kart")
-    asyncio.run(handle(SimpleNamespace(client=None, target=target)))  # type: ignore[arg-type]
-    assert acted == []
-    asyncio.run(handle(SimpleNamespace(client=object(), target=target)))  # type: ignore[arg-type]
-    assert acted == ["kart"]
+def test_every_icon_is_there(stage: "Stage") -> None:
+    stage.browse()
+    icons = {control.look.icon for control in stage.page().controls.all.values()}
+    assert icons - {""} <= icon_names()
 
 
-def test_choices_keep_what_was_chosen(server: viser.ViserServer) -> None:
-    empty = str("none")  # noqa: UP018 - a plain str to the type checker
-    dropdown = server.gui.add_dropdown("Place", (empty,))
-    set_options(dropdown, ["a", "b"], empty)
-    dropdown.value = "b"
-    set_options(dropdown, ["a", "b", "c"], empty)
-    assert dropdown.value == "b"
-    set_options(dropdown, [], empty)
-    assert (dropdown.value, dropdown.disabled) == ("none", True)
+def test_nothing_has_a_style_of_its_own(stage: "Stage") -> None:
+    """The page's policy forbids it."""
+    stage.browse()
+    assert "style" not in page_of(stage).html()
 
 
-def test_the_stop_bar_says_that_it_is_not_stopped(server: viser.ViserServer) -> None:
-    bar = StopBar(server.gui, lambda: None, lambda: None)
-    bar.show(StopLine("NOT STOPPED: no connection", is_alarm=True), is_stopped=True)
-    assert "NOT STOPPED: no connection" in bar._line.content
-    bar.show(None, is_stopped=True)
-    assert ">Stopped<" in bar._line.content
-    bar.show(None, is_stopped=False)
-    assert bar._line.content == ""
+def test_colours_of_a_legend_are_for_the_script() -> None:
+    assert swatches([("mirror", (0, 170, 205))]) == (
+        '<div class="swatch"><i data-colour="#00aacd"></i>mirror</div>'
+    )
+
+
+class Mapper(Service):
+    """Begins a map and gives it up."""
+
+    name = "mapper"
+
+    def start(self) -> None:
+        self.say("idle")
+
+    def say(self, state: Any, name: str | None = None) -> MappingStatus:
+        status = MappingStatus(stamp_ns=self.stamp_ns, state=state, name=name)
+        self.publish(topics.MAPPING, status)
+        return status
+
+    @answers(requests.MAP_NEW)
+    def begin(self, params: MapNamed) -> MappingStatus:
+        return self.say("mapping", params.name)
+
+    @answers(requests.MAP_PAUSE)
+    def pause(self, params: PauseMap) -> MappingStatus:
+        return self.say("paused" if params.on else "mapping", "flat")
+
+    @answers(requests.MAP_CANCEL)
+    def give_up(self, _: Nothing) -> MappingStatus:
+        return self.say("idle")
+
+
+def test_a_map_is_begun_paused_and_given_up_at_the_second_press(stage: "Stage") -> None:
+    stage.browse()
+    page = page_of(stage).within("Make a map")
+    assert "The mapper is not running" in page.text()
+    assert page.labels == []
+    stage.runtime.add(Mapper())
+    stage.runtime.run(0.5)
+    assert page.labels == ["Map name", "New map", "Extend this map"]
+    page.type("Map name", " flat ")
+    page.press("New map")
+    stage.runtime.run(0.5)
+    assert "Mapping “flat”" in page.text()
+    assert not page.is_shown("New map")
+    page.press("Pause")
+    stage.runtime.run(0.5)
+    assert page.is_shown("Continue")
+    page.press("Discard")
+    stage.runtime.run(0.5)
+    assert page.button("Really discard it?").colour == "amber"
+    page.press("Really discard it?")
+    stage.runtime.run(0.5)
+    assert page.is_shown("New map")
 
 
 def test_stop_is_one_press_whatever_how_often_it_is_pressed() -> None:
@@ -73,6 +132,19 @@ def test_stop_is_one_press_whatever_how_often_it_is_pressed() -> None:
     presses.release("a")
     presses.release("b")
     assert presses.line("a", 10**9) is None
+
+
+def test_a_stop_that_is_pressed_before_a_resume_was_answered_is_asked_after_it() -> None:
+    asked: list[Callable[[bool], None]] = []
+    presses = StopPresses(lambda _, answered: asked.append(answered))
+    presses.release("a")
+    presses.press("a", 0)
+    asked.pop()(True)  # it may have come before the resume
+    assert presses.line("a", 0) is not None
+    presses.resumed("a")
+    presses.tick(1)
+    asked.pop()(True)
+    assert presses.line("a", 1) is None
 
 
 def test_the_own_robot_is_listed_before_it_is_heard_of() -> None:
@@ -102,10 +174,3 @@ def test_the_whole_map_is_in_the_picture(
         depth = ray @ forward
         assert abs(ray @ up) / depth <= tangent
         assert abs(ray @ right) / depth <= tangent * aspect
-
-
-def test_notices_do_not_pile_up_over_the_map(stage: "Stage") -> None:
-    browser = stage.browse()
-    for title in "abc":
-        stage.session.tell(title, "", "warn")
-    assert browser.shown_notices == ["b", "c"]

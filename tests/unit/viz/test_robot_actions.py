@@ -3,16 +3,19 @@
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.pages import page_of
 
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Health, SavedPose, SavedPoses, TourStatus
 from trolley_viz.actions.aiming import GO_TO
 from trolley_viz.actions.robot_actions import what_is_under_way
-from trolley_viz.panels.shortcuts import shortcuts
+from trolley_viz.pages.known import robot_state
 from trolley_viz.panels.tiles import MAX_TILES
 from trolley_viz.pointing.pointer import Pointed
+from trolley_viz.robots.silence import SilentServices
 from trolley_viz.session.session import Session
+from trolley_viz.situation import situation
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -62,7 +65,7 @@ def test_a_goal_that_is_over_is_not_taken_back(stage: "Stage", session: Session)
 def test_a_pose_is_set_back_to_where_the_robot_has_come_to(
     stage: "Stage", session: Session
 ) -> None:
-    session.aiming._set_pose(Pointed(-1.0, -1.0, 0.0))
+    session.aiming.set_pose(Pointed(-1.0, -1.0, 0.0))
     stage.runtime.run(0.3)
     stage.robot.driven_m = 0.25
     stage.runtime.run(0.3)
@@ -74,7 +77,7 @@ def test_a_pose_is_set_back_to_where_the_robot_has_come_to(
 
 
 def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", session: Session) -> None:
-    session.aiming._set_pose(Pointed(-1.0, -1.0, 0.0))
+    session.aiming.set_pose(Pointed(-1.0, -1.0, 0.0))
     stage.runtime.run(0.3)
     assert session.actions.history.last is not None
     stage.robot.epoch = 10**18
@@ -91,7 +94,7 @@ def test_several_places_are_driven_as_one_tour(stage: "Stage", session: Session)
     assert session.aiming.armed == GO_TO  # for the next one
     stage.runtime.run(0.3)
     assert stage.robot.goals == []
-    assert len(session.scene._goal_pins._nodes) == 4  # an arrow and a number each
+    assert len(stage.drawn()._goal_pins._nodes) == 4  # an arrow and a number each
     actions.start_goal_queue()
     stage.runtime.run(0.3)
     (started,) = stage.robot.tours
@@ -102,7 +105,7 @@ def test_several_places_are_driven_as_one_tour(stage: "Stage", session: Session)
     stage.robot.publish(topics.TOUR, over)
     stage.runtime.run(0.3)
     assert actions.goal_queue.items == ()
-    assert session.scene._goal_pins._nodes == []
+    assert stage.drawn()._goal_pins._nodes == []
 
 
 def test_who_follows_another_robot_leaves_all_behind(stage: "Stage", session: Session) -> None:
@@ -170,10 +173,14 @@ def test_the_buttons_are_for_what_is_under_way(
     assert what_is_under_way(now, tour) == what
 
 
-def test_each_key_does_one_thing(session: Session) -> None:
-    keys = [one.key for one in shortcuts(session)]
+def test_each_key_does_one_thing(stage: "Stage", session: Session) -> None:
+    keys = page_of(stage).keys
     assert len(keys) == len(set(keys))
-    assert not {"space", "S", "J"} & set(keys)  # Stop and the joystick have them
+    assert not {" ", "s", "j"} & set(keys)  # Stop and the joystick have them
+    page_of(stage).press_key("g")
+    assert session.aiming.armed == GO_TO
+    page_of(stage).press_key("escape")
+    assert session.aiming.armed == ""
 
 
 def test_nothing_under_way_is_nothing_to_pause(stage: "Stage") -> None:
@@ -193,10 +200,15 @@ def test_a_service_that_falls_silent_is_missed(stage: "Stage", session: Session)
     stage.robot._say_goal("a", "driving", here)
     health = Health(stamp_ns=1, state="ok", cpu=0.0, rss=0)
     stage.robot.publish(topics.HEALTH, health, "planner")
-    stage.runtime.run(1.0)
-    assert "on its way" in stage.console._status._lines.content
-    stage.runtime.run(4.0)
-    assert "the planner is not running" in stage.console._status._lines.content
+    stage.runtime.run(0.5)
+    services = SilentServices()
+
+    def said() -> str:
+        return situation(robot_state(session.view, services.update(session.view))).headline
+
+    assert "on its way" in said()
+    stage.runtime.run(5.0)
+    assert "the planner is not running" in said()
 
 
 def put_places(stage: "Stage", names: list[str], icon: str = "") -> None:
@@ -207,34 +219,60 @@ def put_places(stage: "Stage", names: list[str], icon: str = "") -> None:
 
 
 def test_there_is_a_button_for_each_place(stage: "Stage", session: Session) -> None:
-    assert stage.console._go is not None
-    tiles = stage.console._go._places
-    assert list(tiles._buttons) == ["kitchen"]
-    kitchen = tiles._buttons["kitchen"]
+    page = page_of(stage).within("Go")
+    assert page.button("kitchen").icon == "map-pin"
     put_places(stage, ["kitchen"], icon="coffee")
-    assert tiles._buttons["kitchen"] is kitchen
-    assert kitchen.icon == "coffee"
+    assert page.button("kitchen").icon == "coffee"
     put_places(stage, ["<b>bed</b>", "Äpfel", "kitchen"], icon="no such icon")
-    assert list(tiles._buttons) == ["<b>bed</b>", "kitchen", "Äpfel"]
+    assert page.labels[2:5] == ["<b>bed</b>", "kitchen", "Äpfel"]
     put_places(stage, [f"place {i:03}" for i in range(MAX_TILES + 7)])
-    assert len(tiles._buttons) == MAX_TILES
-    assert tiles._more is not None
-    assert "and 7 more" in tiles._more.content
+    assert sum(one.startswith("place ") for one in page.labels) == MAX_TILES
+    assert "and 7 more" in page.text()
     put_places(stage, [])
-    assert tiles._buttons == {}
-    assert stage.console._go._no_places.visible
+    assert "No places saved yet." in page.text()
+
+
+def test_the_place_that_it_drives_to_stands_out(stage: "Stage", session: Session) -> None:
+    page = page_of(stage).within("Go")
+    page.press("kitchen")
+    stage.runtime.run(0.3)
+    assert stage.robot.goals[-1].name == "kitchen"
+    stage.robot._say_goal("a", "driving", Pose2D(2.0, 1.0, 0.0))
+    stage.runtime.run(0.5)
+    assert page.button("kitchen").colour == "green"
+    page.press("Cancel")
+    stage.runtime.run(0.5)
+    assert page.button("kitchen").colour == "purple"
+    assert page.button("Cancel").is_disabled
 
 
 def test_the_form_shows_what_others_change(stage: "Stage", session: Session) -> None:
-    form = stage.console._places
-    assert form is not None
-    form._place.value = "kitchen"
+    form = page_of(stage).within("Places")
+    form.choose("Place", "kitchen")
     stage.runtime.run(0.3)
-    assert (form._name.value, form._icon.value) == ("kitchen", "pin")
+    assert (form.value("Name"), form.value("Icon")) == ("kitchen", "pin")
     put_places(stage, ["kitchen"], icon="tools-kitchen-2")
-    assert form._icon.value == "kitchen"
+    assert form.value("Icon") == "kitchen"
     put_places(stage, ["kitchen"], icon="pizza")
-    assert form._icon.value == "pizza"  # not among those that are offered
+    assert form.value("Icon") == "pizza"  # not among those that are offered
     put_places(stage, ["door"])
-    assert form._name.value == ""
-    assert not form._delete.visible
+    assert form.value("Name") == ""
+    assert not form.is_shown("Delete")
+
+
+def test_several_places_are_chosen_and_started_from_the_page(
+    stage: "Stage", session: Session
+) -> None:
+    page = page_of(stage)
+    queue = page.within("Several places in a row")
+    assert queue.button("Start").is_disabled
+    queue.press("Choose places …")
+    page.within("Go").press("kitchen")
+    stage.runtime.run(0.3)
+    assert "Press places here or on the map, then press Start. kitchen" in queue.text()
+    queue.press("Start")
+    stage.runtime.run(0.3)
+    (started,) = stage.robot.tours
+    assert started.tour is not None
+    assert [stop.name for stop in started.tour.stops] == ["kitchen"]
+    assert session.aiming.armed == ""

@@ -71,7 +71,7 @@ def test_nothing_is_said_of_a_base_that_drives() -> None:
 def test_a_stopped_base_says_why_and_what_to_do() -> None:
     words = base_line(BaseState(stamp_ns=1, mode="stopped", reason="button"))
     assert words == StatusLine(
-        "Stopped", "bad", "The stop button was pressed. Press Resume to let it drive again."
+        "Stopped", "bad", "The stop button was pressed. Press “Drive on” to let it drive again."
     )
 
 

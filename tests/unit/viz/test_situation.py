@@ -73,14 +73,14 @@ CASES = [
     (known(), "Ready."),
     (known(at="unsure"), "It is not quite sure where it is, so it drives slowly."),
     (known(is_away=True), "No contact with the robot. It is switched off or out of range."),
-    (known(base=base("stopped", "button")), "Stopped. Press Resume to let it drive again."),
+    (known(base=base("stopped", "button")), "Stopped. Press “Drive on” to let it drive again."),
     (
         known(base=base("stopped", "bumper")),
-        "Stopped: it bumped into something. Press Resume to let it drive again.",
+        "Stopped: it bumped into something. Press “Drive on” to let it drive again.",
     ),
     (
         known(base=base("stopped", "new_code", "A wheel came off.")),
-        "Stopped: a wheel came off. Press Resume to let it drive again.",
+        "Stopped: a wheel came off. Press “Drive on” to let it drive again.",
     ),
     (
         known(base=base("fault", "link_lost")),

@@ -1,12 +1,11 @@
 """Tours in the viewer: progress, list, pins, past trips; and the tab in a pretend browser."""
 
-import asyncio
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 import pytest
+from support.pages import PageOf, page_of
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -23,7 +22,8 @@ from trolley.messages import (
 from trolley.messages.request_params import AskHistory, Named, Nothing, StartTour
 from trolley.runtime.service import Service, answers
 from trolley_viz.actions.tour_actions import copy_name
-from trolley_viz.editing.tour_draft import Draft, Editing, Point
+from trolley_viz.controls.controls import NotThere
+from trolley_viz.editing.tour_draft import Draft, Point
 from trolley_viz.graphics.pictures import PIN_HEIGHT_PX, pin_picture
 from trolley_viz.panels.past_trips import summary as trip_summary
 from trolley_viz.panels.past_trips import tone_of, trips_html, when_text
@@ -31,10 +31,8 @@ from trolley_viz.panels.point_editor import (
     FOR_EVER,
     GIVE_UP,
     LEAVE_OUT,
-    count,
     failure_changed,
     failure_of,
-    seconds,
 )
 from trolley_viz.panels.tour_editor import MAX_POINT_ROWS, first_shown, point_text
 from trolley_viz.panels.tour_list import summary
@@ -135,17 +133,10 @@ def test_what_failure_means_is_said_and_kept() -> None:
     ends = Point(name="hall", on_failure="retry", retries=3)
     assert [failure_of(ends), failure_of(Point(name="hall"))] == [GIVE_UP, GIVE_UP]
     assert failure_changed(ends, GIVE_UP) is ends
-    assert failure_changed(ends, "no such answer") is ends
     endless = failure_changed(ends, FOR_EVER)
     assert (endless.on_failure, endless.retries) == ("retry", 0)
     assert failure_of(endless) == FOR_EVER
     assert failure_of(failure_changed(endless, LEAVE_OUT)) == LEAVE_OUT
-
-
-def test_numbers_of_the_page_are_bounded() -> None:
-    for value, wanted in ((float("nan"), 0.0), (-1.0, 0.0), (1e300, 86_400.0), (5, 5.0)):
-        assert seconds(value) == wanted
-    assert [count(value) for value in (float("inf"), 1e9, 2.4)] == [0, 1000, 2]
 
 
 def test_the_rows_of_a_long_tour_are_those_around_the_chosen_point() -> None:
@@ -324,88 +315,92 @@ def tour(stage: "Stage") -> PretendTour:
     return tour
 
 
-def settle(stage: "Stage", seconds: float = 0.6) -> Any:
-    """Let everything be said and drawn; gives the tab."""
+@pytest.fixture
+def page(stage: "Stage", tour: PretendTour) -> PageOf:
+    settle(stage)
+    return page_of(stage).within("Tours")
+
+
+def settle(stage: "Stage", seconds: float = 0.6) -> None:
+    """Let everything be said and drawn."""
     stage.runtime.run(seconds)
-    return stage.console._tours
 
 
-def press(handle: Any, value: Any = True) -> None:
-    """Do as a person does: viser calls the handler with the browser that it came from."""
-    handle._impl.value = value
-    for callback in handle._impl.update_cb:
-        event = SimpleNamespace(client=object(), client_id=0, target=handle)
-        asyncio.run(callback(event))
+def points(page: PageOf) -> list[str]:
+    """The rows of the points."""
+    return [label for label in page.labels if label[0].isdigit()]
 
 
-def make_tour(stage: "Stage", name: str = "evening") -> Any:
+def undo(page: PageOf) -> str:
+    """Take the last step back; returns what stood on the button."""
+    (label,) = [one for one in page.labels if one.startswith("Undo: ")]
+    page.press(label)
+    return label
+
+
+def make_tour(stage: "Stage", page: PageOf) -> None:
     """Open the editor, add the kitchen and where the robot stands, name it and save it."""
-    tab = settle(stage)
-    tab.edit(None)
-    editor = tab._editor
+    page.press("New tour")
     settle(stage)
-    press(editor._add_place, "kitchen")
+    page.choose("Add place", "kitchen")
     settle(stage)
-    press(editor._add_other, "Where it is")
+    page.press("Where it is")
     settle(stage)
-    press(editor._name, name)
+    page.type("Name", "evening")
     settle(stage)
-    press(editor._save)
-    return settle(stage)
+    page.press("Save")
+    settle(stage)
 
 
-def test_a_tour_is_made_saved_and_started(stage: "Stage", tour: PretendTour) -> None:
-    tab = make_tour(stage)
-    assert tab._editor.editing is None
+def edit_tour(stage: "Stage", page: PageOf) -> None:
+    page.within("evening").press("Edit")
+    settle(stage)
+
+
+def test_a_tour_is_made_saved_and_started(stage: "Stage", tour: PretendTour, page: PageOf) -> None:
+    make_tour(stage, page)
+    assert not page.is_shown("Save")
     kitchen, here = tour.tours["evening"].stops
     assert (kitchen.name, here.pose) == ("kitchen", Pose2D(1.5, 0.0, 0.0))
-    assert "kitchen → a point" in tab._list._cards["evening"][0].content
-    press(tab._list._cards["evening"][1], "Start")
+    assert "evening kitchen → a point" in page.text()
+    page.within("evening").press("Start")
     settle(stage)
     assert tour.started == ["evening"]
 
 
-def test_what_is_missing_is_said_and_cannot_be_saved(stage: "Stage", tour: PretendTour) -> None:
-    tab = settle(stage)
-    tab.edit(None)
+def test_what_is_missing_is_said_and_cannot_be_saved(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
+    page.press("New tour")
     settle(stage)
-    editor = tab._editor
-    assert "Give the tour a name." in editor._problems.content
-    assert "Add at least one place." in editor._problems.content
-    assert editor._save.disabled
-    press(editor._save)
-    press(editor._times._at, "25:00")
+    assert "Give the tour a name." in page.text()
+    assert "Add at least one place." in page.text()
+    with pytest.raises(NotThere):
+        page.press("Save")
+    page.type("At", "25:00")
     settle(stage)
-    assert "has not been added yet" in editor._problems.content
-    press(add_button(stage, "Add this time"))
+    assert "has not been added yet" in page.text()
+    page.press("Add this time")
     settle(stage)
-    assert "is not a time of day" in editor._times._note.content
+    assert "is not a time of day" in page.text()
     assert tour.tours == {}
 
 
-def add_button(stage: "Stage", label: str) -> Any:
-    gui = stage.hub.server.gui
-    handles = gui._gui_input_handle_from_uuid.values()
-    return next(one for one in handles if getattr(one, "label", "") == label)
-
-
-def test_points_are_arranged_and_changed(stage: "Stage", tour: PretendTour) -> None:
-    tab = make_tour(stage)
-    tab.edit(tour.tours["evening"])
-    editor = tab._editor
+def test_points_are_arranged_and_changed(stage: "Stage", tour: PretendTour, page: PageOf) -> None:
+    make_tour(stage, page)
+    edit_tour(stage, page)
+    page.press("2  a point on the map")
     settle(stage)
-    press(editor._rows[1])
+    page.type("Stay (s)", 7.0)
+    page.press("Earlier")
     settle(stage)
-    press(editor._point._dwell, 7.0)
-    editor._arrange("Earlier")
+    page.type("Longest drive (s)", -1.0)
+    page.type("At", "8:30")
     settle(stage)
-    press(editor._point._timeout, float("nan"))
-    press(editor._times._at, "8:30")
+    page.press("Add this time")
+    page.tick("Repeat forever")
     settle(stage)
-    press(add_button(stage, "Add this time"))
-    press(editor._endless, True)
-    settle(stage)
-    press(editor._save)
+    page.press("Save")
     settle(stage)
     saved = tour.tours["evening"]
     assert [stop.name for stop in saved.stops] == [None, "kitchen"]
@@ -413,126 +408,118 @@ def test_points_are_arranged_and_changed(stage: "Stage", tour: PretendTour) -> N
     assert saved.schedule == [ScheduleEntry(at="08:30")]
 
 
-def test_a_late_change_of_one_point_does_not_reach_another(
-    stage: "Stage", tour: PretendTour
-) -> None:
-    tab = make_tour(stage)
-    tab.edit(tour.tours["evening"])
-    editor = tab._editor
+def test_a_late_change_of_one_point_does_not_reach_another(stage: "Stage", page: PageOf) -> None:
+    make_tour(stage, page)
+    edit_tour(stage, page)
+    page.press("1  kitchen")
     settle(stage)
-    press(editor._rows[0])
+    page.press("2  a point on the map")
+    page.type("Stay (s)", 7.0)  # and before the page shows the other point
     settle(stage)
-    editor._choose(1)  # and before the page shows that
-    editor._point._changed(lambda point, value: Point(name="attic"), None)
-    assert [point.name for point in editor.editing.draft.points] == ["kitchen", None]
+    assert points(page)[0] == "1  kitchen"
+    assert not any("stays" in label for label in page.labels)
 
 
 def test_a_renamed_tour_keeps_one_name_and_undo_brings_the_other_back(
-    stage: "Stage", tour: PretendTour
+    stage: "Stage", tour: PretendTour, page: PageOf
 ) -> None:
-    tab = make_tour(stage)
+    make_tour(stage, page)
     before = tour.tours["evening"]
-    tab.edit(before)
+    edit_tour(stage, page)
+    page.type("Name", "night")
     settle(stage)
-    press(tab._editor._name, "night")
-    settle(stage)
-    press(tab._editor._save)
+    page.press("Save")
     settle(stage)
     assert set(tour.tours) == {"night"}
-    press(tab._list._undo)
+    undo(page)
     settle(stage)
     assert tour.tours == {"evening": before}
 
 
-def test_a_deleted_tour_is_brought_back(stage: "Stage", tour: PretendTour) -> None:
-    tab = make_tour(stage)
+def test_a_deleted_tour_is_brought_back(stage: "Stage", tour: PretendTour, page: PageOf) -> None:
+    make_tour(stage, page)
     before = dict(tour.tours)
-    press(tab._list._cards["evening"][1], "Delete")
-    tab = settle(stage)
+    page.within("evening").press("Delete")
+    settle(stage)
     assert tour.tours == {}
-    assert tab._list._undo.label == "Undo: Delete the tour evening"
-    press(tab._list._undo)
+    assert undo(page) == "Undo: Delete the tour evening"
     settle(stage)
     assert tour.tours == before
 
 
-def test_who_saved_meanwhile_is_not_overwritten_unasked(stage: "Stage", tour: PretendTour) -> None:
-    tab = make_tour(stage)
-    tab.edit(tour.tours["evening"])
+def test_who_saved_meanwhile_is_not_overwritten_unasked(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
+    make_tour(stage, page)
+    edit_tour(stage, page)
     theirs = Tour(name="evening", stops=[Stop(name="kitchen")])
     tour.put(theirs)
     settle(stage)
-    editor = tab._editor
-    assert "Somebody else has changed this tour." in editor._problems.content
-    press(editor._save)
+    assert "Somebody else has changed this tour." in page.text()
+    with pytest.raises(NotThere):
+        page.press("Save")
+    assert len(points(page)) == 2
+    page.press("Take theirs")
     settle(stage)
-    assert tour.tours["evening"] == theirs
-    press(editor._whose, "Take theirs")
-    settle(stage)
-    assert editor.editing == Editing.open(theirs)
+    assert points(page) == ["1  kitchen"]
     tour.delete(Named(name="evening"))
     settle(stage)
-    assert "Somebody else has deleted this tour." in editor._problems.content
-    press(editor._whose, "Keep mine")
+    assert "Somebody else has deleted this tour." in page.text()
+    page.press("Keep mine")
     settle(stage)
-    press(editor._save)
+    page.press("Save")
     settle(stage)
     assert tour.tours == {"evening": theirs}
 
 
-def test_changes_are_thrown_away_at_the_second_press_only(
-    stage: "Stage", tour: PretendTour
-) -> None:
-    tab = settle(stage)
-    tab.edit(None)
-    press(tab._editor._name, "evening")
-    press(tab._editor._cancel)
+def test_changes_are_thrown_away_at_the_second_press_only(stage: "Stage", page: PageOf) -> None:
+    page.press("New tour")
     settle(stage)
-    assert "Press again" in tab._editor._cancel.label
-    press(tab._editor._cancel)
+    page.type("Name", "evening")
+    page.press("Cancel")
     settle(stage)
-    assert tab._editor.editing is None
+    page.press("Discard changes? Press again")
+    settle(stage)
+    assert not page.is_shown("Name")
 
 
-def test_a_tour_being_edited_stays_with_its_robot(stage: "Stage", tour: PretendTour) -> None:
-    tab = settle(stage)
-    tab.edit(None)
-    press(tab._editor._name, "evening")
+def test_a_tour_being_edited_stays_with_its_robot(stage: "Stage", page: PageOf) -> None:
+    page.press("New tour")
+    settle(stage)
+    page.type("Name", "evening")
     stage.session.follow("kart")
     settle(stage)
-    assert not tab._editor._folder.visible
+    assert not page.is_shown("Name")
     stage.session.follow("trolley")
     settle(stage)
-    assert tab._editor._folder.visible
-    assert tab._editor.editing.draft.name == "evening"
+    assert page.value("Name") == "evening"
 
 
 def test_a_place_on_another_map_is_told_and_an_unknown_one_refused(
-    stage: "Stage", tour: PretendTour
+    stage: "Stage", tour: PretendTour, page: PageOf
 ) -> None:
-    tab = settle(stage)
-    tab.edit(Tour(name="evening", stops=[Stop(name="attic"), Stop(name="cellar")]))
+    tour.put(Tour(name="evening", stops=[Stop(name="attic"), Stop(name="cellar")]))
     settle(stage)
-    said = tab._editor._problems.content
-    assert "The place “cellar” no longer exists." in said
-    assert "“attic” is on another map." in said
+    edit_tour(stage, page)
+    assert "The place “cellar” no longer exists." in page.text()
+    assert "“attic” is on another map." in page.text()
 
 
-def test_past_trips_are_not_polled(stage: "Stage", tour: PretendTour) -> None:
-    tab = settle(stage, 2.0)
+def test_past_trips_are_not_polled(stage: "Stage", tour: PretendTour, page: PageOf) -> None:
+    settle(stage, 2.0)
     assert tour.asked_history == 0
-    press(tab._past._toggle)
+    page.press("Past trips")
     settle(stage, 3.0)
     assert tour.asked_history == 1
-    assert "round" in tab._past._list.content
+    assert "round" in page.text()
     tour.begin(StartTour(name="evening"))
     settle(stage, 2.0)
     tour.end(Nothing())
     settle(stage, 2.0)
     assert tour.asked_history == 3
-    press(tab._past._toggle)
+    page.press("Close past trips")
     settle(stage)
-    assert tab._past._list.content == ""
+    assert "round" not in page.text()
 
 
 def test_where_trips_failed_is_drawn_when_it_is_wanted(stage: "Stage", tour: PretendTour) -> None:
@@ -562,24 +549,30 @@ def test_a_trip_is_drawn_while_it_is_under_way_and_a_while_longer(
 
 
 def test_who_only_looks_sees_tours_and_changes_none(stage: "Stage") -> None:
-    stage.runtime.add(PretendTour())
+    tour = stage.runtime.add(PretendTour())
     stage.browse(0, Visitor("guest", "viewer"))
-    tab = settle(stage)
-    assert tab._list is None
-    assert tab._editor is None
-    assert tab._trip._steers == []
-    press(tab._past._toggle)
+    tour.put(ROUND)
+    tour.begin(StartTour(name="round"))
+    settle(stage)
+    page = page_of(stage).within("Tours")
+    assert page.labels == ["Past trips"]
+    page.press("Past trips")
     settle(stage, 2.0)
-    assert "round" in tab._past._list.content
+    assert "kitchen not reached" in page.text()
 
 
-def test_more_tours_than_cards_are_searched(stage: "Stage", tour: PretendTour) -> None:
+def test_more_tours_than_cards_are_searched(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
     for i in range(60):
         tour.tours[f"tour {i:02}"] = Tour(name=f"tour {i:02}", stops=STOPS)
     tour.say()
-    tab = settle(stage)
-    assert len(tab._list._cards) == 40
-    assert "20 more" in tab._list._rest.content
-    press(tab._list._search, "57")
     settle(stage)
-    assert set(tab._list._cards) == {"tour 57"}
+    assert page.html().count('<b translate="no">tour ') == 40
+    assert "20 more" in page.text()
+    page.type("Search", "57")
+    settle(stage)
+    assert page.html().count('<b translate="no">tour ') == 1
+    page.within("tour 57").press("Delete")
+    settle(stage)
+    assert "tour 57" not in tour.tours

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from support.pages import PageOf, page_of
 
 from trolley import requests, topics
 from trolley.codes import Refused
@@ -114,6 +115,10 @@ class Hand:
     @property
     def history(self) -> History:
         return self.stage.session.actions.history
+
+    @property
+    def page(self) -> PageOf:
+        return page_of(self.stage).within("Zones")
 
     def wait(self) -> None:
         self.stage.runtime.run(0.3)
@@ -301,18 +306,17 @@ def test_a_browser_that_leaves_leaves_nothing(hand: Hand, stage: "Stage", keeper
     hand.editor.start("mirror")
     editor, canvas = hand.editor, hand.canvas
     hand.tap(0.0, 0.0)
-    stage.viz.close_browser(0)
-    assert editor.mode == "idle"
+    stage.leave(stage.browsers[0])
     assert canvas._floor is None
+    stage.runtime.run(31.0)
+    assert editor.mode == "idle"
     assert keeper.names == ["hall mirror"]
 
 
 def test_a_suspect_is_offered_and_stored_as_a_mirror(hand: Hand, keeper: ZoneKeeper) -> None:
-    panel = hand.stage.console._zones
-    assert panel is not None
-    assert panel._suspect.visible
+    assert "There seems to be a mirror" in hand.page.text()
     assert len(hand.stage.session.suspected_mirrors._nodes) == 2
-    panel._answered("Yes, add it")
+    hand.page.press("Yes, add it")
     hand.wait()
     assert keeper["mirror 1"].points == SUSPECT.points
 
@@ -320,24 +324,18 @@ def test_a_suspect_is_offered_and_stored_as_a_mirror(hand: Hand, keeper: ZoneKee
 def test_a_suspect_that_is_none_is_not_offered_again(stage: "Stage", keeper: ZoneKeeper) -> None:
     stage.browse(0, Visitor("ann"))
     stage.runtime.run(0.5)
-    panel = stage.console._zones
-    assert panel is not None
-    panel._answered("No")
+    page_of(stage).press("No")
     near = SuspectLine(points=[(0.1, 1.0), (-1.0, 1.1)], score=0.9)
     keeper.publish(topics.SUSPECTS, Suspects(stamp_ns=0, lines=[near]))
     stage.runtime.run(0.5)
     assert stage.session.suspected_mirrors.offered == []
-    assert not panel._suspect.visible
+    assert not page_of(stage).is_shown("No")
     assert stage.session.choices.dismissed == [Dismissed(map="room", points=SUSPECT.points)]
     stage.browse(1, Visitor("ben"))
-    assert len(stage.viz.browsers[1].session.suspected_mirrors.offered) == 1
+    assert page_of(stage, 1).is_shown("No")
 
 
 def test_a_page_that_sends_nonsense_changes_nothing(hand: Hand, keeper: ZoneKeeper) -> None:
-    panel = hand.stage.console._zones
-    assert panel is not None
-    panel._start("Gravity")
-    assert hand.editor.mode == "idle"
     hand.editor.start("mirror")
     hand.drag((float("nan"), 0.0), (1.0, float("nan")))
     assert hand.editor.sketch.points == ()
@@ -355,21 +353,33 @@ def test_a_page_that_sends_nonsense_changes_nothing(hand: Hand, keeper: ZoneKeep
 
 def test_a_viewer_cannot_draw(stage: "Stage", keeper: ZoneKeeper) -> None:
     stage.browse(0, Visitor("guest", "viewer"))
-    assert stage.console._zones is None
+    assert not page_of(stage).is_shown("Zones")
 
 
-def test_the_panel_follows_what_is_under_way(hand: Hand) -> None:
-    panel = hand.stage.console._zones
-    assert panel is not None
-    assert panel._choice.options == ("choose …", "hall mirror")
-    hand.editor.start("speed")
+def test_a_zone_is_drawn_changed_and_deleted_from_the_page(hand: Hand, keeper: ZoneKeeper) -> None:
+    page = hand.page
+    assert page.options("Change") == ("choose …", "hall mirror")
+    page.press("Slow")
     hand.wait()
-    assert panel._name.value == "slow area 1"
-    assert panel._speed.visible
-    assert panel._done.label == "Done"
-    assert len(panel._commands) == 2
-    hand.editor.select("hall mirror")
+    assert page.value("Name") == "slow area 1"
+    page.type("At most (m/s)", 0.25)
+    for corner in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)):
+        hand.tap(*corner)
+    page.press_key("backspace")
+    page.press_key("enter")
     hand.wait()
-    assert (panel._name.value, panel._choice.value) == ("hall mirror", "hall mirror")
-    assert (panel._done.label, panel._delete.visible) == ("Save", True)
-    assert panel._commands == []
+    assert (keeper["slow area 1"].speed, len(keeper["slow area 1"].points)) == (0.25, 3)
+    assert not page.is_shown("Done")
+    with pytest.raises(ValueError, match="unpack"):
+        page.press_key("enter")  # means nothing any more
+    page.choose("Change", "hall mirror")
+    hand.wait()
+    assert (page.value("Name"), page.value("Change")) == ("hall mirror", "hall mirror")
+    page.type("Name", "big mirror")
+    page.press("Save")
+    hand.wait()
+    assert "big mirror" in keeper.names
+    page.press("Delete")
+    hand.wait()
+    assert keeper.names == ["slow area 1"]
+    assert page.value("Change") == "choose …"

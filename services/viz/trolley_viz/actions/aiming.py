@@ -18,7 +18,7 @@ from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.editing.undo import Step
 from trolley_viz.pointing.pointer import Pointed, Pointer, Tool
 from trolley_viz.robots.view import View
-from trolley_viz.sentences import duration
+from trolley_viz.sentences import duration, refusal
 
 GO_TO, SET_POSE = "go_to", "set_pose"
 GOAL_HINT = "Press where it should go, drag the way it should face, and release."
@@ -80,7 +80,7 @@ class Aiming:
 
     def point_pose(self) -> None:
         """Let the person point out where the robot is."""
-        self.arm(Tool(SET_POSE, ignore, self._set_pose), POSE_HINT)
+        self.arm(Tool(SET_POSE, ignore, self.set_pose), POSE_HINT)
 
     def request_preview(self) -> None:
         """Ask for the path to where the pointer is: one request at a time, and not too often."""
@@ -139,7 +139,8 @@ class Aiming:
         )
         self.point_goal()  # the next one
 
-    def _set_pose(self, pointed: Pointed) -> None:
+    def set_pose(self, pointed: Pointed) -> None:
+        """Tell the robot that this is where it is; it faces as it thinks where nothing is said."""
         self.put_away()
         view = self._view()
         if view.placement.world != MAP:
@@ -194,7 +195,10 @@ class Aiming:
         self._asked = None
         if isinstance(reply, Refused):
             self.preview = None
-            self.hint = GOAL_HINT if reply.code == codes.TIMEOUT else reply.message
+            is_busy = reply.code == codes.TIMEOUT
+            self.hint = GOAL_HINT if is_busy else refusal(reply)
+            if is_busy or reply.code == codes.NOT_READY:
+                self._wanted = self._wanted or asked  # it may answer by and by
         else:
             self.preview = reply
             self.hint = preview_text(reply)

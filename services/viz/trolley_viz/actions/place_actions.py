@@ -48,10 +48,15 @@ class PlaceActions:
             return
 
         def pointed_out(pointed: Pointed) -> None:
-            place = SavedPose(name=name, pose=self._aiming.pose_at(pointed), icon=icon)
-            self._put(place, "Not saved", lambda _: self._saved(name, done))
+            pose = self._aiming.pose_at(pointed)
+            self.put_new(SavedPose(name=name, pose=pose, icon=icon), done)
 
         self._point(name, pointed_out)
+
+    def put_new(self, place: SavedPose, done: Callable[[str], None]) -> None:
+        """Save a new place."""
+        if name := self._new_name(place.name):
+            self._put(replace(place, name=name), "Not saved", lambda _: self._saved(name, done))
 
     def change(self, place: SavedPose, name: str, icon: str, note: str) -> None:
         """Give a place another name, icon or note; tours still find it."""

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, Literal
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
@@ -13,14 +13,24 @@ from trolley_viz.editing.goal_queue import MAX_STOPS, GoalQueue
 from trolley_viz.editing.undo import History, Step
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell
+from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell, refusal
 
 TRIP_GOALS = "tour-"
 """The prefix of the ids of a trip's goals."""
+SENDING = (requests.GOAL_SEND, requests.TOUR_START)
+"""The requests that set a robot off."""
 
 
 class RobotActions:
-    """Requests from one browser; all on the service's thread."""
+    """Requests from one browser; all on the service's thread.
+
+    Args:
+        service: asks.
+        robot: the name of the robot that is asked.
+        view: what is known of it.
+        tell: shows a notice.
+        note_sent: notes a robot and the goal or trip that it was sent.
+    """
 
     def __init__(
         self,
@@ -28,11 +38,15 @@ class RobotActions:
         robot: Callable[[], str],
         view: Callable[[], View],
         tell: Tell,
+        note_sent: Callable[[str, str], None],
     ) -> None:
         self._service = service
         self._robot = robot
         self._view = view
         self.tell = tell
+        self._note_sent = note_sent
+        self.before_ask: Callable[[Request[Any, Any]], None] | None = None
+        """Hears of each request before it is sent."""
         self.history = History()
         """What the person did and can undo."""
         self.goal_queue = GoalQueue()
@@ -62,7 +76,7 @@ class RobotActions:
         if not what:
             self.tell(f"{action}: not done", "The robot is not going anywhere.", "idle")
         elif what == "trip":
-            self.steer_tour({"Pause": "Pause", "Continue": "Resume", "Cancel": "End"}[action])
+            self.steer_tour("End" if action == "Cancel" else action)
         else:
             self.steer_goal(action, goal)
 
@@ -75,6 +89,14 @@ class RobotActions:
         }[action]
         which = WhichGoal(id=None if goal is None else goal.id)
         self.ask(request, which, f"{action}: not done")
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether what is under way waits for nothing but the end of a stop."""
+        streams = self._view().streams
+        goal, trip = streams.latest(topics.GOAL), streams.latest(topics.TOUR)
+        status = trip if what_is_under_way(goal, trip) == "trip" else goal
+        return status is not None and (status.state, status.reason) == ("paused", codes.STOPPED)
 
     def start_goal_queue(self) -> None:
         """Drive to the queued goals, one after the other."""
@@ -98,18 +120,14 @@ class RobotActions:
         self.ask(requests.TOUR_START, StartTour(name=name), "The tour did not start")
 
     def steer_tour(self, action: str) -> None:
-        """Do "Pause", "Resume", "Skip" or "End" to the trip."""
+        """Do "Pause", "Continue", "Skip" or "End" to the trip."""
         request = {
             "Pause": requests.TOUR_PAUSE,
-            "Resume": requests.TOUR_RESUME,
+            "Continue": requests.TOUR_RESUME,
             "Skip": requests.TOUR_SKIP,
             "End": requests.TOUR_STOP,
         }[action]
         self.ask(request, Nothing(), f"{action}: not done")
-
-    def resume(self) -> None:
-        """Let the robot drive again; it does not set off by itself."""
-        self.ask(requests.BASE_RESUME, Nothing(), "Not resumed")
 
     def ask(
         self,
@@ -119,15 +137,22 @@ class RobotActions:
         done: Callable[[Any], None] | None = None,
     ) -> None:
         """Send a request to the selected robot and tell people if it is refused."""
+        robot = self._robot()
 
         def finish(reply: Any) -> None:
             if isinstance(reply, Refused):
                 self._service.log.info("Refused", request=request.name, code=reply.code)
-                self.tell(failed, reply.message, "bad")
-            elif done is not None:
+                self.tell(failed, refusal(reply), "bad")
+                return
+            sent = _id_of(reply) if request in SENDING else None
+            if sent:
+                self._note_sent(robot, sent)
+            if done is not None:
                 done(reply)
 
-        self._service.request(request, params, finish, robot=self._robot())
+        if self.before_ask is not None:
+            self.before_ask(request)
+        self._service.request(request, params, finish, robot=robot)
 
     # Inside.
     def line_up(self, *, is_added: bool) -> None:
@@ -157,10 +182,14 @@ class RobotActions:
         if before is None or not was_driving or before.pose is None:
             self.steer_goal("Cancel", sent)
         elif (before.id or "").startswith(TRIP_GOALS):
-            self.steer_tour("Resume")
+            self.steer_tour("Continue")
         else:
             goal = SendGoal(id=self._service.new_id(), pose=before.pose, frame=before.frame)
             self.ask(requests.GOAL_SEND, goal, "The robot cannot go back")
+
+
+def _id_of(status: GoalStatus | TourStatus) -> str | None:
+    return status.id if isinstance(status, GoalStatus) else status.trip
 
 
 def what_is_under_way(

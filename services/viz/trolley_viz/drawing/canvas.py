@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from trolley_viz.drawing.sketch import Point, Sketch
 from trolley_viz.graphics.shapes import closed_segments, meet_floor, open_segments
 from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import add_floor
 from trolley_viz.scene.layer import WALL_HEIGHT
 
@@ -57,12 +58,12 @@ class Canvas:
     """Shows an outline in the scene of one browser and takes the pointer; on the service's thread.
 
     Args:
-        client: the browser.
+        picture: of the page.
         drags: tells which drags and clicks were meant.
     """
 
-    def __init__(self, client: viser.ClientHandle, drags: Drags) -> None:
-        self._client = client
+    def __init__(self, picture: Picture, drags: Drags) -> None:
+        self._picture = picture
         self._drags = drags
         self._floor: viser.MeshHandle | None = None
         self._line: viser.LineSegmentsHandle | None = None
@@ -73,7 +74,10 @@ class Canvas:
     def listen(self, strokes: PointerHandlers) -> None:
         """Take clicks and drags on the floor until `release`."""
         self.release()
-        floor = self._floor = add_floor(self._client.scene, "/drawing/floor")
+        scene = self._picture.scene
+        if scene is None:
+            return
+        floor = self._floor = add_floor(scene, "/drawing/floor")
 
         async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
             met = meet_floor(event.ray_origin, event.ray_direction)
@@ -107,14 +111,15 @@ class Canvas:
 
     def show(self, sketch: Sketch | None, rubber: Point | None = None) -> None:
         """Draw the outline, on to where the pointer is; red where it crosses itself."""
-        if sketch is None:
+        client = self._picture.client
+        if sketch is None or client is None:
             self._line = _removed(self._line)
             self._dots = _removed(self._dots)
             return
         whole = sketch if rubber is None else sketch.add(rubber)
         colour = BAD if whole.crosses() else FINE
-        self._show_line(whole, colour)
-        self._show_dots(np.array(whole.points).reshape(-1, 2), colour)
+        self._show_line(client, whole, colour)
+        self._show_dots(client, np.array(whole.points).reshape(-1, 2), colour)
 
     def show_handles(
         self, sketch: Sketch | None, moved: Callable[[Phase, int, Point], None] | None = None
@@ -126,7 +131,8 @@ class Canvas:
             moved: called with the handle's number (the whole: that of corners) and how far it
                 was dragged since the start, x, y [m].
         """
-        if sketch is None or moved is None:
+        client = self._picture.client
+        if sketch is None or moved is None or client is None:
             self._handles = _removed(self._handles)
             return
         places = handle_places(sketch)
@@ -138,8 +144,8 @@ class Canvas:
         first = middle - len(places) + 1
         colours = np.full((len(places), 3), CORNER_COLOUR, np.uint8)
         colours[-1] = MIDDLE_COLOUR
-        self._size = HANDLE_SHARE * self._eye_distance(sketch.middle)
-        handles = self._handles = self._client.scene.add_batched_meshes_simple(
+        self._size = HANDLE_SHARE * _eye_distance(client, sketch.middle)
+        handles = self._handles = client.scene.add_batched_meshes_simple(
             "/drawing/handles",
             OCTAHEDRON,
             OCTAHEDRON_FACES,
@@ -174,9 +180,10 @@ class Canvas:
 
     def resize_handles(self, sketch: Sketch) -> None:
         """Keep the handles as large as they are on the screen when somebody zooms."""
-        if self._handles is None:
+        client = self._picture.client
+        if self._handles is None or client is None:
             return
-        size = HANDLE_SHARE * self._eye_distance(sketch.middle)
+        size = HANDLE_SHARE * _eye_distance(client, sketch.middle)
         if not 0.75 <= size / self._size <= 1.33:
             self._size = size
             count = len(self._handles.batched_positions)
@@ -188,29 +195,31 @@ class Canvas:
         self.show(None)
         self.show_handles(None)
 
-    def _show_line(self, whole: Sketch, colour: Colour) -> None:
+    def _show_line(self, client: viser.ClientHandle, whole: Sketch, colour: Colour) -> None:
         points = np.array(whole.points, np.float64).reshape(-1, 2)
         is_open = whole.is_line or len(points) < 3
         segments = open_segments(points, Z_SKETCH) if is_open else closed_segments(points, Z_SKETCH)
         if not len(segments):
             self._line = _removed(self._line)
         elif self._line is None:
-            self._line = self._client.scene.add_line_segments(
+            self._line = client.scene.add_line_segments(
                 "/drawing/line", segments, colour, thickness=4.0, thickness_units="screen"
             )
         else:
-            with self._client.atomic():
+            with client.atomic():
                 self._line.points = segments
                 self._line.colors = np.array(colour, np.uint8)
 
-    def _show_dots(self, points: NDArray[np.float64], colour: Colour) -> None:
+    def _show_dots(
+        self, client: viser.ClientHandle, points: NDArray[np.float64], colour: Colour
+    ) -> None:
         """Dots at the corners, since a first one has no line yet."""
         self._dots = _removed(self._dots)
         if not len(points):
             return
         x, y = points[-1].tolist()
-        size = 0.7 * HANDLE_SHARE * self._eye_distance((x, y))
-        self._dots = self._client.scene.add_batched_meshes_simple(
+        size = 0.7 * HANDLE_SHARE * _eye_distance(client, (x, y))
+        self._dots = client.scene.add_batched_meshes_simple(
             "/drawing/dots",
             OCTAHEDRON,
             OCTAHEDRON_FACES,
@@ -223,10 +232,6 @@ class Canvas:
             cast_shadow=False,
             receive_shadow=False,
         )
-
-    def _eye_distance(self, point: Point) -> float:
-        distance = math.dist(self._client.camera.position, (*point, 0.0))
-        return min(max(distance, 0.5), 100.0)
 
 
 def handle_places(sketch: Sketch) -> NDArray[np.float32]:
@@ -241,6 +246,11 @@ def handle_scales(count: int, size: float) -> NDArray[np.float32]:
     scales = np.full(count, size, np.float32)
     scales[-1] *= 1.5
     return scales
+
+
+def _eye_distance(client: viser.ClientHandle, point: Point) -> float:
+    distance = math.dist(client.camera.position, (*point, 0.0))
+    return min(max(distance, 0.5), 100.0)
 
 
 def floor_under(event: viser.SceneNodeDragEvent[Any]) -> Point | None:

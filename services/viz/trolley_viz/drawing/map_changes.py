@@ -18,9 +18,11 @@ from trolley_viz.actions.map_edits import request_map_edit
 from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.drawing.suspected_mirrors import dashes
 from trolley_viz.editing.undo import Step
+from trolley_viz.pointing.picture import Picture
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL
 from trolley_viz.scene.places import APPEARED_COLOUR, GONE_COLOUR
+from trolley_viz.sentences import refusal
 
 DASH_M, GAP_M = 0.08, 0.06
 LABELS = {"appeared": "new?", "gone": "gone?"}
@@ -29,8 +31,8 @@ LABELS = {"appeared": "new?", "gone": "gone?"}
 class ChangeMarks:
     """The proposals that have not been put off in this browser."""
 
-    def __init__(self, scene: viser.SceneApi) -> None:
-        self._scene = scene
+    def __init__(self, picture: Picture) -> None:
+        self._picture = picture
         self._nodes: list[viser.SceneNodeHandle] = []
         self._drawn: tuple[object, ...] = ()
         self._put_off: frozenset[tuple[str, str]] = frozenset()
@@ -45,7 +47,8 @@ class ChangeMarks:
         """Draw what changed."""
         message, grid = view.streams.latest(topics.CHANGES), view.map
         world_T_map = view.placement.world_T("map")
-        inputs = (message, None if grid is None else grid.name, self._put_off, is_shown)
+        scene, name = self._picture.scene, None if grid is None else grid.name
+        inputs = (scene, message, name, self._put_off, is_shown)
         if inputs == self._drawn or world_T_map is None:
             return
         self._drawn = inputs
@@ -53,10 +56,12 @@ class ChangeMarks:
         if message is None or grid is None or message.map != grid.name:
             return
         self.offered = [one for one in message.changes if (grid.name, one.id) not in self._put_off]
-        for change in self.offered if is_shown else []:
+        if scene is None or not is_shown:
+            return
+        for change in self.offered:
             outline = world_T_map.transform_points(np.array(change.points))
             strokes = world_T_map.transform_points(np.array(change.strokes).reshape(-1, 2))
-            self._draw(change, outline, strokes.reshape(-1, 2, 2))
+            self._draw(scene, change, outline, strokes.reshape(-1, 2, 2))
 
     def remove(self) -> None:
         """Take them out of the scene."""
@@ -66,7 +71,11 @@ class ChangeMarks:
         self.offered = []
 
     def _draw(
-        self, change: MapChange, outline: NDArray[np.float64], strokes: NDArray[np.float64]
+        self,
+        scene: viser.SceneApi,
+        change: MapChange,
+        outline: NDArray[np.float64],
+        strokes: NDArray[np.float64],
     ) -> None:
         """Draw what has come in full, and what is gone hatched, with an outline about it."""
         came = change.kind == "appeared"
@@ -80,10 +89,10 @@ class ChangeMarks:
             for start, end in strokes[:: 1 if came else 2].tolist()
         ]
         self._nodes += [
-            self._scene.add_line_segments(
+            scene.add_line_segments(
                 f"/changes/{change.id}/lines", np.concatenate(pieces), colour, thickness=0.03
             ),
-            self._scene.add_label(
+            scene.add_label(
                 f"/changes/{change.id}/name",
                 LABELS[change.kind],
                 position=(*outline.mean(axis=0).tolist(), Z_LABEL),
@@ -146,13 +155,13 @@ class ChangeRequests:
                 )
             else:
                 self._service.log.info("Refused", request="map/edit", code=reply.code)
-                self._actions.tell("The map was not changed", reply.message, "bad")
+                self._actions.tell("The map was not changed", refusal(reply), "bad")
 
         request_map_edit(self._service, params, finish, robot)
 
     def _rename(self, params: EditMap, names: list[str] | Refused) -> None:
         if isinstance(names, Refused):
-            self._actions.tell("The map was not changed", names.message, "bad")
+            self._actions.tell("The map was not changed", refusal(names), "bad")
             return
         as_name = free_name(params.name, names)
         self._edit(replace(params, as_name=as_name), may_rename=False)

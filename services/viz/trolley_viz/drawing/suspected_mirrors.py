@@ -12,6 +12,7 @@ from trolley import topics
 from trolley.messages import SuspectLine
 from trolley_viz.drawing.canvas import outline_of
 from trolley_viz.drawing.sketch import Point
+from trolley_viz.pointing.picture import Picture
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL
 from trolley_viz.scene.places import SUSPECT_COLOUR
@@ -26,8 +27,8 @@ MAX_SHOWN = 20
 class SuspectLines:
     """The suspected mirrors that have not been dismissed in this browser."""
 
-    def __init__(self, scene: viser.SceneApi) -> None:
-        self._scene = scene
+    def __init__(self, picture: Picture) -> None:
+        self._picture = picture
         self._nodes: list[viser.SceneNodeHandle] = []
         self._drawn: tuple[object, ...] = ()
         self.offered: list[SuspectLine] = []
@@ -37,7 +38,8 @@ class SuspectLines:
         """Draw what changed."""
         message, grid = view.streams.latest(topics.SUSPECTS), view.map
         world_T_map = view.placement.world_T("map")
-        inputs = (message, None if grid is None else grid.name, tuple(dismissed), is_shown)
+        name = None if grid is None else grid.name
+        inputs = (self._picture.scene, message, name, tuple(dismissed), is_shown)
         if inputs == self._drawn or world_T_map is None:
             return
         self._drawn = inputs
@@ -52,16 +54,19 @@ class SuspectLines:
                 one.map == grid.name and is_same(one.points, line.points) for one in dismissed
             )
         ]
-        for i, line in enumerate(self.offered if is_shown else []):
+        scene = self._picture.scene
+        if scene is None or not is_shown:
+            return
+        for i, line in enumerate(self.offered):
             points = world_T_map.transform_points(np.array(line.points))
             self._nodes += [
-                self._scene.add_line_segments(
+                scene.add_line_segments(
                     f"/suspects/line{i}",
                     dashes(points, DASH_M, GAP_M, WALL_HEIGHT + 0.02),
                     SUSPECT_COLOUR,
                     thickness=0.05,
                 ),
-                self._scene.add_label(
+                scene.add_label(
                     f"/suspects/name{i}",
                     "mirror?",
                     position=(*points.mean(axis=0).tolist(), Z_LABEL),

@@ -91,6 +91,25 @@ class ZoneEditor:
         """The kind of the zone under way."""
         return None if self.sketch is None else self.sketch.kind
 
+    # Its picture.
+    def hide(self) -> None:
+        """Leave the picture; what is under way is kept."""
+        self._canvas.clear()
+
+    def show(self) -> None:
+        """Show what is under way, in a picture that is new."""
+        match self.mode:
+            case "draw":
+                self._canvas.listen(PointerHandlers(self._tapped, self._dragged))
+                self._canvas.show(self.sketch)
+            case "pick":
+                self._canvas.listen(PointerHandlers(self._picked))
+            case "edit":
+                self._canvas.show(self.sketch)
+                self._canvas.show_handles(self.sketch, self._handled)
+            case "idle":
+                pass
+
     # Drawing.
     def start(self, kind: ZoneKind) -> None:
         """Begin a new zone; what was under way is left."""
@@ -103,7 +122,7 @@ class ZoneEditor:
         self.mode, self.sketch = "draw", Sketch(kind)
         self.hint = LINE_HINT if kind in LINES else AREA_HINT
         self._fill(Form(free_name(kind, {zone.name for zone in self.zones})))
-        self._canvas.listen(PointerHandlers(self._tapped, self._dragged))
+        self.show()
 
     def take_back(self) -> None:
         """Remove the corner that was drawn last."""
@@ -138,7 +157,7 @@ class ZoneEditor:
         self._begin()
         self.leave()
         self.mode, self.hint = "pick", PICK_HINT
-        self._canvas.listen(PointerHandlers(self._picked))
+        self.show()
 
     def select(self, name: str) -> None:
         """Change the zone of this name; one that does not exist ends what is under way."""

@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from trolley import codes, requests
+from trolley import requests
 from trolley.codes import Refused
 from trolley.messages import Zone
 from trolley.messages.request_params import Named
 from trolley.requests import Request
 from trolley.runtime.service import Service
 from trolley_viz.editing.undo import History, Step
-from trolley_viz.sentences import Tell
+from trolley_viz.sentences import Tell, refusal
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class ZoneRequests:
             self.is_busy = False
             if isinstance(reply, Refused):
                 self._service.log.info("Refused", request=request.name, code=reply.code)
-                self._tell("Not saved", reply.message or codes.SENTENCES[reply.code], "bad")
+                self._tell("Not saved", refusal(reply), "bad")
                 refused()
             else:
                 done(reply)

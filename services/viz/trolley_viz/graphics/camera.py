@@ -1,6 +1,7 @@
-"""Where the camera stands: above the map, a little to the south, so that all of it is seen."""
+"""Where the camera stands: above the map, at first a little to the south, so that all is seen."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import viser
@@ -8,12 +9,11 @@ from numpy.typing import NDArray
 
 FIELD_OF_VIEW = math.radians(42.0)
 ELEVATION = math.radians(66.0)
-PANEL_PIXELS = 330
-NARROW = 0.75
-"""Width over height of a picture below which viser's panel is taken to lie over its lower part. The
-width alone says nothing: it is in pixels of the device, of which a phone has as many as a desk."""
-BELOW = 0.8
-"""How much more than the map is to be seen then, by its height."""
+FROM_ABOVE = math.radians(89.7)
+"""Not quite straight down: there no way would be up."""
+NORTH = 0.5 * math.pi
+NEAR_M = 5.0
+"""How far the camera is from what is looked at from near, and from a robot that it follows."""
 MARGIN = 1.1
 SHIFT = 0.05
 """How far the map is moved up, by its height: Stop lies over the lower edge."""
@@ -28,24 +28,64 @@ def bounds_of(points: NDArray[np.float64]) -> Bounds:
     return x0, y0, x1, y1
 
 
-def stand(bounds: Bounds, aspect: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where the camera stands and what it looks at, (3,) [m] each.
+@dataclass(frozen=True)
+class Look:
+    """How a person wants to see the map.
+
+    Attributes:
+        is_flat: from straight above.
+        follows: with the robot in the middle.
+        turns: with the robot's heading up instead of north; it follows then.
+    """
+
+    is_flat: bool = False
+    follows: bool = False
+    turns: bool = False
+
+    @property
+    def elevation(self) -> float:
+        """How high the camera stands over what it looks at [rad]."""
+        return FROM_ABOVE if self.is_flat else ELEVATION
+
+
+def stand(
+    bounds: Bounds, aspect: float, elevation: float = ELEVATION
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the camera stands and what it looks at, (3,) [m] each; north is up.
 
     Args:
         bounds: what is to be seen.
         aspect: width of the picture over its height.
+        elevation: how high it stands [rad].
     """
     x0, y0, x1, y1 = bounds
     half_x, half_y = max(0.5 * (x1 - x0), 0.5), max(0.5 * (y1 - y0), 0.5)
     tan_v = math.tan(0.5 * FIELD_OF_VIEW)
     # The near edge of the map is nearer to the camera than its middle by this much.
-    nearer = half_y * math.cos(ELEVATION)
+    nearer = half_y * math.cos(elevation)
     distance = (
-        MARGIN * max(half_x / (tan_v * aspect), half_y * math.sin(ELEVATION) / tan_v) + nearer
+        MARGIN * max(half_x / (tan_v * aspect), half_y * math.sin(elevation) / tan_v) + nearer
     )
     middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1) - SHIFT * (y1 - y0), 0.0])
-    away = np.array([0.0, -math.cos(ELEVATION), math.sin(ELEVATION)])
-    return middle + distance * away, middle
+    return middle + distance * away(elevation, NORTH), middle
+
+
+def away(elevation: float, up: float) -> NDArray[np.float64]:
+    """Return the direction (3,) from what is looked at to the camera.
+
+    Args:
+        elevation: how high it stands [rad].
+        up: which heading is up in the picture [rad].
+    """
+    flat = math.cos(elevation)
+    return np.array([-flat * math.cos(up), -flat * math.sin(up), math.sin(elevation)])
+
+
+def turned(offset: NDArray[np.float64], by: float) -> NDArray[np.float64]:
+    """Return an offset (3,) turned around the vertical [rad]."""
+    cos, sin = math.cos(by), math.sin(by)
+    x, y, z = offset.tolist()
+    return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
 
 INITIAL_ASPECT = 1.3
@@ -61,34 +101,26 @@ def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
     server.initial_camera.look_at = look_at
 
 
-def is_narrow(width: float, height: float) -> bool:
-    """Whether a picture of so many pixels is seen on a phone."""
-    return width < NARROW * height
+def fit(
+    client: viser.ClientHandle, bounds: Bounds, aspect: float, elevation: float = ELEVATION
+) -> None:
+    """Move one browser's camera so that it sees all of `bounds`, `aspect` times as wide as high."""
+    client.camera.fov = FIELD_OF_VIEW
+    move(client, *stand(bounds, aspect, elevation))
 
 
-def seen_pixels(client: viser.ClientHandle, *, is_new: bool = False) -> tuple[int, int]:
-    """Width and height of a browser's picture.
-
-    One that `is_new` tells as a rule, but not always, the width from before the panel was docked.
-    """
-    width, height = client.camera.image_width, client.camera.image_height
-    if is_new and not is_narrow(width, height):
-        width -= PANEL_PIXELS
-    return max(width, 1), max(height, 1)
-
-
-def fit(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[float, float]) -> None:
-    """Move one browser's camera so that it sees all of `bounds` in so many pixels."""
-    position, look_at = _stand_for(bounds, pixels)
+def move(
+    client: viser.ClientHandle, position: NDArray[np.float64], look_at: NDArray[np.float64]
+) -> None:
+    """Move one browser's camera: where it stands and what it looks at, (3,) [m] each."""
     with client.atomic():
-        client.camera.fov = FIELD_OF_VIEW
         client.camera.position = position
         client.camera.look_at = look_at
 
 
-def stands(client: viser.ClientHandle, bounds: Bounds, pixels: tuple[float, float]) -> bool:
+def stands(client: viser.ClientHandle, bounds: Bounds, aspect: float) -> bool:
     """Whether the camera stands where `fit` put it: nobody has moved it since."""
-    position, _ = _stand_for(bounds, pixels)
+    position, _ = stand(bounds, aspect)
     return np.allclose(client.camera.position, position, atol=1e-2)
 
 
@@ -99,13 +131,3 @@ def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:
     """
     starts = (stand(one, INITIAL_ASPECT)[0] for one in (bounds, UNKNOWN_MAP))
     return any(np.allclose(client.camera.position, start, atol=1e-3) for start in starts)
-
-
-def _stand_for(
-    bounds: Bounds, pixels: tuple[float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    width, height = pixels
-    if is_narrow(width, height):
-        x0, y0, x1, y1 = bounds
-        bounds = (x0, y0 - BELOW * (y1 - y0), x1, y1)
-    return stand(bounds, width / height)

@@ -63,6 +63,16 @@ def known_icon(name: str) -> str | None:
 
 
 @functools.lru_cache(maxsize=256)
+def icon_svg(name: str) -> str | None:
+    """Return an icon whose lines are `currentColor`, None for an unknown name."""
+    known = known_icon(name)
+    if known is None:
+        return None
+    with _archive() as archive:
+        return archive.read(f"{known}.svg").decode()
+
+
+@functools.lru_cache(maxsize=256)
 def icon_png(name: str, colour: Rgb, px: int = 128, opacity: float = 1.0) -> bytes:
     """Draw an icon as a square PNG, clear around its lines; a question mark for an unknown name.
 
@@ -72,8 +82,7 @@ def icon_png(name: str, colour: Rgb, px: int = 128, opacity: float = 1.0) -> byt
         px: the length of its side, at most 512.
         opacity: 0 to 1.
     """
-    with _archive() as archive:
-        svg = archive.read(f"{known_icon(name) or UNKNOWN_ICON}.svg").decode()
+    svg = icon_svg(name) or icon_svg(UNKNOWN_ICON) or ""
     hex_colour = "#{:02x}{:02x}{:02x}".format(*(min(max(part, 0), 255) for part in colour))
     svg = svg.replace("currentColor", hex_colour)
     svg = svg.replace('stroke-width="2"', f'stroke-width="{STROKE}"')

@@ -109,6 +109,12 @@ def ellipse(covariance: ArrayLike, min_axis: float) -> NDArray[np.float64]:
     return ((axes * half) @ circle).T
 
 
+def circle(radius: float) -> np.ndarray:
+    """A circle as an outline (24, 2) [m]."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
 def closed_segments(polygon: ArrayLike, z: float) -> NDArray[np.float32]:
     """Return the edges of an outline (n, 2) [m] as line segments (n, 2, 3)."""
     points = np.asarray(polygon, dtype=np.float32).reshape(-1, 2)

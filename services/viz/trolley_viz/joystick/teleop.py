@@ -1,6 +1,7 @@
 """Driving with the joystick on the screen: commands to the robots, their state to the pads."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 
 from msgspec import Struct
 
@@ -11,7 +12,6 @@ from trolley_viz.joystick.joystick import Grip, Joystick
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.view import View
 from trolley_viz.sentences import AWAY, StatusLine, Tone, base_line, goal_line
-from trolley_viz.server.sockets import Sockets
 
 SOMEBODY_ELSE = StatusLine(
     "Somebody else is driving", "warn", "Let go, and press again when they are done."
@@ -43,40 +43,34 @@ class Teleop:
     Args:
         service: publishes, and knows the time.
         robots: what is known of each.
-        driven_by: the robot that a browser (viser's number for it) may drive, None for none.
+        name_of: what to call the browser of a page, "" where there is nothing to tell it by.
     """
 
-    def __init__(
-        self,
-        service: Service,
-        robots: Robots,
-        driven_by: Callable[[int], str | None],
-    ) -> None:
+    def __init__(self, service: Service, robots: Robots, name_of: Callable[[int], str]) -> None:
         self._service = service
         self._robots = robots
-        self._driven_by = driven_by
+        self._name_of = name_of
         self._driven: dict[str, _DrivenRobot] = {}
-        self.sockets = Sockets(service.call_soon, Grip, self._said, self._left, operators_only=True)
 
-    def let_go(self, client_id: int) -> None:
-        """Take the joystick out of a browser's hand, as when it follows another robot."""
-        for who, client in self.sockets.clients().items():
-            if client == client_id:
-                for driven in self._driven.values():
-                    driven.joystick.bar(who)
+    def hear(self, who: int, robot: str, grip: Grip) -> None:
+        """Take what a page says of its joystick, which is that of a robot."""
+        driven = self._driven.setdefault(robot, _DrivenRobot())
+        driven.joystick.hear(who, grip, self._service.monotonic_ns)
+
+    def let_go(self, who: int) -> None:
+        """Take the joystick out of a page's hand, as when it follows another robot."""
+        for driven in self._driven.values():
+            driven.joystick.bar(who)
+
+    def leave(self, who: int) -> None:
+        """Forget a page that is gone."""
+        for driven in self._driven.values():
+            driven.joystick.leave(who)
 
     def drive(self) -> None:
         """Send what the joysticks want now; called at the rate of commands."""
         for robot, driven in self._driven.items():
             self._drive(robot, driven)
-
-    def send_states(self, views: Mapping[str, View]) -> None:
-        """Tell the browsers whether they may drive, and what keeps their robots from it."""
-        for who, client_id in self.sockets.clients().items():
-            name = self._driven_by(client_id)
-            view = None if name is None else views.get(name)
-            if name is not None and view is not None:
-                self.sockets.send(who, self._pad_state(who, name, view))
 
     def _drive(self, name: str, driven: _DrivenRobot) -> None:
         now_ns, robot = self._service.monotonic_ns, self._robots.get(name)
@@ -91,14 +85,16 @@ class Teleop:
         command = VelocityCommand(stamp_ns=driven.stamp_ns, twist=twist, valid_for=teleop.VALID_S)
         self._service.publish(topics.COMMAND, command, teleop.SOURCE, robot=name)
 
-    def _pad_state(self, who: int, name: str, view: View) -> PadState:
+    def state(self, who: int, view: View) -> PadState:
+        """Say whether a page may drive the robot that it sees, and what keeps it from that."""
+        name = view.robot_name
         can, robot = self._can_drive(name), self._robots.get(name)
         driven = self._driven.get(name)
         holder = None if driven is None else driven.joystick.holder
-        is_taken = holder not in (None, who)
-        words = AWAY if not can else SOMEBODY_ELSE if is_taken else _obstacle(view)
+        taken = None if holder in (None, who) else self._taken_by(holder)
+        words = AWAY if not can else taken or _obstacle(view)
         return PadState(
-            can=can and not is_taken,
+            can=can and taken is None,
             mine=holder == who,
             max_speed=0.0 if robot is None else robot.max_speed,
             text="" if words is None else f"{words.headline}. {words.detail}",
@@ -109,18 +105,12 @@ class Teleop:
         """The time of a robot [ns], None while its clock is silent."""
         return self._service.time_of(name).now(self._service.monotonic_ns)
 
+    def _taken_by(self, holder: int) -> StatusLine:
+        name = self._name_of(holder)
+        return replace(SOMEBODY_ELSE, headline=f"Driven by {name}") if name else SOMEBODY_ELSE
+
     def _can_drive(self, name: str) -> bool:
         return self._robots.get(name) is not None and self._robot_ns(name) is not None
-
-    def _said(self, who: int, client_id: int, grip: Grip) -> None:
-        name = self._driven_by(client_id)
-        if name is not None:
-            driven = self._driven.setdefault(name, _DrivenRobot())
-            driven.joystick.hear(who, grip, self._service.monotonic_ns)
-
-    def _left(self, who: int) -> None:
-        for driven in self._driven.values():
-            driven.joystick.leave(who)
 
 
 def _obstacle(view: View) -> StatusLine | None:

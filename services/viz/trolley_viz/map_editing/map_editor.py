@@ -35,7 +35,7 @@ from trolley_viz.map_editing.map_draft import Draft, Drawn, draw
 from trolley_viz.map_editing.map_preview import MapPreview, model_of
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapModel
-from trolley_viz.sentences import Tell
+from trolley_viz.sentences import Tell, refusal
 
 Tool = Literal["look", "erase", "wall", "crop"]
 HINTS: dict[Tool, str] = {
@@ -112,6 +112,19 @@ class MapEditor:
         """Where the rest of the scene lies on the draft."""
         return self._drawn.new_T_old if self.hides_map and self._drawn else Pose2D.identity()
 
+    # Its picture.
+    def hide(self) -> None:
+        """Leave the picture; what was made of the map is kept."""
+        self._drop_stroke()
+        self._canvas.clear()
+        self._preview.clear()
+
+    def show(self) -> None:
+        """Show what was made of the map, in a picture that is new."""
+        if self.is_open:
+            self.choose(self.tool)
+            self._put(self.draft)
+
     # Life.
     def open(self) -> None:
         """Begin on the map that the robot is on."""
@@ -132,9 +145,7 @@ class MapEditor:
         """End it and store nothing."""
         self.is_open, self._message, self._wanted = False, None, None
         self.draft, self._drawn, self.tool = Draft(), None, "look"
-        self._drop_stroke()
-        self._canvas.clear()
-        self._preview.clear()
+        self.hide()
 
     def choose(self, tool: Tool) -> None:
         """Take up a tool; with "look" drags turn the camera."""
@@ -355,7 +366,7 @@ class MapEditor:
             if reply.code == codes.EXISTS and self.is_open:
                 self.as_name = self._free_name()
                 self.filled += 1
-            self._tell("Not saved", reply.message or codes.SENTENCES[reply.code], "bad")
+            self._tell("Not saved", refusal(reply), "bad")
 
         request_map_edit(self._service, params, finish, self._robot())
 

@@ -9,6 +9,7 @@ from trolley.gridmap import GridMap
 from trolley.gridmap.wire import map_message
 from trolley_viz.drawing.sketch import Point
 from trolley_viz.graphics.shapes import place
+from trolley_viz.pointing.picture import Picture
 from trolley_viz.scene.layer import WALL_HEIGHT
 from trolley_viz.scene.map_layers import WALL_SIDE, MapModel
 
@@ -25,8 +26,8 @@ def model_of(grid: GridMap) -> MapModel:
 class MapPreview:
     """The nodes of one browser."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self._client = client
+    def __init__(self, picture: Picture) -> None:
+        self._picture = picture
         self._nodes: list[viser.SceneNodeHandle] = []
         self._stroke: viser.LineSegmentsHandle | None = None
 
@@ -37,8 +38,11 @@ class MapPreview:
 
     def show(self, model: MapModel, origin: Pose2D, merged: NDArray[np.float64]) -> None:
         """Show a map, and points of the walls that a merge brings along."""
-        scene = self._client.scene
-        with self._client.atomic():
+        client = self._picture.client
+        if client is None:
+            return
+        scene = client.scene
+        with client.atomic():
             self.clear()
             floor = scene.add_glb(
                 "/map_editing/floor", model.floor, cast_shadow=False, receive_shadow=False
@@ -73,10 +77,11 @@ class MapPreview:
         if self._stroke is not None:
             self._stroke.remove()
             self._stroke = None
-        if len(points) < 2:
+        scene = self._picture.scene
+        if len(points) < 2 or scene is None:
             return
         line = np.column_stack([np.array(points), np.full(len(points), Z_STROKE)])
-        self._stroke = self._client.scene.add_line_segments(
+        self._stroke = scene.add_line_segments(
             "/map_editing/stroke",
             np.stack([line[:-1], line[1:]], axis=1).astype(np.float32),
             STROKE_COLOURS[kind],

@@ -121,7 +121,7 @@ def _head(overlay: Overlay) -> str:
     title = f'<div class="ov-title">{escaped(overlay.title, 80)}</div>' if overlay.title else ""
     if overlay.kind != "plot":
         return title
-    button = '<button type="button" class="ov-csv" title="Save as CSV">CSV</button>'
+    button = '<button type="button" class="ov-csv" title="Save as CSV" translate="yes">CSV</button>'
     return f'<div class="ov-row">{title or "<span></span>"}{button}</div>'
 
 
@@ -154,7 +154,7 @@ def _menu(
         for i, item in enumerate(overlay.items[:MAX_ITEMS])
     )
     more = len(overlay.items) - MAX_ITEMS
-    note = f'<div class="ov-note">{more} more are not shown.</div>' if more > 0 else ""
+    note = _note(f"{more} more are not shown.") if more > 0 else ""
     word = rule.text if rule is not None and rule.text not in overlay.items else ""
     text = safe_markup(word or overlay.text)
     return (f'<div class="ov-text">{text}</div>' if text else "") + items + note
@@ -201,10 +201,15 @@ def _trouble(reading: Reading | None, when: Moment) -> str:
     if reading is None:
         return ""
     if reading.problem:
-        return f'<div class="ov-note" data-trouble>{escaped(reading.problem, 600)}</div>'
+        return _note(reading.problem, " data-trouble")
     age_s = reading.age_s(when.now_ns)
     if age_s is None:
-        return '<div class="ov-note" data-trouble>No data yet.</div>'
+        return _note("No data yet.", " data-trouble")
     if reading.is_silent(when.now_ns, is_away=when.is_away):
-        return f'<div class="ov-note" data-trouble>No data for {age_s:.0f} s.</div>'
+        return _note(f"No data for {age_s:.0f} s.", " data-trouble")
     return ""
+
+
+def _note(text: str, mark: str = "") -> str:
+    """A line of our own words between those of a program."""
+    return f'<div class="ov-note"{mark} translate="yes">{escaped(text, 600)}</div>'

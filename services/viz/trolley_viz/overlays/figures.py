@@ -66,8 +66,10 @@ def plot_svg(
         f'<svg class="ov-plot" viewBox="0 0 {PLOT_WIDTH} {PLOT_HEIGHT}" role="img">{grid}'
         f'<svg x="0" y="{_TOP - 2}" width="{PLOT_WIDTH}" height="{base - _TOP + 4}" '
         f'viewBox="0 {_TOP - 2} {PLOT_WIDTH} {base - _TOP + 4}">{drawn}</svg>'
-        f'<text x="{_LEFT}" y="{PLOT_HEIGHT - 5}" class="ov-small">{_span(window_s)} ago</text>'
-        f'<text x="{right}" y="{PLOT_HEIGHT - 5}" text-anchor="end" class="ov-small">now</text>'
+        f'<text x="{_LEFT}" y="{PLOT_HEIGHT - 5}" class="ov-small" translate="yes">'
+        f"{_span(window_s)} ago</text>"
+        f'<text x="{right}" y="{PLOT_HEIGHT - 5}" text-anchor="end" class="ov-small" '
+        'translate="yes">now</text>'
         "</svg>"
     )
 

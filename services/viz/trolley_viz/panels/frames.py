@@ -2,16 +2,13 @@
 
 from dataclasses import dataclass
 
-import viser
-
 from trolley.geometry.frames import BASE, LASER, FrameTree, Link, MissingLink
-from trolley_viz.panels.controls import show
+from trolley_viz.controls.controls import Check, Controls
 from trolley_viz.panels.markup import note, table
 from trolley_viz.robots.placement import Placement
 from trolley_viz.robots.view import View
 from trolley_viz.sentences import age_text
 from trolley_viz.session.session import Session
-from trolley_viz.threads import handler
 
 MAX_TREE_FRAMES = 60
 INDENT = "\u2003"
@@ -31,11 +28,11 @@ class Branch:
 class FrameTreePanel:
     """Rebuilt when frames come or go."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+    def __init__(self, gui: Controls, session: Session) -> None:
         self._gui = gui
         self._session = session
-        self._inside = gui.add_folder(None)
-        self._boxes: dict[tuple[str, int], viser.GuiCheckboxHandle] = {}
+        self._inside = gui.add_folder()
+        self._boxes: dict[tuple[str, int], Check] = {}
         self._links = gui.add_html("")
 
     def update(self, view: View) -> None:
@@ -50,7 +47,7 @@ class FrameTreePanel:
             if one.link is not None
         ]
         lines = "".join(map(note, missing_links(view.placement)))
-        show(self._links, content=table(rows) + lines)
+        self._links.content = table(rows, num_names=2) + lines
 
     def _build(self, keys: list[tuple[str, int]], on: set[str]) -> None:
         for box in self._boxes.values():
@@ -58,16 +55,12 @@ class FrameTreePanel:
         self._boxes.clear()
         with self._inside:
             for frame, depth in keys:
-                box = self._gui.add_checkbox(INDENT * depth + frame[:MAX_LETTERS], frame in on)
-                self._boxes[frame, depth] = box
-                box.on_update(
-                    handler(
-                        self._session.post,
-                        lambda _, is_on, frame=frame: self._session.switch_frame(
-                            frame, is_on=bool(is_on)
-                        ),
-                    )
+                label = INDENT * depth + frame[:MAX_LETTERS]
+                box = self._gui.add_check(label, frame in on, is_name=True)
+                box.on_change(
+                    lambda is_on, frame=frame: self._session.switch_frame(frame, is_on=is_on)
                 )
+                self._boxes[frame, depth] = box
 
 
 def tree(frames: FrameTree) -> list[Branch]:

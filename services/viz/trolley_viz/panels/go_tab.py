@@ -1,20 +1,18 @@
 """The tab for everybody: where to go, and what is under way."""
 
-import viser
-
 from trolley import topics
 from trolley.messages import GoalStatus, SavedPose, TourStatus
 from trolley_viz.actions.aiming import GO_TO, SET_POSE
 from trolley_viz.actions.robot_actions import what_is_under_way
-from trolley_viz.panels.controls import AMBER, GREEN, GREY, PURPLE, TEAL, show_undo
+from trolley_viz.controls.controls import Controls
+from trolley_viz.panels.controls import show_undo
 from trolley_viz.panels.goal_queue import GoalQueuePanel
-from trolley_viz.panels.markup import note
-from trolley_viz.panels.tiles import MARK, SMALL, Tiles, heading
+from trolley_viz.panels.markup import heading, note
+from trolley_viz.panels.tiles import Tiles
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
 from trolley_viz.sentences import UNDER_WAY, goal_name
 from trolley_viz.session.session import Session
-from trolley_viz.threads import handler
 
 POINT_GOAL, POINT_POSE, LEAVE = "Go to …", "Set pose …", "Press again to cancel"
 NO_PLACES = "No places saved yet. Drive to one and save it under “Map”."
@@ -23,31 +21,32 @@ NO_PLACES = "No places saved yet. Drive to one and save it under “Map”."
 class GoTab:
     """Big buttons: pause and cancel while it goes, one for each place and for each tour."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        actions, aiming, post = session.actions, session.aiming, session.post
+    def __init__(self, gui: Controls, session: Session) -> None:
+        actions, aiming = session.actions, session.aiming
         self._actions, self._aiming = actions, aiming
-        gui.add_html(MARK)
-        self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE, color=AMBER)
-        self._go_on = gui.add_button("Continue", icon=viser.Icon.PLAYER_PLAY, color=GREEN)
-        self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color=GREY)
+        with gui.add_tiles():
+            self._pause = gui.add_button("Pause", icon="player-pause", colour="amber")
+            self._go_on = gui.add_button("Continue", icon="player-play", colour="green")
+            self._cancel = gui.add_button("Cancel", icon="x")
         for button in (self._pause, self._go_on, self._cancel):
-            button.on_click(handler(post, lambda _, __, action=button.label: actions.steer(action)))
-        self._places_title = gui.add_html(heading("Go to"))
+            button.on_press(lambda action=button.label: actions.steer(action))
+        gui.add_html(heading("Go to"))
         self._no_places = gui.add_html(note(NO_PLACES))
-        self._places = Tiles(gui, viser.Icon.MAP_PIN, PURPLE, actions.choose_place, post)
+        self._places = Tiles(gui, "map-pin", "purple", actions.choose_place)
         self._tours_title = gui.add_html(heading("Tours"))
-        self._tours = Tiles(gui, viser.Icon.ROUTE, TEAL, actions.start_tour, post)
-        gui.add_html(heading("On the map") + SMALL)
-        self._point = gui.add_button(POINT_GOAL, icon=viser.Icon.MAP_PIN, color=GREEN)
-        self._set = gui.add_button(POINT_POSE, icon=viser.Icon.CURRENT_LOCATION, color=TEAL)
-        self._find = gui.add_button("Find position", icon=viser.Icon.SEARCH, color=GREY)
-        self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
-        self._point.on_click(handler(post, lambda _, __: aiming.toggle(GO_TO)))
-        self._set.on_click(handler(post, lambda _, __: aiming.toggle(SET_POSE)))
-        self._find.on_click(handler(post, lambda _, __: actions.find()))
-        self._undo.on_click(handler(post, lambda _, __: actions.history.undo()))
+        self._tours = Tiles(gui, "route", "teal", actions.start_tour)
+        gui.add_html(heading("On the map"))
+        with gui.add_tiles():
+            self._point = gui.add_button(POINT_GOAL, icon="map-pin", colour="green")
+            self._set = gui.add_button(POINT_POSE, icon="current-location", colour="teal")
+            find = gui.add_button("Find position", icon="search")
+            self._undo = gui.add_button("Undo", icon="arrow-back-up")
+        self._point.on_press(lambda: aiming.toggle(GO_TO))
+        self._set.on_press(lambda: aiming.toggle(SET_POSE))
+        find.on_press(actions.find)
+        self._undo.on_press(actions.history.undo)
         with session.folder("Several places in a row"):
-            self._goal_queue = GoalQueuePanel(gui, actions, aiming, post)
+            self._goal_queue = GoalQueuePanel(gui, actions, aiming)
 
     def update(self, view: View) -> None:
         """Show what there is to choose, and what is under way."""
@@ -57,12 +56,11 @@ class GoTab:
         self._show_steering(goal, trip)
         places = current_places(view)
         self._no_places.visible = not places
-        going_to = _going_to(goal, places)
-        self._places.show({one.name: one.icon for one in places}, going_to, GREEN)
+        self._places.show({one.name: one.icon for one in places}, _going_to(goal, places))
         stored = [] if tours is None else tours.tours
         driven = trip.name if trip is not None and trip.state in UNDER_WAY else None
         self._tours_title.visible = bool(stored)
-        self._tours.show({one.name: "" for one in stored}, driven, GREEN)
+        self._tours.show({one.name: "" for one in stored}, driven)
         self._point.label = LEAVE if self._aiming.armed == GO_TO else POINT_GOAL
         self._set.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
         show_undo(self._undo, self._actions.history)
@@ -72,10 +70,10 @@ class GoTab:
         """Offer to pause or to go on, and to cancel, what is under way."""
         what = what_is_under_way(goal, trip)
         status = trip if what == "trip" else goal
-        is_paused = status is not None and status.state == "paused"
-        self._pause.visible = bool(what) and not is_paused
-        self._go_on.visible = bool(what) and is_paused
-        self._cancel.visible = bool(what)
+        is_paused = bool(what) and status is not None and status.state == "paused"
+        # Always there, so that nothing moves under a finger.
+        self._pause.visible, self._go_on.visible = not is_paused, is_paused
+        self._pause.disabled = self._cancel.disabled = not what
 
 
 def _going_to(goal: GoalStatus | None, places: list[SavedPose]) -> str | None:

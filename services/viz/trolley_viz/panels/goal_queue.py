@@ -1,16 +1,10 @@
 """Several places in a row: queued by pressing them, then driven one after the other."""
 
-import html
-
-import viser
-
 from trolley.messages import TourStatus
 from trolley_viz.actions.aiming import GO_TO, Aiming
 from trolley_viz.actions.robot_actions import RobotActions
-from trolley_viz.panels.controls import GREEN, GREY, TEAL
-from trolley_viz.panels.markup import note
-from trolley_viz.panels.tiles import MARK, SMALL
-from trolley_viz.threads import Post, handler
+from trolley_viz.controls.controls import Controls
+from trolley_viz.panels.markup import note, numbered
 
 BEGIN, END = "Choose places …", "Done choosing"
 HOW = "Press “Choose places …”, then the places in order, here or on the map."
@@ -20,29 +14,25 @@ CHOOSING = "Press places here or on the map, then press Start."
 class GoalQueuePanel:
     """The list with its buttons."""
 
-    def __init__(
-        self, gui: viser.GuiApi, actions: RobotActions, aiming: Aiming, post: Post
-    ) -> None:
+    def __init__(self, gui: Controls, actions: RobotActions, aiming: Aiming) -> None:
         self._actions, self._aiming = actions, aiming
-        goal_queue = actions.goal_queue
-        gui.add_html(MARK + SMALL)
         self._list = gui.add_html("")
-        self._collect = gui.add_button(BEGIN, icon=viser.Icon.LIST_NUMBERS, color=TEAL)
-        self._start = gui.add_button("Start", icon=viser.Icon.PLAYER_PLAY, color=GREEN)
-        self._back = gui.add_button("Remove last", icon=viser.Icon.BACKSPACE, color=GREY)
-        self._clear = gui.add_button("Clear", icon=viser.Icon.TRASH, color=GREY)
-        self._collect.on_click(handler(post, lambda _, __: self._toggle()))
-        self._start.on_click(handler(post, lambda _, __: self._set_off()))
-        self._back.on_click(handler(post, lambda _, __: goal_queue.remove_last()))
-        self._clear.on_click(handler(post, lambda _, __: goal_queue.clear()))
+        with gui.add_tiles():
+            self._collect = gui.add_button(BEGIN, icon="list-numbers", colour="teal")
+            self._start = gui.add_button("Start", icon="player-play", colour="green")
+            self._back = gui.add_button("Remove last", icon="backspace")
+            self._clear = gui.add_button("Clear", icon="trash")
+        self._collect.on_press(self._toggle)
+        self._start.on_press(self._set_off)
+        self._back.on_press(actions.goal_queue.remove_last)
+        self._clear.on_press(actions.goal_queue.clear)
 
     def update(self, trip: TourStatus | None) -> None:
         """Show the queue."""
         goal_queue = self._actions.goal_queue
         goal_queue.follow(trip)
         how = CHOOSING if goal_queue.is_collecting else "" if goal_queue.items else HOW
-        rows = "".join(f"<li>{html.escape(one.title)}</li>" for one in goal_queue.items)
-        listed = f'<ol style="margin:0.2em 0 0.6em;padding-left:2em">{rows}</ol>' if rows else ""
+        listed = numbered([one.title for one in goal_queue.items])
         self._list.content = (note(how) if how else "") + listed
         self._collect.label = END if goal_queue.is_collecting else BEGIN
         self._start.disabled = not goal_queue.items

@@ -1,15 +1,12 @@
 """The card that offers to update the map where things have appeared or gone."""
 
-import viser
-
 from trolley.messages import MapChange
-from trolley_viz.panels.controls import show
+from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, sentence
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
-from trolley_viz.threads import handler
 
-NO_CHOICE: str = ""
+NO_CHOICE = ""
 ACCEPT, LATER, NEVER = "Accept", "Not now", "Never"
 MAX_LISTED = 5
 
@@ -17,34 +14,30 @@ MAX_LISTED = 5
 class ChangePanel:
     """Lists the changes that the robot found, and takes the answer."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+    def __init__(self, gui: Controls, session: Session) -> None:
         self._session = session
         self._offered: list[MapChange] = []
         self._text = gui.add_html("", visible=False)
-        self._which = gui.add_dropdown("Which", (NO_CHOICE,), visible=False)
-        self._answer = gui.add_button_group(
-            "Change the map?", (ACCEPT, LATER, NEVER), visible=False
-        )
-        self._answer.on_click(handler(session.post, lambda _, answer: self._answered(answer)))
+        self._which = gui.add_list("Which", (NO_CHOICE,), visible=False)
+        self._answer = gui.add_choice("Change the map?", (ACCEPT, LATER, NEVER), visible=False)
+        self._answer.on_press(self._answered)
 
-    def update(self, offered: list[MapChange]) -> None:
+    def update(self) -> None:
         """Show what there is to decide."""
-        self._offered = offered
-        is_any = bool(offered)
-        show(self._text, visible=is_any, content=card(offered) if is_any else "")
-        choices = choices_of(offered)
-        if self._which.options != tuple(choices):
-            self._which.options = tuple(choices)
-        show(self._which, visible=len(offered) > 1)
-        show(self._answer, visible=is_any, disabled=self._session.change_requests.is_busy)
+        offered = self._offered = self._session.change_marks.offered
+        self._text.visible = self._answer.visible = bool(offered)
+        self._text.content = card(offered) if offered else ""
+        self._which.options = [*choices_of(offered)]
+        self._which.visible = len(offered) > 1
+        self._answer.disabled = self._session.change_requests.is_busy
 
     def _answered(self, answer: str) -> None:
-        chosen = choices_of(self._offered).get(self._which.value, [])
+        chosen = choices_of(self._offered)[self._which.value]
         if answer == ACCEPT:
             self._session.change_requests.accept(chosen)
         elif answer == LATER:
             self._session.put_off(chosen)
-        elif answer == NEVER:
+        else:
             self._session.change_requests.dismiss(chosen)
 
 

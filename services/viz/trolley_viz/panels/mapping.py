@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import viser
-
 from trolley import requests, topics
 from trolley.messages import MappingStatus
 from trolley.messages.request_params import (
@@ -14,13 +12,11 @@ from trolley.messages.request_params import (
     SaveMap,
     UndoMap,
 )
-from trolley_viz.panels.controls import AMBER, GREEN, GREY, TEAL, show
+from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, row
-from trolley_viz.panels.tiles import MARK, SMALL
 from trolley_viz.robots.view import View
 from trolley_viz.sentences import StatusLine, mapping_line
 from trolley_viz.session.session import Session
-from trolley_viz.threads import handler
 
 SURE_NS = 6_000_000_000
 """How long a second press discards the map."""
@@ -34,35 +30,32 @@ HOW = (
 class MappingPanel:
     """The map that is being made, or how to begin one."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+    def __init__(self, gui: Controls, session: Session) -> None:
         self._ask = session.actions.ask
         self._tell = session.tell
         self._status: MappingStatus | None = None
         self._map_name = ""
         self._now_ns = 0
         self._sure_until_ns = 0
-        post = session.post
         with session.folder("Make a map"):
-            gui.add_html(MARK + SMALL)
             self._how = gui.add_html(note(HOW))
             self._state = gui.add_html("", visible=False)
             self._name = gui.add_text("Map name", "home")
-            self._new = gui.add_button("New map", icon=viser.Icon.PLUS, color=GREEN)
-            self._extend = gui.add_button("Extend this map", icon=viser.Icon.MAP_2, color=TEAL)
-            self._save = gui.add_button("Save map", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
-            self._explore = gui.add_button("Explore", icon=viser.Icon.COMPASS, color=GREEN)
-            self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE, color=TEAL)
-            self._undo = gui.add_button(
-                "Undo last minute", icon=viser.Icon.ARROW_BACK_UP, color=GREY
-            )
-            self._cancel = gui.add_button("Discard", icon=viser.Icon.TRASH, color=GREY)
-        self._new.on_click(handler(post, lambda _, __: self._begin()))
-        self._extend.on_click(handler(post, lambda _, __: self._extend_map()))
-        self._save.on_click(handler(post, lambda _, __: self._save_map()))
-        self._explore.on_click(handler(post, lambda _, __: self._explore_or_stand()))
-        self._pause.on_click(handler(post, lambda _, __: self._pause_or_go_on()))
-        self._undo.on_click(handler(post, lambda _, __: self._take_back()))
-        self._cancel.on_click(handler(post, lambda _, __: self._give_up()))
+            with gui.add_tiles():
+                self._new = gui.add_button("New map", icon="plus", colour="green")
+                self._extend = gui.add_button("Extend this map", icon="map-2", colour="teal")
+                self._save = gui.add_button("Save map", icon="device-floppy", colour="green")
+                self._explore = gui.add_button("Explore", icon="compass")
+                self._pause = gui.add_button("Pause", icon="player-pause", colour="teal")
+                self._undo = gui.add_button("Undo last minute", icon="arrow-back-up")
+                self._cancel = gui.add_button("Discard", icon="trash")
+        self._new.on_press(self._begin)
+        self._extend.on_press(self._extend_map)
+        self._save.on_press(self._save_map)
+        self._explore.on_press(self._explore_or_stand)
+        self._pause.on_press(self._pause_or_go_on)
+        self._undo.on_press(self._take_back)
+        self._cancel.on_press(self._give_up)
 
     def update(self, view: View) -> None:
         """Show what can be done now."""
@@ -73,31 +66,21 @@ class MappingPanel:
         words = mapping_line(status)
         if status is None:
             words = StatusLine("The mapper is not running", "idle")
-        show(self._state, content="" if words is None else row(words), visible=words is not None)
+        self._state.visible = words is not None
+        self._state.content = "" if words is None else row(words)
         is_making = state in ("mapping", "paused")
         is_idle = status is not None and state == "idle"
-        show(self._how, visible=is_idle)
-        show(self._name, visible=is_idle)
-        show(self._new, visible=is_idle)
-        show(self._extend, visible=is_idle and bool(self._map_name))
-        show(self._save, visible=is_making)
-        explores = self._is_exploring
-        show(
-            self._explore,
-            visible=state == "mapping",
-            label="Stop exploring" if explores else "Explore by itself",
-            color=AMBER if explores else GREEN,
-        )
-        is_paused = state == "paused"
-        show(self._pause, visible=is_making, label="Continue" if is_paused else "Pause")
-        show(self._undo, visible=is_making)
+        self._how.visible = self._name.visible = self._new.visible = is_idle
+        self._extend.visible = is_idle and bool(self._map_name)
+        self._save.visible = self._pause.visible = self._undo.visible = is_making
+        self._explore.visible = state == "mapping"
+        self._explore.label = "Stop exploring" if self._is_exploring else "Explore by itself"
+        self._explore.colour = "amber" if self._is_exploring else "green"
+        self._pause.label = "Continue" if state == "paused" else "Pause"
         is_asking = self._now_ns < self._sure_until_ns
-        show(
-            self._cancel,
-            visible=is_making or state == "starting",
-            label="Really discard it?" if is_asking else "Discard",
-            color=AMBER if is_asking else GREY,
-        )
+        self._cancel.visible = is_making or state == "starting"
+        self._cancel.label = "Really discard it?" if is_asking else "Discard"
+        self._cancel.colour = "amber" if is_asking else "grey"
 
     # Inside.
     def _begin(self) -> None:

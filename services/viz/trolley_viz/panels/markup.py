@@ -1,98 +1,145 @@
-"""Small pieces of HTML; every text from the wire is escaped here."""
+"""Small pieces of HTML, styled by `frontend/markup.css`; what comes from the wire is escaped.
+
+What is marked with `translate="no"` is a name that people gave; it is so in every language.
+"""
 
 import html
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 
-from trolley_viz.sentences import StatusLine, Tone
+from trolley_viz.sentences import StatusLine
 
-TONES: dict[Tone, str] = {
-    "good": "#1e9e50",
-    "busy": "#2f6fe0",
-    "warn": "#d98a00",
-    "bad": "#d63333",
-    "idle": "#808894",
-}
-
-_ROW = (
-    '<div style="display:flex;gap:0.55em;align-items:flex-start;padding:0.28em 0.8em;'
-    'line-height:1.3">'
-    '<span style="flex:none;width:0.7em;height:0.7em;border-radius:50%;margin-top:0.32em;'
-    'background:{colour}"></span>'
-    '<span style="min-width:0;overflow-wrap:anywhere">'
-    '<b style="{style}">{headline}</b>{detail}</span>'
-    "</div>"
-)
-_DETAIL = '<br><span style="opacity:0.72;font-size:0.86em">{}</span>'
+_SET_OFF = re.compile("( → | · )")
 
 
-def row(words: StatusLine) -> str:
-    """A coloured dot, the headline, and the details below it."""
-    return _ROW.format(
-        colour=TONES[words.tone],
-        style=f"color:{TONES['bad']}" if words.tone == "bad" else "",
-        headline=html.escape(words.headline),
-        detail=_DETAIL.format(html.escape(words.detail)) if words.detail else "",
+def row(words: StatusLine, names: Collection[str] = ()) -> str:
+    """A coloured dot, the headline, in which there may be names, and the details below it."""
+    detail = f"<small>{html.escape(words.detail)}</small>" if words.detail else ""
+    return (
+        f'<div class="status-row" data-tone="{words.tone}"><i></i>'
+        f"<span><b>{_with_names(words.headline, names)}</b>{detail}</span></div>"
     )
 
 
 def title(text: str) -> str:
-    """A heading."""
-    return f'<div style="padding:0.5em 0.8em 0.2em;font-weight:700">{html.escape(text)}</div>'
+    """What all below it is about."""
+    return f'<div class="title">{html.escape(text)}</div>'
+
+
+def heading(text: str) -> str:
+    """A line over a group of buttons."""
+    return f'<div class="heading">{html.escape(text)}</div>'
 
 
 def sentence(words: StatusLine) -> str:
     """What a robot is doing, to be read from afar."""
     return (
-        f'<div role="status" style="margin:0.5em 0.8em 0.3em;padding:0.5em 0.7em;'
-        f"border-left:0.3em solid {TONES[words.tone]};border-radius:0.3em;"
-        f"background:{TONES[words.tone]}1c;font-size:1.06em;font-weight:600;line-height:1.3;"
-        f'overflow-wrap:anywhere">{html.escape(words.headline)}</div>'
-    )
-
-
-def chips(lines: Sequence[StatusLine]) -> str:
-    """The headlines in small print, side by side; the details come up under the mouse."""
-    pieces = "".join(
-        f'<span title="{html.escape(words.detail)}" style="overflow-wrap:anywhere">'
-        '<i style="display:inline-block;width:0.65em;height:0.65em;border-radius:50%;'
-        f'margin-right:0.4em;background:{TONES[words.tone]}"></i>{html.escape(words.headline)}</span>'
-        for words in lines
-    )
-    return (
-        '<div style="display:flex;flex-wrap:wrap;gap:0.1em 1em;padding:0.1em 0.9em 0.8em;'
-        f'font-size:0.86em;line-height:1.4">{pieces}</div>'
+        f'<div class="sentence" role="status" data-tone="{words.tone}">'
+        f"{html.escape(words.headline)}</div>"
     )
 
 
 def note(text: str) -> str:
     """A line of small print."""
+    return f'<div class="note">{html.escape(text)}</div>'
+
+
+def verbatim(text: str) -> str:
+    """A line of small print that is no text of ours, such as a value."""
+    return f'<div class="note" translate="no">{html.escape(text)}</div>'
+
+
+def card(name: str, summary: str, names: Collection[str] = ()) -> str:
+    """A name and what there is to say about it, in which there may be more names."""
     return (
-        '<div style="padding:0.2em 0.8em;opacity:0.72;font-size:0.86em;line-height:1.35">'
-        f"{html.escape(text)}</div>"
+        f'<div class="card"><b translate="no">{html.escape(name)}</b>'
+        f"<small>{_with_names(summary, names)}</small></div>"
     )
 
 
-def table(rows: list[tuple[str, ...]]) -> str:
-    """Rows of cells; the first of each is strong."""
+def details(words: StatusLine, content: str, names: Collection[str] = ()) -> str:
+    """A dot, a headline and its details, which open to more: that is markup already."""
+    return (
+        f'<details class="details"><summary data-tone="{words.tone}"><i></i> '
+        f"<b>{_with_names(words.headline, names)}</b>"
+        f"<small>{html.escape(words.detail)}</small></summary>"
+        f"{content}</details>"
+    )
+
+
+def _with_names(text: str, names: Collection[str]) -> str:
+    """A text whose parts are set off from each other; some of them are names."""
+    parts = _SET_OFF.split(text)
+    parts[::2] = [_named(part) if part in names else _worded(part) for part in parts[::2]]
+    return "".join(parts)
+
+
+def _named(text: str) -> str:
+    return f'<span translate="no">{html.escape(text)}</span>'
+
+
+def _worded(text: str) -> str:
+    return f"<span>{html.escape(text)}</span>"
+
+
+def lead(press: str, text: str) -> str:
+    """A small button; its control hears `press`."""
+    return (
+        f'<button type="button" class="small" data-press="{html.escape(press)}">'
+        f"{html.escape(text)}</button>"
+    )
+
+
+def leads(entries: Sequence[tuple[str, StatusLine]]) -> str:
+    """Lines that can be pressed, each with what its control hears then."""
+    buttons = "".join(
+        f'<button type="button" class="lead" data-press="{html.escape(press)}"'
+        f' data-tone="{words.tone}"><i></i><span><b>{html.escape(words.headline)}</b>'
+        f"{html.escape(words.detail)}</span></button>"
+        for press, words in entries
+    )
+    return f'<div class="leads">{buttons}</div>' if buttons else ""
+
+
+def numbered(texts: Sequence[str]) -> str:
+    """A list of names whose entries are numbered; nothing without any."""
+    entries = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
+    return f'<ol class="numbered" translate="no">{entries}</ol>' if entries else ""
+
+
+def table(rows: Sequence[tuple[str, ...]], num_names: int = 0) -> str:
+    """Rows of cells; the first of each says what the others are about.
+
+    Args:
+        rows: the cells.
+        num_names: how many of each row, from the first, are names.
+    """
     lines = "".join(
-        "<tr>"
-        + "".join(
-            f'<td style="padding:0.1em 0.6em 0.1em 0;vertical-align:top">'
-            f"{'<b>' if i == 0 else ''}{html.escape(cell)}{'</b>' if i == 0 else ''}</td>"
-            for i, cell in enumerate(cells)
-        )
-        + "</tr>"
+        "<tr>" + "".join(_cell(cell, i, num_names) for i, cell in enumerate(cells)) + "</tr>"
         for cells in rows
     )
-    return f'<table style="margin:0.2em 0.8em;font-size:0.86em;line-height:1.35">{lines}</table>'
+    return f'<table class="table">{lines}</table>'
 
 
-def swatches(entries: list[tuple[str, tuple[int, int, int]]]) -> str:
-    """A legend: coloured squares with their names."""
+def code_image(address: str, what: str) -> str:
+    """A QR code, always dark on light, and what it holds in words."""
+    return f'<img class="code" src="{html.escape(address)}" alt="{html.escape(what)}">'
+
+
+def _cell(text: str, column: int, num_names: int) -> str:
+    tag, scope = ("td", "") if column else ("th", ' scope="row"')
+    name = ' translate="no"' if column < num_names else ""
+    return f"<{tag}{scope}{name}>{html.escape(text)}</{tag}>"
+
+
+def plot(svg: str) -> str:
+    """A picture as wide as the panel."""
+    return f'<div class="plot">{svg}</div>'
+
+
+def swatches(entries: Sequence[tuple[str, tuple[int, int, int]]]) -> str:
+    """A legend: squares with their names, which the page's script colours."""
     return "".join(
-        '<div style="display:flex;gap:0.5em;align-items:center;padding:0.1em 0.8em;'
-        'font-size:0.86em">'
-        f'<span style="width:0.8em;height:0.8em;border-radius:0.2em;background:rgb{colour}"></span>'
-        f"{html.escape(name)}</div>"
+        f'<div class="swatch"><i data-colour="#{bytes(colour).hex()}"></i>{html.escape(name)}</div>'
         for name, colour in entries
     )

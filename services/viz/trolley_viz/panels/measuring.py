@@ -3,43 +3,35 @@
 import math
 from collections.abc import Callable
 
-import viser
-
 from trolley import topics
 from trolley.geometry import MissingLink
 from trolley.geometry.frames import BASE, MAP
 from trolley.geometry.relation import Relation, relation
 from trolley.topics import Kind
+from trolley_viz.controls.controls import Controls
 from trolley_viz.overlays.cards import written
 from trolley_viz.overlays.figures import plot_columns, plot_svg
 from trolley_viz.overlays.readings import Reading, Readings
 from trolley_viz.overlays.source import fields_of
-from trolley_viz.panels.controls import GREY, AddFolder, set_options
-from trolley_viz.panels.markup import note, table
+from trolley_viz.panels.controls import AddFolder
+from trolley_viz.panels.markup import note, plot, table, verbatim
 from trolley_viz.robots.frames import PLACE, frames_of, why_nowhere
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
 from trolley_viz.sentences import duration
-from trolley_viz.threads import Post, handler
 
 MAX_CHOICES = 200
 NO_TOPIC = "choose"
 WINDOWS_S = {"10 s": 10.0, "1 min": 60.0, "10 min": 600.0}
-PLOT_STYLE = (
-    "<style>.trolley-plot svg{width:100%;display:block}"
-    ".trolley-plot text{fill:currentColor;font-size:9.5px;opacity:.8}"
-    ".trolley-plot .ov-grid{stroke:currentColor;stroke-width:.6;opacity:.3}</style>"
-)
 
 
 class FramesPanel:
     """Distance, bearing, translation, rotation and age of two frames, or the missing link."""
 
-    def __init__(self, gui: viser.GuiApi, folder: AddFolder) -> None:
-        frames: list[str] = [BASE, MAP]
+    def __init__(self, gui: Controls, folder: AddFolder) -> None:
         with folder("Distance and angle"):
-            self._parent = gui.add_dropdown("From", frames, initial_value=BASE)
-            self._child = gui.add_dropdown("To", frames, initial_value=MAP)
+            self._parent = gui.add_list("From", (BASE, MAP), words=())
+            self._child = gui.add_list("To", (BASE, MAP), value=MAP, words=())
             self._said = gui.add_html("")
 
     def update(self, view: View) -> None:
@@ -48,8 +40,8 @@ class FramesPanel:
         known = {BASE, MAP, *frames.tree.frames()}
         places = sorted({PLACE + one.name for one in current_places(view)} - known)
         options = [*sorted(known - set(places)), *places][:MAX_CHOICES]
-        for dropdown in (self._parent, self._child):
-            set_options(dropdown, sorted({*options, dropdown.value}), "")
+        for frame in (self._parent, self._child):
+            frame.options = sorted({*options, frame.value})
         try:
             found = relation(frames, self._parent.value, self._child.value)
         except MissingLink as missing:
@@ -64,40 +56,40 @@ class PlotPanel:
     Args:
         gui: where it is added.
         folder: adds its folder.
-        post: hands a call to the service's thread.
         new_readings: follows values of a robot.
+        save_file: gives the person a file of this name and text.
     """
 
     def __init__(
         self,
-        gui: viser.GuiApi,
+        gui: Controls,
         folder: AddFolder,
-        post: Post,
         new_readings: Callable[[str], Readings],
+        save_file: Callable[[str, str], None],
     ) -> None:
         self._new_readings = new_readings
+        self._save_file = save_file
         self._readings: Readings | None = None
         self._robot = ""
         """The robot whose values they are."""
         self._text = ""
-        none: list[str] = [NO_TOPIC]
         with folder("Plot"):
             names = (NO_TOPIC, *(one.name for one in topics.TOPICS if one.kind is Kind.STREAM))
-            topic = gui.add_dropdown("Topic", names, initial_value=NO_TOPIC)
-            self._fields = gui.add_dropdown("Field", none, disabled=True)
+            self._topic = gui.add_list("Topic", names, words=(NO_TOPIC,))
+            self._fields = gui.add_list("Field", (NO_TOPIC,), words=(NO_TOPIC,), disabled=True)
             self._source = gui.add_text(
                 "Value", "", hint="For example odom:twist.vx or scan:ranges[0]"
             )
-            self._window = gui.add_dropdown("Time", tuple(WINDOWS_S), initial_value="1 min")
-            self._is_fixed = gui.add_checkbox("Fixed range", False)
+            self._window = gui.add_list("Time", tuple(WINDOWS_S), value="1 min")
+            self._is_fixed = gui.add_check("Fixed range", False)
             self._low = gui.add_number("From", 0.0, visible=False)
             self._high = gui.add_number("Up to", 1.0, visible=False)
             self._picture = gui.add_html("")
-            save = gui.add_button("Save as CSV", icon=viser.Icon.DOWNLOAD, color=GREY)
-        topic.on_update(handler(post, lambda _, name: self._choose_topic(str(name))))
-        self._fields.on_update(handler(post, lambda _, __: self._choose_field(topic.value)))
-        self._is_fixed.on_update(handler(post, lambda _, is_fixed: self._fix(bool(is_fixed))))
-        save.on_click(handler(post, lambda client, _: self._save(client)))
+            save = gui.add_button("Save as CSV", icon="download")
+        self._topic.on_change(self._choose_topic)
+        self._fields.on_change(self._choose_field)
+        self._is_fixed.on_change(self._fix)
+        save.on_press(self._save)
 
     def update(self, view: View) -> None:
         """Draw what is asked for."""
@@ -138,28 +130,27 @@ class PlotPanel:
             self._high.value if is_fixed else None,
         )
         is_silent = reading.is_silent(view.now_ns, is_away=view.is_away)
-        value = f"No data for {age_s:.0f} s." if is_silent else written(reading.value, "")
-        return f'{PLOT_STYLE}<div class="trolley-plot">{note(value)}{svg}</div>'
+        silence = note(f"No data for {age_s:.0f} s.") if is_silent else ""
+        return (silence or verbatim(written(reading.value, ""))) + plot(svg)
 
     def _choose_topic(self, name: str) -> None:
-        found = [one for one in topics.TOPICS if one.name == name]
-        set_options(self._fields, fields_of(found[0]) if found else [], NO_TOPIC)
-        if found:
-            self._choose_field(name)
+        fields = [field for one in topics.TOPICS if one.name == name for field in fields_of(one)]
+        self._fields.options = fields or (NO_TOPIC,)
+        self._fields.disabled = not fields
+        if fields:
+            self._choose_field(self._fields.value)
 
-    def _choose_field(self, name: str) -> None:
-        if name != NO_TOPIC and not self._fields.disabled:
-            self._source.value = f"{name}:{self._fields.value}"
+    def _choose_field(self, field: str) -> None:
+        self._source.value = f"{self._topic.value}:{field}"
 
     def _fix(self, is_fixed: bool) -> None:
         self._low.visible = self._high.visible = is_fixed
 
-    def _save(self, client: viser.ClientHandle) -> None:
+    def _save(self) -> None:
         if self._readings is None or not self._text:
             return
         name = "".join(one if one.isalnum() else "-" for one in self._text)
-        content = self._readings.of(self._text).history.csv().encode()
-        client.send_file_download(f"{name}.csv", content, save_immediately=True)
+        self._save_file(f"{name}.csv", self._readings.of(self._text).history.csv())
 
 
 def relation_table(found: Relation) -> str:

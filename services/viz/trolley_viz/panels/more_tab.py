@@ -1,11 +1,11 @@
 """The tab for engineers: what else there is to see, folded away until it is wanted."""
 
 import numpy as np
-import viser
 
 from trolley import topics
 from trolley.messages import PoseEstimate
-from trolley_viz.panels.controls import GREY, show
+from trolley_viz.controls.controls import Check, Controls
+from trolley_viz.languages.catalogue import ENGLISH, catalogues
 from trolley_viz.panels.frames import FrameTreePanel
 from trolley_viz.panels.markup import note, swatches, table
 from trolley_viz.panels.measuring import FramesPanel, PlotPanel
@@ -24,7 +24,6 @@ from trolley_viz.scene.scene import LAYERS
 from trolley_viz.sentences import age_text, percent
 from trolley_viz.session.robot_scene import follow_values
 from trolley_viz.session.session import Session
-from trolley_viz.threads import handler
 
 GROUPS: tuple[Group, ...] = ("Robot", "Sensing", "Driving", "Map")
 BEAMS = [
@@ -35,6 +34,8 @@ BEAMS = [
     ("not used", 4),
 ]
 PERIOD_NS = 1_000_000_000
+AS_DEVICE, LIGHT, DARK = "as this device", "light", "dark"
+"""The looks."""
 
 DOUBTS = [("mirror?", SUSPECT_COLOUR), ("new?", APPEARED_COLOUR), ("gone?", GONE_COLOUR)]
 """What is asked on the map."""
@@ -43,13 +44,15 @@ DOUBTS = [("mirror?", SUSPECT_COLOUR), ("new?", APPEARED_COLOUR), ("gone?", GONE
 class MoreTab:
     """Layers, position, frames, services and streams."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+    def __init__(self, gui: Controls, session: Session) -> None:
         self._due_ns = 0
-        post = session.post
-        fit = gui.add_button("Show the whole map", icon=viser.Icon.MAXIMIZE, color=GREY)
-        fit.on_click(handler(post, lambda _, __: session.fit_view()))
-        look = gui.add_checkbox("Dark background", session.choices.dark)
-        look.on_update(handler(post, lambda _, is_dark: session.set_dark(is_dark=bool(is_dark))))
+        fit = gui.add_button("Show the whole map", icon="maximize")
+        fit.on_press(session.fit_view)
+        chosen = session.choices
+        now = DARK if chosen.dark else LIGHT if chosen.light else AS_DEVICE
+        look = gui.add_list("Look", (AS_DEVICE, LIGHT, DARK), value=now)
+        look.on_change(lambda one: session.choose_look(dark=one == DARK, light=one == LIGHT))
+        _add_languages(gui, session)
         self._layers = {group: LayerPanel(gui, session, group) for group in GROUPS}
         with session.folder("Position"):
             self._position = gui.add_html("")
@@ -59,7 +62,10 @@ class MoreTab:
             self._streams = StreamPanel(gui)
         self._relation = FramesPanel(gui, session.folder)
         self._plot = PlotPanel(
-            gui, session.folder, post, lambda robot: follow_values(session.hub.service, robot)
+            gui,
+            session.folder,
+            lambda robot: follow_values(session.hub.service, robot),
+            session.save_file,
         )
         self._notes = gui.add_html("")
         self._robot_scene = lambda: session.hub.scenes.of(session.robot)
@@ -73,10 +79,10 @@ class MoreTab:
         self._due_ns = view.now_ns + PERIOD_NS
         for panel in self._layers.values():
             panel.update(view)
-        show(self._position, content=table(position_rows(view)))
+        self._position.content = table(position_rows(view))
         self._frames.update(view)
         self._streams.update(view)
-        show(self._notes, content="".join(map(note, self._robot_scene().notes)))
+        self._notes.content = "".join(map(note, self._robot_scene().notes))
 
     def close_plot(self) -> None:
         """Stop following what is plotted."""
@@ -86,28 +92,23 @@ class MoreTab:
 class LayerPanel:
     """The layers of one group, each with the age of what it shows."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session, group: Group) -> None:
+    def __init__(self, gui: Controls, session: Session, group: Group) -> None:
         self._session = session
-        self._boxes: dict[type[Layer], viser.GuiCheckboxHandle] = {}
+        self._boxes: dict[type[Layer], Check] = {}
         shown = session.layers()
         with session.folder(f"Layers: {group}"):
             for kind in LAYERS:
                 if kind.group == group:
-                    self._boxes[kind] = gui.add_checkbox(kind.title, shown[kind.key])
+                    box = self._boxes[kind] = gui.add_check(kind.title, shown[kind.key])
+                    box.on_change(
+                        lambda is_on, key=kind.key: session.switch_layer(key, is_on=is_on)
+                    )
             if group == "Sensing":
                 beams = [(text, _rgb(BEAM_COLOURS[i].tolist())) for text, i in BEAMS]
                 gui.add_html(note("Laser scan") + swatches(beams))
             elif group == "Map":
                 zones = [(kind, colour) for kind, colour in ZONE_COLOURS.items()]
                 gui.add_html(note("Zones") + swatches([*zones, *DOUBTS]))
-        for kind, box in self._boxes.items():
-            key = kind.key
-            box.on_update(
-                handler(
-                    session.post,
-                    lambda _, is_on, key=key: session.switch_layer(key, is_on=bool(is_on)),
-                )
-            )
 
     def update(self, view: View) -> None:
         """Bring the ages up to date."""
@@ -115,8 +116,8 @@ class LayerPanel:
         for kind, box in self._boxes.items():
             is_aged = shown[kind.key] and kind.source is not None
             age = f" · {_age(view, kind)}" if is_aged else ""
-            is_there = kind.source is not topics.SIM_TRUTH or _is_simulated(view)
-            show(box, label=f"{kind.title}{age}", visible=is_there)
+            box.label = f"{kind.title}{age}"
+            box.visible = kind.source is not topics.SIM_TRUTH or _is_simulated(view)
 
 
 def position_rows(view: View) -> list[tuple[str, ...]]:
@@ -136,6 +137,15 @@ def position_rows(view: View) -> list[tuple[str, ...]]:
     if view.robot_ns is not None:
         rows.append(("age", age_text((view.robot_ns - estimate.stamp_ns) * 1e-9)))
     return rows
+
+
+def _add_languages(gui: Controls, session: Session) -> None:
+    """Let the person choose a language, each of which is called as it calls itself."""
+    codes = {AS_DEVICE: "", "English": ENGLISH}
+    codes |= {catalogue.name: code for code, catalogue in catalogues().items()}
+    chosen = next((name for name, code in codes.items() if code == session.choices.language), None)
+    language = gui.add_list("Language", tuple(codes), value=chosen, words=(AS_DEVICE,))
+    language.on_change(lambda name: session.choose_language(codes[name]))
 
 
 def _deviations(estimate: PoseEstimate) -> str:

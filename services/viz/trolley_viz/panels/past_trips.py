@@ -1,45 +1,51 @@
 """Past trips: when, which tour, how long, how far it got, and what came of each stop."""
 
 import datetime
-import html
-from collections.abc import Sequence
-
-import viser
+from collections.abc import Callable, Sequence
 
 from trolley import codes
-from trolley.messages import PastTrip, TourStatus
-from trolley_viz.panels.controls import GREY, set_options
-from trolley_viz.panels.markup import TONES, note, row
-from trolley_viz.robots.past_trips import PastTrips
+from trolley.messages import PastTrip, StopResult, TourStatus
+from trolley_viz.controls.controls import Controls
+from trolley_viz.panels.markup import details, lead, note, row
+from trolley_viz.robots.past_trips import PastTrips, has_failed
 from trolley_viz.sentences import StatusLine, Tone, duration, result_line
-from trolley_viz.threads import Post, handler
 
 SHOWN_AT_ONCE = 20
 MAX_RESULTS = 50
-ALL_TOURS: str = "all tours"
+ALL_TOURS = "all tours"
 UNNAMED = "unnamed"
-_TRIP = (
-    '<details style="padding:0.3em 0.8em;line-height:1.35;overflow-wrap:anywhere">'
-    '<summary style="cursor:pointer;padding:0.2em 0">'
-    '<span style="display:inline-block;width:0.7em;height:0.7em;border-radius:50%;'
-    'background:{colour}"></span> <b>{title}</b><br>'
-    '<span style="opacity:0.72;font-size:0.86em">{summary}</span></summary>{results}</details>'
-)
+LOOK, MOMENT = "Look at it", "Show the moment"
+
+HasRecord = Callable[[PastTrip], bool]
 
 
 class PastTripsPanel:
-    """A list that is asked for when it is opened."""
+    """A list that is asked for when it is opened.
 
-    def __init__(self, gui: viser.GuiApi, post: Post) -> None:
+    Args:
+        gui: where it is added.
+        has_record: whether it is recorded what the robot did on a trip.
+        look_at: shows that, or the moment of a stop that was not reached.
+    """
+
+    def __init__(
+        self,
+        gui: Controls,
+        has_record: HasRecord,
+        look_at: Callable[[PastTrip, StopResult | None], None],
+    ) -> None:
+        self._has_record, self._look_at = has_record, look_at
+        self._trips: dict[str, PastTrip] = {}
+        """Those that are listed."""
         self._is_open = False
         self._num_shown = SHOWN_AT_ONCE
-        self._drawn: tuple[object, ...] = ()
-        self._toggle = gui.add_button("Past trips", icon=viser.Icon.HISTORY, color=GREY)
-        self._tour = gui.add_dropdown("Tour", (ALL_TOURS,), visible=False)
+        self._toggle = gui.add_button("Past trips", icon="history")
+        self._tour = gui.add_list("Tour", (ALL_TOURS,), words=(ALL_TOURS, UNNAMED), visible=False)
         self._list = gui.add_html("")
-        self._more = gui.add_button("Show more", color=GREY, visible=False)
-        self._toggle.on_click(handler(post, lambda _, __: self._switch()))
-        self._more.on_click(handler(post, lambda _, __: self._show_more()))
+        self._more = gui.add_button("Show more", visible=False)
+        self._toggle.on_press(self._switch)
+        self._list.on_press(self._lead)
+        self._more.on_press(self._show_more)
 
     def update(
         self, past: PastTrips, trip: TourStatus | None, now_ns: int, *, is_shown: bool
@@ -50,19 +56,26 @@ class PastTripsPanel:
         self._toggle.label = "Close past trips" if is_open else "Past trips"
         self._tour.visible = is_open and bool(past.trips)
         if not is_open:
-            self._more.visible, self._list.content, self._drawn = False, "", ()
+            self._more.visible, self._list.content = False, ""
             return
         past.refresh(trip, now_ns)
         trips = past.trips or ()
-        names = sorted({one.name or UNNAMED for one in trips})
-        set_options(self._tour, [ALL_TOURS, *names], ALL_TOURS)
+        self._tour.options = [ALL_TOURS, *sorted({one.name or UNNAMED for one in trips})]
         chosen = [one for one in trips if self._tour.value in (ALL_TOURS, one.name or UNNAMED)]
-        now = (past.trips, past.problem, self._tour.value, self._num_shown)
-        if now == self._drawn:  # and what somebody opened stays open
-            return
-        self._drawn = now
         self._more.visible = len(chosen) > self._num_shown
-        self._list.content = trips_html(past, chosen[: self._num_shown])
+        shown = chosen[: self._num_shown]
+        self._trips = {one.trip: one for one in shown}
+        self._list.content = trips_html(past, shown, self._has_record)
+
+    def _lead(self, press: str) -> None:
+        """Show a trip, "t1", or what became of one of its stops, "t1 3"."""
+        name, _, index = press.partition(" ")
+        trip = self._trips.get(name)
+        if trip is None or not self._has_record(trip):
+            return
+        results = trip.results
+        is_stop = index.isdecimal() and int(index) < len(results)
+        self._look_at(trip, results[int(index)] if is_stop else None)
 
     def _switch(self) -> None:
         self._is_open, self._num_shown = not self._is_open, SHOWN_AT_ONCE
@@ -71,8 +84,10 @@ class PastTripsPanel:
         self._num_shown += SHOWN_AT_ONCE
 
 
-def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
-    """The trips, each of which opens to what came of its stops."""
+def trips_html(
+    past: PastTrips, trips: Sequence[PastTrip], has_record: HasRecord = lambda _: False
+) -> str:
+    """The trips, each of which opens to what came of its stops, and leads to what was recorded."""
     problem = (
         row(StatusLine("Past trips are not available right now", "warn", past.problem))
         if past.problem
@@ -82,22 +97,24 @@ def trips_html(past: PastTrips, trips: Sequence[PastTrip]) -> str:
         return problem or note("Loading …")
     if not past.trips:
         return problem + note("No trips yet.")
-    return problem + "".join(map(_trip, trips))
+    return problem + "".join(_trip(trip, is_recorded=has_record(trip)) for trip in trips)
 
 
-def _trip(trip: PastTrip) -> str:
-    shown = trip.results[-MAX_RESULTS:]
-    title = [trip.name or UNNAMED, when_text(trip.started_at)]
+def _trip(trip: PastTrip, *, is_recorded: bool) -> str:
+    shown = list(enumerate(trip.results))[-MAX_RESULTS:]
     left_out = trip.reached + trip.missed - len(shown)
-    results = "".join(row(result_line(result)) for result in shown)
+    results = "".join(
+        row(result_line(result))
+        + (lead(f"{trip.trip} {i}", MOMENT) if is_recorded and has_failed(result) else "")
+        for i, result in shown
+    )
     if left_out > 0:
         results = note(f"{left_out} earlier stops are not shown.") + results
-    return _TRIP.format(
-        colour=TONES[tone_of(trip)],
-        title=html.escape(" · ".join(filter(None, title))),
-        summary=html.escape(summary(trip)),
-        results=results or note("It had not reached a stop yet."),
-    )
+    title = " · ".join(filter(None, [trip.name or UNNAMED, when_text(trip.started_at)]))
+    words = StatusLine(title, tone_of(trip), summary(trip))
+    names = [trip.name] if trip.name else []
+    look = lead(trip.trip, LOOK) if is_recorded else ""
+    return details(words, look + (results or note("It had not reached a stop yet.")), names)
 
 
 def tone_of(trip: PastTrip) -> Tone:

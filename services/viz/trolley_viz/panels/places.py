@@ -1,17 +1,14 @@
 """The saved places: new ones, and what there is to change about those that are there."""
 
-import viser
-
 from trolley.messages import SavedPose
+from trolley_viz.controls.controls import Controls
 from trolley_viz.graphics.icons import known_icon
-from trolley_viz.panels.controls import GREEN, GREY, TEAL, set_options, show_undo
-from trolley_viz.panels.tiles import MARK, SMALL
+from trolley_viz.panels.controls import show_undo
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
 from trolley_viz.session.session import Session
-from trolley_viz.threads import handler
 
-NEW: str = "+ new place"
+NEW = "+ new place"
 """No place can be called so: names hold no plus sign."""
 ICONS: dict[str, str] = {
     "pin": "map-pin",
@@ -45,34 +42,34 @@ ICONS: dict[str, str] = {
 class PlacePanel:
     """One form for a new place and for those that are saved."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._actions, self._places, post = session.actions, session.place_actions, session.post
+    def __init__(self, gui: Controls, session: Session) -> None:
+        self._actions, self._places = session.actions, session.place_actions
         self._stored: dict[str, SavedPose] = {}
         self._filled: SavedPose | None = None
         """What the fields were filled from."""
         self._next = ""
         """The place to be chosen as soon as it is listed."""
-        gui.add_html(MARK + SMALL)
-        self._place = gui.add_dropdown("Place", (NEW,))
+        self._place = gui.add_list("Place", (NEW,), words=(NEW,))
         self._name = gui.add_text("Name", "")
-        self._icon = gui.add_dropdown("Icon", tuple(ICONS))
+        self._icon = gui.add_list("Icon", tuple(ICONS), words=tuple(ICONS))
         self._note = gui.add_text("Note", "", visible=False)
-        self._save = gui.add_button("Save changes", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
-        self._here = gui.add_button("Save where the robot is", icon=viser.Icon.ROBOT, color=GREEN)
-        self._point = gui.add_button("Point on the map …", icon=viser.Icon.MAP_PIN, color=TEAL)
-        self._delete = gui.add_button("Delete", icon=viser.Icon.TRASH, color=GREY)
-        self._undo = gui.add_button("Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY)
-        self._place.on_update(handler(post, lambda _, __: self._choose()))
-        self._save.on_click(handler(post, lambda _, __: self._save_changes()))
-        self._here.on_click(handler(post, lambda _, __: self._save_here()))
-        self._point.on_click(handler(post, lambda _, __: self._point_out()))
-        self._delete.on_click(handler(post, lambda _, __: self._delete_chosen()))
-        self._undo.on_click(handler(post, lambda _, __: session.actions.history.undo()))
+        with gui.add_tiles():
+            self._save = gui.add_button("Save changes", icon="device-floppy", colour="green")
+            self._here = gui.add_button("Save where the robot is", icon="robot", colour="green")
+            self._point = gui.add_button("Point on the map …", icon="map-pin", colour="teal")
+            self._delete = gui.add_button("Delete", icon="trash")
+            self._undo = gui.add_button("Undo", icon="arrow-back-up")
+        self._place.on_change(self._choose)
+        self._save.on_press(self._save_changes)
+        self._here.on_press(self._save_here)
+        self._point.on_press(self._point_out)
+        self._delete.on_press(self._delete_chosen)
+        self._undo.on_press(session.actions.history.undo)
 
     def update(self, view: View) -> None:
         """Show the places that there are; what another browser changes is shown here, too."""
         self._stored = {one.name: one for one in current_places(view)}
-        set_options(self._place, [NEW, *sorted(self._stored, key=str.casefold)], NEW)
+        self._place.options = [NEW, *sorted(self._stored, key=str.casefold)]
         if self._next in self._stored:
             self._place.value, self._next = self._next, ""
         chosen = self._stored.get(self._place.value)
@@ -84,22 +81,25 @@ class PlacePanel:
         self._point.label = "Point on the map …" if is_new else "Move on the map …"
         show_undo(self._undo, self._actions.history)
 
+    def edit(self, name: str) -> None:
+        """Choose a place, to be changed."""
+        if name in self._stored:
+            self._place.value, self._next = name, ""
+
     # Inside.
     def _fill(self, place: SavedPose | None) -> None:
         """Put what is stored into the fields."""
         self._filled = place
         icon = "" if place is None else known_icon(place.icon) or ""
         called = next((called for called, name in ICONS.items() if name == icon), icon)
-        options = tuple(ICONS) if called in ICONS or not called else (*ICONS, called)
-        if self._icon.options != options:
-            self._icon.options = options
+        self._icon.options = [*ICONS] if called in ICONS or not called else [*ICONS, called]
         self._icon.value = called or next(iter(ICONS))
         self._name.value = "" if place is None else place.name
         self._note.value = "" if place is None else place.note
 
-    def _choose(self) -> None:
+    def _choose(self, name: str) -> None:
         self._next = ""
-        self._fill(self._stored.get(self._place.value))
+        self._fill(self._stored.get(name))
 
     def _chosen_icon(self) -> str:
         return ICONS.get(self._icon.value, self._icon.value)

@@ -1,21 +1,17 @@
 """The details of one point of a tour that is being edited."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import viser
-
+from trolley_viz.controls.controls import Controls, Field
 from trolley_viz.editing.tour_draft import MAX_COUNT, MAX_SECONDS, OnFailure, Point
-from trolley_viz.panels.controls import TEAL, set_options
-from trolley_viz.threads import Post, handler
 
-ON_MAP: str = "a point on the map"
+ON_MAP = "a point on the map"
 UP, DOWN, REMOVE = "Earlier", "Later", "Remove"
-GIVE_UP: str = "end the tour"
-LEAVE_OUT: str = "skip it"
-FOR_EVER: str = "try until it works"
+GIVE_UP = "end the tour"
+LEAVE_OUT = "skip it"
+FOR_EVER = "try until it works"
 FAILURES: dict[str, OnFailure] = {GIVE_UP: "abort", LEAVE_OUT: "skip", FOR_EVER: "retry"}
 
 
@@ -27,27 +23,25 @@ class PointEditor:
         change: called with the point before and after.
         arrange: called with `UP`, `DOWN` or `REMOVE`.
         point_out: lets the person show the place on the map.
-        post: hands calls to the service's thread.
     """
 
     def __init__(
         self,
-        gui: viser.GuiApi,
+        gui: Controls,
         change: Callable[[Point, Point], None],
         arrange: Callable[[str], None],
         point_out: Callable[[], None],
-        post: Post,
     ) -> None:
         self._change = change
         self._point: Point | None = None
-        self.folder = gui.add_folder("Stop", visible=False)
+        self.folder = gui.add_folder("Stop", is_open=True, visible=False)
         with self.folder:
-            order = gui.add_button_group("Order", (UP, DOWN, REMOVE))
-            self._place = gui.add_dropdown("Place", (ON_MAP,))
-            show = gui.add_button("Point it out on the map", icon=viser.Icon.MAP_PIN, color=TEAL)
-            self._passes = gui.add_checkbox("Pass without stopping", False)
+            order = gui.add_choice("Order", (UP, DOWN, REMOVE))
+            self._place = gui.add_list("Place", (ON_MAP,), words=(ON_MAP,))
+            show = gui.add_button("Point it out on the map", icon="map-pin", colour="teal")
+            self._passes = gui.add_check("Pass without stopping", False)
             self._dwell = gui.add_number("Stay (s)", 0.0, min=0.0, max=MAX_SECONDS, step=1.0)
-            self._failure = gui.add_dropdown("If it fails", tuple(FAILURES))
+            self._failure = gui.add_list("If it fails", tuple(FAILURES))
             self._tries = gui.add_number(
                 "Tries", 1, min=1, max=MAX_COUNT, step=1, hint="How often to try before giving up."
             )
@@ -59,9 +53,9 @@ class PointEditor:
                 step=1.0,
                 hint="How long driving there may take; 0 for the usual limit.",
             )
-        order.on_click(handler(post, lambda _, action: arrange(action)))
-        show.on_click(handler(post, lambda _, __: point_out()))
-        self._bind(post)
+        order.on_press(arrange)
+        show.on_press(point_out)
+        self._bind()
 
     def show(self, point: Point | None, places: Sequence[str]) -> None:
         """Show a point, or nothing; `places` are the names to choose from."""
@@ -70,8 +64,7 @@ class PointEditor:
             self._point = None
             return
         own = ON_MAP if point.name is None else point.name
-        names = [own] if own not in places else []
-        set_options(self._place, [*names, *places], ON_MAP)
+        self._place.options = places if own in places else [own, *places]
         if point is not self._point:
             self._point = point
             self._place.value = own
@@ -84,15 +77,15 @@ class PointEditor:
             field.visible = not point.passes
         self._tries.visible = not point.passes and failure_of(point) != FOR_EVER
 
-    def _bind(self, post: Post) -> None:
-        def on(handle: Any, changed: Callable[[Point, Any], Point]) -> None:
-            handle.on_update(handler(post, lambda _, value: self._changed(changed, value)))
+    def _bind(self) -> None:
+        def on(field: Field[Any], changed: Callable[[Point, Any], Point]) -> None:
+            field.on_change(lambda value: self._changed(changed, value))
 
         on(self._place, place_changed)
-        on(self._passes, lambda point, passes: replace(point, passes=bool(passes)))
-        on(self._dwell, lambda point, value: replace(point, dwell=seconds(value)))
-        on(self._timeout, lambda point, value: replace(point, timeout=seconds(value) or None))
-        on(self._tries, lambda point, value: replace(point, retries=max(count(value) - 1, 0)))
+        on(self._passes, lambda point, passes: replace(point, passes=passes))
+        on(self._dwell, lambda point, seconds: replace(point, dwell=seconds))
+        on(self._timeout, lambda point, seconds: replace(point, timeout=seconds or None))
+        on(self._tries, lambda point, tries: replace(point, retries=round(tries) - 1))
         on(self._failure, failure_changed)
 
     def _changed(self, changed: Callable[[Point, Any], Point], value: Any) -> None:
@@ -118,18 +111,7 @@ def failure_of(point: Point) -> str:
 
 def failure_changed(point: Point, text: str) -> Point:
     """The point with another answer to failure."""
-    answer = FAILURES.get(text)
-    if answer is None or text == failure_of(point):
+    if text == failure_of(point):
         return point
+    answer = FAILURES[text]
     return replace(point, on_failure=answer, retries=0 if answer == "retry" else point.retries)
-
-
-def seconds(value: Any) -> float:
-    """A time from the page [s], within bounds; what is no number counts as 0."""
-    number = float(value)
-    return min(max(number, 0.0), MAX_SECONDS) if math.isfinite(number) else 0.0
-
-
-def count(value: Any) -> int:
-    """A count from the page, within bounds; what is no number counts as 0."""
-    return round(min(seconds(value), float(MAX_COUNT)))

@@ -1,60 +1,67 @@
 """All robots of the network: what each is doing, which one is followed, and Stop for all."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-import viser
-
-from trolley_viz.panels.controls import STOP_RED, AddFolder, show
+from trolley_viz.controls.controls import Button, Controls, Html
+from trolley_viz.panels.controls import AddFolder
 from trolley_viz.panels.markup import row
-from trolley_viz.robots.fleet import Member
+from trolley_viz.robots.fleet import IS_AWAY, Member
 from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, percent, position_line
-from trolley_viz.threads import Post, handler
 
 
 class RobotsPanel:
-    """A line and a button for each robot; nothing where there is only one."""
+    """A list to choose from, a line and a button for each; nothing where there is only one."""
 
     def __init__(
         self,
-        gui: viser.GuiApi,
+        gui: Controls,
         folder: AddFolder,
         follow: Callable[[str], None],
         stop_all: Callable[[], None],
-        post: Post,
     ) -> None:
         self._gui = gui
         self._follow = follow
-        self._post = post
+        self._names: Mapping[str, str] = {}
+        """By what they are called in the list."""
+        self._rows: dict[str, tuple[Html, Button]] = {}
+        self._choice = gui.add_list("Robot", (), words=(), visible=False)
+        self._choice.on_change(lambda label: follow(self._names[label]))
         self._folder = folder("All robots")
         self._folder.visible = False
-        self._rows: dict[str, tuple[viser.GuiHtmlHandle, viser.GuiButtonHandle]] = {}
         with self._folder:
-            stop = gui.add_button("Stop all robots", color=STOP_RED, icon=viser.Icon.HAND_STOP)
-        stop.on_click(handler(post, lambda _, __: stop_all()))
+            stop = gui.add_button("Stop all robots", icon="hand-stop", colour="red")
+        stop.on_press(stop_all)
 
-    def update(self, members: Sequence[Member], followed: str) -> None:
-        """Show what each is doing."""
-        show(self._folder, visible=bool(members))
+    def update(self, members: Sequence[Member], labels: Mapping[str, str], followed: str) -> None:
+        """Show what each is doing.
+
+        Args:
+            members: all robots, where there are several.
+            labels: what to call each in the list, to its name.
+            followed: the name of the one that is followed.
+        """
+        self._names = labels
+        self._choice.options = [*labels]
+        self._choice.set_words([label for label in labels if label.endswith(IS_AWAY)])
+        self._choice.value = next(label for label, name in labels.items() if name == followed)
+        self._choice.visible = len(labels) > 1
+        self._folder.visible = bool(members)
         if list(self._rows) != [one.name for one in members]:
-            self._build(members)
+            for line, button in self._rows.values():
+                line.remove()
+                button.remove()
+            with self._folder:
+                self._rows = {one.name: self._add(one) for one in members}
         for one in members:
             line, button = self._rows[one.name]
-            show(line, content=row(member_line(one)))
-            show(button, visible=one.name != followed)
+            line.content = row(member_line(one))
+            button.visible = one.name != followed
 
-    def _build(self, members: Sequence[Member]) -> None:
-        for line, button in self._rows.values():
-            line.remove()
-            button.remove()
-        self._rows.clear()
-        with self._folder:
-            for one in members:
-                line = self._gui.add_html("")
-                button = self._gui.add_button(f"Follow {title_of(one)}", icon=viser.Icon.EYE)
-                button.on_click(
-                    handler(self._post, lambda _, __, name=one.name: self._follow(name))
-                )
-                self._rows[one.name] = line, button
+    def _add(self, member: Member) -> tuple[Html, Button]:
+        line = self._gui.add_html("")
+        button = self._gui.add_button(f"Follow {title_of(member)}", icon="eye")
+        button.on_press(lambda: self._follow(member.name))
+        return line, button
 
 
 def title_of(member: Member) -> str:

@@ -1,10 +1,8 @@
 """The services with their health, and the streams that are followed with their rates."""
 
-import viser
-
 from trolley import topics
 from trolley.messages import Health
-from trolley_viz.panels.controls import show
+from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, row, table
 from trolley_viz.robots.view import View
 from trolley_viz.sentences import StatusLine, Tone, age_text
@@ -17,7 +15,7 @@ SILENT_S = 3.0
 class StreamPanel:
     """Read-only."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
+    def __init__(self, gui: Controls) -> None:
         self._services = gui.add_html("")
         self._streams = gui.add_html("")
         self._counts: dict[str, int] = {}
@@ -34,13 +32,15 @@ class StreamPanel:
             service_line(name, one, (view.now_ns - heard.get((name,), 0)) * 1e-9)
             for (name,), one in sorted(health.items())
         ]
-        show(self._services, content="".join(map(row, lines)) or note("No services heard."))
+        self._services.content = "".join(map(row, lines)) or note("No services heard.")
         self._count(view)
         rows = [
             (name, f"{self._rates[name]:.1f} Hz" if name in self._rates else "…")
             for name in self._counts
         ]
-        show(self._streams, content=note("Streams from the robot, as they arrive") + table(rows))
+        self._streams.content = note("Streams from the robot, as they arrive") + table(
+            rows, num_names=1
+        )
 
     def _count(self, view: View) -> None:
         since_ns = view.now_ns - self._counted_ns

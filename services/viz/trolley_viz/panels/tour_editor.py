@@ -4,27 +4,27 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import viser
-
 from trolley import topics
+from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour
 from trolley_viz.actions.aiming import ignore
+from trolley_viz.controls.controls import Button, Controls
 from trolley_viz.editing.tour_draft import Draft, Editing, Point, bearing, stay_text
-from trolley_viz.panels.controls import GREEN, GREY, TEAL, Colour, set_options
 from trolley_viz.panels.markup import note, row, title
-from trolley_viz.panels.point_editor import DOWN, REMOVE, UP, PointEditor, count
+from trolley_viz.panels.point_editor import REMOVE, UP, PointEditor
 from trolley_viz.panels.tour_times import TimesEditor
 from trolley_viz.pointing.pointer import Pointed, Tool
 from trolley_viz.robots.view import View
+from trolley_viz.scene.touch import Touched
 from trolley_viz.scene.tours import place_finder
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
-from trolley_viz.threads import Post, handler
 
 TOUR_POINT = "tour_point"
 POINT_HINT = "Press where it should stop, drag the way it should face, and release."
-CHOOSE: str = "choose …"
+TAP_HINT = "Tap places on the map in the order in which it should visit them."
+CHOOSE = "choose …"
 HERE, POINT_OUT = "Where it is", "Point on the map"
 KEEP_MINE, TAKE_THEIRS = "Keep mine", "Take theirs"
 MAX_POINT_ROWS = 30
@@ -40,56 +40,52 @@ class TourEditor:
         gui: where it is added.
         session: the browser.
         save: called with the tour and what it was when it was opened.
-        post: hands calls to the service's thread.
     """
 
     def __init__(
         self,
-        gui: viser.GuiApi,
+        gui: Controls,
         session: Session,
         save: Callable[[Tour, Tour | None], None],
-        post: Post,
     ) -> None:
         self._gui = gui
         self._session = session
         self._save_tour = save
-        self._post = post
-        self._rows: list[viser.GuiButtonHandle] = []
+        self._rows: list[Button] = []
         self._tours: Sequence[Tour] = ()
         self._is_leaving = False
         """Whether the next press of Cancel throws the changes away."""
         self.editing: Editing | None = None
-        self._folder = gui.add_folder(None, visible=False)
+        self._folder = gui.add_folder(visible=False)
         with self._folder:
             self._title = gui.add_html("")
             self._name = gui.add_text("Name", "")
-            self._points = gui.add_folder(None)
+            gui.add_html(note(TAP_HINT))
+            self._points = gui.add_folder()
             with self._points:
                 self._point = PointEditor(
-                    gui, self._change_point, self._arrange, self._point_out_again, post
+                    gui, self._change_point, self._arrange, self._point_out_again
                 )
             self._add_controls(gui)
             self._option_controls(gui)
-            self._times = TimesEditor(
-                gui, session.folder, lambda times: self._edit(times=times), post
-            )
+            self._times = TimesEditor(gui, session.folder, lambda times: self._edit(times=times))
             self._problems = gui.add_html("")
-            self._whose = gui.add_button_group("", (KEEP_MINE, TAKE_THEIRS), visible=False)
-            self._save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY, color=GREEN)
-            self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color=GREY)
-        self._bind(post)
+            self._whose = gui.add_choice("", (KEEP_MINE, TAKE_THEIRS), visible=False)
+            self._save = gui.add_button("Save", icon="device-floppy", colour="green")
+            self._cancel = gui.add_button("Cancel", icon="x")
+        self._bind()
 
-    def _add_controls(self, gui: viser.GuiApi) -> None:
+    def _add_controls(self, gui: Controls) -> None:
         self._around = gui.add_html("")
-        self._add_place = gui.add_dropdown("Add place", (CHOOSE,))
-        self._add_other = gui.add_button_group("or add", (HERE, POINT_OUT))
+        self._add_place = gui.add_list("Add place", (CHOOSE,), words=(CHOOSE,))
+        self._add_other = gui.add_choice("or add", (HERE, POINT_OUT))
 
-    def _option_controls(self, gui: viser.GuiApi) -> None:
+    def _option_controls(self, gui: Controls) -> None:
         with self._session.folder("How often"):
             self._repeat = gui.add_number("Rounds", 1, min=1, max=1000, step=1)
-            self._endless = gui.add_checkbox("Repeat forever", False)
-            self._back = gui.add_checkbox("There and back", False)
-            self._resume = gui.add_checkbox(
+            self._endless = gui.add_check("Repeat forever", False)
+            self._back = gui.add_check("There and back", False)
+            self._resume = gui.add_check(
                 "Continue after a restart",
                 False,
                 hint="Whether it continues by itself after the robot has been switched off and on.",
@@ -128,8 +124,7 @@ class TourEditor:
         maps = {one.name: one.map for one in ([] if saved is None else saved.poses)}
         names = sorted(name for name, on in maps.items() if grid is None or on == grid.name)
         self._show_points(editing, names)
-        if self._add_place.options != (CHOOSE, *names):
-            set_options(self._add_place, [CHOOSE, *names], CHOOSE)
+        self._add_place.options = [CHOOSE, *names]
         self._add_place.value = CHOOSE
         self._repeat.visible = not self._endless.value
         self._times.show(editing.draft)
@@ -152,7 +147,7 @@ class TourEditor:
             button.visible = index < len(points)
             if button.visible:
                 button.label = point_text(editing.draft, index)
-                button.color = TEAL if index == chosen else QUIET
+                button.colour = "teal" if index == chosen else "grey"
         if chosen is not None:
             self._point.folder.order = chosen - first + 0.5
             self._point.folder.label = point_text(editing.draft, chosen)
@@ -160,9 +155,10 @@ class TourEditor:
         hidden = len(points) - min(len(points), MAX_POINT_ROWS)
         self._around.content = note(f"{hidden} more points are not shown.") if hidden else ""
 
-    def _add_row(self, i: int) -> viser.GuiButtonHandle:
-        button = self._gui.add_button("", order=float(i))
-        button.on_click(handler(self._post, lambda _, __: self._choose(i)))
+    def _add_row(self, i: int) -> Button:
+        button = self._gui.add_button("")
+        button.order = i
+        button.on_press(lambda: self._choose(i))
         return button
 
     def _show_problems(self, editing: Editing, hints: Sequence[str]) -> None:
@@ -183,20 +179,17 @@ class TourEditor:
         return [*problems, self._times.problem] if self._times.problem else problems
 
     # Editing.
-    def _bind(self, post: Post) -> None:
-        def on(handle: Any, changed: Callable[[Any], None]) -> None:
-            handle.on_update(handler(post, lambda _, value: changed(value)))
-
-        on(self._name, lambda name: self._edit(name=name[:MAX_NAME_TYPED]))
-        on(self._repeat, lambda _: self._set_repeat())
-        on(self._endless, lambda _: self._set_repeat())
-        on(self._back, lambda is_on: self._edit(there_and_back=bool(is_on)))
-        on(self._resume, lambda is_on: self._edit(resume=bool(is_on)))
-        on(self._add_place, self._add_named)
-        self._add_other.on_click(handler(post, lambda _, action: self._add_where(action)))
-        self._whose.on_click(handler(post, lambda _, action: self._settle(action)))
-        self._save.on_click(handler(post, lambda _, __: self._press_save()))
-        self._cancel.on_click(handler(post, lambda _, __: self._press_cancel()))
+    def _bind(self) -> None:
+        self._name.on_change(lambda name: self._edit(name=name))
+        self._repeat.on_change(lambda _: self._set_repeat())
+        self._endless.on_change(lambda _: self._set_repeat())
+        self._back.on_change(lambda is_on: self._edit(there_and_back=is_on))
+        self._resume.on_change(lambda is_on: self._edit(resume=is_on))
+        self._add_place.on_change(self._add_named)
+        self._add_other.on_press(self._add_where)
+        self._whose.on_press(self._settle)
+        self._save.on_press(self._press_save)
+        self._cancel.on_press(self._press_cancel)
 
     def _edit(self, **changes: Any) -> None:
         if self.editing is not None:
@@ -204,7 +197,7 @@ class TourEditor:
             self._is_leaving = False
 
     def _set_repeat(self) -> None:
-        self._edit(repeat=0 if self._endless.value else max(count(self._repeat.value), 1))
+        self._edit(repeat=0 if self._endless.value else round(self._repeat.value))
 
     def _choose(self, row_index: int) -> None:
         """Open the details of a row, or close them."""
@@ -222,7 +215,7 @@ class TourEditor:
         self._is_leaving = False
         if action == REMOVE:
             editing.remove()
-        elif action in (UP, DOWN):
+        else:
             editing.move(-1 if action == UP else 1)
 
     def _change_point(self, before: Point, point: Point) -> None:
@@ -235,6 +228,19 @@ class TourEditor:
         if self.editing is not None:
             self._is_leaving = False
             self.editing.add(point)
+
+    def add_touched(self, one: Touched) -> None:
+        """Add a place or a point of the floor that was touched on the map."""
+        if one.what == "place":
+            self._add(Point(name=one.name))
+        elif self.editing is not None:
+            self._add(Point(pose=self._facing_on(self.editing, one.x, one.y, None)))
+
+    def _facing_on(self, editing: Editing, x: float, y: float, yaw: float | None) -> Pose2D:
+        """A pose at a place, which without a heading faces on from the last point."""
+        points = editing.draft.points
+        last = points[-1].where(place_finder(self._session.view)) if points else None
+        return bearing(x, y, yaw, last)
 
     def _add_named(self, name: str) -> None:
         if name != CHOOSE:
@@ -273,9 +279,8 @@ class TourEditor:
             editing = self.editing
             if editing is None or editing is not before:
                 return
-            points, find = editing.draft.points, place_finder(session.view)
-            last = points[-1].where(find) if points else None
-            take(editing, Point(pose=bearing(pointed.x, pointed.y, pointed.yaw, last)))
+            pose = self._facing_on(editing, pointed.x, pointed.y, pointed.yaw)
+            take(editing, Point(pose=pose))
 
         if session.aiming.armed == TOUR_POINT:
             session.aiming.put_away()
@@ -318,10 +323,6 @@ class TourEditor:
             self.close()
         else:
             self._is_leaving = True
-
-
-QUIET: Colour = (70, 78, 92)
-MAX_NAME_TYPED = 200
 
 
 def first_shown(num_points: int, chosen: int | None) -> int:

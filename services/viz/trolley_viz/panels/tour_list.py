@@ -1,26 +1,19 @@
 """The stored tours: start, edit, copy or delete one, and undo that."""
 
-import html
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-import viser
-
 from trolley.messages import Tour
+from trolley_viz.controls.controls import Container, Controls, Html
 from trolley_viz.editing.tour_draft import days_text, stay_text
 from trolley_viz.editing.undo import History
-from trolley_viz.panels.controls import GREEN, GREY, show_undo
-from trolley_viz.panels.markup import note
-from trolley_viz.threads import Post, handler
+from trolley_viz.panels.controls import show_undo
+from trolley_viz.panels.markup import card, note
 
 MAX_CARDS = 40
 SEARCH_FROM = 8
 """With fewer tours nobody needs to search."""
 START, EDIT, COPY, DELETE = "Start", "Edit", "Copy", "Delete"
-_CARD = (
-    '<div style="padding:0.5em 0.8em 0;line-height:1.35;overflow-wrap:anywhere"><b>{name}</b>'
-    '<br><span style="opacity:0.72;font-size:0.86em">{summary}</span></div>'
-)
 
 
 class TourChoices(Protocol):
@@ -46,26 +39,21 @@ class TourChoices(Protocol):
 class TourList:
     """A card for each stored tour."""
 
-    def __init__(
-        self, gui: viser.GuiApi, choices: TourChoices, history: History, post: Post
-    ) -> None:
+    def __init__(self, gui: Controls, choices: TourChoices, history: History) -> None:
         self._gui = gui
         self._choices = choices
         self._history = history
-        self._post = post
         self._tours: dict[str, Tour] = {}
-        self._cards: dict[str, tuple[viser.GuiHtmlHandle, viser.GuiButtonGroupHandle]] = {}
-        self._folder = gui.add_folder(None)
+        self._cards: dict[str, tuple[Container, Html]] = {}
+        self._folder = gui.add_folder()
         with self._folder:
             self._search = gui.add_text("Search", "", visible=False)
-            self._list = gui.add_folder(None)
+            self._list = gui.add_folder()
             self._rest = gui.add_html("")
-            new = gui.add_button("New tour", icon=viser.Icon.PLUS, color=GREEN)
-            self._undo = gui.add_button(
-                "Undo", icon=viser.Icon.ARROW_BACK_UP, color=GREY, visible=False
-            )
-        new.on_click(handler(post, lambda _, __: choices.edit(None)))
-        self._undo.on_click(handler(post, lambda _, __: history.undo()))
+            new = gui.add_button("New tour", icon="plus", colour="green")
+            self._undo = gui.add_button("Undo", icon="arrow-back-up", visible=False)
+        new.on_press(lambda: choices.edit(None))
+        self._undo.on_press(history.undo)
 
     def update(self, tours: Sequence[Tour] | None, *, is_open: bool) -> None:
         """Show the tours (None: not known yet) and what can be undone, or hide all that."""
@@ -78,14 +66,16 @@ class TourList:
         found = sorted(name for name in self._tours if wanted in name.casefold())
         shown = found[:MAX_CARDS]
         for name in self._cards.keys() - set(shown):
-            for handle in self._cards.pop(name):
-                handle.remove()
+            folder, _ = self._cards.pop(name)
+            folder.remove()
         for order, name in enumerate(shown):
             if name not in self._cards:
                 self._cards[name] = self._add(name)
-            card, group = self._cards[name]
-            card.content = _card(self._tours[name])
-            card.order, group.order = 2.0 * order, 2.0 * order + 1.0
+            folder, text = self._cards[name]
+            folder.order = order
+            tour = self._tours[name]
+            names = {stop.name for stop in tour.stops if stop.name}
+            text.content = card(name, summary(tour), names)
         self._rest.content = self._rest_text(tours, len(found))
         show_undo(self._undo, self._history)
 
@@ -98,28 +88,19 @@ class TourList:
             return note(f"{num_found - MAX_CARDS} more: search for them.")
         return "" if num_found else note("No tour has that name.")
 
-    def _add(self, name: str) -> tuple[viser.GuiHtmlHandle, viser.GuiButtonGroupHandle]:
-        with self._list:
-            card = self._gui.add_html("")
-            group = self._gui.add_button_group("", (START, EDIT, COPY, DELETE))
-        # By name, not by position: what is pressed is what was read.
-        group.on_click(handler(self._post, lambda _, action: self._act(name, action)))
-        return card, group
-
-    def _act(self, name: str, action: str) -> None:
-        tour = self._tours.get(name)
+    def _add(self, name: str) -> tuple[Container, Html]:
         acts: dict[str, Callable[[Tour], None]] = {
             START: self._choices.start,
             EDIT: self._choices.edit,
             COPY: self._choices.copy,
             DELETE: self._choices.delete,
         }
-        if tour is not None and action in acts:
-            acts[action](tour)
-
-
-def _card(tour: Tour) -> str:
-    return _CARD.format(name=html.escape(tour.name), summary=html.escape(summary(tour)))
+        with self._list, self._gui.add_folder() as folder:
+            text = self._gui.add_html("")
+            choice = self._gui.add_choice("", tuple(acts))
+        # By name, not by position: what is pressed is what was read.
+        choice.on_press(lambda action: acts[action](self._tours[name]))
+        return folder, text
 
 
 def summary(tour: Tour) -> str:

@@ -2,18 +2,16 @@
 
 from collections.abc import Callable
 
-import viser
-
 from trolley.messages import ScheduleEntry
 from trolley.messages.touring import Day
+from trolley_viz.controls.controls import Button, Check, Controls
 from trolley_viz.editing.tour_draft import DAYS, Draft, days_text, time_entry
-from trolley_viz.panels.controls import GREY, AddFolder
+from trolley_viz.panels.controls import AddFolder
 from trolley_viz.panels.markup import note, row
 from trolley_viz.sentences import StatusLine
-from trolley_viz.threads import Post, handler
 
 MAX_TIMES = 20
-CHOSEN_DAYS: str = "on these days"
+CHOSEN_DAYS = "on these days"
 PRESETS: dict[str, tuple[Day, ...]] = {
     "every day": DAYS,
     "Mon–Fri": DAYS[:5],
@@ -28,32 +26,29 @@ class TimesEditor:
         gui: where it is added.
         folder: adds its folder.
         change: called with the new times.
-        post: hands calls to the service's thread.
     """
 
     def __init__(
         self,
-        gui: viser.GuiApi,
+        gui: Controls,
         folder: AddFolder,
         change: Callable[[tuple[ScheduleEntry, ...]], None],
-        post: Post,
     ) -> None:
         self._gui = gui
         self._change = change
-        self._post = post
         self._times: tuple[ScheduleEntry, ...] = ()
-        self._rows: list[viser.GuiButtonHandle] = []
+        self._rows: list[Button] = []
         with folder("Starts by itself"):
-            self._list = gui.add_folder(None)
+            self._list = gui.add_folder()
             self._none = gui.add_html("")
             self._at = gui.add_text("At", "", hint="A time of day such as 08:30.")
-            self._when = gui.add_dropdown("Days", (*PRESETS, CHOSEN_DAYS))
-            self._days: dict[Day, viser.GuiCheckboxHandle] = {
-                day: gui.add_checkbox(day.title(), False, visible=False) for day in DAYS
+            self._when = gui.add_list("Days", (*PRESETS, CHOSEN_DAYS))
+            self._days: dict[Day, Check] = {
+                day: gui.add_check(day.title(), False, visible=False) for day in DAYS
             }
-            add = gui.add_button("Add this time", icon=viser.Icon.CLOCK_PLUS, color=GREY)
+            add = gui.add_button("Add this time", icon="clock-plus")
             self._note = gui.add_html("")
-        add.on_click(handler(post, lambda _, __: self._add()))
+        add.on_press(self._add)
 
     def open(self) -> None:
         """Begin with empty fields."""
@@ -85,9 +80,9 @@ class TimesEditor:
             else ""
         )
 
-    def _add_row(self, index: int) -> viser.GuiButtonHandle:
-        button = self._gui.add_button("", icon=viser.Icon.CLOCK_X, color=GREY)
-        button.on_click(handler(self._post, lambda _, __: self._remove(index)))
+    def _add_row(self, index: int) -> Button:
+        button = self._gui.add_button("", icon="clock-x")
+        button.on_press(lambda: self._remove(index))
         return button
 
     def _remove(self, index: int) -> None:

@@ -1,17 +1,17 @@
 """The tab of the tours: the trip under way, the stored tours and their editor, past trips."""
 
-import viser
-
 from trolley import topics
 from trolley.geometry.frames import MAP
-from trolley.messages import Tour
+from trolley.messages import PastTrip, Tour
 from trolley_viz.actions.tour_actions import TourActions
+from trolley_viz.controls.controls import Controls
 from trolley_viz.editing.tour_draft import Draft, Editing
 from trolley_viz.panels.past_trips import PastTripsPanel
 from trolley_viz.panels.tour_editor import TourEditor
 from trolley_viz.panels.tour_list import TourList
 from trolley_viz.panels.trip import TripPanel
 from trolley_viz.robots.view import View
+from trolley_viz.scene.touch import Touched
 from trolley_viz.scene.tours import (
     TourDrawing,
     edited_colours,
@@ -22,32 +22,25 @@ from trolley_viz.scene.tours import (
 )
 from trolley_viz.session.session import Session
 
-# Fingers need more room than viser gives a group of buttons.
-TOUCH_STYLE = (
-    "<style>@media (pointer:coarse){"
-    '.mantine-Button-root[data-size="compact-xs"]{height:2.6rem!important}}</style>'
-)
-
 
 class TourTab:
     """All about tours in one browser; who only looks sees the trip and past trips."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+    def __init__(self, gui: Controls, session: Session) -> None:
         self._session = session
         actions = session.actions
         self._stored = TourActions(actions, lambda: session.robot)
         self._edited_on = ""
         """The robot whose tour is edited."""
-        self._drawing = TourDrawing(session.client.scene, "/edited_tour", raised=0.02)
-        gui.add_html(TOUCH_STYLE)
+        self._drawing = TourDrawing(lambda: session.picture.scene, "/edited_tour", raised=0.02)
         steer = actions.steer_tour if session.may_drive else None
-        self._trip = TripPanel(gui, steer, session.post)
+        self._trip = TripPanel(gui, steer)
         self._list: TourList | None = None
         self._editor: TourEditor | None = None
         if session.may_drive:
-            self._list = TourList(gui, self, actions.history, session.post)
-            self._editor = TourEditor(gui, session, self._save, session.post)
-        self._past = PastTripsPanel(gui, session.post)
+            self._list = TourList(gui, self, actions.history)
+            self._editor = TourEditor(gui, session, self._save)
+        self._past = PastTripsPanel(gui, self._has_record, session.past.show_trip)
 
     def update(self, view: View) -> None:
         """Show what is."""
@@ -61,6 +54,9 @@ class TourTab:
             self._list.update(tours, is_open=editing is None)
             self._editor.update(view, tours or [], is_shown=editing is not None)
         self._draw(view, editing)
+
+    def _has_record(self, trip: PastTrip) -> bool:
+        return self._session.hub.past.has_trip(self._session.robot, trip.trip)
 
     def _edited_here(self) -> Editing | None:
         """What is edited of the robot that is followed now."""
@@ -77,6 +73,18 @@ class TourTab:
         if self._editor is not None:
             self._edited_on = self._session.robot
             self._editor.open(Editing(None, Draft()) if tour is None else Editing.open(tour))
+
+    @property
+    def is_editing(self) -> bool:
+        """Whether a tour of this robot is edited."""
+        return self._edited_here() is not None
+
+    def add_touched(self, one: Touched) -> None:
+        """Add what was touched on the map to the tour that is edited, or to a new one."""
+        if self._editor is not None:
+            if not self.is_editing:
+                self.edit(None)
+            self._editor.add_touched(one)
 
     def copy(self, tour: Tour) -> None:
         """Save it once more, under another name."""

@@ -2,15 +2,13 @@
 
 from collections.abc import Callable
 
-import viser
-
 from trolley.messages import Stop, Tour, TourStatus
+from trolley_viz.controls.controls import Choice, Controls
 from trolley_viz.panels.markup import note, row, title
 from trolley_viz.sentences import UNDER_WAY, StatusLine, duration, result_line
-from trolley_viz.threads import Post, handler
 
 DRIVING_ACTIONS = ("Pause", "Skip", "End")
-PAUSED_ACTIONS = ("Resume", "Skip", "End")
+PAUSED_ACTIONS = ("Continue", "Skip", "End")
 MAX_STOP_ROWS = 30
 
 
@@ -20,17 +18,16 @@ class TripPanel:
     Args:
         gui: where it is added.
         steer: does one of the actions; None where that is not the person's to do.
-        post: hands calls to the service's thread.
     """
 
-    def __init__(self, gui: viser.GuiApi, steer: Callable[[str], None] | None, post: Post) -> None:
+    def __init__(self, gui: Controls, steer: Callable[[str], None] | None) -> None:
         self._progress = gui.add_html("")
-        self._steers: list[viser.GuiButtonGroupHandle] = []
+        self._steers: list[Choice] = []
         if steer is not None:
             for actions in (DRIVING_ACTIONS, PAUSED_ACTIONS):
-                group = gui.add_button_group("", actions, visible=False)
-                group.on_click(handler(post, lambda _, action: steer(action)))
-                self._steers.append(group)
+                choice = gui.add_choice("", actions, visible=False)
+                choice.on_press(steer)
+                self._steers.append(choice)
 
     def update(self, trip: TourStatus | None, tour: Tour | None, *, with_last: bool) -> None:
         """Show how a trip goes.
@@ -43,8 +40,8 @@ class TripPanel:
         is_under_way = trip is not None and trip.state in UNDER_WAY
         self._progress.content = progress(trip, tour) if is_under_way or with_last else ""
         is_paused = trip is not None and trip.state == "paused"
-        for group, is_for_paused in zip(self._steers, (False, True), strict=False):
-            group.visible = is_under_way and is_for_paused == is_paused
+        for choice, is_for_paused in zip(self._steers, (False, True), strict=False):
+            choice.visible = is_under_way and is_for_paused == is_paused
 
 
 def progress(trip: TourStatus | None, tour: Tour | None) -> str:

@@ -15,6 +15,7 @@ import viser
 
 from trolley_viz.graphics.shapes import meet_floor
 from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.picture import Picture
 
 FLOOR_HALF_SIZE_M = 500.0
 MIN_DRAG_SCREEN = 0.012
@@ -47,12 +48,12 @@ class Pointer:
     """The tool of one browser, armed for one gesture.
 
     Args:
-        client: the browser.
+        picture: of the page.
         drags: tells which drags and clicks were meant.
     """
 
-    def __init__(self, client: viser.ClientHandle, drags: Drags) -> None:
-        self._client = client
+    def __init__(self, picture: Picture, drags: Drags) -> None:
+        self._picture = picture
         self._drags = drags
         self._plane: viser.MeshHandle | None = None
         self._arrow: viser.ArrowsHandle | None = None
@@ -62,7 +63,14 @@ class Pointer:
         """Wait for a gesture; any tool that was armed is put away."""
         self.disarm()
         self.tool = tool
-        plane = self._plane = add_floor(self._client.scene, "/pointing")
+        self.show()
+
+    def show(self) -> None:
+        """Take the pointer for the armed tool, as in a picture that is new."""
+        tool, scene = self.tool, self._picture.scene
+        if tool is None or scene is None:
+            return
+        plane = self._plane = add_floor(scene, "/pointing")
 
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
@@ -83,15 +91,22 @@ class Pointer:
 
     def disarm(self) -> None:
         """Put the tool away."""
+        self.hide()
+        self.tool = None
+
+    def hide(self) -> None:
+        """Leave the picture; the tool stays armed."""
         if self._plane is not None:
             self._plane.remove()
             self._plane = None
-        self.show_arrow(None)
-        self.tool = None
+        if self._arrow is not None:
+            self._arrow.remove()
+            self._arrow = None
 
     def show_arrow(self, pointed: Pointed | None) -> None:
         """Draw the arrow as it is dragged."""
-        if pointed is None or pointed.yaw is None:
+        scene = self._picture.scene
+        if scene is None or pointed is None or pointed.yaw is None:
             if self._arrow is not None:
                 self._arrow.visible = False
             return
@@ -102,7 +117,7 @@ class Pointer:
         )
         points = np.array([[(pointed.x, pointed.y, Z_ARROW), (*tip, Z_ARROW)]])
         if self._arrow is None:
-            self._arrow = self._client.scene.add_arrows(
+            self._arrow = scene.add_arrows(
                 "/pointed",
                 points,
                 ARROW_COLOUR,

@@ -8,6 +8,9 @@ from trolley.messages import BaseState, GoalStatus, PoseEstimate, Robot
 from trolley.runtime.service import Watch
 from trolley.topics import Topic
 
+IS_AWAY = " – away"
+"""Ends what a robot is called in a list while nothing is heard of it."""
+
 
 class Robots:
     """The robots of the network, and what they are called."""
@@ -36,7 +39,7 @@ class Robots:
             known = self._known.get(name)
             title = known.title if known is not None else ""
             label = f"{title} ({name})" if title and title.lower() != name else title or name
-            labels[label + (" – away" if is_away(name) else "")] = name
+            labels[label + (IS_AWAY if is_away(name) else "")] = name
         return labels
 
 

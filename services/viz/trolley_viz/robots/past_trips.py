@@ -7,7 +7,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, StopResult, TourStatus
-from trolley_viz.sentences import UNDER_WAY
+from trolley_viz.sentences import UNDER_WAY, refusal
 
 MAX_TRIPS = 200
 AGAIN_NS = 10_000_000_000
@@ -55,7 +55,7 @@ class PastTrips:
     def _answered(self, reply: list[PastTrip] | Refused) -> None:
         self._is_asking = False
         if isinstance(reply, Refused):
-            self.problem = reply.message
+            self.problem = refusal(reply)
         else:
             self.trips, self.problem = tuple(reply), ""
 

@@ -1,5 +1,6 @@
 """Presses of Stop: repeated until the robot has answered, and shown as unanswered until then."""
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -45,6 +46,7 @@ class StopPresses:
     def __init__(self, ask: AskStop) -> None:
         self._ask = ask
         self._presses: dict[str, _Press] = {}
+        self._resuming: Counter[str] = Counter()
 
     def press(self, robot: str, now_ns: int) -> None:
         """Stop a robot, at once and until it answers."""
@@ -54,8 +56,15 @@ class StopPresses:
         self.tick(now_ns)
 
     def release(self, robot: str) -> None:
-        """Take the press back."""
+        """Take the press back, as the robot is asked to resume; `resumed` tells of the answer."""
         self._presses.pop(robot, None)
+        self._resuming[robot] += 1
+
+    def resumed(self, robot: str) -> None:
+        """The robot has answered: whoever pressed Stop since asks once more, to come after it."""
+        self._resuming[robot] -= 1
+        if robot in self._presses:
+            self._presses[robot].next_try_ns = 0
 
     def tick(self, now_ns: int) -> None:
         """Repeat the presses that are due."""
@@ -80,7 +89,9 @@ class StopPresses:
         def answer(is_answered: bool) -> None:
             if self._presses.get(robot) is not press:
                 return
-            if is_answered:
+            if is_answered and self._resuming[robot] > 0:
+                press.next_try_ns = asked_ns + REPEAT_NS  # else the two might have met out of order
+            elif is_answered:
                 del self._presses[robot]
             else:
                 press.has_failed = True

@@ -17,7 +17,8 @@ BEAM_COLOURS = np.array(
 """By class: on the map, not on the map, behind a mirror or glass, suspected, unused."""
 PLAIN_SCAN = BEAM_COLOURS[0]
 
-MAX_PARTICLES = 2000
+MAX_PARTICLES = 500
+"""More say nothing more to the eye, and fill a phone's radio."""
 PARTICLE_LENGTH_M = 0.12
 TAIL = 0.7
 """How pale the end of a particle is that lies behind; the dark one shows where it looks."""

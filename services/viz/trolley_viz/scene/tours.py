@@ -12,7 +12,7 @@ from trolley.geometry.frames import MAP
 from trolley.messages import Tour, TourStatus
 from trolley_viz.editing.tour_draft import Draft, Find
 from trolley_viz.graphics.pictures import pin_picture
-from trolley_viz.graphics.shapes import flat, open_segments
+from trolley_viz.graphics.shapes import circle, flat, open_segments
 from trolley_viz.robots.past_trips import Spot, trouble_spots
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Layer
@@ -102,12 +102,14 @@ class TourDrawing:
     """Pins and the line between them.
 
     Args:
-        scene: where it is drawn.
+        scene: says where it is drawn; None for nowhere, while a page has no picture.
         path: below which.
         raised: how far above other tours [m], so that they do not flicker into each other.
     """
 
-    def __init__(self, scene: viser.SceneApi, path: str, raised: float = 0.0) -> None:
+    def __init__(
+        self, scene: Callable[[], viser.SceneApi | None], path: str, raised: float = 0.0
+    ) -> None:
         self._scene = scene
         self._path = path
         self._raised = raised
@@ -121,19 +123,20 @@ class TourDrawing:
         world_T_map: Pose2D | None,
     ) -> None:
         """Draw these; nothing where there are no pins."""
-        now = (pins, way, world_T_map)
+        scene = self._scene()
+        now = (scene, pins, way, world_T_map)
         if now == self._drawn:
             return
         self._drawn = now
         for node in self._nodes:
             node.remove()
         self._nodes.clear()
-        if world_T_map is None or not pins:
+        if scene is None or world_T_map is None or not pins:
             return
         if len(way) > 1:
             points = world_T_map.transform_points(np.array(way))
             self._nodes.append(
-                self._scene.add_line_segments(
+                scene.add_line_segments(
                     f"{self._path}/way",
                     open_segments(points, Z_TOUR + self._raised),
                     COMING,
@@ -142,16 +145,16 @@ class TourDrawing:
             )
         for i, pin in enumerate(pins):
             x, y = world_T_map.transform_points(np.array([[pin.x, pin.y]]))[0].tolist()
-            self._add(i, pin, x, y)
+            self._add(scene, i, pin, x, y)
 
-    def _add(self, i: int, pin: Pin, x: float, y: float) -> None:
+    def _add(self, scene: viser.SceneApi, i: int, pin: Pin, x: float, y: float) -> None:
         name = f"{self._path}/pin{i}"
         if pin.text:
             self._nodes.append(
-                add_pin(self._scene, name, pin.text, pin.colour, (x, y, Z_PIN + self._raised))
+                add_pin(scene, name, pin.text, pin.colour, (x, y, Z_PIN + self._raised))
             )
             return
-        disc = self._scene.add_mesh_simple(
+        disc = scene.add_mesh_simple(
             name, *flat(circle(PASSED_M)), color=pin.colour, side="double", cast_shadow=False
         )
         disc.position = (x, y, Z_PIN + self._raised)
@@ -177,12 +180,6 @@ def add_pin(
     )
 
 
-def circle(radius: float) -> np.ndarray:
-    """A circle as an outline (24, 2) [m]."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-
-
 class TripLayer(Layer):
     """The tour under way: what it reached is green, what failed is red."""
 
@@ -191,7 +188,7 @@ class TripLayer(Layer):
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
-        self._drawing = TourDrawing(self.scene, self.root)
+        self._drawing = TourDrawing(lambda: self.scene, self.root)
         self._ended: tuple[str | None, int] = (None, 0)
 
     def forget(self) -> None:

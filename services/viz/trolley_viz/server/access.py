@@ -17,6 +17,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from msgspec import Struct
 
+from trolley_viz.server.devices import HERE, device_name
 from trolley_viz.server.visitors import Role, Visitor
 
 FILE = "viewer_access.toml"
@@ -119,10 +120,11 @@ class AccessControl:
                 text="This viewer asks for a token: open the link that `trolley viewer-link` "
                 "prints on its host.",
             )
+        device = HERE if is_local else device_name(request.headers.get("User-Agent") or "")
         if browser:
-            return AccessDecision(Visitor(browser, role))
-        browser = secrets.token_hex(8)
-        return AccessDecision(Visitor("", role), cookie=self._set_cookie(request, browser, token))
+            return AccessDecision(Visitor(browser, role, device))
+        cookie = self._set_cookie(request, secrets.token_hex(8), token)
+        return AccessDecision(Visitor("", role, device), cookie=cookie)
 
     def _let_in_by_link(self, request: AccessRequest, token: str, browser: str) -> AccessDecision:
         role = self._tokens.role(token)
@@ -132,12 +134,14 @@ class AccessControl:
                 text="This link is no longer valid. Ask for a new one.",
             )
         browser = browser or secrets.token_hex(8)
-        # On to the page without the token, which else would stand in the history.
+        # On to the page without the token, which else would stand in the history; to no other
+        # host, as browsers understand //name and /\name.
+        path = urlsplit(request.path).path.lstrip("/\\")
         return AccessDecision(
             Visitor(browser, role),
             HTTPStatus.SEE_OTHER,
             cookie=self._set_cookie(request, browser, token),
-            location=urlsplit(request.path).path or "/",
+            location=f"/{path}",
         )
 
     def _is_own_page(self, origin: str, host: str) -> bool:

@@ -1,7 +1,6 @@
 """Visitors: which browser it is, and what its person may do."""
 
-import contextvars
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 Role = Literal["operator", "viewer"]
@@ -15,9 +14,8 @@ class Visitor:
     browser: str = ""
     """The name under which the browser's choices are saved; "" saves nothing."""
     role: Role = "operator"
+    device: str = field(default="", compare=False)
+    """What it is, to call it by while it has no name."""
 
 
 NOBODY = Visitor()
-
-present: contextvars.ContextVar[Visitor] = contextvars.ContextVar("present", default=NOBODY)
-"""The visitor whose connection the current task serves; viser's callbacks run in such a task."""

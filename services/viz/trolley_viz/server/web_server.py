@@ -1,56 +1,87 @@
-"""The web server behind the viewer: viser, on one address and port, behind a gate.
+"""The web server: the page, its sockets and viser's scene, on one address behind access control.
 
-viser binds all interfaces, moves silently to the next port where its own is taken, talks to the
-pages of any site and lets any visitor ask for a public tunnel; none of that is for a program that
-drives a robot.
+viser binds where it is told, but lets everybody in, talks to the pages of any site, and lets any
+visitor ask for a public tunnel; none of that is for a program that drives a robot. So it listens on
+an address of this host that nobody can guess, and what goes to it and comes from it goes through
+here.
 """
 
+import asyncio
 import contextlib
+import hashlib
 import html
 import io
 import logging
+import secrets
 import socket
+import threading
 import warnings
-from collections.abc import Awaitable, Callable, Generator, Mapping
+from collections.abc import Awaitable, Callable
 from http import HTTPStatus
-from typing import Any, cast
+from importlib import resources
+from pathlib import Path
+from typing import Any
 
+import aiohttp
 import viser
-import websockets.asyncio.server
-from websockets.asyncio.server import ServerConnection
-from websockets.datastructures import Headers
-from websockets.http11 import Request, Response
+from aiohttp import web
 
 from trolley.config.viz import VizConfig
 from trolley_viz.graphics import camera
-from trolley_viz.server import visitors
+from trolley_viz.graphics.icons import icon_svg
+from trolley_viz.languages.catalogue import ENGLISH, catalogues, known_language
+from trolley_viz.languages.translator import translator_of
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
+from trolley_viz.server.lines import Lines
+from trolley_viz.server.scene_link import SceneLink
+from trolley_viz.server.sending import wait_for_room
 
-HEADERS = {
-    "X-Frame-Options": "SAMEORIGIN",  # nobody lays a page of his own over Stop
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-}
-PAGE = """<!doctype html><meta charset="utf-8"><title>Trolley</title>
+PAGE = Path(str(resources.files("trolley_viz").joinpath("frontend")))
+LANGUAGES = PAGE.parent / "languages"
+SCENE = "/scene/"
+"""Where viser's page is, in a frame of ours."""
+HEADERS = {"Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+    "connect-src 'self'; frame-src 'self'; manifest-src 'self'; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'"
+)
+"""Nothing inline and nothing from elsewhere; nobody lays a page of his own over Stop."""
+SCENE_POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'self'"
+)
+"""viser's page is one file with its script inside."""
+REFUSAL = """<!doctype html><html lang="{language}"><meta charset="utf-8"><title>Trolley</title>
 <meta name="viewport" content="width=device-width,initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<body style="font:18px/1.5 system-ui,sans-serif;max-width:32em;margin:15vh auto;padding:0 1em">
-<h1>Trolley</h1><p>{text}</p>{form}"""
-ASKING = """<form><input name="token" placeholder="or paste the token here" autocomplete="off"
-style="font:inherit;width:17em;max-width:100%;padding:.4em"> <button style="font:inherit;
-padding:.4em 1em">Open</button></form>"""
+<link rel="stylesheet" href="/page/refusal.css"><main><h1>Trolley</h1><p>{text}</p>{form}</main>"""
+ASKING = """<form><label>{paste} <input name="token" autocomplete="off"></label>
+<button>{open}</button></form>"""
 
+KEEP = {"Cache-Control": "max-age=86400"}
+MAX_LINE_BYTES = 20_000
+"""Nobody types more into a field."""
+MAX_KEY = 64
 MAX_UNSENT_BYTES = 16_384
+"""What is buffered for a slow browser cannot be replaced by anything newer."""
+SCENE_BUFFER_BYTES = 16_384
+"""What waits between viser and here; viser drops what is old only before it."""
+CHUNK_BYTES = 8192
+"""Viser's page is sent in pieces of this size."""
+SEGMENT_BYTES = 1460
+"""As on Ethernet; on one host they are large, and the system lets ten of them wait."""
+MAX_SCENE_REPLY_BYTES = 1 << 20
+"""A browser answers viser with its camera and with where it was pressed."""
 
-Serve = Callable[[ServerConnection], Awaitable[None]]
-"""Serves one browser's connection until either side closes it."""
+
+DECISION = web.RequestKey("decision", AccessDecision)
+"""What was decided on a request."""
 
 
 class PortTaken(RuntimeError):
     """The viewer cannot listen on its port."""
 
 
-class LocalServer(viser.ViserServer):
+class SceneServer(viser.ViserServer):
     """A viser server that never opens a tunnel to the outside."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
@@ -59,134 +90,262 @@ class LocalServer(viser.ViserServer):
         return None
 
 
-def open_server(
-    config: VizConfig, gate: AccessControl, sockets: Mapping[str, Serve] = {}
-) -> LocalServer:
-    """Serve the viewer at exactly the configured address.
+def open_scene() -> SceneServer:
+    """Open viser's server, at an address of this host that is drawn by chance."""
+    # A browser that leaves early is no error of ours with a traceback.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+    # A browser may leave while something is said to it: nobody misses that.
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
+    host = "127." + ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))
+    with socket.socket() as probe:
+        probe.bind((host, 0))
+        port = probe.getsockname()[1]
+    # viser prints a banner whatever it is told; what people need to know stands in the log.
+    with contextlib.redirect_stdout(io.StringIO()):
+        scene = SceneServer(host=host, port=port, verbose=False)
+    scene.gui.configure_theme(show_logo=False, show_share_button=False)
+    # Drawing the shadows would be most of the work for each picture, and nothing here needs one.
+    scene.scene.configure_default_lights(cast_shadow=False)
+    # Set from the beginning: the first change moves the cameras that are there, later ones do not.
+    camera.set_initial(scene, camera.UNKNOWN_MAP)
+    scene.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering
+    scene.initial_camera.far = 1000.0
+    return scene
+
+
+def close_scene(scene: viser.ViserServer) -> None:
+    """Stop viser's server."""
+    with contextlib.redirect_stdout(io.StringIO()):  # its farewell, see above
+        scene.stop()
+
+
+class WebServer:
+    """Serves the viewer at exactly the configured address, on a thread of its own.
 
     Args:
         config: the address.
-        gate: who is let in.
-        sockets: who serves the WebSocket of a path; viser's own is at "/".
+        access: who is let in.
+        lines: serves the sockets of the pages.
+        scene: viser's server.
 
     Raises:
         PortTaken: Something else listens there, or the address is not this host's.
     """
-    _check_port(config.host, config.port)
-    # A probe of the port, or a browser that leaves early, is no error of ours with a traceback.
-    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
-    # A browser may leave while something is said to it: nobody misses that.
-    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
-    # viser prints a banner whatever it is told; what people need to know stands in the log.
-    with contextlib.redirect_stdout(io.StringIO()), _changed_serving(gate, sockets):
-        server = LocalServer(host=config.host, port=config.port, verbose=False)
-    if server.get_port() != config.port:
-        close_server(server)
-        raise PortTaken(f"port {config.port} on {config.host} has just been taken")
-    configure_look(server.gui, dark=False)
-    server.gui.set_panel_label("Trolley")
-    server.gui.main_panel.dock_right()
-    # Drawing the shadows would be most of the work for each picture, and nothing here needs one.
-    server.scene.configure_default_lights(cast_shadow=False)
-    # Set from the beginning: the first change moves the cameras that are there, later ones do not.
-    camera.set_initial(server, camera.UNKNOWN_MAP)
-    server.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering
-    server.initial_camera.far = 1000.0
-    return server
+
+    def __init__(
+        self, config: VizConfig, access: AccessControl, lines: Lines, scene: viser.ViserServer
+    ) -> None:
+        self._access = access
+        self._lines = lines
+        self._scene = f"{scene.get_host()}:{scene.get_port()}"
+        self._socket = _bind(config.host, config.port)
+        self._loop = asyncio.new_event_loop()
+        self._ends = asyncio.Event()
+        self._runner: web.AppRunner | None = None
+        started = threading.Event()
+        self._thread = threading.Thread(
+            target=lambda: self._loop.run_until_complete(self._run(started)),
+            name="web",
+            daemon=True,
+        )
+        self._thread.start()
+        started.wait()
+
+    def close(self) -> None:
+        """Close all connections and stop serving."""
+        self._loop.call_soon_threadsafe(self._ends.set)
+        self._thread.join()
+        self._loop.close()
+
+    async def _run(self, started: threading.Event) -> None:
+        app = web.Application(middlewares=[self._check])
+        app.on_response_prepare.append(_add_headers)
+        app.router.add_get("/", _index)
+        app.router.add_get("/line", self._line)
+        app.router.add_get("/page/icon/{name}.svg", _icon)
+        app.router.add_get("/page/words/{language}.json", _words)
+        app.router.add_static("/page/", PAGE)
+        app.router.add_get(SCENE + "{path:.*}", self._pass_to_scene)
+        runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=0.5)
+        await runner.setup()
+        await web.SockSite(runner, self._socket).start()
+        async with aiohttp.ClientSession(
+            connector=aiohttp.TCPConnector(limit=0, socket_factory=_small_socket),
+            auto_decompress=False,
+        ) as self._to_scene:
+            started.set()
+            await self._ends.wait()
+            await runner.cleanup()
+
+    @web.middleware
+    async def _check(
+        self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    ) -> web.StreamResponse:
+        decided = self._access.decide(
+            AccessRequest(
+                path=request.path_qs,
+                peer=request.remote or "",
+                headers=request.headers,
+                is_socket=request.headers.get("Upgrade", "").lower() == "websocket",
+            )
+        )
+        request[DECISION] = decided
+        if decided.status != HTTPStatus.OK:
+            return _refusal(decided, request.headers.get("Accept-Language", ""))
+        try:
+            return await handler(request)
+        except ConnectionResetError:  # a browser that leaves early is no error of ours
+            return web.Response(status=HTTPStatus.REQUEST_TIMEOUT)
+
+    async def _line(self, request: web.Request) -> web.StreamResponse:
+        if not _wants_socket(request):
+            raise web.HTTPUpgradeRequired
+        # The first word is all controls: five times as much without compression.
+        line = web.WebSocketResponse(max_msg_size=MAX_LINE_BYTES, compress=True)
+        await line.prepare(request)
+        _keep_backlog_short(request)
+        transport, visitor = request.transport, request[DECISION].visitor
+        if transport is not None and visitor is not None:
+            key = request.query.get("page", "")[:MAX_KEY]
+            await self._lines.serve(line, transport, key, visitor)
+        return line
+
+    async def _pass_to_scene(self, request: web.Request) -> web.StreamResponse:
+        if _wants_socket(request):
+            return await self._join_with_scene(request)
+        if request.match_info["path"]:
+            raise web.HTTPNotFound  # viser's page is one file
+        accepts = {"Accept-Encoding": request.headers.get("Accept-Encoding", "identity")}
+        async with self._to_scene.get(f"http://{self._scene}/", headers=accepts) as answer:
+            body = await answer.read()
+            encoding = answer.headers.get("Content-Encoding", "identity")
+        page = web.StreamResponse(headers={"Content-Encoding": encoding, "ETag": _etag(body)})
+        if request.headers.get("If-None-Match") == page.headers["ETag"]:
+            raise web.HTTPNotModified
+        page.content_type, page.content_length = "text/html", len(body)
+        await page.prepare(request)
+        # It is ten times as large as all else: what is small has to get past it.
+        for start in range(0, len(body), CHUNK_BYTES):
+            if request.transport is not None:
+                await wait_for_room(request.transport, CHUNK_BYTES)
+            await page.write(body[start : start + CHUNK_BYTES])
+        return page
+
+    async def _join_with_scene(self, request: web.Request) -> web.StreamResponse:
+        """Connect a browser with viser, and pass on what each says."""
+        asked = request.headers.get("Sec-WebSocket-Protocol", "")
+        protocols = [name.strip() for name in asked.split(",") if name.strip()]
+        browser = web.WebSocketResponse(
+            protocols=protocols, max_msg_size=MAX_SCENE_REPLY_BYTES, compress=False
+        )
+        async with self._to_scene.ws_connect(
+            f"ws://{self._scene}/", protocols=protocols, max_msg_size=0, compress=0
+        ) as scene:
+            await browser.prepare(request)
+            _keep_backlog_short(request)
+            transport = request.transport
+            if transport is not None:
+                await SceneLink(browser, transport, scene).run()
+            await browser.close()
+        return browser
 
 
-def close_server(server: viser.ViserServer) -> None:
-    """Stop serving."""
-    with contextlib.redirect_stdout(io.StringIO()):  # its farewell, see above
-        server.stop()
+async def _index(_: web.Request) -> web.StreamResponse:
+    text = (PAGE / "index.html").read_text(encoding="utf-8")
+    text = text.replace("{build}", BUILD).replace("{languages}", " ".join(catalogues()))
+    return web.Response(text=text, content_type="text/html")
 
 
-def configure_look(gui: viser.GuiApi, *, dark: bool) -> None:
-    """Set the look of the page, without viser's own buttons."""
-    gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+async def _words(request: web.Request) -> web.StreamResponse:
+    """Say what the page's own words are in another language."""
+    catalogue = catalogues().get(request.match_info["language"])
+    if catalogue is None:
+        raise web.HTTPNotFound
+    return web.json_response(catalogue.page)
 
 
-@contextlib.contextmanager
-def _changed_serving(gate: AccessControl, sockets: Mapping[str, Serve]) -> Generator[None]:
-    """Put access control before viser's server, and serve more paths than its own.
-
-    viser lets everybody in and does not ask which site's page talks to it; it has no place to say
-    otherwise, so the check is put under it while it starts.
-    """
-    plain = websockets.asyncio.server.serve
-
-    def serve(viser_serves: Serve, *args: Any, **options: Any) -> Any:
-        viser_answers = options["process_request"]
-
-        def answer(connection: ServerConnection, request: Request) -> Response | None:
-            answered = gate.decide(_access_request(connection, request))
-            if answered.status != HTTPStatus.OK:
-                response = _sentence(answered)
-            else:
-                page: Response | None = viser_answers(connection, request)
-                if page is None:
-                    return None  # a socket: the handshake goes on
-                response = page
-            if answered.cookie:
-                response.headers["Set-Cookie"] = answered.cookie
-            for name, value in HEADERS.items():
-                response.headers[name] = value
-            return response
-
-        async def route(connection: ServerConnection) -> None:
-            request = connection.request
-            assert request is not None  # the handshake is over
-            visitor = gate.decide(_access_request(connection, request)).visitor
-            assert visitor is not None  # as it was let in
-            visitors.present.set(visitor)
-            keep_backlog_short(connection.transport.get_extra_info("socket"))
-            path = request.path.partition("?")[0]
-            await sockets.get(path, viser_serves)(connection)
-
-        return plain(route, *args, **{**options, "process_request": answer})
-
-    websockets.asyncio.server.serve = cast(Any, serve)
-    try:
-        yield
-    finally:
-        websockets.asyncio.server.serve = plain
+async def _icon(request: web.Request) -> web.StreamResponse:
+    """Draw a Tabler icon, for the page to colour."""
+    svg = icon_svg(request.match_info["name"])
+    if svg is None:
+        raise web.HTTPNotFound
+    return web.Response(text=svg, content_type="image/svg+xml", headers=KEEP)
 
 
-def keep_backlog_short(connection: socket.socket) -> None:
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)
+    is_scene = request.path.startswith(SCENE)
+    response.headers["Content-Security-Policy"] = SCENE_POLICY if is_scene else PAGE_POLICY
+    response.headers["X-Frame-Options"] = "SAMEORIGIN" if is_scene else "DENY"
+    response.headers.setdefault("Cache-Control", "no-cache")
+    decided = request.get(DECISION)
+    if decided is not None and decided.cookie:
+        response.headers["Set-Cookie"] = decided.cookie
+
+
+def _refusal(decided: AccessDecision, tags: str) -> web.Response:
+    """Make the page that refuses somebody in one of their languages, or sends them on."""
+    codes = (known_language(tag.strip()) for tag in tags.split(","))
+    language = next(filter(None, codes), ENGLISH)
+    words = translator_of(language)
+    say = str if words is None else words.text
+    is_asking = decided.status == HTTPStatus.UNAUTHORIZED
+    asking = ASKING.format(paste=say("or paste the token here"), open=say("Open"))
+    text = REFUSAL.format(
+        language=language, text=html.escape(say(decided.text)), form=asking if is_asking else ""
+    )
+    headers = {"Location": decided.location} if decided.location else {}
+    return web.Response(text=text, status=decided.status, content_type="text/html", headers=headers)
+
+
+def _etag(body: bytes) -> str:
+    return f'"{hashlib.sha256(body).hexdigest()[:16]}"'
+
+
+def _wants_socket(request: web.Request) -> bool:
+    return request.headers.get("Upgrade", "").lower() == "websocket"
+
+
+def _small_socket(address: tuple[Any, ...]) -> socket.socket:
+    """Return a socket to viser on which little waits; the system reckons in segments."""
+    connection = socket.socket(*address[:3])  # family, kind, protocol
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SCENE_BUFFER_BYTES)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, SEGMENT_BYTES)
+    return connection
+
+
+def _keep_backlog_short(request: web.Request) -> None:
     """Limit how much the system buffers for a slow browser.
 
-    viser leaves out what newer messages replace, but only of what it has not handed over; by
-    default the system takes several megabytes, seconds of scans that nobody wants any more.
+    By default it takes several megabytes, seconds of scans that nobody wants any more.
     """
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, MAX_UNSENT_BYTES)
+    transport = request.transport
+    if transport is not None:
+        connection: socket.socket = transport.get_extra_info("socket")
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, MAX_UNSENT_BYTES)
+        transport.set_write_buffer_limits(high=MAX_UNSENT_BYTES)
 
 
-def _sentence(answered: AccessDecision) -> Response:
-    """Make the page that refuses somebody, or redirects."""
-    form = ASKING if answered.status == HTTPStatus.UNAUTHORIZED else ""
-    body = PAGE.format(text=html.escape(answered.text), form=form).encode()
-    headers = Headers({"Content-Type": "text/html; charset=utf-8"})
-    headers["Content-Length"] = str(len(body))
-    if answered.location:
-        headers["Location"] = answered.location
-    return Response(answered.status, answered.status.phrase, headers, body)
-
-
-def _access_request(connection: ServerConnection, request: Request) -> AccessRequest:
-    peer = connection.remote_address
-    return AccessRequest(
-        path=request.path,
-        peer=str(peer[0]) if peer else "",
-        headers=request.headers,
-        is_socket=request.headers.get("Upgrade", "").lower() == "websocket",
-    )
-
-
-def _check_port(host: str, port: int) -> None:
+def _bind(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError as error:
-            raise PortTaken(f"cannot listen on {host}, port {port}: {error.strerror}") from error
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise PortTaken(f"cannot listen on {host}, port {port}: {error.strerror}") from error
+    return listener
+
+
+def _build() -> str:
+    """Return what tells this page from an older one that is still open."""
+    digest = hashlib.sha256()
+    for path in sorted([*PAGE.rglob("*"), *LANGUAGES.glob("*.toml")]):
+        if path.is_file():
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+BUILD = _build()

@@ -13,10 +13,13 @@ from trolley_viz.robots.view import View
 from trolley_viz.scene.frame_axes import FrameAxes
 from trolley_viz.scene.goal_pins import GoalPins
 from trolley_viz.scene.markers.icons import Icon, Icons
+from trolley_viz.scene.past import PastDrawing
 from trolley_viz.scene.place_labels import Eye, PlaceLabels
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT
+from trolley_viz.scene.touch import Touched
+from trolley_viz.scene.touch_mark import TouchMark
 from trolley_viz.sentences import goal_name
 
 
@@ -37,6 +40,9 @@ class BrowserScene:
         self._icons = Icons(scene)
         self._labels = PlaceLabels(scene)
         self._axes = FrameAxes(scene)
+        self._touch_mark = TouchMark(scene)
+        self.past = PastDrawing(scene)
+        """The moment that its person looks at."""
 
     def show_robot(self, robot: str, robots: Set[str], layers: Mapping[str, bool]) -> None:
         """Show one of the robots in the shared scene, and of its layers those that are on."""
@@ -69,6 +75,7 @@ class BrowserScene:
         icons: list[Icon],
         frames: list[str],
         eye: Eye,
+        touched: Touched | None,
     ) -> None:
         """Draw what is this browser's own.
 
@@ -80,7 +87,9 @@ class BrowserScene:
             icons: the pictograms of programs, to be turned towards its camera.
             frames: the frames whose axes are shown.
             eye: its camera.
+            touched: what its person touched.
         """
+        self._touch_mark.draw(touched)
         self._preview.draw(preview, view.placement)
         self._goal_pins.draw(queue, view.placement)
         self._icons.show(icons, eye.wxyz)

@@ -3,10 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import viser
+
+from trolley import topics
 from trolley.runtime.service import Service
+from trolley_viz.past.keeper import Keeper
+from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopPresses
-from trolley_viz.server.web_server import LocalServer
+from trolley_viz.server.links import Links
+from trolley_viz.server.visitors import Visitor
 from trolley_viz.session.robot_scene import RobotScenes
 from trolley_viz.settings import Choices
 
@@ -17,8 +23,8 @@ class Hub:
 
     service: Service
     """Asks the robots, and knows the time."""
-    server: LocalServer
-    """The web server."""
+    server: viser.ViserServer
+    """Of the scene."""
     robots: Robots
     """The robots of the network."""
     stops: StopPresses
@@ -28,7 +34,21 @@ class Hub:
     remember: Callable[[str, Choices], None]
     """Saves the choices of a browser."""
     let_go: Callable[[int], None]
-    """Takes the joystick out of a browser's hand."""
+    """Takes the joystick out of a page's hand."""
+    past: Keeper
+    """Records what the robots do."""
+    people: People
+    """Who has the viewer open, and who did what."""
+    links: Links
+    """Let others in: for operators only."""
+
+    def press_stop(self, robot: str, visitor: Visitor) -> None:
+        """Stop a robot, and note who did."""
+        self.stops.press(robot, self.service.monotonic_ns)
+        scene = self.scenes.by_robot.get(robot)
+        if scene is not None:
+            base = scene.streams.latest(topics.BASE)
+            self.people.stoppers.press(robot, self.people.names.of(visitor), base)
 
     def is_open(self, client_id: int) -> bool:
         """Whether a browser is still connected; viser knows before it says that it is gone."""

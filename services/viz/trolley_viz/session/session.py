@@ -1,6 +1,7 @@
 """One browser: its controls, its tool, the robot that it follows and the layers that it shows."""
 
 from collections.abc import Callable, Set
+from dataclasses import dataclass
 
 import msgspec
 import viser
@@ -9,24 +10,32 @@ from trolley.messages import MapChange, SuspectLine
 from trolley_viz.actions.aiming import Aiming
 from trolley_viz.actions.place_actions import PlaceActions
 from trolley_viz.actions.robot_actions import RobotActions
+from trolley_viz.actions.touching import Touching
+from trolley_viz.controls.controls import Controls, Folder
 from trolley_viz.drawing.canvas import Canvas
 from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
 from trolley_viz.drawing.suspected_mirrors import SuspectLines
 from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.zone_requests import ZoneRequests
+from trolley_viz.graphics.camera import Look
+from trolley_viz.languages.catalogue import ENGLISH, known_language
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
+from trolley_viz.overlays.pages import File
+from trolley_viz.past.looking import Looking
 from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import Pointer
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
+from trolley_viz.scene.past import HIDDEN
 from trolley_viz.scene.scene import shown_layers
+from trolley_viz.scene.touch import Touched, touched
 from trolley_viz.sentences import Tone
+from trolley_viz.server.messages import Notice, Told
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.server.web_server import configure_look
 from trolley_viz.session.browser_scene import BrowserScene
 from trolley_viz.session.hub import Hub
-from trolley_viz.session.notices import Notices
 from trolley_viz.session.viewport import Viewport
 from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
 
@@ -34,42 +43,62 @@ FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""
 
 
+@dataclass(frozen=True)
+class PagePort:
+    """The page of a browser, as its session uses it."""
+
+    number: int
+    """Tells it from all others."""
+    visitor: Visitor
+    """Who it is."""
+    controls: Controls
+    """What its person can press."""
+    say: Callable[[Told], None]
+    """Tells the page something."""
+
+
 class Session:
     """What one browser sees and may do.
 
     Args:
         hub: what all browsers share.
-        client: viser's handle of the browser.
-        visitor: who it is.
+        page: its page.
         choices: what was chosen there before.
     """
 
-    def __init__(
-        self,
-        hub: Hub,
-        client: viser.ClientHandle,
-        visitor: Visitor,
-        choices: Choices,
-    ) -> None:
-        self.client = client
-        self.visitor = visitor
+    def __init__(self, hub: Hub, page: PagePort, choices: Choices) -> None:
+        self.picture = Picture()
+        """Where it draws what is its own."""
+        self.visitor = page.visitor
+        self._page = page
         self._hub = hub
         service = hub.service
         self._choices = choices
         self._robot = choices.robot or hub.robots.own
-        self._notices = Notices(client)
-        self._folders: dict[str, viser.GuiFolderHandle] = {}
         self.drags = Drags(
             self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
         )
-        self.pointing = Pointer(client, self.drags)
-        self.actions = RobotActions(service, lambda: self._robot, lambda: self.view, self.tell)
+        self.pointing = Pointer(self.picture, self.drags)
+        self.actions = RobotActions(
+            service, lambda: self._robot, lambda: self.view, self.tell, self._note_sent
+        )
+        self.past = Looking(service, hub.past, lambda: self._robot, self.tell)
+        """Whether it looks at what is, or at a moment of the past."""
+        self.actions.before_ask = self.past.asks
         self.aiming = Aiming(
             service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
         )
         self.place_actions = PlaceActions(self.actions, self.aiming, lambda: self.view)
+        self.touching = Touching(
+            service,
+            self.actions,
+            self.aiming,
+            self.place_actions,
+            lambda: self._robot,
+            lambda: self.view,
+        )
         self.zone_editor = ZoneEditor(
-            Canvas(client, self.drags),
+            Canvas(self.picture, self.drags),
             ZoneRequests(
                 service,
                 lambda: self._robot,
@@ -83,23 +112,51 @@ class Session:
             self._begin_zone,
         )
         self.map_editor = MapEditor(
-            Canvas(client, self.drags),
-            MapPreview(client),
+            Canvas(self.picture, self.drags),
+            MapPreview(self.picture),
             service,
             lambda: self._robot,
             lambda: self.view,
             self.tell,
             self._begin_map_tool,
         )
-        self.suspected_mirrors = SuspectLines(client.scene)
-        self.change_marks = ChangeMarks(client.scene)
+        self.suspected_mirrors = SuspectLines(self.picture)
+        self.change_marks = ChangeMarks(self.picture)
         self.change_requests = ChangeRequests(
             service, self.actions, lambda: self._robot, self._map_name
         )
-        configure_look(client.gui, dark=choices.dark)
+        self.scene: BrowserScene | None = None
+        """What this browser alone has in its scene; None while it has no picture."""
+        self._viewport: Viewport | None = None
+        self.look = Look()
+        """How its person wants to see the map."""
+        self.take_tap: Callable[[Touched], bool] | None = None
+        """Takes what is touched, as while a tour is made of it; says whether it did."""
+        self._prefers_dark = False
+        self._device_language = ""
+        self._size: tuple[float, float] | None = None
+        """Width and height of the picture [px of the page], once the page has told."""
+
+    # Its picture.
+    def attach(self, client: viser.ClientHandle) -> None:
+        """Draw in a picture that is new; what is under way there goes on."""
+        self.detach()
+        self.picture.client = client
+        self._set_look()
         self.scene = BrowserScene(client.scene)
-        """What this browser alone has in its scene."""
-        self._viewport = Viewport(client)
+        self._viewport = Viewport(client, self._size, self.look)
+        self.pointing.show()
+        self.zone_editor.show()
+        self.map_editor.show()
+
+    def detach(self) -> None:
+        """Go without a picture, as while viser's part of the page loads."""
+        if self.picture.client is not None:
+            self.drags.cancelled()
+            self.pointing.hide()
+            self.zone_editor.hide()
+            self.map_editor.hide()
+            self.picture.client = self.scene = self._viewport = None
 
     # What the panels read.
     @property
@@ -113,6 +170,11 @@ class Session:
         return self.visitor.role == "operator"
 
     @property
+    def number(self) -> int:
+        """Tells its page from all others."""
+        return self._page.number
+
+    @property
     def robot(self) -> str:
         """The name of the robot that it follows."""
         return self._robot
@@ -123,9 +185,25 @@ class Session:
         return self._choices
 
     @property
+    def is_dark(self) -> bool:
+        """Whether it has the dark look."""
+        chosen = self._choices
+        return chosen.dark or (self._prefers_dark and not chosen.light)
+
+    @property
+    def language(self) -> str:
+        """The code of the language in which its page is."""
+        return known_language(self._choices.language) or self._device_language or ENGLISH
+
+    @property
     def view(self) -> View:
         """What is known of the robot."""
         return self._hub.scenes.of(self._robot).view
+
+    @property
+    def hint(self) -> str:
+        """What the armed tool waits for, "" where there is none."""
+        return self.zone_editor.hint or self.map_editor.hint or self.aiming.hint
 
     def robot_labels(self) -> dict[str, str]:
         """What to call each robot in a list, to its name."""
@@ -142,10 +220,12 @@ class Session:
         return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
 
     # What the panels ask for.
-    def folder(self, title: str, *, is_open: bool = False) -> viser.GuiFolderHandle:
+    def folder(self, title: str, *, is_open: bool = False) -> Folder:
         """Add a folder of controls: as its person left it, else open or not as is said here."""
-        is_open = self._choices.folders.get(title, is_open)
-        folder = self._folders[title] = self.client.gui.add_folder(title, expand_by_default=is_open)
+        folder = self._page.controls.add_folder(
+            title, is_open=self._choices.folders.get(title, is_open)
+        )
+        folder.on_fold(lambda is_open: self._remember_folder(title, is_open=is_open))
         return folder
 
     def post(self, fn: Callable[[], None]) -> None:
@@ -154,21 +234,20 @@ class Session:
 
     def tell(self, title: str, text: str, tone: Tone) -> None:
         """Show a notice: a title and a sentence."""
-        self._notices.show(title, text, tone)
+        self._page.say(Told(notice=Notice(title=title, text=text, tone=tone)))
+
+    def save_file(self, name: str, text: str) -> None:
+        """Let the browser save a file."""
+        self._page.say(Told(file=File(name, text)))
 
     def press_stop(self) -> None:
         """Stop the robot."""
-        self._hub.stops.press(self._robot, self._hub.service.monotonic_ns)
+        self._hub.press_stop(self._robot, self.visitor)
 
     def press_stop_all(self) -> None:
         """Stop all robots, also those that are away: each as soon as it answers."""
         for name in self._hub.robots.names(self._robot):
-            self._hub.stops.press(name, self._hub.service.monotonic_ns)
-
-    def press_resume(self) -> None:
-        """Let it drive again."""
-        self._hub.stops.release(self._robot)
-        self.actions.resume()
+            self._hub.press_stop(name, self.visitor)
 
     def follow(self, robot: str) -> None:
         """Show another robot."""
@@ -176,7 +255,8 @@ class Session:
             self.put_tools_away()
             self.map_editor.leave()
             self.actions.forget()
-            self._hub.let_go(self.client.client_id)
+            self.past.close()
+            self._hub.let_go(self._page.number)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
 
@@ -205,64 +285,121 @@ class Session:
 
     def resized(self, size: tuple[float, float]) -> None:
         """Note the width and height of the picture [px of the page]."""
-        self._viewport.resized(size, self._hub.service.monotonic_ns)
+        self._size = size
+        if self._viewport is not None:
+            self._viewport.resized(size, self._hub.service.monotonic_ns)
 
-    def remember_folder(self, title: str, *, is_open: bool) -> None:
-        """Note that a folder was opened or closed, and remember it."""
-        folder = self._folders.get(title)
-        if folder is not None:  # a page may say anything
-            folder.expand_by_default = is_open  # as the page makes it anew with its tab
-            folders = {**self._choices.folders, title: is_open}
-            self._choose(msgspec.structs.replace(self._choices, folders=folders))
+    def choose_look(self, *, dark: bool, light: bool) -> None:
+        """Change the look, and remember it; neither: as the device is set."""
+        self._choose(msgspec.structs.replace(self._choices, dark=dark, light=light))
+        self._set_look()
 
-    def set_dark(self, *, is_dark: bool) -> None:
-        """Change the look, and remember it."""
-        configure_look(self.client.gui, dark=is_dark)
-        self._choose(msgspec.structs.replace(self._choices, dark=is_dark))
+    def prefer_dark(self, *, is_dark: bool) -> None:
+        """Note how the device is set."""
+        self._prefers_dark = is_dark
+        self._set_look()
+
+    def look_at(self, x: float, y: float) -> None:
+        """Show a place in the world [m] from near."""
+        if self._viewport is not None:
+            self._viewport.look_at(x, y)
+
+    def change_look(self, look: Look) -> None:
+        """See the map from elsewhere."""
+        self.look = look
+        if self._viewport is not None:
+            self._viewport.change(look, self.view)
+
+    def choose_language(self, code: str) -> None:
+        """Change the language, and remember it; "": as the device is set."""
+        self._choose(msgspec.structs.replace(self._choices, language=code))
+
+    def prefer_language(self, tag: str) -> None:
+        """Note the language of the device, if it is one of ours."""
+        self._device_language = known_language(tag)
 
     def fit_view(self) -> None:
-        """Show the whole map."""
-        self._viewport.fit(self.view)
+        """Show the whole map, and follow nobody."""
+        self.change_look(Look(is_flat=self.look.is_flat))
+        if self._viewport is not None:
+            self._viewport.fit(self.view)
 
     # What the service asks for.
     def update_scene(self, robots: Set[str]) -> None:
         """Show what this browser wants to see of the robots in the scene, and nothing else."""
         layers, view = self.layers(), self.view
-        hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
-        shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
-        self.scene.show_robot(self._robot, robots, shown)
-        self.scene.move_root(self._robot, self.map_editor.new_T_old)
         self.drags.tick()
+        self._tick_past()
         self.aiming.request_preview()
-        markers = self._hub.scenes.of(self._robot).markers
-        self.scene.draw(
-            view,
-            layers,
-            preview=self.aiming.preview,
-            queue=self.actions.goal_queue.items,
-            icons=markers.icons if layers[markers.key] else [],
-            frames=self.frames_on(),
-            eye=self._viewport.eye,
-        )
+        if self.scene is not None and self._viewport is not None:
+            hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
+            hidden |= HIDDEN if self.past.is_past else set[str]()
+            shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
+            self.scene.show_robot(self._robot, robots, shown)
+            self.scene.move_root(self._robot, self.map_editor.new_T_old)
+            markers = self._hub.scenes.of(self._robot).markers
+            self.scene.draw(
+                view,
+                layers,
+                preview=self.aiming.preview or self.touching.preview,
+                queue=self.actions.goal_queue.items,
+                icons=markers.icons if layers[markers.key] else [],
+                frames=self.frames_on(),
+                eye=self._viewport.eye,
+                touched=self.touching.touched,
+            )
+            self.scene.past.draw(self.past.picture, view)
+            self._viewport.update(view, self._robot)
         self._keep_one_tool()
         self.zone_editor.update()
         self.map_editor.update()
         self.suspected_mirrors.update(view, self._choices.dismissed, is_shown=layers["zones"])
         self.change_marks.update(view, is_shown=layers["zones"])
-        self._viewport.update(view, self._robot)
+
+    def tapped(self, at: tuple[float, float]) -> None:
+        """Take a tap on the picture, unless a tool waits for it: shares of its width and height."""
+        if self.hint or self._viewport is None or not self.may_drive:
+            return
+        one = touched(self.view, self._viewport.eye, at)
+        if one is None or not (self.take_tap and self.take_tap(one)):
+            self.touching.touch(one)
 
     def put_tools_away(self) -> None:
         """End all pointing and drawing."""
+        self.touching.close()
         self.aiming.put_away()
         self.zone_editor.leave()
         self.map_editor.choose("look")
 
     # Inside.
+    def _note_sent(self, robot: str, sent: str) -> None:
+        """Note that a goal or trip was sent from here."""
+        people = self._hub.people
+        people.senders.note(robot, sent, people.names.of(self.visitor))
+
+    def _set_look(self) -> None:
+        client = self.picture.client
+        if client is not None:
+            client.gui.configure_theme(
+                dark_mode=self.is_dark, show_logo=False, show_share_button=False
+            )
+
+    def _tick_past(self) -> None:
+        """Let the past go on; a tool that waits for the pointer is about what is now."""
+        if self.hint:
+            self.past.return_to_now()
+        self.past.tick()
+
+    def _remember_folder(self, title: str, *, is_open: bool) -> None:
+        folders = {**self._choices.folders, title: is_open}
+        self._choose(msgspec.structs.replace(self._choices, folders=folders))
+
     def _post_while_open(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread what a pointer did, unless its browser is gone."""
 
         def call() -> None:
-            if self._hub.is_open(self.client.client_id):
+            client = self.picture.client
+            if client is not None and self._hub.is_open(client.client_id):
                 fn()
 
         self._hub.service.call_soon(call)

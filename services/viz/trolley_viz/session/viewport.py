@@ -1,7 +1,11 @@
 """The camera of one browser: it shows the whole map until somebody moves it."""
 
+import math
+
+import numpy as np
 import viser
 
+from trolley.geometry import Pose2D, wrap_angle
 from trolley_viz.graphics import camera
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import map_bounds
@@ -9,22 +13,29 @@ from trolley_viz.scene.place_labels import Eye
 
 SETTLE_NS = 2_000_000_000
 SAME_ASPECT = 0.03
+MOVED_M, TURNED_RAD = 0.02, math.radians(1.0)
+"""The camera moves after the robot once it has moved so far."""
 
 
 class Viewport:
     """The camera of one browser."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, size: tuple[float, float] | None, look: camera.Look
+    ) -> None:
         self._client = client
-        self._size: tuple[float, float] | None = None
+        self._size = size
         """Width and height of the picture [px of the page], once the page has told."""
         self._fitted = ""
-        """The map that the camera was last moved for, and the pixels there were then."""
-        self._pixels: tuple[float, float] = (1, 1)
+        """The map that the camera was last moved for, and the shape of the picture then."""
+        self._aspect = 1.0
         self._is_at_start = False
         """Whether it was moved to where every page begins anyway."""
         self._settled_ns: int | None = None
         """When to see whether the page is laid out as it was thought to be [ns]."""
+        self._look = look
+        self._followed: Pose2D | None = None
+        """Where the robot was when the camera was last moved after it."""
 
     @property
     def eye(self) -> Eye:
@@ -42,11 +53,26 @@ class Viewport:
         """Show the whole map."""
         bounds = map_bounds(view)
         if bounds is not None:
-            self._pixels = self._seen_pixels()
-            camera.fit(self._client, bounds, self._pixels)
+            self._fit(bounds)
+
+    def change(self, look: camera.Look, view: View) -> None:
+        """Look from elsewhere."""
+        was, self._look = self._look, look
+        self._followed = None
+        if look.follows:
+            self._follow(view)
+        elif was.is_flat != look.is_flat:
+            self.fit(view)
+
+    def look_at(self, x: float, y: float) -> None:
+        """Show a place in the world [m] from near."""
+        self._stand_near(x, y, camera.NORTH)
 
     def update(self, view: View, robot: str) -> None:
         """Move the camera to a map that is new to it, and again where the page undoes that."""
+        if self._look.follows:
+            self._follow(view)
+            return
         if view.map is None:
             return
         fitted = f"{robot}/{view.map.name}"
@@ -56,11 +82,34 @@ class Viewport:
         bounds = map_bounds(view)
         if bounds is None or not (is_new or self._is_to_fit_again(view.now_ns, bounds)):
             return
-        self._pixels = self._seen_pixels(is_new=not self._fitted)
         self._settled_ns = view.now_ns + SETTLE_NS
-        camera.fit(self._client, bounds, self._pixels)
+        self._fit(bounds)
         self._is_at_start = camera.was_reset(self._client, bounds)
         self._fitted = fitted
+
+    def _follow(self, view: View) -> None:
+        """Move the camera as the robot moved; where it is seen from is the person's affair."""
+        here, last = view.placement.world_T_base, self._followed
+        if here is None:
+            return
+        turn = 0.0 if last is None else wrap_angle(here.yaw - last.yaw)
+        if last is None:
+            self._stand_near(here.x, here.y, here.yaw if self._look.turns else camera.NORTH)
+        elif here.distance_to(last) > MOVED_M or (self._look.turns and abs(turn) > TURNED_RAD):
+            at = self._client.camera
+            offset = np.asarray(at.position) - np.asarray(at.look_at)
+            if self._look.turns:
+                offset = camera.turned(offset, turn)
+            middle = np.array([here.x, here.y, 0.0])
+            camera.move(self._client, middle + offset, middle)
+        else:
+            return
+        self._followed = here
+
+    def _stand_near(self, x: float, y: float, up: float) -> None:
+        middle = np.array([x, y, 0.0])
+        offset = camera.NEAR_M * camera.away(self._look.elevation, up)
+        camera.move(self._client, middle + offset, middle)
 
     def _is_to_fit_again(self, now_ns: int, bounds: camera.Bounds) -> bool:
         """Whether the page took the camera back, or turned out to be laid out otherwise."""
@@ -69,9 +118,14 @@ class Viewport:
         if self._settled_ns is None or now_ns < self._settled_ns:
             return False
         self._settled_ns = None
-        width, height = self._seen_pixels()
-        is_other = abs(width / height - self._pixels[0] / self._pixels[1]) > SAME_ASPECT
-        return is_other and camera.stands(self._client, bounds, self._pixels)
+        is_other = abs(self._seen_aspect() - self._aspect) > SAME_ASPECT
+        return is_other and camera.stands(self._client, bounds, self._aspect)
 
-    def _seen_pixels(self, *, is_new: bool = False) -> tuple[float, float]:
-        return self._size or camera.seen_pixels(self._client, is_new=is_new)
+    def _fit(self, bounds: camera.Bounds) -> None:
+        self._aspect = self._seen_aspect()
+        camera.fit(self._client, bounds, self._aspect, self._look.elevation)
+
+    def _seen_aspect(self) -> float:
+        at = self._client.camera
+        width, height = self._size or (at.image_width, at.image_height)
+        return max(width, 1) / max(height, 1)

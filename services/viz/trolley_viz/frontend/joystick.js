@@ -1,0 +1,137 @@
+// The joystick. What is held here drives the robot only as long as this says so, ten times a second;
+// everything that might be a release is one.
+import { follow, t } from "./words.js";
+
+const BEAT_MS = 100;
+const MARKUP = `
+<button class="hand-open" type="button" aria-label="Drive by hand" aria-expanded="false">
+  <svg viewBox="0 0 24 24" aria-hidden="true"><path d="M12 3l3 4h-6zM12 21l-3-4h6zM3 12l4-3v6zM21 12l-4 3v-6z"/><circle cx="12" cy="12" r="3"/></svg>
+  <span>Drive by hand</span>
+</button>
+<div class="hand-card" hidden>
+  <button class="hand-close" type="button" aria-label="Close the joystick">×</button>
+  <div class="hand-pad" role="application" aria-label="Joystick">
+    <i class="up"></i><i class="right"></i><i class="down"></i><i class="left"></i>
+    <div class="hand-knob"></div>
+  </div>
+  <div class="hand-side">
+    <label>Speed <output></output>
+      <input type="range" min="0.05" max="0.25" step="0.05" value="0.25" aria-label="Speed">
+    </label>
+    <p class="hand-say" role="status"></p>
+  </div>
+</div>`;
+
+export class Joystick {
+  constructor(root, line) {
+    this.line = line;
+    root.innerHTML = MARKUP;
+    follow(root);
+    const find = (name) => root.querySelector(name);
+    this.button = find(".hand-open");
+    this.card = find(".hand-card");
+    this.pad = find(".hand-pad");
+    this.knob = find(".hand-knob");
+    this.slider = find("input");
+    this.speed = find("output");
+    this.words = find(".hand-say");
+    this.pointer = this.timer = null;
+    this.x = this.y = 0;
+    this.can = false;
+    this.button.addEventListener("click", () => this.toggle());
+    find(".hand-close").addEventListener("click", () => this.setOpen(false));
+    this.slider.addEventListener("input", () => this.show());
+    this.pad.addEventListener("pointerdown", (event) => this.press(event));
+    this.pad.addEventListener("pointermove", (event) => this.isMine(event) && this.move(event));
+    for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      this.pad.addEventListener(name, (event) => this.isMine(event) && this.release());
+    }
+    this.pad.addEventListener("contextmenu", (event) => event.preventDefault());
+    addEventListener("blur", () => this.release());
+    addEventListener("pagehide", () => this.release());
+    document.addEventListener("visibilitychange", () => document.hidden && this.release());
+    this.show();
+  }
+
+  isMine(event) {
+    return event.pointerId === this.pointer;
+  }
+
+  toggle() {
+    this.setOpen(this.card.hidden);
+  }
+
+  setOpen(wanted) {
+    this.release();
+    this.button.setAttribute("aria-expanded", String(wanted));
+    this.card.hidden = !wanted;
+    document.body.classList.toggle("by-hand", wanted);
+  }
+
+  take(told) {
+    this.can = told.can;
+    if (told.max_speed > 0 && Number(this.slider.max) !== told.max_speed) {
+      this.slider.max = told.max_speed;
+    }
+    this.tell(told.text, told.tone);
+    this.show();
+  }
+
+  lose() {
+    this.can = false;
+    this.release();
+    this.tell(t("No connection to the viewer."), "bad");
+    this.show();
+  }
+
+  tell(text, tone) {
+    this.words.textContent = text;
+    this.words.dataset.tone = tone;
+  }
+
+  show() {
+    this.button.disabled = !this.line.isOpen;
+    this.card.classList.toggle("hand-off", !this.can);
+    this.card.classList.toggle("hand-held", this.pointer !== null && this.can);
+    this.speed.textContent = `${Number(this.slider.value).toFixed(2)} m/s`;
+  }
+
+  press(event) {
+    if (this.pointer !== null || !this.can || event.button !== 0) return;
+    event.preventDefault();
+    this.pad.setPointerCapture(event.pointerId);
+    this.pointer = event.pointerId;
+    this.move(event);
+    this.send();
+    this.timer = setInterval(() => this.send(), BEAT_MS);
+    this.show();
+  }
+
+  move(event) {
+    const box = this.pad.getBoundingClientRect(), radius = box.width / 2;
+    const reach = radius - this.knob.offsetWidth / 2;
+    const right = (event.clientX - box.left - radius) / reach;
+    const up = (box.top + radius - event.clientY) / reach;
+    const length = Math.max(1, Math.hypot(right, up));
+    this.x = right / length;
+    this.y = up / length;
+    this.knob.style.transform = `translate(${this.x * reach}px, ${-this.y * reach}px)`;
+  }
+
+  release() {
+    if (this.pointer === null) return;
+    this.pointer = null;
+    clearInterval(this.timer);
+    this.x = this.y = 0;
+    this.knob.style.transform = "";
+    this.send();
+    this.show();
+  }
+
+  send() {
+    const { x, y } = this, held = this.pointer !== null;
+    this.line.say("grip", {
+      x, y, held, speed: Number(this.slider.value), sent_ms: performance.now(),
+    });
+  }
+}

@@ -1,0 +1,83 @@
+// Keys, and the list of all commands.
+import { t } from "./words.js";
+
+export class Keys {
+  constructor(status, controls, joystick) {
+    this.status = status;
+    this.controls = controls;
+    this.joystick = joystick;
+    this.commands = [];
+    this.palette = document.getElementById("palette");
+    this.find = document.getElementById("palette-find");
+    this.list = document.getElementById("palette-list");
+    this.find.addEventListener("input", () => this.fill());
+    this.find.addEventListener("keydown", (event) => event.key === "Enter" && this.first());
+  }
+
+  listenTo(target) {
+    target.addEventListener("keydown", (event) => this.typed(event));
+  }
+
+  typed(event) {
+    const into = event.target;
+    const isField = into.isContentEditable
+      || ["INPUT", "TEXTAREA", "SELECT"].includes(into.tagName) && into.type !== "checkbox";
+    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k") {
+      event.preventDefault();
+      this.open();
+      return;
+    }
+    if (isField || event.ctrlKey || event.metaKey || event.altKey || this.palette.open) return;
+    const key = event.key.toLowerCase();
+    if (key === " " || (key === "s" && event.shiftKey)) {
+      // Space presses what has the focus, too: Stop comes first.
+      event.preventDefault();
+      if (!event.repeat) this.status.stop();
+      return;
+    }
+    if (event.repeat || event.shiftKey) return;
+    if (key === "j") return this.joystick.toggle();
+    // Enter and the like belong to a control that has the focus.
+    if (key === "enter" && into.closest("button, summary, a")) return;
+    const command = this.commands.find((one) => one.key === key);
+    if (command !== undefined) {
+      event.preventDefault();
+      this.controls.press(command.id);
+    }
+  }
+
+  open() {
+    this.find.value = "";
+    this.fill();
+    this.palette.showModal();
+    this.find.focus();
+  }
+
+  fill() {
+    const wanted = this.find.value.trim().toLowerCase();
+    const stop = { title: t("Stop the robot"), key: "space", act: () => this.status.stop() };
+    const all = [stop, ...this.commands].filter((one) => one.title.toLowerCase().includes(wanted));
+    this.list.replaceChildren(...all.map((one) => this.row(one)));
+  }
+
+  row(command) {
+    const item = document.createElement("li"), button = document.createElement("button");
+    const key = document.createElement("kbd");
+    button.type = "button";
+    button.append(command.title, " ");
+    key.textContent = t(command.key);
+    button.append(key);
+    button.addEventListener("click", () => {
+      this.palette.close();
+      if (command.act) command.act();
+      else this.controls.press(command.id);
+    });
+    item.append(button);
+    return item;
+  }
+
+  first() {
+    const button = this.list.querySelector("button");
+    if (button !== null) button.click();
+  }
+}

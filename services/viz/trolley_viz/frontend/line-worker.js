@@ -1,0 +1,129 @@
+// The life line's own thread: a socket on which viewer and page hear each other all the time. Here,
+// as drawing the scene may hold up the page for seconds. What is pressed carries its time and is
+// answered; Stop is kept until it is.
+const SILENCE_MS = 1500, RETRY_MS = 700, PATIENCE_MS = 4000, LOOK_MS = 150, BUSY_MS = 500;
+const MAX_WAITING_BYTES = 1000;
+const t = (english) => english; // the page shows it in its language
+const UNANSWERED = t("The connection was lost before it was answered.");
+const NOT_CONNECTED = t("There is no connection. Nothing was done.");
+
+const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) =>
+  one.toString(16).padStart(2, "0")).join("");
+const pending = new Set(); // the numbers of what was pressed and not answered
+const stops = new Map(); // by number: what is to stop, until it is answered
+let state = "loading", socket = null, viewerMs = null;
+let openedMs = performance.now(), heardMs = openedMs, lookedMs = openedMs;
+
+function open() {
+  const url = new URL("/line", location.href);
+  url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+  url.searchParams.set("page", key);
+  const mine = (socket = new WebSocket(url));
+  openedMs = performance.now();
+  mine.onmessage = (event) => mine === socket && hear(JSON.parse(event.data));
+  mine.onclose = () => mine === socket && lose();
+}
+
+function close() {
+  const old = socket;
+  socket = null;
+  if (old !== null) old.close();
+}
+
+function reopen() {
+  close();
+  open();
+}
+
+function hear(told) {
+  heardMs = performance.now();
+  if (told.beat_ms !== undefined) viewerMs = told.beat_ms;
+  if (told.hello !== undefined) {
+    for (const [id, robots] of stops) send({ stop: { id, robots } });
+    become("open");
+  }
+  if (told.beat_ms !== undefined) send({ beat_ms: told.beat_ms });
+  if (told.answer !== undefined) settle(told.answer);
+  delete told.answer;
+  delete told.beat_ms;
+  if (Object.keys(told).length > 0) postMessage({ told });
+}
+
+function look() {
+  const now = performance.now(), lastMs = lookedMs;
+  lookedMs = now;
+  // A computer that slept hears first what has come meanwhile.
+  if (now - lastMs > BUSY_MS) return;
+  const isConnecting = socket !== null && socket.readyState < WebSocket.CLOSING;
+  if (state === "open" && now - heardMs > SILENCE_MS) lose();
+  else if (state !== "open" && now - openedMs > (isConnecting ? PATIENCE_MS : RETRY_MS)) reopen();
+}
+
+function lose() {
+  close();
+  for (const id of pending) settle({ id, is_done: false, text: UNANSWERED });
+  if (state === "open") become("lost");
+  else ask();
+}
+
+// A socket does not say why it is refused; a page does.
+async function ask() {
+  try {
+    const answer = await fetch("/", { method: "HEAD", redirect: "manual" });
+    if (state !== "open" && (answer.status === 401 || answer.status === 403)) become("refused");
+    else if (state === "loading") become("loading");
+  } catch {
+    if (state !== "open") become(state === "refused" ? "lost" : state);
+  }
+}
+
+function become(now) {
+  state = now;
+  postMessage({ state, silentMs: performance.now() - heardMs });
+}
+
+function settle(answer) {
+  pending.delete(answer.id);
+  stops.delete(answer.id);
+  postMessage({ answer });
+}
+
+function send(said) {
+  if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(said));
+}
+
+// The viewer's time some while ago, as well as it is known here: never later than it is there.
+function viewerTime(ageMs) {
+  return viewerMs === null ? 0 : viewerMs + performance.now() - heardMs - ageMs;
+}
+
+const DOES = {
+  // Something that needs an answer; without a connection it is dropped.
+  ask({ kind, id, asked, ageMs }) {
+    if (state !== "open") return settle({ id, is_done: false, text: NOT_CONNECTED });
+    pending.add(id);
+    send({ [kind]: { id, at_ms: viewerTime(ageMs), ...asked } });
+  },
+  stop({ id, robots }) {
+    stops.set(id, robots);
+    if (state === "open") send({ stop: { id, robots } });
+    else reopen();
+  },
+  gesture({ ageMs, ...gesture }) {
+    if (state === "open") send({ gesture: { at_ms: viewerTime(ageMs), ...gesture } });
+  },
+  grip(grip) {
+    // On a connection that does not get rid of what it has, more would only come late.
+    if (grip.held && socket !== null && socket.bufferedAmount > MAX_WAITING_BYTES) return;
+    send({ grip });
+  },
+  say: send,
+  retry() {
+    if (state !== "open") reopen();
+  },
+};
+
+onmessage = ({ data: [name, said] }) => DOES[name](said);
+addEventListener("online", DOES.retry);
+setInterval(look, LOOK_MS);
+open();

@@ -1,0 +1,91 @@
+// The page: what the viewer tells goes to its parts, what is pressed goes to the viewer.
+import { Line } from "./line.js";
+import { Controls } from "./controls.js";
+import { Scene } from "./scene.js";
+import { Joystick } from "./joystick.js";
+import { Overlays } from "./overlays.js";
+import { Notices } from "./notices.js";
+import { Keys } from "./keys.js";
+import { Sheet } from "./sheet.js";
+import { Status } from "./status.js";
+import { deviceLanguage, follow, likelyLanguage, speak, t } from "./words.js";
+
+follow(document.documentElement);
+const notices = new Notices(document.getElementById("notices"));
+const status = new Status(() => line);
+const line = new Line(told, changed);
+const controls = new Controls(
+  document.getElementById("controls"), document.getElementById("over"), line, notices,
+);
+const scene = new Scene(document.getElementById("scene"), line);
+const joystick = new Joystick(document.getElementById("hand"), line);
+const overlays = new Overlays(document.getElementById("overlays"), line);
+const keys = new Keys(status, controls, joystick);
+new Sheet(document.getElementById("panel"), document.getElementById("handle"));
+keys.listenTo(document);
+scene.opened = (frame) => keys.listenTo(frame.document);
+speakNow(likelyLanguage());
+
+document.getElementById("stop").addEventListener("click", () => status.stop());
+document.getElementById("resume").addEventListener("click", async () => {
+  const answer = await line.ask("resume", { robot: status.robot });
+  if (!answer.is_done) notices.show({ title: t("It cannot drive on"), text: t(answer.text), tone: "warn" });
+});
+
+function told(message) {
+  const { hello, state, controls: changes, pad, overlays: shown, notice, file } = message;
+  if (hello !== undefined) welcome(hello);
+  if (state !== undefined) {
+    speakNow(state.language);
+    status.show(state);
+    scene.hasSession = state.has_scene;
+    document.getElementById("scene-wait").hidden = state.has_scene;
+  }
+  if (changes !== undefined) {
+    controls.take(changes);
+    if (changes.commands) keys.commands = changes.commands;
+  }
+  if (pad !== undefined) joystick.take(pad);
+  if (shown !== undefined) overlays.take(shown);
+  if (notice !== undefined) notices.show(notice);
+  if (file !== undefined) save(file);
+}
+
+async function speakNow(code) {
+  await speak(code);
+  if (line.state !== "loading") status.changed(line.state);
+}
+
+// A page of another build does not know what this viewer says.
+function welcome(hello) {
+  const build = document.querySelector("meta[name=build]").content;
+  if (hello.build !== build && sessionStorage.getItem("reloaded-for") !== hello.build) {
+    sessionStorage.setItem("reloaded-for", hello.build);
+    location.reload();
+  }
+  document.body.classList.toggle("only-looks", !hello.may_drive);
+  sayLook();
+  line.say("say", { language: deviceLanguage() });
+  controls.forget();
+}
+
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const sayLook = () => line.say("say", { prefers_dark: dark.matches });
+dark.addEventListener("change", sayLook);
+addEventListener("languagechange", () => line.say("say", { language: deviceLanguage() }));
+
+function changed(state) {
+  document.body.dataset.line = state;
+  for (const id of ["map", "panel"]) document.getElementById(id).inert = state !== "open";
+  status.changed(state);
+  if (state !== "open") joystick.lose();
+  if (state === "lost") overlays.lose();
+}
+
+function save({ name, text }) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}

@@ -1,0 +1,108 @@
+// viser's scene, in a frame of its own: finds out whose it is, hides its controls, and tells of
+// what a pointer does there. What is pressed counts as let go only if its own pointer comes up,
+// alone, while the page has the focus.
+
+const LOOK_MS = 300, GIVEN_UP_MS = 8000, TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
+const HIDDEN = `
+[data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;
+
+export class Scene {
+  constructor(frame, line) {
+    this.frame = frame;
+    this.line = line;
+    this.hasSession = false;
+    this.loadedMs = 0;
+    this.told = "";
+    this.held = null; // the pointer that presses: its id and kind
+    this.opened = () => {};
+    frame.addEventListener("load", () => this.loaded());
+    new ResizeObserver(() => this.tellSize()).observe(frame);
+    setInterval(() => this.look(), LOOK_MS);
+  }
+
+  get canvas() {
+    return this.frame.contentDocument?.querySelector("canvas[data-engine]") ?? null;
+  }
+
+  look() {
+    if (!this.line.isOpen) return;
+    const now = performance.now();
+    if (this.loadedMs === 0) return this.load();
+    if (this.hasSession) return;
+    const secret = this.frame.contentDocument?.getElementById("trolley-scene")?.dataset.secret;
+    if (secret !== undefined && secret !== this.told) {
+      this.told = secret;
+      this.loadedMs = now;
+      this.line.say("say", { scene: secret });
+      this.tellSize();
+    } else if (now - this.loadedMs > GIVEN_UP_MS) {
+      this.load();
+    }
+  }
+
+  load() {
+    const url = new URL("/scene/", location.href), socket = new URL("/scene/", location.href);
+    socket.protocol = socket.protocol === "https:" ? "wss:" : "ws:";
+    const asked = new URLSearchParams(location.search);
+    for (const name of PASSED_ON) if (asked.has(name)) url.searchParams.set(name, asked.get(name));
+    url.searchParams.set("websocket", socket.href);
+    this.loadedMs = performance.now();
+    this.told = "";
+    this.frame.src = url.href;
+  }
+
+  loaded() {
+    const inside = this.frame.contentWindow;
+    if (inside.location.pathname !== "/scene/") return;
+    const style = inside.document.createElement("style");
+    style.textContent = HIDDEN;
+    inside.document.head.append(style);
+    const on = (target, name, action) => target.addEventListener(name, action, { capture: true });
+    on(inside, "pointerdown", (event) => this.press(event));
+    on(inside, "pointerup", (event) => this.letGo(event));
+    on(inside, "pointercancel", (event) => event.pointerId === this.held?.id && this.cancel());
+    on(inside, "keydown", (event) => event.key === "Escape" && this.cancel());
+    // A finger that rests for a moment asks for this menu, too, and means nothing by it.
+    on(inside, "contextmenu", () => this.held?.kind === "mouse" && this.cancel());
+    on(inside, "blur", (event) => event.target === inside && this.cancel());
+    on(inside, "pagehide", () => this.cancel());
+    on(document, "visibilitychange", () => document.hidden && this.cancel());
+    this.opened(inside);
+  }
+
+  press(event) {
+    if (this.held !== null) this.cancel(); // a second finger
+    else if (event.button === 0) {
+      const { pointerId: id, pointerType: kind, clientX: x, clientY: y, timeStamp: ms } = event;
+      this.held = { id, kind, x, y, ms };
+    }
+  }
+
+  tellSize() {
+    const canvas = this.canvas;
+    if (canvas !== null) this.say({ size: [canvas.clientWidth, canvas.clientHeight] });
+  }
+
+  // Shares of the picture as viser counts them: to the middle of the pixel.
+  letGo(event) {
+    if (this.held === null || event.pointerId !== this.held.id) return;
+    const { x, y, ms } = this.held, canvas = this.canvas;
+    this.held = null;
+    if (canvas === null) return;
+    const box = canvas.getBoundingClientRect();
+    const u = (event.clientX - box.left + 0.5) / canvas.clientWidth;
+    const v = (event.clientY - box.top + 0.5) / canvas.clientHeight;
+    const isNear = Math.hypot(event.clientX - x, event.clientY - y) < TAP_PX;
+    this.say({ released: [u, v], is_tap: isNear && event.timeStamp - ms < TAP_MS });
+  }
+
+  cancel() {
+    if (this.held === null) return;
+    this.held = null;
+    this.say({ cancelled: true });
+  }
+
+  say(gesture) {
+    this.line.gesture(gesture);
+  }
+}

@@ -1,0 +1,106 @@
+// What the robot is doing, what became of Stop, and what is known when nothing is heard.
+import { t } from "./words.js";
+
+const SENDING_MS = 400;
+
+export class Status {
+  constructor(line) {
+    this.line = line;
+    this.state = null;
+    this.pressedMs = null;
+    const at = (id) => document.getElementById(id);
+    this.title = at("title");
+    this.sentence = at("sentence");
+    this.lines = at("lines");
+    this.hint = at("hint");
+    this.stopLine = at("stop-line");
+    this.resume = at("resume");
+    this.lost = at("lost");
+    this.lostSaid = at("lost-said");
+    this.lostDoes = at("lost-does");
+    setInterval(() => this.tick(), 250);
+  }
+
+  get robot() {
+    return this.state === null ? "" : this.state.robot;
+  }
+
+  show(state) {
+    this.state = state;
+    document.title = `${state.title}: ${state.sentence.headline}`;
+    say(this.title, state.title);
+    say(this.sentence, state.sentence.headline);
+    this.sentence.dataset.tone = state.sentence.tone;
+    this.lines.replaceChildren(...state.lines.map(lineItem));
+    say(this.hint, state.hint || "");
+    this.hint.hidden = !state.hint;
+    document.documentElement.dataset.look = state.dark ? "dark" : "light";
+    this.resume.disabled = !state.is_stopped;
+    this.resume.dataset.lit = String(Boolean(state.is_stopped));
+    this.tick();
+  }
+
+  stop() {
+    this.pressedMs = performance.now();
+    this.line().stop(this.state === null ? [] : [this.state.robot]);
+    this.tick();
+  }
+
+  changed(state) {
+    if (state === "refused") {
+      say(this.sentence,
+        t("This viewer asks for a token: open the link that `trolley viewer-link` prints."));
+    } else if (state === "loading") {
+      say(this.sentence, t("The viewer does not answer. Is it running?"));
+    }
+    if (state !== "open") this.resume.disabled = true;
+    this.lost.hidden = state !== "lost";
+    this.tick();
+  }
+
+  tick() {
+    const line = this.line();
+    const isWaiting = line.isStopWaiting;
+    const stop = this.state === null ? null : this.state.stop;
+    let text = "", isAlarm = false;
+    if (isWaiting && (!line.isOpen || performance.now() - this.pressedMs > SENDING_MS)) {
+      text = t("NOT STOPPED: no connection");
+      isAlarm = true;
+    } else if (isWaiting) {
+      text = t("Stopping …");
+    } else if (stop && line.isOpen) {
+      text = stop.text;
+      isAlarm = stop.is_alarm;
+    } else if (this.state !== null && this.state.is_stopped && line.isOpen) {
+      const by = this.state.stopped_by;
+      text = by ? t("Stopped by {by}", { by }) : t("Stopped");
+    }
+    say(this.stopLine, text);
+    this.stopLine.hidden = text === "";
+    this.stopLine.dataset.alarm = String(isAlarm);
+    if (!this.lost.hidden) this.sayLost(line, isWaiting);
+  }
+
+  sayLost(line, isWaiting) {
+    const seconds = Math.round(line.silence);
+    const time = seconds < 120 ? `${seconds} s` : `${Math.round(seconds / 60)} min`;
+    say(this.lostSaid, this.state === null
+      ? t("It last said: nothing yet {time} ago.", { time })
+      : t("It last said: “{sentence}” {time} ago.", { sentence: this.state.sentence.headline, time }));
+    say(this.lostDoes, isWaiting
+      ? t("STOP will be sent first when the connection is back. If it must stop now, switch it off.")
+      : t("STOP can be pressed: it is sent first when the connection is back. Nothing else is sent."));
+  }
+}
+
+function say(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function lineItem({ headline, tone, detail }) {
+  const item = document.createElement("li");
+  item.dataset.tone = tone;
+  item.textContent = headline;
+  if (detail) item.title = detail;
+  return item;
+}

@@ -1,0 +1,1 @@
+"""Open pages: each hears what its person presses and is told what is."""

@@ -1,0 +1,62 @@
+"""What the sentences about a robot depend on, gathered from its streams."""
+
+from trolley import topics
+from trolley_viz.actions.robot_actions import what_is_under_way
+from trolley_viz.robots.view import View
+from trolley_viz.scene.tours import tour_of
+from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, position_line, trip_line
+from trolley_viz.situation import RobotState
+
+
+def robot_state(view: View, silent: frozenset[str]) -> RobotState:
+    """Gather what the sentence about the robot depends on."""
+    streams = view.streams
+    estimate, saved = streams.latest(topics.POSE), streams.latest(topics.POSES)
+    trip = streams.latest(topics.TOUR)
+    robot_ns, age_s = view.robot_ns, None
+    if robot_ns is not None and estimate is not None:
+        age_s = (robot_ns - estimate.stamp_ns) * 1e-9
+    return RobotState(
+        is_away=view.is_away,
+        base=streams.latest(topics.BASE),
+        has_map=view.map is not None,
+        estimate=estimate,
+        estimate_age_s=age_s,
+        goal=streams.latest(topics.GOAL),
+        trip=trip,
+        tour=None if trip is None else tour_of(trip, view),
+        places=[] if saved is None else saved.poses,
+        silent=silent,
+        mapping=streams.latest(topics.MAPPING),
+    )
+
+
+def under_way(known: RobotState) -> str | None:
+    """The id of the trip that is under way, or else of the goal."""
+    goal, trip = known.goal, known.trip
+    match what_is_under_way(goal, trip):
+        case "trip":
+            return None if trip is None else trip.trip
+        case "goal":
+            return None if goal is None else goal.id
+        case _:
+            return None
+
+
+def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
+    """The lines of the state: position, what holds it, where it is going, the trip, who sent it."""
+    if known.is_away:
+        return [AWAY]
+    lines = [
+        position_line(known.estimate, known.estimate_age_s),
+        base_line(known.base),
+        goal_line(known.goal, list(known.places)),
+        trip_line(known.trip, known.tour),
+        StatusLine(f"Sent by {sender}", "idle") if sender else None,
+    ]
+    return [line for line in lines if line is not None]
+
+
+def now_line(now: StatusLine) -> StatusLine:
+    """Say what is, beside what was."""
+    return StatusLine(f"Now: {now.headline}", now.tone, now.detail)

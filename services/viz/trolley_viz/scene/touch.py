@@ -1,0 +1,120 @@
+"""Touching the map: what lies under a finger that comes down and goes up in one place."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from viser.transforms import SO3
+
+from trolley import topics
+from trolley.geometry.frames import MAP
+from trolley.geometry.polygon import (
+    distance_to_outline,
+    distance_to_segments,
+    polygon_contains,
+)
+from trolley.messages import Zone
+from trolley_viz.graphics.shapes import meet_floor
+from trolley_viz.robots.view import View
+from trolley_viz.scene.place_labels import Eye
+from trolley_viz.scene.places import ICON_SIZE, current_places
+
+REACH_PX = 22.0
+"""Half of what a fingertip covers."""
+LINES = ("mirror", "glass")
+ROBOT_M = 0.2
+"""How far a robot reaches whose outline is not known."""
+
+What = Literal["robot", "place", "zone", "floor"]
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Touched:
+    """What was touched.
+
+    Attributes:
+        what: it is.
+        name: of the robot, place or zone; "" for the floor.
+        x, y: where the finger was, in the world [m].
+    """
+
+    what: What
+    name: str
+    x: float
+    y: float
+
+
+def touched(view: View, eye: Eye, at: Point) -> Touched | None:
+    """Return what is touched: a robot before a place, a place before a zone, else the floor.
+
+    Args:
+        view: the robot that is followed.
+        eye: the camera.
+        at: shares of the picture's width and height, from its upper left corner.
+
+    Returns:
+        None above the horizon.
+    """
+    up = math.tan(0.5 * eye.fov)
+    width, height = eye.size
+    ray = np.array(
+        [(2.0 * at[0] - 1.0) * up * width / max(height, 1.0), (2.0 * at[1] - 1.0) * up, 1.0]
+    )
+    turn = SO3(eye.wxyz)
+    point = meet_floor(eye.position, turn.apply(ray))
+    if point is None:
+        return None
+    depth = float((np.array([*point, 0.0]) - eye.position) @ turn.apply(np.array([0.0, 0.0, 1.0])))
+    reach = REACH_PX * 2.0 * up * depth / max(height, 1.0)
+    finders: tuple[tuple[What, Iterator[tuple[str, float]]], ...] = (
+        ("robot", _robots(view, point)),
+        ("place", _places(view, point)),
+        ("zone", _zones(view, point)),
+    )
+    for what, found in finders:
+        distance, name = min(((metres, name) for name, metres in found), default=(math.inf, ""))
+        if distance <= reach:
+            return Touched(what, name, *point)
+    return Touched("floor", "", *point)
+
+
+def _robots(view: View, point: Point) -> Iterator[tuple[str, float]]:
+    """The robots on this map by name, and how far from each the point is [m]."""
+    here = view.placement.world_T_base
+    if here is not None:
+        outline = [] if view.robot is None else view.robot.footprint
+        radius = max((math.hypot(x, y) for x, y in outline), default=ROBOT_M)
+        yield view.robot_name, max(math.dist((here.x, here.y), point) - radius, 0.0)
+    for one in view.fleet:
+        pose = None if one.pose is None or view.map is None else one.pose.pose
+        if one.name != view.robot_name and pose is not None and one.pose is not None:
+            is_here = view.map is not None and one.pose.map == view.map.name
+            if is_here:
+                yield one.name, max(math.dist((pose.x, pose.y), point) - ROBOT_M, 0.0)
+
+
+def _places(view: View, point: Point) -> Iterator[tuple[str, float]]:
+    if view.placement.world == MAP:
+        for one in current_places(view):
+            gap = math.dist((one.pose.x, one.pose.y), point) - 0.5 * ICON_SIZE
+            yield one.name, max(gap, 0.0)
+
+
+def _zones(view: View, point: Point) -> Iterator[tuple[str, float]]:
+    zones = view.streams.latest(topics.ZONES)
+    if zones is not None and view.map is not None and zones.map == view.map.name:
+        for zone in zones.zones:
+            yield zone.name, _distance_to(zone, point)
+
+
+def _distance_to(zone: Zone, point: Point) -> float:
+    """How far a point is from a line, or from an area that it is not in [m]."""
+    corners, points = np.array(zone.points, np.float64).reshape(-1, 2), np.array([point])
+    if zone.kind in LINES:
+        return float(distance_to_segments(points, corners[:-1], corners[1:])[0])
+    if polygon_contains(corners, points)[0]:
+        return 0.0
+    return float(distance_to_outline(corners, points)[0])

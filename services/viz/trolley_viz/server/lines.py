@@ -1,0 +1,131 @@
+"""The life line: one socket to each open page, on which both sides hear each other all the time."""
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import Callable
+
+import aiohttp
+import msgspec
+from aiohttp import web
+
+from trolley_viz.server.messages import Said, Told
+from trolley_viz.server.sending import room_of
+from trolley_viz.server.visitors import Visitor
+from trolley_viz.threads import Post
+
+MAX_LINES = 100
+"""A household has fewer pages open."""
+SMALL_BYTES = 2000
+"""With more than that on its way the page waits for what is new."""
+NOT_UNDERSTOOD, TOO_MANY = 1008, 1013
+"""WebSocket close codes "policy violation" and "try again later"."""
+
+
+class Line:
+    """The connection to one page; what is sent goes in order, from any thread, without waiting.
+
+    Args:
+        socket: to the page.
+        transport: below it.
+        key: the page's own secret: who comes again with it is the same page.
+        visitor: who it is.
+    """
+
+    def __init__(
+        self,
+        socket: web.WebSocketResponse,
+        transport: asyncio.Transport,
+        key: str,
+        visitor: Visitor,
+    ) -> None:
+        self.key = key
+        self.visitor = visitor
+        self._socket = socket
+        self._transport = transport
+        self._loop = asyncio.get_running_loop()
+        self._waiting: deque[Told] = deque()
+        self._has_some = asyncio.Event()
+        self._is_closing = False
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether everything that was sent is on its way: only then more than beats is sent."""
+        return not self._waiting and room_of(self._transport).takes(0, SMALL_BYTES)
+
+    def send(self, told: Told) -> None:
+        """Tell the page something."""
+        self._waiting.append(told)
+        self._wake()
+
+    def close(self) -> None:
+        """Hang up, without waiting for a page that hears nothing."""
+        self._is_closing = True
+        self._wake()
+
+    async def write(self) -> None:
+        """Send what waits, until the line is closed."""
+        with contextlib.suppress(ConnectionResetError):  # the page is gone
+            while not self._is_closing:
+                await self._has_some.wait()
+                self._has_some.clear()
+                while self._waiting and not self._is_closing:
+                    told = msgspec.json.encode(self._waiting.popleft())
+                    await self._socket.send_str(told.decode())
+        self._transport.abort()
+
+    def _wake(self) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._has_some.set)
+
+
+class Lines:
+    """The life lines of all pages, served on the web server's thread.
+
+    Args:
+        post: hands a call to the service's thread, where the following are called.
+        opened: with a line that is open.
+        heard: with a line and what its page said.
+        closed: with a line that is gone.
+    """
+
+    def __init__(
+        self,
+        post: Post,
+        opened: Callable[[Line], None],
+        heard: Callable[[Line, Said], None],
+        closed: Callable[[Line], None],
+    ) -> None:
+        self._post = post
+        self._opened, self._heard, self._closed = opened, heard, closed
+        self._open: set[Line] = set()
+
+    async def serve(
+        self,
+        socket: web.WebSocketResponse,
+        transport: asyncio.Transport,
+        key: str,
+        visitor: Visitor,
+    ) -> None:
+        """Listen to one page until it is gone."""
+        if len(self._open) >= MAX_LINES:
+            await socket.close(code=TOO_MANY, message=b"too many pages are open")
+            return
+        line = Line(socket, transport, key, visitor)
+        self._open.add(line)
+        self._post(lambda: self._opened(line))
+        writer = asyncio.create_task(line.write())
+        try:
+            async for message in socket:
+                if message.type != aiohttp.WSMsgType.TEXT:
+                    raise msgspec.DecodeError("no text")
+                self._hear(line, msgspec.json.decode(message.data, type=Said))
+        except (msgspec.MsgspecError, RecursionError):
+            await socket.close(code=NOT_UNDERSTOOD, message=b"not understood")
+        finally:
+            writer.cancel()
+            self._open.discard(line)
+            self._post(lambda: self._closed(line))
+
+    def _hear(self, line: Line, said: Said) -> None:
+        self._post(lambda: self._heard(line, said))

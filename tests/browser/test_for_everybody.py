@@ -1,0 +1,116 @@
+"""The page for those who see little, use no mouse, or have large fingers."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, expect
+from support.waiting import wait_until
+
+from trolley import topics
+
+from .conftest import open_page, open_viewer
+from .seeing import pixel_of
+from .test_viewer import button, goal_state
+
+if TYPE_CHECKING:
+    from .conftest import Shown
+
+pytestmark = pytest.mark.browser
+
+KITCHEN = (2.149, -2.706)
+"""A place of the demo [m]."""
+SMALLEST_PX = 44
+"""WCAG 2.2's target size at level AAA."""
+SMALL_TARGETS = """(smallest) => [...document.querySelectorAll(
+  "button, select, summary, input:not([type=hidden])")].filter((one) => {
+  if (!one.checkVisibility({ visibilityProperty: true })) return false;
+  const target = one.closest("label") ?? one, { width, height } = target.getBoundingClientRect();
+  return width > 0 && (width < smallest || height < smallest);
+}).map((one) => one.outerHTML.slice(0, 120))"""
+TAB_NAMES = ("Go", "Tours", "Map", "More")
+
+
+@pytest.fixture(params=["light", "dark", "phone"])
+def seen(request: pytest.FixtureRequest, shown: "Shown", browser: Browser) -> Iterator[Page]:
+    is_phone = request.param == "phone"
+    size = (390, 844) if is_phone else (1440, 900)
+    look = "dark" if request.param == "dark" else "light"
+    page = open_page(browser, *size, color_scheme=look, has_touch=is_phone, is_mobile=is_phone)
+    open_viewer(page, shown.url)
+    yield page
+    page.context.close()
+
+
+def check(page: Page, where: str) -> None:
+    """Let axe-core look at the page as it is, and measure what is to be pressed."""
+    found = Axe().run(page, options={"resultTypes": ["violations"], "iframes": False})
+    assert found.violations_count == 0, f"{where}: {found.generate_report()}"
+    assert page.evaluate(SMALL_TARGETS, SMALLEST_PX) == [], where
+
+
+def open_folders(page: Page) -> None:
+    """Unfold everything that can be seen, also what comes into sight by that."""
+    while closed := page.locator("details:not([open]) > summary:visible").all():
+        closed[0].click()
+
+
+def test_axe_finds_nothing_and_all_targets_are_large(seen: Page) -> None:
+    for tab in TAB_NAMES:
+        seen.get_by_role("tab", name=tab).click()
+        open_folders(seen)
+        check(seen, tab)
+    seen.keyboard.press("Control+k")
+    expect(seen.get_by_label("Commands")).to_be_visible()
+    check(seen, "commands")
+    seen.keyboard.press("Escape")
+
+
+def test_axe_finds_nothing_on_a_card_and_beside_the_joystick(page: Page) -> None:
+    page.mouse.click(*pixel_of(page, KITCHEN))
+    expect(page.get_by_role("heading", name="kitchen")).to_be_visible()
+    check(page, "card")
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("heading", name="kitchen")).to_be_hidden()
+    page.keyboard.press("j")
+    expect(page.locator(".hand-card")).to_be_visible()
+    check(page, "joystick")
+    page.keyboard.press("j")
+
+
+def test_all_is_done_without_a_mouse(page: Page, shown: "Shown", pictures: Path) -> None:
+    """Through the page with Tab, as a screen reader's user goes."""
+    names: list[str] = []
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        name = page.evaluate(
+            "document.activeElement.getAttribute('aria-label') ?? document.activeElement.innerText"
+        )
+        names.append(name.strip())
+        if names[-1] == "kitchen":
+            break
+    assert names[-1] == "kitchen", names
+    page.screenshot(path=pictures / "focus.png")
+    page.keyboard.press("Enter")
+    wait_until(lambda: goal_state(shown) == "driving", "it sets off")
+    page.keyboard.press("Space")
+
+    def mode() -> str:
+        base = shown.robot.latest(topics.BASE)
+        return "" if base is None else base.mode
+
+    wait_until(lambda: mode() == "stopped", "Space is Stop, wherever the focus is")
+    expect(page.locator("#resume")).to_be_enabled()
+    page.locator("#resume").focus()
+    page.keyboard.press("Enter")
+    wait_until(lambda: mode() == "ok", "it may drive again")
+    wait_until(lambda: goal_state(shown) == "driving", "and goes on to the kitchen")
+    page.keyboard.press("x")
+    wait_until(lambda: goal_state(shown) == "canceled", "X cancels")
+    page.get_by_role("tab", name="Go").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_role("tab", name="Tours")).to_have_attribute("aria-selected", "true")
+    page.keyboard.press("ArrowLeft")
+    expect(button(page, "kitchen")).to_be_visible()

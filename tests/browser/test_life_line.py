@@ -1,0 +1,96 @@
+"""What a page says and does when the viewer hangs, dies, or comes back."""
+
+import contextlib
+import os
+import re
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from playwright.sync_api import Page, expect
+from support.waiting import wait_until
+
+from trolley import topics
+
+from .test_viewer import button, goal_state
+
+if TYPE_CHECKING:
+    from .conftest import Shown
+
+pytestmark = pytest.mark.browser
+
+NO_CONNECTION = "NO CONNECTION, NOT STOPPED"
+LATE_S = 2.5
+"""A press that waited for longer than 2 s is refused."""
+
+
+@contextmanager
+def frozen(shown: "Shown") -> Iterator[None]:
+    """Let the viewer hang, as a telephone does that has lost its Wi-Fi."""
+    viewer = shown.demo.children()["viz"]
+    os.kill(viewer, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ProcessLookupError):  # its supervisor may have had enough
+            os.kill(viewer, signal.SIGCONT)
+
+
+def base_mode(shown: "Shown") -> str:
+    base = shown.robot.latest(topics.BASE)
+    return "" if base is None else base.mode
+
+
+PRESS_STOP = """async () => {
+  const text = (id) => document.getElementById(id).checkVisibility()
+    ? document.getElementById(id).textContent : "";
+  const wasInert = ["panel", "map"].every((id) => document.getElementById(id).inert);
+  const { disabled } = document.getElementById("resume");
+  document.getElementById("stop").click();
+  await new Promise((done) => setTimeout(done, 600));
+  return { wasInert, disabled, title: text("lost-title"), said: text("lost-said"),
+    does: text("lost-does"), stop: text("stop-line") };
+}"""
+"""All in one, as its supervisor gives a viewer that hangs a few seconds only."""
+
+
+def test_a_viewer_that_hangs_is_said_at_once_and_only_stop_counts(
+    page: Page, shown: "Shown", pictures: Path
+) -> None:
+    expect(button(page, "kitchen")).to_be_visible()
+    with frozen(shown):
+        # The page does not know yet: this press is under way when the viewer wakes up. On a page
+        # that does it is dropped.
+        button(page, "kitchen").evaluate("button => button.click()")
+        expect(page.locator("body")).to_have_attribute("data-line", "lost")
+        seen = page.evaluate(PRESS_STOP)
+        page.screenshot(path=pictures / "lost.png")
+        time.sleep(LATE_S)
+    assert seen["title"] == NO_CONNECTION
+    assert re.fullmatch(r"It last said: “.+” \d+ s ago\.", seen["said"])
+    assert "STOP will be sent first" in seen["does"]
+    assert seen["stop"] == "NOT STOPPED: no connection"
+    assert seen["wasInert"]
+    assert seen["disabled"]
+    wait_until(lambda: base_mode(shown) == "stopped", "the press of Stop arrives")
+    expect(page.get_by_text(NO_CONNECTION)).to_be_hidden()
+    expect(page.locator("#stop-line")).to_contain_text("Stopped")
+    button(page, "Drive on").click()
+    wait_until(lambda: base_mode(shown) == "ok", "it may drive again")
+    expect(page.locator("#stop-line")).to_be_hidden()
+    assert goal_state(shown) not in ("planning", "driving")
+
+
+def test_a_viewer_that_dies_and_comes_back_finds_the_page_waiting(
+    page: Page, shown: "Shown"
+) -> None:
+    shown.demo.kill_service("viz")
+    expect(page.get_by_text(NO_CONNECTION)).to_be_visible()
+    expect(page.get_by_text(NO_CONNECTION)).to_be_hidden()
+    expect(page.get_by_text("Localized").first).to_be_visible()
+    button(page, "start").click()
+    expect(page.get_by_text("It has arrived at start.")).to_be_visible()
