@@ -126,7 +126,8 @@ def main() -> None:
     parser.add_argument("--look", nargs=2, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.look:
-        outcome = asyncio.run(look(*given.look, given.seconds))
+        url, token = given.look
+        outcome = asyncio.run(look(url, token, given.seconds))
         sys.stdout.buffer.write(msgspec.json.encode(outcome))
     elif may_open():
         measure(given.kbit, given.round_trip, given.seconds)
