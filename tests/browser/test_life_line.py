@@ -93,4 +93,4 @@ def test_a_viewer_that_dies_and_comes_back_finds_the_page_waiting(
     expect(page.get_by_text(NO_CONNECTION)).to_be_hidden()
     expect(page.get_by_text("Localized").first).to_be_visible()
     button(page, "start").click()
-    expect(page.get_by_text("It has arrived at start.")).to_be_visible()
+    expect(page.locator("#sentence")).to_have_text("It has arrived at start.")

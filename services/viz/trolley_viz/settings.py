@@ -1,5 +1,7 @@
 """What the viewer remembers for each browser: the robot, the layers that are shown, the look."""
 
+from typing import Any, ClassVar
+
 from msgspec import Struct, structs
 
 from trolley.messages.types import Point
@@ -38,11 +40,19 @@ class Choices(Struct, frozen=True, kw_only=True):
 class ViewerSettings(Struct, frozen=True, kw_only=True):
     """The content of `viewer.toml`."""
 
+    SCHEMA: ClassVar[int] = 2
+
     browsers: dict[str, Choices] = {}
     """By what the viewer calls each browser, those that chose last at the end."""
     names: dict[str, str] = {}
     """What people call their browsers, by what the viewer does. Not in `Choices`: each page of a
     browser saves its own."""
+
+    @classmethod
+    def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
+        """Return the content of a file of schema 1: it knew no names, languages or light look."""
+        del schema
+        return plain
 
     def with_choices(self, browser: str, choices: Choices) -> "ViewerSettings":
         """Remember a browser's choices, and forget the browsers that chose longest ago."""
