@@ -169,7 +169,7 @@ def open_viewer(page: Page, url: str) -> None:
 
 @pytest.fixture(scope="module")
 def page(shown: Shown, browser: Browser) -> Iterator[Page]:
-    page = open_page(browser, 1000, 640)
+    page = open_page(browser, 1350, 640)  # the map is 1000 wide
     open_viewer(page, shown.url)
     yield page
     page.context.close()
