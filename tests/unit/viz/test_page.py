@@ -213,6 +213,29 @@ def test_drive_on_continues_what_the_stop_has_paused(
     assert asked == (["Continue"] if goes_on else [])
 
 
+@pytest.mark.parametrize("late", ["the page", "the robot"])
+def test_nothing_sets_off_long_after_drive_on(stage: "Stage", late: str) -> None:
+    browser = stage.browse()
+    asked: list[str] = []
+    stage.session.actions.steer = asked.append  # type: ignore[method-assign]
+    stamp_ns = stage.robot.stamp_ns
+    goal = GoalStatus(stamp_ns=stamp_ns, id="a", state="paused", reason=codes.STOPPED)
+    stage.robot.publish(topics.GOAL, goal)
+    stage.say(browser, Said(stop=Stop(id=1, robots=["trolley"])))
+    stage.runtime.run(1.0)
+    browser.line.is_clear = late != "the page"
+    stage.say(browser, Said(resume=Resume(id=2, at_ms=stage.now_ms, robot="trolley")))
+    while 2 not in browser.answers:
+        stage.runtime.run(0.01)
+    if late == "the robot":
+        stage.robot.mode = "stopped"
+    stage.runtime.run(5.0)
+    assert asked == (["Continue"] if late == "the page" else [])
+    stage.robot.mode, browser.line.is_clear = "ok", True
+    stage.runtime.run(5.0)
+    assert asked == (["Continue"] if late == "the page" else [])
+
+
 # The line.
 def test_a_page_that_answers_stays(stage: "Stage") -> None:
     browser = stage.browse()

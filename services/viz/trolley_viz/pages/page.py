@@ -6,6 +6,7 @@ from typing import Any
 
 from trolley import requests
 from trolley.codes import Refused
+from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
 from trolley_viz.controls.controls import BadValue, Controls, NotThere
 from trolley_viz.joystick.joystick import Grip
@@ -47,6 +48,8 @@ KEPT_NS = 30_000_000_000
 """A page that comes back within this time is the same: what was begun there goes on."""
 LATE_MS = 2000.0
 """What was pressed longer ago is not done any more: whoever pressed it may have gone."""
+GOES_ON_NS = 2_000_000_000
+"""What was stopped continues this long after “Drive on” was answered, if the robot may drive."""
 AHEAD_MS = 500.0
 """No press comes from farther in the future; a page that says so reckons wrongly."""
 ROBOT_NAME = re.compile(r"[a-z0-9_-]{1,32}")
@@ -91,8 +94,8 @@ class Page:
         self._state: PageState | None = None
         self._pad: PadState | None = None
         self._heard_ns = 0
-        self._goes_on = False
-        """Whether what was stopped is to continue as soon as the robot may drive."""
+        self._goes_on_until_ns = 0
+        """Until when what was stopped continues as soon as the robot may drive."""
         self._since_ns = hub.service.monotonic_ns
         self._language = self.session.language
 
@@ -197,6 +200,8 @@ class Page:
         now = situation(known)
         then = self.session.past.sentence("" if view.map is None else view.map.name)
         self._console.update(view, lines)
+        base = known.base
+        self._go_on(base, view.now_ns)
         line = self._line
         if line is None or not line.is_clear:
             return
@@ -204,10 +209,6 @@ class Page:
             self._language = self.session.language
             self._forget_told()
         shown = self._shown_overlays()
-        base = known.base
-        if self._goes_on and base is not None and base.mode == "ok":
-            self._goes_on = False
-            self.session.actions.steer("Continue")
         stop = self._hub.stops.line(view.robot_name, view.now_ns)
         if stop is None and base is not None and base.not_stopped:
             stop = DISOBEYED
@@ -296,13 +297,20 @@ class Page:
 
         def answered(reply: Any) -> None:
             self._hub.stops.resumed(resume.robot)
-            self._goes_on = goes_on and not isinstance(reply, Refused)
+            if goes_on and not isinstance(reply, Refused):
+                self._goes_on_until_ns = self._hub.service.monotonic_ns + GOES_ON_NS
             why = refusal(reply) if isinstance(reply, Refused) else ""
             self.say(Told(answer=Answer(id=resume.id, is_done=not why, text=why)))
 
         self._hub.stops.release(resume.robot)
         self._hub.people.stoppers.release(resume.robot)
         self._hub.service.request(requests.BASE_RESUME, Nothing(), answered, robot=resume.robot)
+
+    def _go_on(self, base: BaseState | None, now_ns: int) -> None:
+        """Continue what was stopped, unless the robot may drive so late that nobody expects it."""
+        if base is not None and base.mode == "ok" and now_ns < self._goes_on_until_ns:
+            self._goes_on_until_ns = 0
+            self.session.actions.steer("Continue")
 
     def _grip(self, grip: Grip) -> None:
         if grip.held:
