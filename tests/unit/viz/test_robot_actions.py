@@ -211,6 +211,15 @@ def test_a_service_that_falls_silent_is_missed(stage: "Stage", session: Session)
     assert "the planner is not running" in said()
 
 
+def test_a_service_that_was_never_heard_is_missed_after_a_while(
+    stage: "Stage", session: Session
+) -> None:
+    services = SilentServices()
+    assert not services.update(session.view)
+    stage.runtime.run(5.0)
+    assert services.update(session.view) == {"localizer", "planner"}
+
+
 def put_places(stage: "Stage", names: list[str], icon: str = "") -> None:
     here = Pose2D(0.0, 0.0, 0.0)
     poses = [SavedPose(name=name, map="room", pose=here, icon=icon) for name in names]

@@ -32,7 +32,7 @@ from trolley.topics import Topic
 from trolley_viz.past.record import LATELY, TRIP, Failure, Record
 from trolley_viz.robots.past_trips import has_failed
 from trolley_viz.robots.placement import poses_between, seen_from
-from trolley_viz.robots.silence import SILENT_NS
+from trolley_viz.robots.silence import AWAITED, SILENT_NS
 from trolley_viz.robots.streams import Streams
 from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, result_line
 from trolley_viz.situation import RobotState, situation
@@ -57,7 +57,7 @@ BEGINNING_S = 5.0
 """A trip that is younger when it is first heard of is recorded from its beginning [s]."""
 
 SILENT_START_NS = 2_000_000_000
-"""Until what is watched has come, nothing is said: it would be that services are not running."""
+"""Until what is watched has come, nothing is said: it would be that the robot is being asked."""
 STANDING_READ_NS = 2_000_000_000
 """Between two reads of the pose while the robot stands and has no goal."""
 STANDS_AFTER_NS = 5_000_000_000
@@ -111,8 +111,8 @@ class Recorder:
         self._epoch: int = 0
         """The run of the robot's base."""
         self._estimate: PoseEstimate | None = None
-        self._alive: dict[str, int] = {}
-        """When each service answered last [ns]."""
+        self._alive = dict.fromkeys(AWAITED, service.monotonic_ns)
+        """When each service answered last, or was first awaited [ns]."""
         self._health_due_ns = 0
         self._last_result: StopResult | None = None
         self._scanned_ns = 0

@@ -6,21 +6,25 @@ from trolley_viz.robots.view import View
 
 SILENT_NS = 4_000_000_000
 """A service that says nothing of its health for so long is not running."""
+AWAITED: tuple[str, ...] = ("localizer", "planner")
+"""Those without which a robot does not drive by itself: missed also if never heard."""
 
 
 class SilentServices:
     """Watches the services of the robot that is shown."""
 
     def __init__(self) -> None:
-        self._newest: dict[tuple[str, str], tuple[Health, int]] = {}
-        """By robot and service, and when it was first seen (local monotonic [ns])."""
+        self._newest: dict[tuple[str, str], tuple[Health | None, int]] = {}
+        """By robot and service, and since when it is the newest (local monotonic [ns])."""
 
     def update(self, view: View) -> frozenset[str]:
-        """Return those that have fallen silent."""
+        """Return those that have fallen silent, or were to be heard by now."""
         robot, now_ns = view.robot_name, view.now_ns
+        for name in AWAITED:
+            self._newest.setdefault((robot, name), (None, now_ns))
         for (name,), one in view.streams.by_parts(topics.HEALTH).items():
-            before = self._newest.get((robot, name))
-            if before is None or before[0] is not one:
+            newest, _ = self._newest.get((robot, name), (None, now_ns))
+            if newest is not one:
                 self._newest[robot, name] = (one, now_ns)
         return frozenset(
             name
