@@ -56,7 +56,7 @@ class RobotState:
     """The stored tour that is driven."""
     places: Sequence[SavedPose] = ()
     silent: frozenset[str] = frozenset()
-    """Services that have fallen silent, or were never heard although they should have been."""
+    """As `View.silent`."""
     mapping: MappingStatus | None = None
 
 

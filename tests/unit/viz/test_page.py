@@ -372,7 +372,7 @@ def test_without_a_scene_a_page_knows_the_robot_and_can_stop_it(stage: "Stage") 
     state = [told.state for told in line.told if told.state is not None][-1]
     assert not state.has_scene
     assert (state.robot, state.title) == ("trolley", "Trolley")
-    assert state.sentence.headline == "Asking the robot what it is doing …"
+    assert state.sentence.headline == "Ready."
     assert "93 %" in state.lines[0].headline
     bare = SimpleNamespace(line=line)
     stage.say(bare, Said(resume=Resume(id=1, at_ms=stage.now_ms, robot="trolley")))
