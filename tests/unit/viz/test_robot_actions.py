@@ -1,5 +1,6 @@
 """What one browser asks of a robot, and how it is taken back."""
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -74,6 +75,17 @@ def test_a_pose_is_set_back_to_where_the_robot_has_come_to(
     assert (there.pose.x, there.pose.y) == (-1.0, -1.0)
     assert back.pose.x == pytest.approx(1.75)  # 1.5 before, and 0.25 driven since then
     assert back.pose.y == pytest.approx(0.0)
+
+
+def test_how_a_pose_was_corrected_is_told_once(stage: "Stage") -> None:
+    browser, session = stage.browse(), stage.session
+    stage.runtime.run(0.5)
+    session.aiming.set_pose(Pointed(1.2, 0.4, 0.0))
+    stage.robot.driven_m = 0.5  # it drives on meanwhile
+    stage.runtime.run(1.5)
+    ((title, text),) = browser.notices
+    assert title == "It knows where it is"
+    assert re.fullmatch(r"It took 0\.\d s\. It is 50 cm and 0° from where it was shown\.", text)
 
 
 def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", session: Session) -> None:
