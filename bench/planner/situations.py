@@ -6,12 +6,13 @@ doors are, where the robot starts and how it stands.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from bench.planner.all_poses import Box, Reach, Speeds, Target
+from bench.planner.crowds import Crowd
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
@@ -66,13 +67,22 @@ class Scene:
     frame: Literal["map", "odom"] = "map"
     grid_shift: tuple[float, float] = (0.0, 0.0)
     """How far the map's cells lie off the walls [m]."""
+    crowd: Callable[[], Crowd] | None = None
+    """Makes the people, who begin to walk with the first goal."""
+    forgives: Literal["", "standing", "all"] = ""
+    """Contacts with people that are counted but do not make the drive a failure."""
+    xy: float = XY_M
+    yaw: float = YAW_RAD
+    """Tolerances of the goals [m, rad]; pi: any heading."""
+    least_s: float = 0.0
+    """With people, the ideal time is no shorter: the time that somebody ahead needs [s]."""
 
     def ideal_s(self, margin_m: float = TOUCHING_M) -> float:
         """Shortest time of the footprint at full speed, turning included [s]; inf: no way."""
         reach = Reach(self.body.array, self.boxes, margin_m)
         places = (self.start, *self.goals)
         return sum(
-            reach.seconds(begin, Target(end, XY_M, YAW_RAD), SPEEDS)
+            reach.seconds(begin, Target(end, self.xy, self.yaw), SPEEDS)
             for begin, end in pairwise(places)
         )
 
@@ -102,12 +112,14 @@ class Row:
         group: what `--row` chooses it by.
         scene: makes the scene of a seed.
         limit: wanted time / ideal time.
+        reached: wanted share of drives without failure.
     """
 
     name: str
     group: str
     scene: Callable[[int], Scene]
-    limit: float
+    limit: float = math.inf
+    reached: float = 1.0
 
 
 def room(low: tuple[float, float], high: tuple[float, float]) -> tuple[Box, ...]:
@@ -201,6 +213,14 @@ def dead_end(seed: int, width_m: float, *, faces_out: bool) -> Scene:
     return Scene("dead end", boxes, start, (end, back))
 
 
+def out_of_dead_end(seed: int) -> Scene:
+    """From the end of a dead end 0.55 m wide, looking in, to a goal outside, looking away."""
+    there = dead_end(seed, 0.55, faces_out=False)
+    end = there.goals[0]
+    outside = Pose2D(end.x - 2.0, end.y, math.pi)
+    return replace(there, start=end, goals=(outside,))
+
+
 def bend(seed: int, *, is_z: bool) -> Scene:
     """A corridor 0.60 to 0.70 m wide with one bend or two, between two rooms.
 
@@ -251,6 +271,7 @@ STATIC = (
     Row("corner, 5 cm", "corner", corner, 1.8),
     Row("dead end 0.55, facing out", "dead-end",
         lambda seed: dead_end(seed, 0.55, faces_out=True), 2.5),
+    Row("dead end 0.55, from its end", "dead-end", out_of_dead_end, 2.5),
     Row("dead end 0.40, out again", "dead-end",
         lambda seed: dead_end(seed, 0.40, faces_out=False), 2.5),
     Row("L, axle at the rear", "bend", lambda seed: bend(seed, is_z=False), 2.5),
