@@ -78,8 +78,10 @@ class Reach:
         goals = self._near(target.pose, target.xy, target.yaw)
         turns = np.diff(np.append(self._yaws, self._yaws[0] + 2.0 * math.pi))
         vectors = np.array(HEADINGS, dtype=np.int64)
-        _spread(costs, self._blocked, goals, (vectors, turns), (speeds.v, speeds.wz))
         begin = self._near(start, STEP_M, math.radians(7.0))
+        ends = np.zeros(costs.shape, dtype=np.uint8)
+        ends[tuple(begin.T)] = 1
+        _spread(costs, (self._blocked, ends), goals, (vectors, turns), (speeds.v, speeds.wz))
         return min((float(costs[h, y, x]) for h, y, x in begin.tolist()), default=math.inf)
 
     def _near(self, pose: Pose2D, xy: float, yaw: float) -> NDArray[np.int64]:
@@ -170,12 +172,16 @@ def _move(
 @kernel
 def _spread(
     out_costs: NDArray[np.float32],
-    blocked: NDArray[np.uint8],
+    places: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     goals: NDArray[np.int64],
     moves: tuple[NDArray[np.int64], Floats],
     speeds: tuple[float, float],
 ) -> None:
-    """Write the time from each pose to the nearest goal [s], inf where there is no way."""
+    """Write the time from each pose to the nearest goal [s], inf where there is no way.
+
+    `places` are the poses that are blocked, twice as many headings, and those at which it ends.
+    """
+    blocked, ends = places
     vectors, turns = moves
     rows, cols = out_costs.shape[1:]
     queue = [(np.float32(0.0), np.int64(0))]
@@ -189,6 +195,8 @@ def _spread(
         at = (key // (rows * cols), (key // cols) % rows, key % cols)
         if cost > out_costs[at[0], at[1], at[2]]:
             continue
+        if ends[at[0], at[1], at[2]]:
+            return
         long = STEP_M * math.hypot(vectors[at[0], 0], vectors[at[0], 1]) / speeds[0]
         for move in range(9):
             turn, way = move // 3 - 1, move % 3 - 1

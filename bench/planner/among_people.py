@@ -4,10 +4,12 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from bench.planner.crowds import (
     Crowd,
+    Manner,
     Paths,
     Polite,
     Recorded,
@@ -72,16 +74,18 @@ def oncoming(seed: int, width_m: float) -> Scene:
 
 
 def polite(seed: int) -> Scene:
-    """A person comes who sees the robot, keeps to their right and walks on, or waits there."""
+    """A person comes who sees the robot: they walk on at their right, wait there, or stand still.
+
+    Who stands still does so in the middle of a corridor in which there is room beside them.
+    """
     rng = np.random.default_rng((22, seed))
-    width = float(rng.choice([1.0, 1.2, 1.5, 2.0]))
+    how = get_args(Manner)[seed % 3]
+    width = float(rng.choice([1.2, 1.5, 2.0] if how == "stands" else [1.0, 1.2, 1.5, 2.0]))
     begin = float(rng.uniform(7.0, 8.5))
 
     def crowd() -> Crowd:
-        person = Polite(
-            (begin, 0.0), -1.5, ONCOMING_MPS, 0.5 * width, PERSON_M, stops=seed // 2 % 2 == 1
-        )
-        return Crowd(person, PERSON_M, legs=seed % 2 == 1)
+        person = Polite((begin, 0.0), -1.5, ONCOMING_MPS, (0.5 * width, PERSON_M), how)
+        return Crowd(person, PERSON_M, legs=seed // 3 % 2 == 1)
 
     return replace(corridor(width), crowd=crowd)
 

@@ -31,8 +31,8 @@ People (`among_people.py`), 0.2 m in radius, as discs or as two swinging legs:
     oncoming  1.0, 1.2, 1.5, 2.0 m wide   at 0.8 m/s along a corridor of 8 m, and does not see the
                                           robot. 1.0 m: with a niche; being walked into there
                                           while standing is forgiven
-    polite    polite oncoming             sees the robot, keeps to the right, walks on or waits;
-                                          corridors of 1.0 to 2.0 m
+    polite    polite oncoming             sees the robot; walks on at the right, waits there, or
+                                          stands still in the middle; corridors of 1.0 to 2.0 m
     ahead     ahead at 0.25 m/s           in the same direction, corridors of 1.0 to 2.0 m
     crowd     sparse, along, across,      a hall of 10 x 6 m and what is around it, 8 to 28 walkers
               cross, dense                by social forces who do not see the robot (in the last
