@@ -164,7 +164,7 @@ def drive(
     """
     visit = Visit(scene, seed)
     with tempfile.TemporaryDirectory() as folder, Lockstep("trolley", seed) as lockstep:
-        config = _config(scene, seed, lidar, Path(folder), more)
+        config = config_of(scene, seed, lidar, Path(folder), more)
         base = lockstep.add(BaseService(config))
         if not has_stop_field:
             take_stop_field_away(base, config)
@@ -261,7 +261,7 @@ def _place(truths: list[Truth], stamp_ns: int) -> tuple[float, float]:
     return nearest.pose.x, nearest.pose.y
 
 
-def _config(scene: Scene, seed: int, lidar: str, folder: Path, more: str) -> RobotConfig:
+def config_of(scene: Scene, seed: int, lidar: str, folder: Path, more: str = "") -> RobotConfig:
     """Write the world and the robot down, and read the robot.
 
     What is solid stands there exactly, not in the cells of the map that the planner gets.
