@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 from bench.planner.crowds import (
+    Chaser,
     Crowd,
     Manner,
     Paths,
@@ -20,7 +21,17 @@ from bench.planner.crowds import (
     polynomial_path,
     read_tracks,
 )
-from bench.planner.situations import SPEED_MPS, WALL_M, Row, Scene, between, on_cells, room
+from bench.planner.situations import (
+    SPEED_MPS,
+    WALL_M,
+    Row,
+    Scene,
+    between,
+    door,
+    door_of,
+    on_cells,
+    room,
+)
 
 from trolley.geometry import Pose2D, interpolate
 from trolley_base.world.gaps import outline_to_point
@@ -33,6 +44,7 @@ FREE_M = 1.2
 """In a corridor at least so wide, nobody must be in a person's way."""
 MOVER_M = 0.5
 BLIND_S = 0.05
+DOOR_S, CHASED_S = 15.0, 15.0
 FIELD_M = 10.0
 """Half of the edge of the movers' square."""
 FAR_GOAL_M = 20.0
@@ -102,6 +114,54 @@ def ahead(seed: int) -> Scene:
 
     # The robot may stand on its goal as soon as the person has left it behind.
     return replace(corridor(width), crowd=crowd, least_s=(7.5 - begin) / AHEAD_MPS)
+
+
+def in_the_door(seed: int) -> Scene:
+    """Somebody stands in the only door, 0.9 m wide, for 15 s, and comes in."""
+    scene = door(seed, 0.9)
+    x, y = door_of(scene)
+    way = Route.at_speed(((x, y), (x - 0.8, y), (x - 1.0, 2.7 if y < 1.5 else 0.3)), 0.8, DOOR_S)
+
+    def crowd() -> Crowd:
+        return Crowd(Paths((way,)), PERSON_M, legs=seed % 2 == 1)
+
+    least = DOOR_S + scene.goals[0].distance_to(Pose2D(x, y, 0.0)) / SPEED_MPS
+    return replace(scene, goals=scene.goals[:1], crowd=crowd, forgives="standing", least_s=least)
+
+
+def ten_in_the_door(seed: int) -> Scene:
+    """Ten people come in one after the other through a door 0.9 m wide, and stay at the wall."""
+    scene = door(seed, 0.9)
+    x, y = door_of(scene)
+    side = 2.7 if y < 1.5 else 0.3
+    ways: list[Route] = []
+    for index in range(10):
+        far = x + 0.6 + 0.8 * index
+        end = (0.3 + 0.26 * index, side)
+        ways.append(Route.at_speed(((far, y), (x - 0.4, y), end), ONCOMING_MPS))
+
+    def crowd() -> Crowd:
+        return Crowd(Paths(ways), PERSON_M, legs=seed % 2 == 1)
+
+    least = ways[-1].times[1] + scene.goals[0].distance_to(Pose2D(x, y, 0.0)) / SPEED_MPS
+    start = Pose2D(1.5, y, 0.0)
+    return replace(
+        scene, start=start, goals=scene.goals[:1], crowd=crowd, forgives="standing", least_s=least
+    )
+
+
+def chased(seed: int) -> Scene:
+    """In a room of 5 x 5 m somebody walks up to the robot for 15 s, wherever it goes."""
+    rng = np.random.default_rng((25, seed))
+    start, goal = Pose2D(0.7, 2.5, 0.0), Pose2D(4.3, float(rng.uniform(0.7, 4.3)), 0.0)
+    begin = (4.3, float(rng.uniform(0.7, 4.3)))
+
+    def crowd() -> Crowd:
+        chaser = Chaser(begin, 0.6, PERSON_M + 0.3, CHASED_S)
+        return Crowd(chaser, PERSON_M, legs=seed % 2 == 1)
+
+    scene = Scene("chased", room((0.0, 0.0), (5.0, 5.0)), start, (goal,))
+    return replace(scene, crowd=crowd)
 
 
 HALL = ((0.0, 0.0), (10.0, 6.0))
@@ -307,6 +367,9 @@ PEOPLE = (
     ),
     Row("polite oncoming", "polite", polite, 1.3),
     Row("ahead at 0.25 m/s", "ahead", ahead, 1.3),
+    Row("stands in the door, 15 s", "odd", in_the_door, 1.5),
+    Row("ten come through the door", "odd", ten_in_the_door, 1.5),
+    Row("walks up to the robot", "odd", chased),
     *crowd_rows(),
     *(
         Row(f"movers, {level}", "movers", partial(movers, level=level), reached=share)

@@ -231,6 +231,31 @@ class Polite:
         self.at = self.at + self.velocity * dt
 
 
+class Chaser:
+    """Somebody who walks up to the robot wherever it goes, and leaves it alone after a while.
+
+    Args:
+        start: where they begin [m].
+        speed: [m/s].
+        keeps_m: they stand this far before it.
+        until_s: then they stay where they are.
+    """
+
+    def __init__(self, start: Point, speed: float, keeps_m: float, until_s: float) -> None:
+        self.at = np.array([start])
+        self.velocity = np.zeros((1, 2))
+        self._speed, self._keeps_m, self._left_s = speed, keeps_m, until_s
+
+    def step(self, dt: float, robot: Seen) -> None:
+        """Let `dt` seconds pass."""
+        self._left_s -= dt
+        towards = np.array([robot.pose.x, robot.pose.y]) - self.at[0]
+        far = float(np.hypot(*towards))
+        walks = self._left_s > 0.0 and far - robot.radius > self._keeps_m
+        self.velocity[0] = self._speed * towards / far if walks else 0.0
+        self.at = self.at + self.velocity * dt
+
+
 @dataclass(frozen=True)
 class SocialForces:
     """Of Helbing and Molnar, with the values of Johansson et al. for circles; walls by hand."""

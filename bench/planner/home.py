@@ -1,15 +1,17 @@
 """How well the robot drives at home: doors, corners, corridors, dead ends and people.
 
     python -m bench.planner.home [--row door wall] [--seeds 3] [--full] [--lidar 360] [--each]
-        [--stop-field] [--off-grid] [--draw-all] [--recording FILE ...] [--per-second 1]
+        [--stop-field] [--localizer] [--off-grid] [--draw-all]
+        [--recording FILE ...] [--per-second 1]
 
 Base (simulated) and planner run in lock-step; map and true pose are given to the planner, so that
-only it is judged. The base's stop field is off, unless `--stop-field` is given: the planner must
-not need it. Unless a row says otherwise the robot is 0.35 x 0.30 m with its axle in the middle, and
-drives at up to 0.5 m/s and turns at up to 1.5 rad/s on a map of 5 cm cells, with the settings of a
-fresh robot.toml. Goals are kept to 5 cm and 3 degrees. Walls lie on borders of the map's cells;
-`--off-grid` moves the cells by a random part of one, as they lie on a map that a robot has made.
-The seed draws where things and robot are, and the errors of wheels and lidar.
+only it is judged, unless `--localizer` has the localizer find the pose. The base's stop field is
+off, unless `--stop-field` is given: the planner must not need it. Unless a row says otherwise the
+robot is 0.35 x 0.30 m with its axle in the middle, and drives at up to 0.5 m/s and turns at up to
+1.5 rad/s on a map of 5 cm cells, with the settings of a fresh robot.toml. Goals are kept to 5 cm
+and 3 degrees. Walls lie on borders of the map's cells; `--off-grid` moves the cells by a random
+part of one, as they lie on a map that a robot has made. The seed draws where things and robot are,
+and the errors of wheels and lidar.
 
 Places (`situations.py`):
 
@@ -46,10 +48,16 @@ People (`among_people.py`), 0.2 m in radius, as discs or as two swinging legs:
     recorded  `--recording FILE`          people as recorded, discs and legs: a line `t id x y` for
                                           each sight of somebody, as ETH's and UCY's recordings
                                           are passed on; t grows by `--per-second` (ETH, UCY: 25)
+    odd       goal in a door +20 cm       to its middle, and back (a place)
+              arm ahead, door +15 cm      robot 0.65 x 0.30 m, axle 0.175 m from its back (a place)
+              stands in the door, 15 s    the only one, 0.9 m wide
+              ten come through the door   the same, one after the other
+              walks up to the robot       wherever it goes, for 15 s; a room of 5 x 5 m
 
 Time / ideal: for places, the ideal is the shortest time of the footprint at full speed, turning
 included, by an exhaustive search over poses (`all_poses.py`). For people it is this robot's time in
-the same world without anybody; behind who walks ahead, no shorter than that person's own time.
+the same world without anybody, and no shorter than what the people take by themselves: who walks
+ahead or stands in the door.
 
 A drive fails that does not reach all its goals within 120 s each, stands elsewhere than it says, or
 touches anything. People walk on through a robot that is in their way: each contact counts once,
@@ -73,11 +81,10 @@ from bench.harness.figures import table
 from bench.planner.among_people import PEOPLE, is_free_blindly, recorded_rows
 from bench.planner.draw_visit import draw
 from bench.planner.situations import CELL_M, STATIC, Row, Scene
-from bench.planner.visit import LIDARS, Visit, drive
+from bench.planner.visit import LIDARS, Setting, Visit, drive
 
 OUT = Path(__file__).resolve().parents[2] / "out" / "home"
 FULL_SEEDS = 20
-PLACES = tuple(dict.fromkeys(row.group for row in STATIC))
 
 
 def rows_of(given: argparse.Namespace) -> list[Row]:
@@ -99,12 +106,12 @@ def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
     """Drive one scene, and draw it if it failed."""
     row = next(row for row in rows_of(given) if row.name == name)
     scene = scene_of(row, seed, is_off_grid=given.off_grid)
-    visit = drive(scene, seed, given.lidar, has_stop_field=given.stop_field)
-    if row.group in PLACES:
+    setting = Setting(given.lidar, given.stop_field, given.localizer)
+    visit = drive(scene, seed, setting)
+    if row in STATIC:
         visit.ideal_s = scene.ideal_s()
     else:
-        empty = replace(scene, crowd=None)
-        visit.ideal_s = empty_s(empty, seed, given.lidar, has_stop_field=given.stop_field)
+        visit.ideal_s = empty_s(replace(scene, crowd=None), seed, setting)
     if given.draw_all or not visit.is_success:
         OUT.mkdir(parents=True, exist_ok=True)
         label = "".join(sign if sign.isalnum() else "-" for sign in name)
@@ -114,9 +121,9 @@ def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
 
 
 @functools.lru_cache(maxsize=256)
-def empty_s(scene: Scene, seed: int, lidar: str, *, has_stop_field: bool) -> float:
-    """Time without people [s], at least that of who walks ahead; NaN: not even then."""
-    visit = drive(scene, seed, lidar, has_stop_field=has_stop_field)
+def empty_s(scene: Scene, seed: int, setting: Setting) -> float:
+    """Time without people [s], at least what they take themselves; NaN: not even then."""
+    visit = drive(scene, seed, setting)
     return max(visit.seconds, scene.least_s) if visit.is_success else math.nan
 
 
@@ -134,11 +141,12 @@ def main() -> None:
             visits[job[0]].append(visit)
             if given.each:
                 print(line(job[0], visit), flush=True)
-    where = f"lidar {given.lidar}, stop field {'on' if given.stop_field else 'off'}"
-    print(f"{where}, {count} seeds{', off the grid' if given.off_grid else ''}")
+    where = [f"lidar {given.lidar}", f"stop field {'on' if given.stop_field else 'off'}"]
+    where += ["with the localizer"] * given.localizer + ["off the grid"] * given.off_grid
+    print(f"{', '.join(where)}, {count} seeds")
     for heads, cells, is_asked in (
-        (PLACE_HEADS, place_cells, lambda row: row.group in PLACES),
-        (PEOPLE_HEADS, people_cells, lambda row: row.group not in PLACES),
+        (PLACE_HEADS, place_cells, lambda row: row in STATIC),
+        (PEOPLE_HEADS, people_cells, lambda row: row not in STATIC),
     ):
         asked = [row for row in rows if is_asked(row)]
         if asked:
@@ -163,6 +171,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--full", action="store_true", help=f"{FULL_SEEDS} seeds")
     parser.add_argument("--lidar", choices=sorted(LIDARS), default="360")
     parser.add_argument("--stop-field", action="store_true")
+    parser.add_argument("--localizer", action="store_true", help="it finds the pose")
     parser.add_argument("--off-grid", action="store_true", help="walls off the map's cells")
     parser.add_argument("--recording", type=Path, nargs="*", default=[], help="t id x y")
     parser.add_argument("--per-second", type=float, default=1.0, help="how much t grows")

@@ -3,8 +3,8 @@
     python -m bench.planner.no_path [--homes 10] [--goals 6] [--corridors 40] [--each]
 
 Random homes of 7 x 7 m, rooms with doors 0.5 to 0.9 m wide and furniture, and corridors with an L,
-a Z or a door in their side, with the footprints of five robots (corridors: of two), on a map of 5 cm
-cells. Goals are random poses that the exhaustive search (`all_poses.py`) reaches with the
+a Z or a door in their side, with the footprints of five robots (corridors: of two), on a map of
+5 cm cells. Goals are random poses that the exhaustive search (`all_poses.py`) reaches with the
 footprint 3 cm from everything; the planner is asked for its way to each from where the robot
 stands, and must not refuse. How many refusals there are, of which kind, and where the first was.
 """
@@ -21,6 +21,7 @@ from bench.harness.figures import at_most, show, table
 from bench.planner.all_poses import Box, Reach
 from bench.planner.mazes import draw_maze, furnish
 from bench.planner.situations import (
+    ARM,
     HOBBY,
     PLANNED_M,
     REAR,
@@ -47,8 +48,6 @@ HOME_M, ROOM_M, FURNITURE_PER_M2 = 7.0, 2.4, 0.06
 DOORS_M = (0.5, 0.6, 0.7, 0.8, 0.9)
 _ANGLES = np.arange(12) * (2.0 * np.pi / 12)
 ROUND = Body(tuple((0.2 * float(np.cos(a)), 0.2 * float(np.sin(a))) for a in _ANGLES))
-ARM = Body.box(0.65, 0.30, behind=0.175)
-"""Reaches 0.3 m farther ahead than the small one."""
 BODIES = {"0.35 x 0.30": HOBBY, "0.60 x 0.60": SQUARE, "rear axle": REAR, "round 0.40": ROUND,
           "arm": ARM}  # fmt: skip
 CORRIDOR_GOALS = 5
