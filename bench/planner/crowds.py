@@ -265,6 +265,10 @@ class SocialForces:
     range_m: float = 0.3
     behind: float = 0.3
     """Weight of who is behind."""
+    contact_per_s2: float = 200.0
+    """Bodies that would overlap push each other apart by this times the overlap (by hand)."""
+    seen_robot_m: float = 0.05
+    """Who sees the robot takes it for larger by this."""
     wall_mps2: float = 3.0
     wall_m: float = 0.15
     fastest: float = 1.3
@@ -347,12 +351,13 @@ class SocialForceCrowd:
         far = np.maximum(np.hypot(off[..., 0], off[..., 1]), 1e-6)
         np.fill_diagonal(far[:, : len(self.at)], np.inf)
         sizes = np.full(len(others), 2.0 * self._radius_m)
-        sizes[len(self.at) :] = self._radius_m + robot.radius
+        sizes[len(self.at) :] = self._radius_m + robot.radius + FORCES.seen_robot_m
         heading = wanted / np.maximum(np.hypot(*wanted.T), 1e-9)[:, None]
         # 1 for who is straight ahead, -1 for who is behind.
         cos = -np.einsum("ik,ijk->ij", heading, off) / far
         weight = FORCES.behind + (1.0 - FORCES.behind) * 0.5 * (1.0 + cos)
         push = FORCES.strength_mps2 * weight * np.exp((sizes - far) / FORCES.range_m)
+        push += FORCES.contact_per_s2 * np.maximum(0.0, sizes - far)
         force += np.einsum("ij,ijk->ik", push / far, np.where(np.isfinite(off), off, 0.0))
         force += self._wall_forces()
         self.velocity = self.velocity + force * dt
