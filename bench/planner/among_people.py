@@ -45,6 +45,7 @@ FREE_M = 1.2
 MOVER_M = 0.5
 BLIND_S = 0.05
 DOOR_S, CHASED_S = 15.0, 15.0
+CROSSING_S = 40.0
 FIELD_M = 10.0
 """Half of the edge of the movers' square."""
 FAR_GOAL_M = 20.0
@@ -242,11 +243,14 @@ def recorded(seed: int, file: Path, second: float, *, legs: bool) -> Scene:
     rng = np.random.default_rng((50, seed))
     tracks = read_tracks(file, second)
     sights = np.vstack(tracks)
+    # Early enough that there is somebody to meet, if it is long enough.
+    times = sights[:, 0]
+    times = times[times <= max(float(times.max()) - CROSSING_S, float(np.median(times)))]
     low, high = np.quantile(sights[:, 1:], [0.1, 0.9], axis=0)
     along = seed % 2
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     for _ in range(1000):
-        now = float(rng.choice(sights[:, 0]))
+        now = float(rng.choice(times))
         way = float(rng.choice([-1.0, 1.0]))
         begin = middle + half * rng.uniform(-0.8, 0.8, 2)
         end = middle + half * rng.uniform(-0.8, 0.8, 2)

@@ -26,6 +26,8 @@ Point = tuple[float, float]
 
 FAR_M = 1000.0
 """Where those are who are not there [m]."""
+LONGEST_GAP_S = 2.0
+"""Who is not recorded for longer was not there meanwhile [s]."""
 
 
 @dataclass(frozen=True)
@@ -414,7 +416,7 @@ def read_tracks(file: Path, second: float) -> list[Floats]:
 
     The file has one line for each sight of somebody, `t id x y`, with any space or commas between,
     as ETH's and UCY's recordings are passed on; what follows on a line is left alone, `#` begins a
-    comment.
+    comment. Who was away for more than 2 s comes again as somebody else.
 
     Args:
         file: to read.
@@ -441,8 +443,8 @@ def read_tracks(file: Path, second: float) -> list[Floats]:
     for who in np.unique(table[:, 1]).tolist():
         track = table[table[:, 1] == who][:, [0, 2, 3]] / (second, 1.0, 1.0)
         track = track[np.argsort(track[:, 0], kind="stable")]
-        if len(track) > 1:
-            tracks.append(track)
+        gaps = np.flatnonzero(np.diff(track[:, 0]) > LONGEST_GAP_S) + 1
+        tracks += [part for part in np.split(track, gaps) if len(part) > 1]
     if not tracks:
         raise ValueError(f"{file}: nobody is there twice")
     return tracks

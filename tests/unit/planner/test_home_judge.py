@@ -7,8 +7,8 @@ from typing import get_args
 import numpy as np
 import pytest
 from bench.planner.all_poses import Reach, Speeds, Target
-from bench.planner.among_people import CROWDS, corridor, crowded, movers
-from bench.planner.crowds import Crowd, Manner, Paths, Polite, Route, Seen, read_tracks
+from bench.planner.among_people import CROWDS, corridor, crowded, movers, recorded
+from bench.planner.crowds import Crowd, Manner, Paths, Polite, Recorded, Route, Seen, read_tracks
 from bench.planner.people_judge import PEOPLE_S, PERSONAL_M, PeopleJudge
 from bench.planner.situations import HOBBY, REAR, STATIC, Body, door, room
 
@@ -211,6 +211,27 @@ def test_recording_is_read_by_person_and_time(tmp_path: Path) -> None:
     first, second = read_tracks(file, 25.0)
     assert first.tolist() == [[0.0, 0.0, 0.0], [0.4, 0.5, 0.0]]
     assert second.tolist() == [[0.0, 1.0, 4.0], [0.4, 1.0, 5.0]]
+
+
+def test_who_was_away_in_a_recording_does_not_glide_back(tmp_path: Path) -> None:
+    file = tmp_path / "gap.txt"
+    file.write_text("0 1 0 0\n1 1 1 0\n9 1 5 0\n10 1 6 0\n")
+    people = Recorded(read_tracks(file, 1.0), 0.5)
+    assert people.at[0].tolist() == [0.5, 0.0]
+    people.step(4.0, Seen(HERE, 0.2))
+    assert (np.abs(people.at) > 100.0).any(axis=1).all()
+
+
+def test_robot_crosses_a_recording_where_nobody_stands(tmp_path: Path) -> None:
+    file = tmp_path / "place.txt"
+    rows = [f"{t} {who} {0.1 * t * (-1) ** who} {who - 4}" for t in range(100) for who in range(8)]
+    file.write_text("\n".join(rows))
+    for seed in range(4):
+        scene = recorded(seed, file, 1.0, legs=False)
+        assert scene.crowd is not None
+        at = scene.crowd().at
+        assert np.hypot(*(at - (scene.start.x, scene.start.y)).T).min() > 1.2
+        assert scene.start.distance_to(scene.goals[0]) > 4.0
 
 
 @pytest.mark.parametrize("text", ["0 1 2\n", "0 1 x 3\n", "0 1 nan 3\n", "", "0 1 2 3\n"])
