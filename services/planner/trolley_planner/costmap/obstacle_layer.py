@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
-from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc, next_cell
+from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc
 from trolley.jit import kernel
 from trolley_planner.sensing.beams import (
     CLEAR,
@@ -291,13 +291,23 @@ def trace_ray(
     """
     rows, cols = walls.shape
     x, y, dx, dy = ray
+    observed, evidence = grid.observed, grid.evidence
     at = begin_march((x, y), (dx, dy), (math.floor(y), math.floor(x)), 0.0)
-    while at.travelled < stretch[1] and 0 <= at.row < rows and 0 <= at.col < cols:
-        if walls[at.row, at.col]:
-            return at.travelled
-        if at.travelled >= stretch[0]:
-            see_through(grid, at.row, at.col, scan_number)
-        at = next_cell(at)
+    row, col, travelled, next_col, next_row = at[:5]
+    while travelled < stretch[1] and 0 <= row < rows and 0 <= col < cols:
+        if walls[row, col]:
+            return travelled
+        if travelled >= stretch[0]:
+            if observed[row, col] == 0 or evidence[row, col] != 0:
+                see_through(grid, row, col, scan_number)
+            observed[row, col] = scan_number
+        # As `next_cell`, but without a branch, which would be foreseen wrongly half the time.
+        is_col = next_col < next_row
+        travelled = min(next_col, next_row)
+        col += at.step_col if is_col else 0
+        row += 0 if is_col else at.step_row
+        next_col += at.per_col if is_col else 0.0
+        next_row += 0.0 if is_col else at.per_row
     return math.inf
 
 
