@@ -44,8 +44,6 @@ TRUE_M, TRUE_RAD = 0.08, 0.08
 """How far off the robot may truly stand where it says that it has arrived: its tolerances, and what
 the wheels' odometry is wrong between two true poses."""
 SETTLE_S = 1.5
-ODOM_DRIFT = 0.03
-"""Nobody corrects the wheels in frame `odom`: share of the distance that they may be off."""
 HISTORY_S = 1.0
 
 _ROBOT = """
@@ -192,6 +190,7 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
         if scene.crowd is not None:
             people = PeopleJudge(scene.crowd(), world, footprint_of(config))
         truths, said = lockstep.record(topics.SIM_TRUTH), lockstep.record(topics.GOAL)
+        odometry = lockstep.record(topics.ODOM)
         lockstep.run(SETTLE_S)
         for goal in scene.goals:
             began_s, before = lockstep.now_s, len(truths)
@@ -199,7 +198,10 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
             visit.seconds += lockstep.now_s - began_s
             visit.recoveries += said[-1].recoveries if said else 0
             visit.trace += [(one.stamp_ns * 1e-9, one.pose) for one in truths[before:]]
-            if visit.is_success and not _is_at(truths[-1].pose, goal, scene):
+            # Nobody corrects the wheels in frame `odom`: what they tell is where the goal lies.
+            is_true = scene.frame == "map"
+            pose = truths[-1].pose if is_true else scene.start @ odometry[-1].pose
+            if visit.is_success and not _is_at(pose, goal, scene):
                 visit.ending = "elsewhere"
             if not visit.is_success:
                 break
@@ -268,8 +270,7 @@ def _world_of(base: BaseService) -> Simulation:
 
 def _is_at(pose: Pose2D, goal: Pose2D, scene: Scene) -> bool:
     off = abs(angle_difference(pose.yaw, goal.yaw))
-    drift = ODOM_DRIFT * goal.distance_to(scene.start) if scene.frame == "odom" else 0.0
-    return pose.distance_to(goal) <= scene.xy + TRUE_M + drift and off <= scene.yaw + TRUE_RAD
+    return pose.distance_to(goal) <= scene.xy + TRUE_M and off <= scene.yaw + TRUE_RAD
 
 
 def _place(truths: list[Truth], stamp_ns: int) -> tuple[float, float]:
