@@ -291,6 +291,8 @@ def _motion(track: Floats) -> tuple[Floats, float] | None:
     lately = track[track[:, 0] >= -TRACKING.track_s]
     times = lately[:, 0] - lately[:, 0].mean()
     squares = float(times @ times)
+    if squares == 0.0:
+        return None  # only the newest scan is new enough
     velocity = times @ lately[:, 1:] / squares
     astray = lately[:, 1:] - lately[:, 1:].mean(axis=0) - times[:, None] * velocity
     noise_m = math.sqrt(float((astray * astray).sum()) / (2.0 * max(len(lately) - 2, 1)))
