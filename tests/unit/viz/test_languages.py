@@ -309,7 +309,8 @@ def is_ambiguous(name: str) -> bool:
     """Whether a name is what the page says where there is none, or a sentence behind another."""
     return (
         re.fullmatch(
-            r"stop \S+|(the goal|the person|a point|its stop|the stop)|(the place|a place|a point) on the map",
+            r"stop \S+|(the goal|the person|a point|its stop|the stop)"
+            r"|(the place|a place|a point) on the map",
             name,
         )
         or re.search(r"\. [A-Z]\S* ", name)
