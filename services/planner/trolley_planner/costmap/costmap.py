@@ -182,6 +182,12 @@ class Costmap:
         )
         self._social_layer.update(people, self.obstacle_layer.grid)
 
+    def take_over(self, other: "Costmap") -> None:
+        """Take what was seen on another costmap, whose cells lie on this one's."""
+        corner = self.to_grid(other.frame_T_grid)
+        rows, cols = round(corner.y / self.resolution_m), round(corner.x / self.resolution_m)
+        self.obstacle_layer.take_over(other.obstacle_layer, rows, cols)
+
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""
         self.obstacle_layer.forget_old(now_ns)

@@ -153,6 +153,24 @@ class ObstacleLayer:
         mark_echoes(self.grid, wall_distance_m, beams, limits, self._scan_number, now_ticks)
         self.beams = self.static_beams = beams
 
+    def take_over(self, other: "ObstacleLayer", rows: int, cols: int) -> None:
+        """Take what another layer of the same resolution has seen, where both lie.
+
+        Args:
+            other: the layer before this one.
+            rows: how many rows its corner lies above this one's; below is negative.
+            cols: the same to the right.
+        """
+        mine, theirs = _overlap(self.grid.evidence.shape, other.grid.evidence.shape, rows, cols)
+        for name, array in other.grid._asdict().items():
+            if name != "dirty":
+                getattr(self.grid, name)[mine] = array[theirs]
+        self.grid.points[mine] += np.array([cols, rows], np.float32) * np.float32(self._resolution_m)
+        self._scan_number = other._scan_number
+        self._recent_ns = other._recent_ns.copy()
+        self.looks_all_round = other.looks_all_round
+        self.mark_all_dirty()
+
     def remove_people(self, walkers: NDArray[np.float64]) -> None:
         """Remove people by the newest scan from what stands.
 
@@ -221,6 +239,19 @@ class ObstacleLayer:
 def ticks(now_ns: int) -> int:
     """Return robot time in the coarse unit that is kept per cell."""
     return int(now_ns * 1e-9 / OBSTACLES.tick_s) & 0x7FFFFFFF
+
+
+def _overlap(
+    mine: tuple[int, ...], theirs: tuple[int, ...], rows: int, cols: int
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the parts of two grids that lie on each other; see `ObstacleLayer.take_over`."""
+    here: list[slice] = []
+    there: list[slice] = []
+    for size, other, shift in zip(mine, theirs, (rows, cols), strict=True):
+        first, end = max(shift, 0), max(min(other + shift, size), max(shift, 0))
+        here.append(slice(first, end))
+        there.append(slice(first - shift, end - shift))
+    return (here[0], here[1]), (there[0], there[1])
 
 
 @kernel
