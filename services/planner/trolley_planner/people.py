@@ -291,6 +291,8 @@ def _motion(track: Floats) -> tuple[Floats, float] | None:
     lately = track[track[:, 0] >= -TRACKING.track_s]
     times = lately[:, 0] - lately[:, 0].mean()
     squares = float(times @ times)
+    if squares == 0.0:
+        return None  # only the newest scan is new enough
     velocity = times @ lately[:, 1:] / squares
     astray = lately[:, 1:] - lately[:, 1:].mean(axis=0) - times[:, None] * velocity
     noise_m = math.sqrt(float((astray * astray).sum()) / (2.0 * max(len(lately) - 2, 1)))
@@ -336,15 +338,8 @@ def _with_both_legs(segments: list[Floats]) -> list[Floats]:
     return joined
 
 
-@kernel
 def _gap(one: Floats, other: Floats) -> float:
-    """Return the least distance between points (n, 2) and others (m, 2)."""
-    least = math.inf
-    for index in range(one.shape[0]):
-        for beside in range(other.shape[0]):
-            dx, dy = one[index, 0] - other[beside, 0], one[index, 1] - other[beside, 1]
-            least = min(least, math.hypot(dx, dy))
-    return least
+    return float(np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min())
 
 
 @kernel
@@ -388,7 +383,7 @@ def _left(track: Floats, view: _View) -> bool:
 
 def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:
     """Say of points (n, 2) whether beams of an earlier scan passed there."""
-    return were_passed(points, view.origin, view.angles, view.clear_m)
+    return were_passed(np.ascontiguousarray(points), view.origin, view.angles, view.clear_m)
 
 
 @kernel
