@@ -7,6 +7,8 @@ cells, with --full also 4000 × 4000. Both sides take the shortest of several ru
 costmap to the smooth path, with nothing kept; NavFn's without its path. Peer on one x86-64 core:
 NavFn, compiled by -O2, 5.0 ms and 710 ms.
 
+First plans between random places in houses follow, beside NavFn in the same run.
+
 Then the paths through mazes, rooms and houses, with --full ten times as many. Without inflation,
 where all floor costs the same, their length beside the shortest there is in any direction; with
 it, their cost and their least distance from obstacles beside the cheapest along eight directions.
@@ -101,6 +103,45 @@ def speed(size_m: float, repeats: int) -> list[Figure]:
     ]
 
 
+def first_plans(houses: int) -> list[Figure]:
+    """Time of first plans between ten random pairs of places in each of some houses.
+
+    Both sides by turns, each the shortest of three; processor time of one thread.
+    """
+    ours_s: list[float] = []
+    theirs_s: list[float] = []
+    for seed in range(houses):
+        costmap = Costmap(draw_house(20.0, seed), FOOTPRINT, PlannerConfig(), False)
+        nav, costs = navfn.make_navfn(*costmap.shape), ros_costs(costmap.weights)
+        rng, cols, edge = np.random.default_rng(seed), costmap.shape[1], costmap.resolution_m
+        free = np.flatnonzero(costmap.weights.reshape(-1))
+        planners = [GlobalPlanner(costmap) for _ in range(3)]
+        pairs = 0
+        while pairs < 10:
+            ends = [int(cell) for cell in rng.choice(free, 2)]
+            if not navfn.plan(nav, costs, ends[1], ends[0]):
+                continue
+            points = [((cell % cols + 0.5) * edge, (cell // cols + 0.5) * edge) for cell in ends]
+            times: list[tuple[float, float]] = []
+            for planner in planners:  # Each has planned to another goal before.
+                began = time.thread_time()
+                planner.plan(points[0], points[1:], costmap.weights, costmap.distance_m)
+                between = time.thread_time()
+                navfn.plan(nav, costs, ends[1], ends[0])
+                times.append((between - began, time.thread_time() - between))
+            if seed + pairs > 0:  # The first one compiles.
+                ours_s.append(min(one for one, _ in times))
+                theirs_s.append(min(one for _, one in times))
+            pairs += 1
+    ours, theirs = 1e3 * np.array(ours_s), 1e3 * np.array(theirs_s)
+    return [
+        Figure(f"first plans in {houses} houses: NavFn", f"{theirs.mean():.2f} ms"),
+        Figure("  ours", f"{ours.mean():.2f} ms"),
+        at_least("  times faster, mean", float((theirs / ours).mean()), 4.0, digits=1),
+        at_least("  times faster, the least", float((theirs / ours).min()), 1.0, digits=1),
+    ]
+
+
 def drawn(kind: str, seed: int) -> GridMap:
     """A map of a kind."""
     if kind == "mazes":
@@ -185,6 +226,7 @@ def main() -> None:
     )
     args = parser.parse_args()
     show(speed(20.0, 8))
+    show(first_plans(10))
     if args.full:
         show(speed(200.0, 2))
     for kind in ("mazes", "rooms", "houses"):

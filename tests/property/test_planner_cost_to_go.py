@@ -15,10 +15,21 @@ from trolley_planner.paths.cost_to_go import (
     CostToGo,
     Terrain,
     coarsen_weights_into,
+    open_path,
+    reload,
     retile,
+    rewind,
 )
 from trolley_planner.paths.path import polyline_cost, straighten
-from trolley_planner.paths.search import STEP, price_of_step
+from trolley_planner.paths.search import (
+    COSTLIEST_STEP,
+    STEP,
+    UNREACHED,
+    cost_to_go_into,
+    grow,
+    make_queue,
+    price_of_step,
+)
 
 ROWS, COLS = 37, 50
 PRICE = 240
@@ -122,6 +133,61 @@ def test_where_the_way_is_not_touched_nothing_is_looked_for_anew(seed) -> None:
     weights[wall] = 4  # One that goes may.
     check(field, terrain(weights, start + 4, goal), start + 4, goal)
     assert field.searches == 2
+
+
+NO_SEEDS = np.empty((0, 2), np.int32)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.booleans(), st.sampled_from([8, 16]))
+def test_costs_repaired_after_changes_are_those_computed_anew(seed, thin, directions) -> None:
+    rng = np.random.default_rng(seed)
+    weights = blocks(rng, thin)
+    if not weights.any():
+        return
+    target = int(rng.choice(np.flatnonzero(weights)))
+    tiles = (-(-ROWS // TILE) + 2, -(-COLS // TILE) + 2)
+    inner = np.arange(math.prod(tiles), dtype=np.int32).reshape(tiles)[1:-1, 1:-1].reshape(-1)
+    corridor = Corridor(
+        np.zeros(math.prod(tiles), np.int32),
+        np.zeros(tiles, np.uint8),
+        np.zeros((ROWS, COLS), np.uint8),
+        np.full((ROWS, COLS), UNREACHED, np.int32),
+    )
+    target_tile = (target // COLS // TILE + 1) * tiles[1] + target % COLS // TILE + 1
+    queue, cost = make_queue(ROWS * COLS), corridor.cost.reshape(-1)
+    chosen = np.concatenate([[target_tile], rng.choice(inner, 60)]).astype(np.int32)
+    count = open_path(corridor, 0, weights, chosen, 1)
+    rewind(corridor, count, queue, -1)
+    flat, seeds = corridor.weights.reshape(-1), np.array([[target, 0]], np.int32)
+    grow(cost, flat, queue, seeds, COLS, 0, (-1, 0), directions)
+    compare(corridor, target, directions)
+    for _ in range(6):
+        weights = weights.copy()
+        row, col = rng.integers(1, ROWS - 4), rng.integers(1, COLS - 4)
+        weights[1:-1, 1:-1][row : row + 3, col : col + 3] = rng.choice([LETHAL, 4, 30])
+        if weights.reshape(-1)[target] == LETHAL:
+            return
+        until = reload(corridor, count, terrain(weights, target, target))
+        until = min(until, UNREACHED - COSTLIEST_STEP)
+        if until == 0:  # Beside the target nothing known is left.
+            return
+        rewind(corridor, count, queue, until)
+        grow(cost, flat, queue, NO_SEEDS, COLS, max(0, until - COSTLIEST_STEP), (-1, 0), directions)
+        compare(corridor, target, directions)
+
+
+def compare(corridor: Corridor, target: int, directions: int) -> None:
+    """The costs in a corridor beside those of a search anew in it."""
+    flat = corridor.weights.reshape(-1)
+    anew = np.empty(flat.size, np.int32)
+    seeds, queue = np.array([[target, 0]], np.int32), make_queue(flat.size)
+    cost_to_go_into(anew, flat, queue, seeds, COLS, (-1, 0), directions)
+    inside = flat != LETHAL
+    if directions == 8 or set(flat.tolist()) <= {LETHAL, 4}:
+        np.testing.assert_array_equal(corridor.cost.reshape(-1)[inside], anew[inside])
+    else:  # Which moves of a knight are tried depends on the order where weights differ by much.
+        np.testing.assert_allclose(corridor.cost.reshape(-1)[inside], anew[inside], rtol=0.02)
 
 
 @settings(max_examples=40, deadline=None)

@@ -25,15 +25,34 @@ def column_distances_into(out_cells: NDArray[np.int32], mask: NDArray[np.uint8])
         Linear Time (2000), phase 1: for a binary mask two sweeps replace the first envelope.
     """
     rows, cols = mask.shape
-    none = rows + cols
-    for col in range(cols):
-        out_cells[0, col] = 0 if mask[0, col] else none
+    none = np.int32(rows + cols)
+    out_cells[0] = none
+    step_down_into(out_cells[0], mask[0], out_cells[0], none)
     for row in range(1, rows):
-        for col in range(cols):
-            out_cells[row, col] = 0 if mask[row, col] else min(out_cells[row - 1, col] + 1, none)
+        step_down_into(out_cells[row], mask[row], out_cells[row - 1], none)
     for row in range(rows - 2, -1, -1):
-        for col in range(cols):
-            out_cells[row, col] = min(out_cells[row, col], out_cells[row + 1, col] + 1)
+        step_up(out_cells[row], out_cells[row + 1])
+
+
+@kernel
+def step_down_into(
+    out_cells: NDArray[np.int32],
+    mask: NDArray[np.uint8],
+    above: NDArray[np.int32],
+    none: np.int32,
+) -> None:
+    """Write the distances along columns (n,) of a row by those of the row before."""
+    # Over whole rows and without branches, so that the processor does many at once.
+    for col in range(out_cells.shape[0]):
+        farther = min(np.int32(above[col] + np.int32(1)), none)
+        out_cells[col] = np.int32(0) if mask[col] != 0 else farther
+
+
+@kernel
+def step_up(cells: NDArray[np.int32], below: NDArray[np.int32]) -> None:
+    """Lower the distances along columns (n,) of a row by those of the row after it."""
+    for col in range(cells.shape[0]):
+        cells[col] = min(cells[col], np.int32(below[col] + np.int32(1)))
 
 
 @kernel

@@ -338,15 +338,8 @@ def _with_both_legs(segments: list[Floats]) -> list[Floats]:
     return joined
 
 
-@kernel
 def _gap(one: Floats, other: Floats) -> float:
-    """Return the least distance between points (n, 2) and others (m, 2)."""
-    least = math.inf
-    for index in range(one.shape[0]):
-        for beside in range(other.shape[0]):
-            dx, dy = one[index, 0] - other[beside, 0], one[index, 1] - other[beside, 1]
-            least = min(least, math.hypot(dx, dy))
-    return least
+    return float(np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min())
 
 
 @kernel
@@ -390,7 +383,7 @@ def _left(track: Floats, view: _View) -> bool:
 
 def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:
     """Say of points (n, 2) whether beams of an earlier scan passed there."""
-    return were_passed(points, view.origin, view.angles, view.clear_m)
+    return were_passed(np.ascontiguousarray(points), view.origin, view.angles, view.clear_m)
 
 
 @kernel

@@ -30,7 +30,7 @@ from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.people import TrackedPerson, person_discs
+from trolley_planner.people import TrackedPerson, person_discs, were_passed
 
 CELLS = 60
 EDGE_M = 0.05
@@ -67,6 +67,7 @@ def warm_up() -> None:
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid
     )
+    were_passed(np.zeros((1, 2)), np.zeros(2), np.array([0.0, 1.0]), np.ones(2))
     context.planner.optimistic_weights()
     Passages(context.costmap.static_distance_m, EDGE_M, 0.4)
     _squeeze()

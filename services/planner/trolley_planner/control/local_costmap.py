@@ -352,15 +352,23 @@ def coarsen_into(out_m: NDArray[np.float32], distance_m: NDArray[np.float32], pa
         parts: fine cells in the edge of a coarse cell.
     """
     rows, cols = out_m.shape
+    line = np.empty(cols * parts, np.float32)
     for row in range(rows):
+        line[:] = distance_m[row * parts, : line.shape[0]]
+        for part in range(1, parts):
+            raise_to(line, distance_m[row * parts + part, : line.shape[0]])
         for col in range(cols):
-            largest = np.float32(0.0)
-            for part_row in range(parts):
-                for part_col in range(parts):
-                    largest = max(
-                        largest, distance_m[row * parts + part_row, col * parts + part_col]
-                    )
+            largest = line[col * parts]
+            for part in range(1, parts):
+                largest = max(largest, line[col * parts + part])
             out_m[row, col] = largest
+
+
+@kernel
+def raise_to(values: NDArray[np.float32], others: NDArray[np.float32]) -> None:
+    """Raise values (n,) to others where these are larger; without branches, so many at a time."""
+    for index in range(values.shape[0]):
+        values[index] = max(values[index], others[index])
 
 
 @kernel

@@ -293,9 +293,10 @@ class Costmap:
         100 something stands there, 99 too near for the centre, 0 to 98 falling with the
         distance, -1 unknown.
         """
-        extra = (self.weights.astype(np.float32) / WEIGHT_UNIT - 1.0).clip(0.0)
+        extra = (np.arange(256, dtype=np.float32) / WEIGHT_UNIT - 1.0).clip(0.0)
         highest = max(float(self._table.max()) / WEIGHT_UNIT - 1.0, 1e-6)
-        costs = np.rint(98.0 * np.minimum(extra / highest, 1.0)).astype(np.int8)
+        costs_by_weight = np.rint(98.0 * np.minimum(extra / highest, 1.0)).astype(np.int8)
+        costs = costs_by_weight[self.weights]
         costs[(self.kinds == UNKNOWN) & (self.obstacle_layer.grid.observed == 0)] = -1
         costs[self.weights == LETHAL] = 99
         costs[self.distance_m == 0.0] = 100

@@ -119,8 +119,12 @@ class CostToGo:
         self._queue = make_queue(num_cells)
         self._coarse_weights = np.zeros(tiles, dtype=np.uint8)
         self._coarse_cost = np.zeros(num_tiles, dtype=np.int32)
-        self._coarse_queue = make_queue(num_tiles)
+        self._coarse_queue, self._back_queue = make_queue(num_tiles), make_queue(num_tiles)
         self._seen = np.zeros(shape, dtype=np.uint8)
+        """(rows, cols) weights when all was looked for anew,"""
+        self._last = np.zeros(shape, dtype=np.uint8)
+        """and by which the corridor's were brought up to date."""
+        self._had_discs = False
         self._target: tuple[float, float] | None = None
         # All costs below these are final.
         self._final_cost = self._final_coarse = 0
@@ -165,17 +169,40 @@ class CostToGo:
     def _renewed(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the path by what is known, updated; None if it may not be the best."""
         corridor = self._corridor
-        if has_opened(self._seen, terrain.weights, corridor.is_inside):
-            return None
-        right = min(self._final_cost - 1, self._open_discs(terrain))
-        right = min(right, reload(corridor, self._num_inside, terrain))
+        has_discs = bool(terrain.discs[:, 2].any())
+        right = self._open_discs(terrain)
+        if has_discs or self._had_discs or not np.array_equal(self._last, terrain.weights):
+            if has_opened(self._seen, terrain.weights, corridor.is_inside):
+                return None
+            right = min(right, reload(corridor, self._num_inside, terrain))
+            self._last[:] = terrain.weights
+            self._had_discs = has_discs
+        is_same, right = right == UNREACHED, min(right, self._final_cost - 1)
         if self._flat_weights[target] == LETHAL:
             return None
         self._final_cost = right + 1
         if self._flat_cost[start] > right:
             rewind(corridor, self._num_inside, self._queue, right)
             self._grow(np.empty((0, 2), dtype=np.int32), max(0, right - COSTLIEST_STEP), start)
-        return self._descend(start, terrain.discs)
+        # Where nothing changed, the way that was the best still is, but for where in its tile the
+        # robot is, of which the promise knows nothing.
+        spare = CORRIDOR.band_cells * COST_OF_CELL if is_same else 0
+        cells = self._descend(start, terrain.discs, spare)
+        if cells is None and self._flat_cost[start] != UNREACHED:
+            cells = self._widened(start, target, terrain)
+        return cells
+
+    def _widened(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
+        """Return the path with all tiles in the corridor that promise a better one."""
+        self._open_better(start, terrain.weights)
+        rewind(self._corridor, self._num_inside, self._queue, -1)
+        self._grow(np.array([[target, 0]], dtype=np.int32), 0, start)
+        # What costs more than promised now does so everywhere.
+        promise, self._promise = self._promise, math.inf
+        cells = self._descend(start, terrain.discs)
+        if cells is not None:
+            self._promise = max(promise, self._ratio(cells, terrain.discs))
+        return cells
 
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the path, searched anew; None if there is none."""
@@ -187,7 +214,8 @@ class CostToGo:
         close(corridor, self._num_inside)
         self._num_inside = 0
         self._has_all = False
-        self._seen[:] = terrain.weights
+        self._seen[:] = self._last[:] = terrain.weights
+        self._had_discs = bool(terrain.discs[:, 2].any())
         self._open_discs(terrain)
         tiles = self._coarse_path(start, target, terrain)
         if tiles is None:
@@ -203,31 +231,24 @@ class CostToGo:
         cells = self._descend(start, terrain.discs)
         if cells is not None:
             return cells
-        if self._flat_cost[start] == UNREACHED:
-            self._open_all(terrain)
-            clear_queue(self._queue)
-        else:
-            self._open_better(start, terrain.weights)
-            rewind(corridor, self._num_inside, self._queue, -1)
+        if self._flat_cost[start] != UNREACHED:
+            return self._widened(start, target, terrain)
+        self._open_all(terrain)
+        clear_queue(self._queue)
         self._grow(seeds, 0, start)
-        # What costs more than promised now does so everywhere.
-        self._promise = math.inf
-        cells = self._descend(start, terrain.discs)
-        if cells is not None:
-            self._promise = max(dearer, self._ratio(cells, terrain.discs))
-        return cells
+        return self._descend(start, terrain.discs)
 
     def _open_better(self, start: int, weights: NDArray[np.uint8]) -> None:
         """Add all tiles to the corridor through which a cheaper path may lead."""
         start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
-        flat, queue = self._coarse_weights.reshape(-1), self._coarse_queue
+        flat, back_queue = self._coarse_weights.reshape(-1), self._back_queue
         limit = (int(self._flat_cost[start]) + CORRIDOR.band_cells * COST_OF_CELL) // TILE
         slack = max(limit - int(self._coarse_cost[start_tile]), CORRIDOR.band_cells * COST_OF_CELL)
         none = np.empty((0, 2), dtype=np.int32)
         self._final_coarse = grow(
             self._coarse_cost,
             flat,
-            queue,
+            self._coarse_queue,
             none,
             tile_cols,
             max(0, self._final_coarse - COSTLIEST_STEP),
@@ -238,8 +259,8 @@ class CostToGo:
         left = np.maximum(limit + 1 - self._coarse_cost.astype(np.int64), 0).astype(np.int32)
         cost = left.copy()
         seed = np.array([[start_tile, 0]], dtype=np.int32)
-        clear_queue(queue)
-        grow(cost, flat, queue, seed, tile_cols, 0, (-1, 0), self._directions)
+        clear_queue(back_queue)
+        grow(cost, flat, back_queue, seed, tile_cols, 0, (-1, 0), self._directions)
         better = np.flatnonzero(cost < left).astype(np.int32)
         self._num_inside = open_path(self._corridor, self._num_inside, weights, better, 0)
 
@@ -278,7 +299,9 @@ class CostToGo:
         count = descend_into(tiles, known, flat, start_tile, tile_cols, self._directions)
         return tiles[:count]
 
-    def _descend(self, start: int, discs: NDArray[np.float64]) -> NDArray[np.int32] | None:
+    def _descend(
+        self, start: int, discs: NDArray[np.float64], spare: int = 0
+    ) -> NDArray[np.int32] | None:
         """Return the path from a cell by the known costs; None if a better one may be elsewhere.
 
         A path near the coarse one is compared with it, except for its ends inside the discs, where
@@ -291,12 +314,15 @@ class CostToGo:
         flat, cols = self._flat_weights, self._shape[1]
         count = descend_into(cells, cost, flat, start, cols, self._directions)
         cells = cells[:count]
-        if self._has_all or self._ratio(cells, discs) <= self._promise:
+        if self._has_all or self._ratio(cells, discs, spare) <= self._promise:
             return cells
         return None
 
-    def _ratio(self, cells: NDArray[np.int32], discs: NDArray[np.float64]) -> float:
-        """Return the cost of a path relative to the promised one; infinite where that ends."""
+    def _ratio(self, cells: NDArray[np.int32], discs: NDArray[np.float64], spare: int = 0) -> float:
+        """Return the cost of a path, less `spare`, relative to the promised one.
+
+        Infinite where that is not known.
+        """
         skipped, left = _ends(discs)
         if len(cells) <= skipped + left:
             return 1.0
@@ -306,7 +332,7 @@ class CostToGo:
         if coarse_first >= self._final_coarse:
             return math.inf
         coarse = TILE * (coarse_first - int(self._coarse_cost[self._tile(last)]))
-        dearer = int(cost[first]) - int(cost[last])
+        dearer = int(cost[first]) - int(cost[last]) - spare
         return dearer / max(coarse, 1)
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
@@ -421,18 +447,21 @@ def load_tile(corridor: Corridor, terrain: Terrain, tile_row: int, tile_col: int
         All costs below this are still right: the least cost-to-go of a cell that has changed or
         lies beside one that has.
     """
-    rows, cols = terrain.weights.shape
+    weights, known, cost = terrain.weights, corridor.weights, corridor.cost
+    rows, cols = weights.shape
     least = UNREACHED
     for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
         for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-            weight = weight_at(terrain, row, col)
-            if weight == corridor.weights[row, col]:
+            weight = int(weights[row, col])
+            if weight == LETHAL:
+                weight = weight_at(terrain, row, col)
+            if weight == known[row, col]:
                 continue
-            corridor.weights[row, col] = weight
+            known[row, col] = weight
             for beside_row in range(row - 1, row + 2):
                 for beside_col in range(col - 1, col + 2):
-                    if corridor.weights[beside_row, beside_col] != LETHAL:
-                        least = min(least, corridor.cost[beside_row, beside_col])
+                    if known[beside_row, beside_col] != LETHAL:
+                        least = min(least, cost[beside_row, beside_col])
     return least
 
 
@@ -561,26 +590,26 @@ def has_opened(
         weights: (rows, cols) as they are.
         is_inside: (tile rows, tile cols) of the corridor.
     """
-    rows, cols = weights.shape
-    for row in range(rows):
-        tile_row = row // TILE + 1
-        for first in range(0, cols, 64):
-            last = min(first + 64, cols)
-            cheaper = 0
-            # Less one, lethal is the dearest of all; without branches it compares many at once.
-            for col in range(first, last):
-                is_cheaper = np.uint8(weights[row, col] - np.uint8(1)) < np.uint8(
-                    seen[row, col] - np.uint8(1)
-                )
-                cheaper += is_cheaper
-            if cheaper == 0:
-                continue
-            for col in range(first, last):
-                weight, before = int(weights[row, col]), int(seen[row, col])
-                is_cheaper = weight != LETHAL and (before == LETHAL or weight < before)
-                if is_cheaper and is_inside[tile_row, col // TILE + 1] == 0:
-                    return True
+    for row in range(weights.shape[0]):
+        if num_cheaper(seen[row], weights[row]) == 0:
+            continue
+        for col in range(weights.shape[1]):
+            weight, before = int(weights[row, col]), int(seen[row, col])
+            is_cheaper = weight != LETHAL and (before == LETHAL or weight < before)
+            if is_cheaper and is_inside[row // TILE + 1, col // TILE + 1] == 0:
+                return True
     return False
+
+
+@kernel
+def num_cheaper(seen: NDArray[np.uint8], weights: NDArray[np.uint8]) -> int:
+    """Return how many cells (n,) have become cheaper; without branches, so many at a time."""
+    count = 0
+    for col in range(seen.shape[0]):
+        # Less one, lethal is the dearest of all.
+        weight, before = np.uint8(weights[col] - np.uint8(1)), np.uint8(seen[col] - np.uint8(1))
+        count += 1 if weight < before else 0
+    return count
 
 
 @kernel
