@@ -71,6 +71,12 @@ class PoseSearchParams(NamedTuple):
     cheapest, and is found far sooner."""
     heuristic_m: float = 0.05
     """Edge of the cells of the heuristic, about."""
+    bend_radius_m: float = 0.3
+    """Curves that replace pieces of a way are no tighter than this,"""
+    bend_states: int = 60
+    """and replace at most so many states,"""
+    bend_every: int = 3
+    """every third of which is tried as their end."""
     states: int = 2**20
     """States that can be remembered, a power of two: 28 MB if all are touched,"""
     fill: float = 0.75
@@ -95,12 +101,10 @@ class Maneuver:
         poses: (n, 3) x, y [m], yaw [rad, not wrapped] in `grid`, a few centimetres or degrees apart.
         motions: (n,) FORWARDS, BACKWARDS or TURNING: how the robot comes to each pose from the
             one before; the first has that of the second.
-        cost: in metres of free floor.
     """
 
     poses: NDArray[np.float64]
     motions: NDArray[np.int8]
-    cost: float
 
 
 class Task(NamedTuple):
@@ -253,10 +257,11 @@ class PoseSearch:
             drive = direct_drive(room, shape, (state, goal), task, int(motions[-1]), math.inf)
             more, kinds = _driven(state, goal, drive)
             poses, motions = np.concatenate([poses, more]), np.concatenate([motions, kinds])
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        poses, motions = _smoothed(poses, motions, room, shape)
         motions[0] = motions[1] if len(motions) > 1 else TURNING
         poses[:, :2] += corner
-        poses[:, 2] = np.unwrap(poses[:, 2])
-        return Maneuver(poses, motions, float(self._memory.costs[last]))
+        return Maneuver(poses, motions)
 
     def _shape(self, fine_m: float, yaw: float) -> Shape:
         """Return the footprint for headings one of which is nearly this one."""
@@ -354,6 +359,135 @@ def _driven(
     sense = FORWARDS if drive.length > 0.0 else BACKWARDS
     motions = np.repeat(np.array([TURNING, sense, TURNING], dtype=np.int8), counts)
     return np.column_stack([np.concatenate(part) for part in (xs, ys, yaws)]), motions
+
+
+def _smoothed(
+    poses: NDArray[np.float64], motions: NDArray[np.int8], room: Room, shape: Shape
+) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+    """Return a way with curves in place of lines and turns where they are free and cost less."""
+    costs = np.empty(len(poses))
+    way_costs_into(costs, poses, motions, room, shape)
+    parts, kinds = [poses[:1]], [motions[:1]]
+    at = 0
+    while at < len(poses) - 1:
+        end, sense = longest_bend(poses, costs, at, room, shape)
+        if end == at + 1:
+            parts.append(poses[end : end + 1])
+            kinds.append(motions[end : end + 1])
+        else:
+            count = bend_count(poses[at], poses[end])
+            curve = np.empty((count, 3))
+            bend_into(curve, poses[at], poses[end], sense)
+            parts.append(curve)
+            kinds.append(np.full(count, sense, dtype=np.int8))
+        at = end
+    return np.concatenate(parts), np.concatenate(kinds)
+
+
+@kernel
+def way_costs_into(
+    out_costs: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    motions: NDArray[np.int8],
+    room: Room,
+    shape: Shape,
+) -> None:
+    """Write what the way to each of its poses (n, 3) costs [m], from the first on."""
+    out_costs[0] = 0.0
+    for index in range(1, poses.shape[0]):
+        motion, before = np.int64(motions[index]), np.int64(motions[index - 1])
+        turn = abs(poses[index, 2] - poses[index - 1, 2])
+        dx, dy = poses[index, 0] - poses[index - 1, 0], poses[index, 1] - poses[index - 1, 1]
+        length = SEARCH.turn_m * turn
+        if motion != TURNING:
+            length = math.hypot(dx, dy) + SEARCH.arc_m * turn
+        place = poses[index, 0], poses[index, 1]
+        price = price_of(room, shape, place, heading_of(shape, poses[index, 2]), motion)
+        # The way is free; beside the search's headings it may look otherwise.
+        price = min(price, 1.0 + SEARCH.near + SEARCH.reverse)
+        change = 0.0 if index == 1 else change_cost(before, motion)
+        out_costs[index] = out_costs[index - 1] + price * length + change
+
+
+@kernel
+def bend_count(first: NDArray[np.float64], last: NDArray[np.float64]) -> int:
+    """Return into how many pieces a curve between two poses is divided."""
+    return max(1, math.ceil(math.hypot(last[0] - first[0], last[1] - first[1]) / SEARCH.cell_m))
+
+
+@kernel
+def bend_into(
+    out_poses: NDArray[np.float64],
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    sense: int,
+) -> float:
+    """Write poses (n, 3) along a cubic curve between two poses, without the first.
+
+    Returns:
+        Its largest curvature [1/m], +inf where it has a cusp.
+    """
+    count = out_poses.shape[0]
+    reach = math.hypot(last[0] - first[0], last[1] - first[1]) * sense
+    ax, ay = reach * math.cos(first[2]), reach * math.sin(first[2])
+    bx, by = reach * math.cos(last[2]), reach * math.sin(last[2])
+    yaw, x, y, worst = first[2], first[0], first[1], 0.0
+    for index in range(count):
+        t = (index + 1) / count
+        # Hermite's basis, and its derivative.
+        h0, h1 = (1.0 + 2.0 * t) * (1.0 - t) ** 2, t * (1.0 - t) ** 2
+        h2, h3 = t * t * (3.0 - 2.0 * t), t * t * (t - 1.0)
+        to_x = h0 * first[0] + h1 * ax + h2 * last[0] + h3 * bx
+        to_y = h0 * first[1] + h1 * ay + h2 * last[1] + h3 * by
+        d0, d1, d3 = 6.0 * t * (t - 1.0), (1.0 - t) * (1.0 - 3.0 * t), t * (3.0 * t - 2.0)
+        dx = d0 * (first[0] - last[0]) + d1 * ax + d3 * bx
+        dy = d0 * (first[1] - last[1]) + d1 * ay + d3 * by
+        turn = wrapped(math.atan2(sense * dy, sense * dx) - yaw)
+        length = math.hypot(to_x - x, to_y - y)
+        if length < 1e-6:
+            return math.inf
+        worst = max(worst, abs(turn) / length)
+        yaw, x, y = yaw + turn, to_x, to_y
+        out_poses[index, 0], out_poses[index, 1], out_poses[index, 2] = x, y, yaw
+    return worst if abs(yaw - last[2]) < 0.01 else math.inf
+
+
+@kernel
+def longest_bend(
+    poses: NDArray[np.float64],
+    costs: NDArray[np.float64],
+    first: int,
+    room: Room,
+    shape: Shape,
+) -> tuple[int, int]:
+    """Return the farthest state to which a curve is free and costs no more, and its sense.
+
+    The state after `first` and 0 where there is none.
+    """
+    curve = np.empty((int(SEARCH.bend_states * 2), 3))
+    farthest = min(first + SEARCH.bend_states, poses.shape[0] - 1)
+    for end in range(farthest, first + 1, -SEARCH.bend_every):
+        dx, dy = poses[end, 0] - poses[first, 0], poses[end, 1] - poses[first, 1]
+        ahead = dx * math.cos(poses[first, 2]) + dy * math.sin(poses[first, 2])
+        sense = FORWARDS if ahead > 0.0 else BACKWARDS
+        count = bend_count(poses[first], poses[end])
+        if count < 2 or count > curve.shape[0]:
+            continue
+        if bend_into(curve[:count], poses[first], poses[end], sense) > 1.0 / SEARCH.bend_radius_m:
+            continue
+        total = 0.0
+        x, y, yaw = poses[first, 0], poses[first, 1], poses[first, 2]
+        for index in range(count):
+            place, heading = (curve[index, 0], curve[index, 1]), heading_of(shape, curve[index, 2])
+            length = math.hypot(place[0] - x, place[1] - y)
+            turn = abs(curve[index, 2] - yaw)
+            total += price_of(room, shape, place, heading, sense) * (length + SEARCH.arc_m * turn)
+            x, y, yaw = curve[index, 0], curve[index, 1], curve[index, 2]
+            if total > costs[end] - costs[first]:
+                break
+        if total <= costs[end] - costs[first] + 1e-9:
+            return end, sense
+    return first + 1, TURNING
 
 
 @kernel
@@ -717,7 +851,7 @@ def search_poses(
         key = memory.keys[state]
         if key == GOAL_KEY:
             return FOUND, state, num_states
-        heading, cost, before = key % HEADINGS, memory.costs[state], memory.motions[state]
+        heading, cost, before = key % HEADINGS, memory.costs[state], np.int64(memory.motions[state])
         x, y = float(memory.places[state, 0]), float(memory.places[state, 1])
         yaw = shape.first_yaw + heading * TURN_RAD
         away = math.hypot(goal[0] - x, goal[1] - y)
