@@ -207,13 +207,18 @@ class LocalCostmap:
         Args:
             pose: of the robot in `grid`.
         """
+        cells = np.floor(pose.transform_points(self._behind) / self._costmap.resolution_m)
+        cols, rows = cells.astype(np.int64).T
+        return bool(self.is_known(rows, cols).all())
+
+    def is_known(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Say of cells of the costmap, also outside it, whether the robot may back into them."""
         costmap = self._costmap
-        cells = np.floor(pose.transform_points(self._behind) / costmap.resolution_m)
-        limit = np.array(costmap.shape)[::-1] - 1
-        cols, rows = np.clip(cells, 0, limit).astype(np.int64).T
+        shape, flat = rows.shape, (rows.reshape(-1), cols.reshape(-1))
+        rows, cols = (np.clip(at, 0, size - 1) for at, size in zip(flat, costmap.shape, strict=True))
         layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
-        return bool((known | layer.is_known_free(rows, cols)).all())
+        return (known | layer.is_known_free(rows, cols)).reshape(shape)
 
     @property
     def cost_of_metre(self) -> float:

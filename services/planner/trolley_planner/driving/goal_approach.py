@@ -100,7 +100,7 @@ class FinalAlignment:
             self._sense = 0.0  # Past the far side: from here on it is the shorter way.
         elif self._sense != 0.0:
             turn += math.copysign(2.0 * math.pi, self._sense)
-        return Twist2D(0.0, 0.0, _turn_rate(turn, limits))
+        return Twist2D(0.0, 0.0, turn_rate(turn, limits))
 
     def _errors(self, motion: Motion, goal: Pose2D) -> tuple[float, float]:
         """Return the distance [m] and the turn that is left [rad]."""
@@ -118,7 +118,7 @@ class FinalAlignment:
         # With some hysteresis, else it would keep switching between driving and turning.
         self._is_facing = abs(bearing) > (0.3 if self._is_facing else 1.0) * ALIGNMENT.face_rad
         if self._is_facing and distance > 0.01:
-            return Twist2D(0.0, 0.0, _turn_rate(bearing, limits))
+            return Twist2D(0.0, 0.0, turn_rate(bearing, limits))
         braking = math.sqrt(limits.deceleration * distance)
         highest = limits.max_speed if direction > 0.0 else limits.max_reverse
         speed = max(min(braking, 1.5 * distance + 0.02, highest), min(ALIGNMENT.least_mps, highest))
@@ -127,7 +127,7 @@ class FinalAlignment:
         return Twist2D(direction * speed, 0.0, _clipped(steer, limits.max_turn))
 
 
-def _turn_rate(turn: float, limits: Limits) -> float:
+def turn_rate(turn: float, limits: Limits) -> float:
     """Return the turn rate that ends after `turn` [rad] without overshooting."""
     size = abs(turn)
     braking = math.sqrt(0.8 * limits.turn_acceleration * size)

@@ -14,6 +14,7 @@ from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.proximity import PROXIMITY
 from trolley_planner.control.rollout import ROLLOUT, Limits, Target
 from trolley_planner.driving.goal_approach import GoalApproach, can_turn_by
+from trolley_planner.driving.maneuvering import Maneuvering
 from trolley_planner.driving.recovery import (
     RECOVERY,
     BackUp,
@@ -114,6 +115,7 @@ class GoalExecution:
         self._config = config
         self._started_ns = now_ns
         self._goal_approach = GoalApproach(context, config, self.goal_grid, goal.tolerances)
+        self._maneuvering = Maneuvering(context, config, goal.tolerances)
         self._progress = ProgressChecker(config)
         self._trail = Breadcrumbs()
         self._contact_hold = ContactHold(context.footprint, config.patience_s)
@@ -132,7 +134,8 @@ class GoalExecution:
         """Update the local costmap after a scan: distances, and the cost-to-go along the path."""
         pose, costmap = motion.pose, self.context.costmap
         local_costmap = self.context.local_costmap
-        local_costmap.update(pose.x, pose.y, self.route.is_tight_here)
+        is_tight = self.route.is_tight_here or self._maneuvering.is_tight_ahead
+        local_costmap.update(pose.x, pose.y, is_tight)
         self._contact_hold.update(now_ns, costmap.obstacle_layer.beams, costmap.moving.people, pose)
         self.route.update_position(pose)
         if not self.route.vias_left and self._goal_approach.update_aim(pose):
@@ -144,6 +147,8 @@ class GoalExecution:
         self._has_path = local_costmap.compute_cost_to_go(
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
+        if self.recovery.current is None:
+            self._maneuvering.update(pose, self.route, self._goal_approach.aim, now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when it is over."""
@@ -173,13 +178,24 @@ class GoalExecution:
         if self._waits_at_goal(now):
             return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         approach, route = self._goal_approach, self.route
-        if not route.vias_left and approach.takes_over(now.steady, route.remaining_m(now.steady)):
+        if self._maneuvering.is_active:
+            twist = self._maneuver(now)
+        elif not route.vias_left and approach.takes_over(now.steady, route.remaining_m(now.steady)):
             twist = self._approach_goal(now)
         else:
             twist = self._control(now)
         if self.outcome is not None:
             return Twist2D.zero()
         self._check_progress(now)
+        return twist
+
+    def _maneuver(self, now: ControlInput) -> Twist2D:
+        """Return the velocity along a way with headings."""
+        twist = self._maneuvering.command(now)
+        if self._maneuvering.has_arrived:
+            self.outcome = "arrived"
+        elif not self._maneuvering.is_active:
+            self.context.controller.reset()
         return twist
 
     def _approach_goal(self, now: ControlInput) -> Twist2D:
@@ -229,6 +245,8 @@ class GoalExecution:
 
     def remaining_m(self, pose: Pose2D) -> float:
         """Return the length of the path that is left [m]."""
+        if self._maneuvering.is_active:
+            return self._maneuvering.left_m
         if self._goal_approach.is_active:
             return pose.distance_to(self._goal_approach.aim)
         return self.route.remaining_m(pose)
@@ -273,7 +291,8 @@ class GoalExecution:
 
     def _check_progress(self, now: ControlInput) -> None:
         """Begin recovery when there is no path, or the robot does not get nearer."""
-        self._no_path_s = 0.0 if self._has_path else self._no_path_s + now.elapsed_s
+        is_led = self._has_path or self._maneuvering.is_active
+        self._no_path_s = 0.0 if is_led else self._no_path_s + now.elapsed_s
         pose, twist, approach = now.motion.pose, now.motion.twist, self._goal_approach
         left = approach.left_m(pose) if approach.is_active else self.remaining_m(pose)
         trouble = self._progress.check(now.now_ns, left, pose, now.odom_T_base)
@@ -347,6 +366,7 @@ class GoalExecution:
     def _begin_recovery_action(self, now: ControlInput) -> None:
         """Begin the next recovery action, or give up."""
         self._behavior = None
+        self._maneuvering.stop()
         is_blocked = not self._is_path_free(now)
         chosen = self.recovery.begin_next(now.now_ns, lambda action: self._prepare(action, now))
         if chosen is None:

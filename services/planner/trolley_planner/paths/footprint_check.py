@@ -232,6 +232,49 @@ def check_into(
 
 
 @kernel
+def tight_into(
+    out_tight: NDArray[np.bool_],
+    field: Field,
+    body: Body,
+    points: NDArray[np.float64],
+    room: tuple[float, float],
+) -> None:
+    """Write at which points of a path there is little room, and none a little beside it.
+
+    Args:
+        out_tight: (n,), overwritten.
+        field: distances.
+        body: the outline; it looks along the path.
+        points: (n, 2).
+        room: clearance with which a place is not tight; how far beside the path it counts, too [m].
+    """
+    room_m, aside_m = room
+    last = points.shape[0] - 1
+    for index in range(last + 1):
+        before, after = max(index - CHECK.around, 0), min(index + CHECK.around, last)
+        yaw = math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
+        out_tight[index] = True
+        for side in range(3):
+            by = aside_m * (0.0 if side == 0 else 2.0 * side - 3.0)
+            x, y = points[index, 0] - by * math.sin(yaw), points[index, 1] + by * math.cos(yaw)
+            if clearance_at(field, body, x, y, yaw, room_m) >= room_m:
+                out_tight[index] = False
+                break
+
+
+@kernel
+def least_clearance(
+    field: Field, body: Body, poses: NDArray[np.float64], enough_m: float
+) -> float:
+    """Return the smallest clearance at some poses (n, 3) [m], at most `enough_m`."""
+    least = enough_m
+    for index in range(poses.shape[0]):
+        x, y, yaw = poses[index, 0], poses[index, 1], poses[index, 2]
+        least = min(least, clearance_at(field, body, x, y, yaw, enough_m))
+    return least
+
+
+@kernel
 def heading_of(yaw: float) -> int:
     """Return the heading nearest to a direction [rad]."""
     best, best_dot = 0, -2.0
