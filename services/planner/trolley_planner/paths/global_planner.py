@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
-from trolley_planner.paths.footprint_check import CheckedPath, FootprintCheck
+from trolley_planner.paths.footprint_check import FootprintCheck
 from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten
 
 Point = tuple[float, float]
@@ -28,10 +28,6 @@ class GlobalPlannerParams:
     """Lethal cells this near to the start may be crossed,"""
     goal_escape_m: float = 0.15
     """and this near to the goal."""
-    seen_give_cells: float = 0.5
-    """Where there is no other way, obstacles seen may reach this far into the footprint,"""
-    map_give_cells: float = 0.15
-    """and those of the map this far."""
     most_narrow_places: int = 8
     """After this many places that prove too narrow there is no path."""
     narrow_m: float = 0.12
@@ -66,7 +62,7 @@ class GlobalPlanner:
     def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
         self._cost_to_go = CostToGo(costmap.shape)
-        self._footprint_check = FootprintCheck(costmap.footprint, costmap.resolution_m)
+        self._footprint_check = FootprintCheck(costmap)
         self.narrow: list[Point] = []
         """Where the last plan found that the footprint does not get through."""
 
@@ -191,27 +187,12 @@ class GlobalPlanner:
             leg = self._leg(here, target, weights, distance_m)
             if leg is None:
                 return None
-            checked = self._check(leg, distance_m, is_tight)
+            checked = self._footprint_check.check(leg.points, leg.weights, distance_m)
             if checked.narrow is not None:
                 return checked.narrow
             legs.append(checked.points)
             cost += leg.cost
         return PlannedPath.join(legs, cost, is_tight)
-
-    def _check(self, leg: _Leg, distance_m: NDArray[np.float32], is_tight: bool) -> CheckedPath:
-        """Lead a leg through where the footprint fits."""
-        if not is_tight:
-            return self._footprint_check.check(leg.points, leg.weights, distance_m)
-        # Seen obstacles give way by fractions of cells, walls of the map are where they are.
-        checked = self._footprint_check.check(
-            leg.points, leg.weights, distance_m, PLANNING.seen_give_cells
-        )
-        if checked.narrow is not None:
-            return checked
-        walls_m = self._costmap.static_distance_m
-        return self._footprint_check.check(
-            checked.points, leg.weights, walls_m, PLANNING.map_give_cells
-        )
 
     def _leg(
         self,

@@ -3,8 +3,9 @@
 Where the footprint matters a path of points will not do: which way the robot looks, and when it
 backs, decide whether it gets through. States are a cell, one of 64 headings and, as in hybrid A*,
 the exact point at which the cell was reached first, so that straight lines stay straight. Moves are
-short lines and arcs, both ways, and turns on the spot. From states near the goal a direct drive is
-tried as well: turn, straight line, turn.
+short lines and arcs, both ways, and turns on the spot. Where there is room for a full turn one state
+stands for all headings: in open floor that leaves a search of the place alone. From states near the
+goal a direct drive is tried as well: turn, straight line, turn.
 
 The footprint is rasterised for each heading as spans of cells in a row. With counts of what stands
 in each row before each column two look-ups say whether a span is free, its inside included.
@@ -168,7 +169,9 @@ class Memory(NamedTuple):
     stamps: NDArray[np.int32]
     """(states,) number of the search in which the entry was made."""
     keys: NDArray[np.int64]
-    """(states,) cell and heading."""
+    """(states,) cell and heading; the first heading where there is room to turn."""
+    headings: NDArray[np.int8]
+    """(states,) index of the heading with which it was reached."""
     places: NDArray[np.float32]
     """(states, 2) exact place."""
     costs: NDArray[np.float32]
@@ -210,6 +213,7 @@ class PoseSearch:
         self._memory = Memory(
             np.zeros(count, dtype=np.int32),
             np.empty(count, dtype=np.int64),
+            np.empty(count, dtype=np.int8),
             np.empty((count, 2), dtype=np.float32),
             np.empty(count, dtype=np.float32),
             np.empty(count, dtype=np.int32),
@@ -331,9 +335,23 @@ def _traced(
         states.append(state)
         state = int(memory.previous[state])
     chosen = np.array(states[::-1])
-    yaws = shape.first_yaw + (memory.keys[chosen] % HEADINGS) * TURN_RAD
+    headings = memory.headings[chosen].astype(np.int64)
+    yaws = np.unwrap(shape.first_yaw + headings * TURN_RAD)
     poses = np.column_stack([memory.places[chosen].astype(np.float64), yaws])
-    return poses, memory.motions[chosen]
+    motions = memory.motions[chosen]
+    # Where there is room, a state is reached by a turn of any size and a line.
+    parts, kinds = [poses[:1]], [motions[:1]]
+    for before, pose, motion in zip(poses[:-1], poses[1:], motions[1:], strict=True):
+        turn = float(pose[2] - before[2])
+        count = max(0, round(abs(turn) / TURN_RAD) - 1) if abs(turn) > 1.5 * TURN_RAD else 0
+        if count > 0:
+            count += 1
+            turned = before + np.linspace(0.0, 1.0, count + 1)[1:, None] * (0.0, 0.0, turn)
+            parts.append(turned)
+            kinds.append(np.full(count, TURNING, dtype=np.int8))
+        parts.append(pose[None])
+        kinds.append(np.array([motion]))
+    return np.concatenate(parts), np.concatenate(kinds)
 
 
 def _driven(
@@ -663,12 +681,7 @@ def price_of(
         heading: index.
         motion: how it comes there; TURNING: what a metre of its outline's way would cost.
     """
-    row, col = math.floor(place[1] / room.fine_m), math.floor(place[0] / room.fine_m)
-    rows, cols = room.distance_m.shape
-    if not (0 <= row < rows and 0 <= col < cols):
-        return math.inf
-    beyond_m = shape.circumscribed_m + room.wanted_m + room.fine_m
-    has_room = room.distance_m[row, col] > beyond_m
+    has_room = can_turn(room, shape, place)
     if has_room and motion != BACKWARDS:
         return 1.0
     if not has_room and not is_free(room.blocked, shape, room.fine_m, place, heading):
@@ -787,6 +800,26 @@ def to_go(room: Room, place: tuple[float, float]) -> float:
 
 
 @kernel
+def can_turn(room: Room, shape: Shape, place: tuple[float, float]) -> bool:
+    """Say whether there is room for a full turn at a place, and the clearance that is wanted."""
+    row, col = math.floor(place[1] / room.fine_m), math.floor(place[0] / room.fine_m)
+    rows, cols = room.distance_m.shape
+    if not (0 <= row < rows and 0 <= col < cols):
+        return False
+    return room.distance_m[row, col] > shape.circumscribed_m + room.wanted_m + room.fine_m
+
+
+@kernel
+def key_of(
+    room: Room, shape: Shape, place: tuple[float, float], heading: int, cols: int
+) -> int:
+    """Return the key of the state at a place; `cols` cells are in a row."""
+    row, col = math.floor(place[1] / SEARCH.cell_m), math.floor(place[0] / SEARCH.cell_m)
+    cell = (row * cols + col) * HEADINGS
+    return cell if can_turn(room, shape, place) else cell + heading
+
+
+@kernel
 def slot_of(memory: Memory, number: int, key: int) -> int:
     """Return where a state is, or where it goes if it was not reached."""
     size = memory.keys.shape[0]
@@ -832,10 +865,11 @@ def search_poses(
             if not is_free(room.blocked, shape, room.fine_m, (start[0], start[1]), heading):
                 continue
         turn = abs(wrapped(start[2] - shape.first_yaw - heading * TURN_RAD))
-        row, col = math.floor(start[1] / SEARCH.cell_m), math.floor(start[0] / SEARCH.cell_m)
-        key = (row * cols + col) * HEADINGS + heading
+        key = key_of(room, shape, (start[0], start[1]), heading, cols)
         slot = slot_of(memory, number, key)
-        memory.stamps[slot], memory.keys[slot] = number, key
+        if memory.stamps[slot] == number:
+            continue
+        memory.stamps[slot], memory.keys[slot], memory.headings[slot] = number, key, heading
         memory.places[slot, 0], memory.places[slot, 1] = start[0], start[1]
         memory.costs[slot], memory.previous[slot] = SEARCH.turn_m * turn, NONE
         memory.motions[slot], memory.closed[slot] = AT_START, 0
@@ -851,7 +885,8 @@ def search_poses(
         key = memory.keys[state]
         if key == GOAL_KEY:
             return FOUND, state, num_states
-        heading, cost, before = key % HEADINGS, memory.costs[state], np.int64(memory.motions[state])
+        heading, before = np.int64(memory.headings[state]), np.int64(memory.motions[state])
+        cost = memory.costs[state]
         x, y = float(memory.places[state, 0]), float(memory.places[state, 1])
         yaw = shape.first_yaw + heading * TURN_RAD
         away = math.hypot(goal[0] - x, goal[1] - y)
@@ -871,8 +906,15 @@ def search_poses(
                     memory.motions[slot], memory.closed[slot] = before, 0
                     sift_up(memory.heap, size, through, slot)
                     size += 1
-        for which in range(8):
-            if which < 2:
+        turns_freely = can_turn(room, shape, (x, y))
+        for which in range(2 * HEADINGS if turns_freely else 8):
+            turned = 0.0
+            if turns_freely:
+                motion = FORWARDS if which < HEADINGS else BACKWARDS
+                turn = (which - heading + HEADINGS // 2) % HEADINGS - HEADINGS // 2
+                turned = SEARCH.turn_m * TURN_RAD * abs(turn)
+                turned += SEARCH.halt_m if turn != 0 else 0.0
+            elif which < 2:
                 motion, turn = TURNING, 2 * which - 1
             else:
                 motion = FORWARDS if which < 5 else BACKWARDS
@@ -880,20 +922,25 @@ def search_poses(
             next_heading = (heading + turn) % HEADINGS
             place = (x, y)
             if motion != TURNING:
-                middle = yaw + 0.5 * turn * TURN_RAD
+                share = 1.0 if turns_freely else 0.5
+                middle = yaw + share * turn * TURN_RAD
                 by = motion * SEARCH.move_m
                 place = (x + by * math.cos(middle), y + by * math.sin(middle))
             rest = to_go(room, place)
             if rest == math.inf:
                 continue
-            row, col = math.floor(place[1] / SEARCH.cell_m), math.floor(place[0] / SEARCH.cell_m)
-            next_key = (row * cols + col) * HEADINGS + next_heading
+            # From room to room every fourth heading will do, and nobody needs to back.
+            if turns_freely and can_turn(room, shape, place):
+                if motion == BACKWARDS or (turn != 0 and next_heading % 4 != 0):
+                    continue
+            next_key = key_of(room, shape, place, next_heading, cols)
             slot = slot_of(memory, number, next_key)
             is_known = memory.stamps[slot] == number
             length = SEARCH.turn_m * TURN_RAD
             if motion != TURNING:
-                length = SEARCH.move_m + SEARCH.arc_m * TURN_RAD * abs(turn)
-            least = cost + length + change_cost(before, motion)
+                arc = 0.0 if turns_freely else SEARCH.arc_m * TURN_RAD * abs(turn)
+                length = SEARCH.move_m + arc
+            least = cost + turned + length + change_cost(before, motion)
             if is_known and (memory.closed[slot] or memory.costs[slot] <= least):
                 continue
             price = price_of(room, shape, place, next_heading, motion)
@@ -907,7 +954,7 @@ def search_poses(
                 memory.stamps[slot], memory.keys[slot] = number, next_key
                 memory.closed[slot] = 0
             memory.costs[slot], memory.previous[slot] = through, state
-            memory.motions[slot] = motion
+            memory.motions[slot], memory.headings[slot] = motion, next_heading
             memory.places[slot, 0], memory.places[slot, 1] = place
             if size >= memory.heap.shape[0] - 1:
                 return FULL, NONE, num_states
