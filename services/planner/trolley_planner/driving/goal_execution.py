@@ -107,7 +107,8 @@ class GoalExecution:
         self.context = context
         self.goal_grid = context.costmap.to_grid(goal.pose)
         vias = [context.costmap.to_grid(via) for via in goal.vias]
-        self.route = Route(context, config, [*vias, self.goal_grid], path)
+        targets, any_heading = [*vias, self.goal_grid], goal.tolerances.any_heading
+        self.route = Route(context, config, targets, path, any_heading)
         self.recovery = Recovery(config)
         self.outcome: Literal["arrived", "failed"] | None = None
         self.trouble = ""
@@ -311,7 +312,7 @@ class GoalExecution:
         path, self._goal_approach.detour = self._goal_approach.detour, None
         if path is not None:
             aim, changes = self._goal_approach.aim, self.route.changes + 1
-            self.route = Route(self.context, self._config, [aim], path, changes)
+            self.route = Route(self.context, self._config, [aim], path, False, changes)
             self._progress.reset()
 
     def _excuse_while_held(self, twist: Twist2D, now: ControlInput) -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import wrap_angle
 from trolley.jit import kernel
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
@@ -39,11 +40,16 @@ class FootprintCheckParams(NamedTuple):
     """Another way may end this far beside the path [m],"""
     end_rad: float = 0.3
     """and this far from looking along it."""
+    exact_m: float = 0.03
+    """At the goal this far from it [m],"""
+    exact_rad: float = 0.05
+    """and from its heading."""
     wanted_m: float = 0.05
     """Clearance that it keeps where there is room [m]."""
 
 
 CHECK = FootprintCheckParams()
+Yaws = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +88,7 @@ class FootprintCheck:
         points: NDArray[np.float64],
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
+        yaws: Yaws = (None, None),
     ) -> CheckedPath:
         """Lead a path through where the footprint fits.
 
@@ -90,6 +97,7 @@ class FootprintCheck:
             weights: (rows, cols) of the costmap.
             distance_m: (rows, cols) to the nearest obstacle: the costmap's, or that of its map
                 and zones alone.
+            yaws: of the robot at the start and at the end [rad], None where any will do.
         """
         if self._is_round:
             return CheckedPath(points, None)
@@ -97,20 +105,20 @@ class FootprintCheck:
         field = Field(distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
         done = 0
         while True:
-            wrong = self._first_misfit(points, field, done)
+            wrong = self._first_misfit(points, field, done, yaws)
             if wrong is None:
                 return CheckedPath(points, None)
             first, last = wrong
             start, end = self._turning_places(points, field, first, last)
-            passage = self._find_passage(points, weights, field, (start, end))
+            passage = self._find_passage(points, weights, field, (start, end), yaws)
             if passage is None:
                 x, y = points[(first + last) // 2]
                 return CheckedPath(points, (float(x), float(y)))
             points = np.concatenate([points[: start + 1], passage, points[end:]])
-            done = start + 1 + len(passage)
+            done = start + len(passage) + 2
 
     def _first_misfit(
-        self, points: NDArray[np.float64], field: Field, done: int
+        self, points: NDArray[np.float64], field: Field, done: int, yaws: Yaws
     ) -> tuple[int, int] | None:
         """Return the first and last point of the next stretch where the footprint does not fit."""
         steps = np.diff(points, axis=0)
@@ -118,13 +126,18 @@ class FootprintCheck:
         fits = np.ones(len(points), dtype=np.bool_)
         check_into(fits, field, self._body, points, CHECK.around, CHECK.give_cells * self._edge_m)
         fits |= (along < CHECK.start_m) | (along > along[-1] - CHECK.end_m)
+        # Nor where it would have to turn at an end, and has no room for that.
+        for index, yaw in zip((0, -1), yaws, strict=True):
+            if yaw is not None and not self._can_turn(points[index], field):
+                along_path = self._yaw(points, index % len(points))
+                fits[index] = abs(wrap_angle(yaw - along_path)) < CHECK.end_rad
         fits[:done] = True
         misfits = np.flatnonzero(~fits)
         if misfits.size == 0:
             return None
         first = int(misfits[0])
         after = np.flatnonzero(fits[first:])
-        return first, first + int(after[0]) - 1
+        return first, (first + int(after[0]) if len(after) else len(points)) - 1
 
     def _turning_places(
         self, points: NDArray[np.float64], field: Field, first: int, last: int
@@ -149,31 +162,35 @@ class FootprintCheck:
         weights: NDArray[np.uint8],
         field: Field,
         stretch: tuple[int, int],
+        yaws: Yaws,
     ) -> NDArray[np.float64] | None:
         """Return points (n, 2) in place of a stretch of the path, None if there is no passage."""
         start, end = stretch
-        grid, shape = self._fine_grid, np.array(self._costmap.shape)
+        grid = self._fine_grid
         cells = np.floor(points[start : end + 1, ::-1] / self._edge_m).astype(np.int64)
-        low = np.maximum(cells.min(axis=0) - self._margin, 0)
-        size = np.minimum(cells.max(axis=0) + self._margin + 1, shape) - low
-        first = int(low[0]), int(low[1])
+        low = cells.min(axis=0) - self._margin
+        size = cells.max(axis=0) + self._margin + 1 - low
         has_seen = field.distance_m is not self._costmap.static_distance_m
-        grid.update(first, (int(size[0]), int(size[1])), has_seen)
-        box = tuple(slice(int(at), int(at + count)) for at, count in zip(low, size, strict=True))
-        closed = self._in_fine_cells(weights[box] == LETHAL)
+        grid.update((int(low[0]), int(low[1])), (int(size[0]), int(size[1])), has_seen)
+        closed = self._in_fine_cells(_box_of(weights == LETHAL, low, size))
         unknown = np.zeros_like(closed)
         x, y = (float(value) for value in points[start])
         to_x, to_y = (float(value) for value in points[end])
-        yaws = self._yaw(points, start), self._yaw(points, end)
-        for any_heading in (self._can_turn(points[end], field), True):
-            ends = x, y, yaws[0], to_x, to_y, yaws[1]
-            task = Task(*ends, any_heading, CHECK.end_xy_m, CHECK.end_rad, CHECK.wanted_m)
+        yaw, to_yaw = self._yaw(points, start), self._yaw(points, end)
+        if start == 0 and yaws[0] is not None:
+            yaw = yaws[0]
+        is_end = end == len(points) - 1 and yaws[1] is not None
+        if is_end and yaws[1] is not None:
+            to_yaw = yaws[1]
+        any_heading = not is_end and self._can_turn(points[end], field)
+        missed = (CHECK.exact_m, CHECK.exact_rad) if is_end else (CHECK.end_xy_m, CHECK.end_rad)
+        ends = x, y, yaw, to_x, to_y, to_yaw
+        task = Task(*ends, any_heading, *missed, CHECK.wanted_m)
+        found = self._pose_search.find(grid, unknown, closed, task)
+        if found is None and not any_heading and not is_end:
+            task = task._replace(any_heading=True)
             found = self._pose_search.find(grid, unknown, closed, task)
-            if found is not None:
-                return found.poses[1:, :2]
-            if any_heading:
-                break
-        return None
+        return None if found is None else found.poses[1:, :2]
 
     def _in_fine_cells(self, cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
         parts = self._fine_grid.parts
@@ -183,6 +200,17 @@ class FootprintCheck:
         before = points[max(index - CHECK.around, 0)]
         after = points[min(index + CHECK.around, len(points) - 1)]
         return math.atan2(float(after[1] - before[1]), float(after[0] - before[0]))
+
+
+def _box_of(
+    mask: NDArray[np.bool_], low: NDArray[np.int64], size: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return a box of cells, set outside the grid."""
+    box = np.ones((int(size[0]), int(size[1])), dtype=np.bool_)
+    inside = [slice(max(-int(at), 0), None) for at in low]
+    part = mask[max(int(low[0]), 0) : int(low[0] + size[0]), max(int(low[1]), 0) : int(low[1] + size[1])]
+    box[inside[0], inside[1]][: part.shape[0], : part.shape[1]] = part
+    return box
 
 
 @kernel

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
-from trolley_planner.paths.footprint_check import FootprintCheck
+from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
 from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten
 
 Point = tuple[float, float]
@@ -72,6 +72,7 @@ class GlobalPlanner:
         targets: list[Point],
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
+        yaws: Yaws = (None, None),
     ) -> PlannedPath | None:
         """Return the cheapest path through all targets, None if there is none.
 
@@ -80,6 +81,7 @@ class GlobalPlanner:
             targets: via points in their order, then the goal.
             weights: (rows, cols) of the costmap, with or without what the lidar has seen.
             distance_m: (rows, cols) that belongs to them.
+            yaws: of the robot at the start and at the goal [rad], None where any will do.
         """
         leaving = self._costmap.leaving
         if leaving is not None:
@@ -89,11 +91,11 @@ class GlobalPlanner:
             )
         self.narrow = []
         ends = [start, *targets]
-        found = self._plan_fitting_path(ends, weights, distance_m, False)
+        found = self._plan_fitting_path(ends, weights, distance_m, False, yaws)
         # Where something stands on a target, the path is not too narrow: there is none.
         if found is None and all(self._has_room(target, distance_m) for target in targets):
             squeeze_weights = self._costmap.squeeze_weights(weights, distance_m)
-            found = self._plan_fitting_path(ends, squeeze_weights, distance_m, True)
+            found = self._plan_fitting_path(ends, squeeze_weights, distance_m, True, yaws)
         return found
 
     def _plan_fitting_path(
@@ -102,6 +104,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
         is_tight: bool,
+        yaws: Yaws,
     ) -> PlannedPath | None:
         """Return the cheapest path along which the footprint fits, None if there is none.
 
@@ -110,12 +113,15 @@ class GlobalPlanner:
             weights: as in `plan`.
             distance_m: as in `plan`.
             is_tight: whether it may touch where that is only because of the size of the cells.
+            yaws: as in `plan`.
         """
         for _ in range(PLANNING.most_narrow_places):
-            found = self._plan_through(ends, weights, distance_m, is_tight)
+            found = self._plan_through(ends, weights, distance_m, is_tight, yaws)
             if isinstance(found, PlannedPath) or found is None:
                 return found
             self.narrow.append(found)
+            if any(math.dist(found, end) < PLANNING.start_escape_m for end in (ends[0], ends[-1])):
+                return None  # However it goes on, there it must pass.
             weights = weights.copy()
             cells = found[0] / self._costmap.resolution_m, found[1] / self._costmap.resolution_m
             radius_m = max(self._costmap.footprint.inscribed_m, PLANNING.narrow_m)
@@ -179,6 +185,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
         is_tight: bool,
+        yaws: Yaws,
     ) -> PlannedPath | Point | None:
         """Return the path through all targets, or else where it is too narrow; None: no path."""
         legs: list[NDArray[np.float64]] = []
@@ -187,7 +194,11 @@ class GlobalPlanner:
             leg = self._leg(here, target, weights, distance_m)
             if leg is None:
                 return None
-            checked = self._footprint_check.check(leg.points, leg.weights, distance_m)
+            here_yaw = yaws[0] if here is ends[0] else None
+            there_yaw = yaws[1] if target is ends[-1] else None
+            checked = self._footprint_check.check(
+                leg.points, leg.weights, distance_m, (here_yaw, there_yaw)
+            )
             if checked.narrow is not None:
                 return checked.narrow
             legs.append(checked.points)
