@@ -86,6 +86,12 @@ class FineGrid:
         column_distances_into(columns, self.mask)
         distance_transform_into(self.distance_m, columns, self.fine_m, self._reach_m)
 
+    def contains(self, x: float, y: float) -> bool:
+        """Say whether a point of `grid` [m] lies in the box."""
+        rows, cols = self.mask.shape
+        right, top = self.x + cols * self.fine_m, self.y + rows * self.fine_m
+        return self.x <= x < right and self.y <= y < top
+
 
 @kernel
 def fill_window(

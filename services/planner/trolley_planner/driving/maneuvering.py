@@ -48,6 +48,10 @@ class ManeuverParams:
     """The place at which a way ends on the path may be missed by this much,"""
     loose_rad: float = 0.2
     """and the heading there by this."""
+    begin_people_m: float = 0.8
+    """No way is begun while somebody moves this near to the robot,"""
+    stand_people_m: float = 0.3
+    """and while they do this near it stands."""
     retry_s: float = 1.0
     """Time between two searches that find nothing."""
     blocked_scans: int = 3
@@ -134,6 +138,8 @@ class Maneuvering:
         )
         if needed is None or goes_on or self._must_rest(now_ns):
             return
+        if self._is_anyone_near(pose, MANEUVER.begin_people_m):
+            return  # The controller knows how to pass people.
         self._searched_ns = now_ns
         found = self._search(pose, route, aim, needed)
         if found is not None:
@@ -157,6 +163,8 @@ class Maneuvering:
         if wanted is None:
             self._end(now)
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
+        if self._is_anyone_near(pose, MANEUVER.stand_people_m):
+            wanted = Twist2D.zero()
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
         safe = safe_command(now.motion, wanted, local_costmap, limits, TIGHT_CLEARANCE_M)
         if follower.is_stalled(safe, now.elapsed_s):
@@ -170,6 +178,10 @@ class Maneuvering:
             self.stop()
         elif abs(twist.vx) < 0.02 and abs(twist.wz) < 0.05:
             self.has_arrived = True
+
+    def _is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
+        within_m += self._context.footprint.circumscribed_m
+        return self._context.local_costmap.is_anyone_near(pose, within_m)
 
     def _must_rest(self, now_ns: int) -> bool:
         last_ns = self._searched_ns

@@ -9,9 +9,10 @@ from trolley.jit import kernel
 @kernel
 def sift_up(heap: NDArray[np.float64], at: int, key: float, state: int) -> None:
     """Put a state into a binary heap (n, 2) of keys and states, from its end `at` on."""
-    while at > 0 and heap[(at - 1) // 2, 0] > key:
-        heap[at] = heap[(at - 1) // 2]
-        at = (at - 1) // 2
+    while at > 0 and heap[(at - 1) >> 1, 0] > key:
+        above = (at - 1) >> 1
+        heap[at, 0], heap[at, 1] = heap[above, 0], heap[above, 1]
+        at = above
     heap[at, 0], heap[at, 1] = key, state
 
 
@@ -27,7 +28,7 @@ def take_first(heap: NDArray[np.float64], size: int) -> int:
             below += 1
         if heap[below, 0] >= key:
             break
-        heap[at] = heap[below]
+        heap[at, 0], heap[at, 1] = heap[below, 0], heap[below, 1]
         at = below
     heap[at, 0], heap[at, 1] = key, moved
     return first

@@ -240,8 +240,11 @@ class PoseSearch:
             grid: what stands around.
             unknown: (rows, cols) of `grid`, set where the robot must not back into.
             closed: (rows, cols) of `grid`, set where its origin must not be.
-            task: from where to where.
+            task: from where to where; there is no way to or from outside `grid`.
         """
+        if not (grid.contains(task.x, task.y) and grid.contains(task.goal_x, task.goal_y)):
+            self.is_proof = True
+            return None
         shape = self._shape(grid.fine_m, task.goal_yaw)
         corner = np.array([grid.x, grid.y])
         room = self._room(grid, unknown, closed, task)
@@ -583,24 +586,29 @@ def count_into(
     """
     mask, distance_m, unknown = layers
     rows, cols = mask.shape
-    low_row, high_row = outline[:, 1].min() - 1.0, outline[:, 1].max() + 1.0
-    low_col, high_col = outline[:, 0].min() - 1.0, outline[:, 0].max() + 1.0
     for row in range(rows):
-        blocked, near, unseen = 0, 0, 0
+        blocked, near, unseen = np.uint16(0), np.uint16(0), np.uint16(0)
         for col in range(cols):
             out_counts[0, row, col] = blocked
             out_counts[1, row, col] = near
             out_counts[2, row, col] = unseen
-            stands = mask[row, col] != 0
-            if stands and low_row < row < high_row and low_col < col < high_col:
-                x, y = col + 0.5, row + 0.5
-                stands = not (inside_polygon(outline, x, y) or is_near_edge(outline, x, y, 1.0))
-            blocked += stands
-            near += distance_m[row, col] < wanted_m
-            unseen += unknown[row, col] != 0
+            blocked += np.uint16(mask[row, col] != 0)
+            near += np.uint16(distance_m[row, col] < wanted_m)
+            unseen += np.uint16(unknown[row, col] != 0)
         out_counts[0, row, cols] = blocked
         out_counts[1, row, cols] = near
         out_counts[2, row, cols] = unseen
+    first_row = max(math.floor(outline[:, 1].min()) - 1, 0)
+    first_col = max(math.floor(outline[:, 0].min()) - 1, 0)
+    last_col = min(math.ceil(outline[:, 0].max()) + 1, cols)
+    for row in range(first_row, min(math.ceil(outline[:, 1].max()) + 1, rows)):
+        taken = np.uint16(0)
+        for col in range(first_col, cols):
+            stands = mask[row, col] != 0 and col < last_col
+            x, y = col + 0.5, row + 0.5
+            if stands and (inside_polygon(outline, x, y) or is_near_edge(outline, x, y, 1.0)):
+                taken += np.uint16(1)
+            out_counts[0, row, col + 1] -= taken
 
 
 @kernel
@@ -621,15 +629,17 @@ def passable_into(
         group: fine cells in the edge of a larger cell.
     """
     near = int((1.0 + SEARCH.near) * WEIGHT_UNIT)
-    for row in range(distance_m.shape[0]):
-        for col in range(distance_m.shape[1]):
+    rows, cols = distance_m.shape
+    for row in range(out_weights.shape[0] - 2):
+        for col in range(out_weights.shape[1] - 2):
             # Between centres of cells: what stands, and the origin, may be half a cell nearer.
-            if distance_m[row, col] >= radii[0] and closed[row, col] == 0:
-                cell = row // group + 1, col // group + 1
-                if distance_m[row, col] >= radii[1]:
-                    out_weights[cell] = WEIGHT_UNIT
-                elif out_weights[cell] == 0:
-                    out_weights[cell] = near
+            farthest = np.float32(0.0)
+            for fine_row in range(row * group, min((row + 1) * group, rows)):
+                for fine_col in range(col * group, min((col + 1) * group, cols)):
+                    if closed[fine_row, fine_col] == 0:
+                        farthest = max(farthest, distance_m[fine_row, fine_col])
+            if farthest >= radii[0]:
+                out_weights[row + 1, col + 1] = WEIGHT_UNIT if farthest >= radii[1] else near
 
 
 @kernel
@@ -681,7 +691,7 @@ def price_of(
         heading: index.
         motion: how it comes there; TURNING: what a metre of its outline's way would cost.
     """
-    has_room = can_turn(room, shape, place)
+    has_room = can_turn(room, shape, place, 0.0)
     if has_room and motion != BACKWARDS:
         return 1.0
     if not has_room and not is_free(room.blocked, shape, room.fine_m, place, heading):
@@ -800,13 +810,14 @@ def to_go(room: Room, place: tuple[float, float]) -> float:
 
 
 @kernel
-def can_turn(room: Room, shape: Shape, place: tuple[float, float]) -> bool:
-    """Say whether there is room for a full turn at a place, and the clearance that is wanted."""
+def can_turn(room: Room, shape: Shape, place: tuple[float, float], more_m: float) -> bool:
+    """Say whether there is room for a full turn at a place, with the wanted clearance and more."""
     row, col = math.floor(place[1] / room.fine_m), math.floor(place[0] / room.fine_m)
     rows, cols = room.distance_m.shape
     if not (0 <= row < rows and 0 <= col < cols):
         return False
-    return room.distance_m[row, col] > shape.circumscribed_m + room.wanted_m + room.fine_m
+    least_m = shape.circumscribed_m + room.wanted_m + room.fine_m + more_m
+    return room.distance_m[row, col] > least_m
 
 
 @kernel
@@ -816,7 +827,7 @@ def key_of(
     """Return the key of the state at a place; `cols` cells are in a row."""
     row, col = math.floor(place[1] / SEARCH.cell_m), math.floor(place[0] / SEARCH.cell_m)
     cell = (row * cols + col) * HEADINGS
-    return cell if can_turn(room, shape, place) else cell + heading
+    return cell if can_turn(room, shape, place, 0.0) else cell + heading
 
 
 @kernel
@@ -906,8 +917,11 @@ def search_poses(
                     memory.motions[slot], memory.closed[slot] = before, 0
                     sift_up(memory.heap, size, through, slot)
                     size += 1
-        turns_freely = can_turn(room, shape, (x, y))
-        for which in range(2 * HEADINGS if turns_freely else 8):
+        turns_freely = can_turn(room, shape, (x, y), 0.0)
+        # From room to room every fourth heading will do, and nobody needs to back.
+        is_inside = turns_freely and can_turn(room, shape, (x, y), SEARCH.move_m)
+        num_moves = HEADINGS if is_inside else (2 * HEADINGS if turns_freely else 8)
+        for which in range(0, num_moves, 4 if is_inside else 1):
             turned = 0.0
             if turns_freely:
                 motion = FORWARDS if which < HEADINGS else BACKWARDS
@@ -929,9 +943,8 @@ def search_poses(
             rest = to_go(room, place)
             if rest == math.inf:
                 continue
-            # From room to room every fourth heading will do, and nobody needs to back.
-            if turns_freely and can_turn(room, shape, place):
-                if motion == BACKWARDS or (turn != 0 and next_heading % 4 != 0):
+            if turns_freely and not is_inside and can_turn(room, shape, place, 0.0):
+                if motion == BACKWARDS or next_heading % 4 != 0:
                     continue
             next_key = key_of(room, shape, place, next_heading, cols)
             slot = slot_of(memory, number, next_key)
