@@ -91,7 +91,9 @@ def _timed(scene: Scene, seed: int, each: bool) -> tuple[list[float], list[int],
             states.append(context.pose_search.num_states)
             missed += found is None
             if each:
-                print(f"{scene.name:24} {took_ms:6.1f} ms {states[-1]:7} states {found is not None}")
+                print(
+                    f"{scene.name:24} {took_ms:6.1f} ms {states[-1]:7} states {found is not None}"
+                )
     return times, states, missed
 
 
@@ -101,7 +103,9 @@ def _piece(poses: NDArray[np.float64], rng: np.random.Generator) -> Task:
     first = int(rng.integers(len(poses) - 1))
     length = rng.uniform(0.3, MANEUVER.reach_m)
     last = min(int(np.searchsorted(along, along[first] + length)), len(poses) - 1)
-    return Task(*poses[first], *poses[max(last, first + 1)], False, 0.02, 0.03, WANTED_M)
+    x, y, yaw = (float(value) for value in poses[first])
+    to_x, to_y, to_yaw = (float(value) for value in poses[max(last, first + 1)])
+    return Task(x, y, yaw, to_x, to_y, to_yaw, False, 0.02, 0.03, WANTED_M)
 
 
 if __name__ == "__main__":

@@ -32,9 +32,7 @@ class AllPoses:
         margin_m: to keep from occupied cells.
     """
 
-    def __init__(
-        self, grid: GridMap, corners: list[tuple[float, float]], margin_m: float
-    ) -> None:
+    def __init__(self, grid: GridMap, corners: list[tuple[float, float]], margin_m: float) -> None:
         self._edge_m = STEP_PARTS * grid.resolution / PARTS
         between = 0.5 * (YAWS + np.append(YAWS[1:], YAWS[0] + 2.0 * math.pi))
         occupied = np.kron(grid.cells != FREE, np.ones((PARTS, PARTS)))
@@ -131,7 +129,7 @@ FOOTPRINTS = [
     box(0.60, 0.30, 0.30),
     box(0.46, 0.42, 0.23),
 ]
-"""A small robot, a large one, one with its axle at the rear, a long one, and one as wide as long."""
+"""A small robot, a large one, one with its axle at the rear, a long one, one nearly square."""
 
 
 def random_corridors(rng: np.random.Generator) -> GridMap:

@@ -137,7 +137,7 @@ class LocalCostmap:
         resolution = self._costmap.resolution_m
         half = self._map_cells // 2
         first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
-        self.fine_grid.update(first, (self._map_cells,) * 2)
+        self.fine_grid.update(first, (self._map_cells, self._map_cells))
         self._x, self._y = self.fine_grid.x, self.fine_grid.y
         coarsen_into(self._coarse_m, self.fine_grid.distance_m, self._group)
         table = self._tight_table if is_tight else self._table
@@ -215,7 +215,9 @@ class LocalCostmap:
         """Say of cells of the costmap, also outside it, whether the robot may back into them."""
         costmap = self._costmap
         shape, flat = rows.shape, (rows.reshape(-1), cols.reshape(-1))
-        rows, cols = (np.clip(at, 0, size - 1) for at, size in zip(flat, costmap.shape, strict=True))
+        rows, cols = (
+            np.clip(at, 0, size - 1) for at, size in zip(flat, costmap.shape, strict=True)
+        )
         layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
         return (known | layer.is_known_free(rows, cols)).reshape(shape)

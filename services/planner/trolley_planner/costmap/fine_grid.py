@@ -42,13 +42,14 @@ class FineGrid:
         """Fine cells in the edge of a cell of the costmap."""
         self.fine_m = costmap.resolution_m / self.parts
         self._reach_m = reach_m
-        self._memory = np.zeros(0, dtype=np.uint8), np.zeros(0, np.int32), np.zeros(0, np.float32)
-        self._first = 0, 0
+        self._mask = np.zeros(0, dtype=np.uint8)
+        self._columns = np.zeros(0, dtype=np.int32)
+        self._distances = np.zeros(0, dtype=np.float32)
         self.x = self.y = 0.0
         """Corner in `grid` [m]."""
-        self.mask = np.zeros((0, 0), dtype=np.uint8)
+        self.mask: NDArray[np.uint8] = np.zeros((0, 0), dtype=np.uint8)
         """(rows, cols) set where something stands."""
-        self.distance_m = np.zeros((0, 0), dtype=np.float32)
+        self.distance_m: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
         """(rows, cols) to the nearest obstacle."""
 
     def update(self, first: tuple[int, int], size: tuple[int, int], has_seen: bool = True) -> None:
@@ -61,14 +62,14 @@ class FineGrid:
         """
         costmap, layer = self._costmap, self._costmap.obstacle_layer
         rows, cols = size[0] * self.parts, size[1] * self.parts
-        if self._memory[0].size < rows * cols:
-            kinds = (np.uint8, np.int32, np.float32)
-            mask, columns, distances = (np.zeros(rows * cols, dtype=kind) for kind in kinds)
-            self._memory = mask, columns, distances
-        self.mask, columns, self.distance_m = (
-            array[: rows * cols].reshape(rows, cols) for array in self._memory
-        )
-        self._first = first
+        if self._mask.size < rows * cols:
+            self._mask = np.zeros(rows * cols, dtype=np.uint8)
+            self._columns = np.zeros(rows * cols, dtype=np.int32)
+            self._distances = np.zeros(rows * cols, dtype=np.float32)
+        part, shape = slice(rows * cols), (rows, cols)
+        self.mask = self._mask[part].reshape(shape)
+        self.distance_m = self._distances[part].reshape(shape)
+        columns = self._columns[part].reshape(shape)
         self.x, self.y = first[1] * costmap.resolution_m, first[0] * costmap.resolution_m
         fill_window(
             self.mask,

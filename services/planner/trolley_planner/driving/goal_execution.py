@@ -13,7 +13,7 @@ from trolley_planner.control.controller import Motion, limited_change, safe_comm
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.proximity import PROXIMITY
 from trolley_planner.control.rollout import ROLLOUT, Limits, Target
-from trolley_planner.driving.goal_approach import GoalApproach, can_turn_by
+from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuvering import Maneuvering
 from trolley_planner.driving.recovery import (
     RECOVERY,
@@ -202,7 +202,6 @@ class GoalExecution:
     def _approach_goal(self, now: ControlInput) -> Twist2D:
         """Return the velocity of the goal approach."""
         twist = self._goal_approach.command(now)
-        self._take_detour()
         if self._goal_approach.has_arrived:
             self.outcome = "arrived"
         return twist
@@ -302,18 +301,7 @@ class GoalExecution:
             trouble = codes.BLOCKED
         if trouble is not None:
             self.trouble = trouble
-            if approach.turn_elsewhere(pose):
-                self._take_detour()
-            else:
-                self._begin_recovery_action(now)
-
-    def _take_detour(self) -> None:
-        """Follow the path of a goal approach that goes somewhere else first."""
-        path, self._goal_approach.detour = self._goal_approach.detour, None
-        if path is not None:
-            aim, changes = self._goal_approach.aim, self.route.changes + 1
-            self.route = Route(self.context, self._config, [aim], path, False, changes)
-            self._progress.reset()
+            self._begin_recovery_action(now)
 
     def _excuse_while_held(self, twist: Twist2D, now: ControlInput) -> None:
         """Do not count time in which somebody holds the robot up, for as long as it is patient."""
@@ -396,7 +384,7 @@ class GoalExecution:
         self._behavior = None
         if action is RecoveryAction.TURN:
             turn = free_turn(
-                lambda angle: can_turn_by(context, pose, angle, clearance_m),
+                lambda angle: context.can_turn_by(pose, angle, clearance_m),
                 self._bearing_of_path(pose),
             )
             self._behavior = None if turn is None else Spin(now.odom_T_base, turn)

@@ -202,7 +202,7 @@ class Maneuvering:
         # Within the local costmap only, and where it says something of headings.
         is_tight = self._context.tight_places(points, MANEUVER.room_m, MANEUVER.aside_m)
         near = bool((is_tight & (along < MANEUVER.begin_m)).any())
-        if is_goal and self._is_tight_goal(points, aim):
+        if is_goal and self._is_tight_goal(pose, points, aim):
             is_tight[-1] = True
             near |= float(along[-1]) < 2.0 * MANEUVER.begin_m
         if not near and not self._must_turn_in_little_room(pose, points):
@@ -211,21 +211,21 @@ class Maneuvering:
         end = path.ahead(first + int(tight[-1]) if len(tight) else first, MANEUVER.beyond_m)
         return min(max(end, path.ahead(first, MANEUVER.begin_m)), last)
 
-    def _is_tight_goal(self, points: NDArray[np.float64], aim: Pose2D) -> bool:
+    def _is_tight_goal(self, pose: Pose2D, points: NDArray[np.float64], aim: Pose2D) -> bool:
         """Say whether there is little room at the goal: to stand there, or to turn."""
         context = self._context
         if context.seen_clearance(aim, MANEUVER.room_m) < MANEUVER.room_m:
             return True
-        if self._tolerances.any_heading or len(points) < 2:
+        if self._tolerances.any_heading:
             return False
-        before = points[-min(len(points), 5)]
-        facing = math.atan2(aim.y - float(before[1]), aim.x - float(before[0]))
+        facing = pose.yaw
+        if pose.distance_to(aim) > MANEUVER.loose_m and len(points) > 1:
+            before = points[-min(len(points), 5)]
+            facing = math.atan2(aim.y - float(before[1]), aim.x - float(before[0]))
         turn = wrap_angle(facing - aim.yaw)
         return not context.can_turn_by(aim, turn, MANEUVER.turn_room_m)
 
-    def _must_turn_in_little_room(
-        self, pose: Pose2D, points: NDArray[np.float64]
-    ) -> bool:
+    def _must_turn_in_little_room(self, pose: Pose2D, points: NDArray[np.float64]) -> bool:
         """Say whether the robot looks elsewhere than the path leads, and cannot just turn."""
         ahead = points[min(len(points) - 1, 6)]
         if math.dist((pose.x, pose.y), (float(ahead[0]), float(ahead[1]))) < 0.1:
@@ -298,8 +298,8 @@ class WayFollower:
     @property
     def end(self) -> Pose2D:
         """Where the way ends."""
-        x, y, yaw = self._poses[-1]
-        return Pose2D(float(x), float(y), wrap_angle(float(yaw)))
+        last = self._poses[-1]
+        return Pose2D(float(last[0]), float(last[1]), wrap_angle(float(last[2])))
 
     @property
     def left_m(self) -> float:
@@ -335,7 +335,9 @@ class WayFollower:
         pose = motion.pose
         while self._index < len(self._poses) - 1:
             sense = int(self._motions[self._run_end])
-            twist = self._turn(pose, limits) if sense == TURNING else self._line(pose, sense, limits)
+            twist = (
+                self._turn(pose, limits) if sense == TURNING else self._line(pose, sense, limits)
+            )
             if twist is not None:
                 return twist
             self._index = self._run_end
@@ -365,7 +367,7 @@ class WayFollower:
     def _line(self, pose: Pose2D, sense: int, limits: Limits) -> Twist2D | None:
         """Return the velocity along a line or curve, None at its end."""
         run = self._poses[self._index : self._run_end + 1]
-        near = run[:MANEUVER.nearest_of]
+        near = run[: MANEUVER.nearest_of]
         self._index += int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
         last = self._poses[self._run_end]
         cos, sin = math.cos(float(last[2])), math.sin(float(last[2]))

@@ -208,7 +208,9 @@ def _box_of(
     """Return a box of cells, set outside the grid."""
     box = np.ones((int(size[0]), int(size[1])), dtype=np.bool_)
     inside = [slice(max(-int(at), 0), None) for at in low]
-    part = mask[max(int(low[0]), 0) : int(low[0] + size[0]), max(int(low[1]), 0) : int(low[1] + size[1])]
+    part = mask[
+        max(int(low[0]), 0) : int(low[0] + size[0]), max(int(low[1]), 0) : int(low[1] + size[1])
+    ]
     box[inside[0], inside[1]][: part.shape[0], : part.shape[1]] = part
     return box
 
@@ -286,9 +288,7 @@ def tight_into(
 
 
 @kernel
-def least_clearance(
-    field: Field, body: Body, poses: NDArray[np.float64], enough_m: float
-) -> float:
+def least_clearance(field: Field, body: Body, poses: NDArray[np.float64], enough_m: float) -> float:
     """Return the smallest clearance at some poses (n, 3) [m], at most `enough_m`."""
     least = enough_m
     for index in range(poses.shape[0]):

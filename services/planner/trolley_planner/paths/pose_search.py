@@ -3,9 +3,9 @@
 Where the footprint matters a path of points will not do: which way the robot looks, and when it
 backs, decide whether it gets through. States are a cell, one of 64 headings and, as in hybrid A*,
 the exact point at which the cell was reached first, so that straight lines stay straight. Moves are
-short lines and arcs, both ways, and turns on the spot. Where there is room for a full turn one state
-stands for all headings: in open floor that leaves a search of the place alone. From states near the
-goal a direct drive is tried as well: turn, straight line, turn.
+short lines and arcs, both ways, and turns on the spot. Where there is room for a full turn one
+state stands for all headings: in open floor that leaves a search of the place alone. From states
+near the goal a direct drive is tried as well: turn, straight line, turn.
 
 The footprint is rasterised for each heading as spans of cells in a row. With counts of what stands
 in each row before each column two look-ups say whether a span is free, its inside included.
@@ -50,6 +50,10 @@ class PoseSearchParams(NamedTuple):
     """The headings begin at this many angles, so that one of them is nearly the goal's."""
     near: float = 2.0
     """A metre costs this much more where the footprint has less room than is wanted."""
+    beside: float = 6.0
+    """and this much more where it comes right beside something:"""
+    beside_m: float = 0.026
+    """nearer than this, two fine cells. So the robot keeps to the middle of a door."""
     reverse: float = 0.4
     """A metre backwards costs this much more, as in the rollouts."""
     turn_m: float = 0.25
@@ -99,7 +103,7 @@ class Maneuver:
     """A way with headings.
 
     Attributes:
-        poses: (n, 3) x, y [m], yaw [rad, not wrapped] in `grid`, a few centimetres or degrees apart.
+        poses: (n, 3) x, y [m], yaw [rad, not wrapped] in `grid`, a little apart.
         motions: (n,) FORWARDS, BACKWARDS or TURNING: how the robot comes to each pose from the
             one before; the first has that of the second.
     """
@@ -134,6 +138,8 @@ class Room(NamedTuple):
     """(rows, cols + 1) cells in each row, before each column, in which something stands."""
     near: NDArray[np.uint16]
     """(rows, cols + 1) the same of cells that are nearer to something than is wanted."""
+    beside: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells right beside something."""
     unknown: NDArray[np.uint16]
     """(rows, cols + 1) the same of cells that the robot must not back into."""
     distance_m: NDArray[np.float32]
@@ -184,6 +190,20 @@ class Memory(NamedTuple):
     """(states,) whether the cheapest way to it is known."""
     heap: NDArray[np.float64]
     """(entries, 2) estimated cost of the whole way, and the state."""
+    counts: NDArray[np.int64]
+    """(2,) states reached by the search, and entries of the heap."""
+
+
+class Reached(NamedTuple):
+    """A state, and how it was reached."""
+
+    key: int
+    x: float
+    y: float
+    heading: int
+    cost: float
+    previous: int
+    motion: int
 
 
 class Drive(NamedTuple):
@@ -220,6 +240,7 @@ class PoseSearch:
             np.empty(count, dtype=np.int8),
             np.empty(count, dtype=np.uint8),
             np.empty((4 * count, 2), dtype=np.float64),
+            np.zeros(2, dtype=np.int64),
         )
         self._number = 0
         self.num_states = 0
@@ -251,9 +272,8 @@ class PoseSearch:
         start = task.x - grid.x, task.y - grid.y, task.yaw
         goal = task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw
         self._number += 1
-        ending, last, self.num_states = search_poses(
-            self._memory, self._number, room, shape, (start, goal), task
-        )
+        ending, last = search_poses(self._memory, self._number, room, shape, (start, goal), task)
+        self.num_states = int(self._memory.counts[0])
         self.is_proof = ending != FULL
         if ending != FOUND:
             return None
@@ -304,11 +324,21 @@ class PoseSearch:
         to_go_m = np.where(costs == UNREACHED, np.inf, metres * costs).astype(np.float32)
         own = Pose2D(task.x - grid.x, task.y - grid.y, task.yaw)
         outline = own.transform_points(self._footprint.polygon) / grid.fine_m
-        counts = np.empty((3, fine_rows, fine_cols + 1), dtype=np.uint16)
+        counts = np.empty((4, fine_rows, fine_cols + 1), dtype=np.uint16)
         layers = grid.mask, grid.distance_m, unknown
         count_into(counts, layers, outline, task.wanted_m)
         to_go_m = to_go_m.reshape(rows, cols)
-        return Room(*counts, grid.distance_m, to_go_m, grid.fine_m, edge, task.wanted_m)
+        return Room(
+            counts[0],
+            counts[1],
+            counts[2],
+            counts[3],
+            grid.distance_m,
+            to_go_m,
+            grid.fine_m,
+            edge,
+            task.wanted_m,
+        )
 
 
 def rasterised(footprint: Footprint, fine_m: float, first_yaw: float) -> Shape:
@@ -337,23 +367,24 @@ def _traced(
     while state != NONE:
         states.append(state)
         state = int(memory.previous[state])
-    chosen = np.array(states[::-1])
+    chosen = np.array(states[::-1], dtype=np.int64)
     headings = memory.headings[chosen].astype(np.int64)
     yaws = np.unwrap(shape.first_yaw + headings * TURN_RAD)
-    poses = np.column_stack([memory.places[chosen].astype(np.float64), yaws])
+    poses = np.empty((len(chosen), 3))
+    poses[:, :2], poses[:, 2] = memory.places[chosen], yaws
     motions = memory.motions[chosen]
     # Where there is room, a state is reached by a turn of any size and a line.
     parts, kinds = [poses[:1]], [motions[:1]]
-    for before, pose, motion in zip(poses[:-1], poses[1:], motions[1:], strict=True):
-        turn = float(pose[2] - before[2])
-        count = max(0, round(abs(turn) / TURN_RAD) - 1) if abs(turn) > 1.5 * TURN_RAD else 0
-        if count > 0:
-            count += 1
-            turned = before + np.linspace(0.0, 1.0, count + 1)[1:, None] * (0.0, 0.0, turn)
+    for index in range(1, len(poses)):
+        turn = float(poses[index, 2] - poses[index - 1, 2])
+        count = round(abs(turn) / TURN_RAD)
+        if count > 1:
+            turned = np.repeat(poses[index - 1 : index], count, axis=0)
+            turned[:, 2] += turn * np.arange(1, count + 1) / count
             parts.append(turned)
             kinds.append(np.full(count, TURNING, dtype=np.int8))
-        parts.append(pose[None])
-        kinds.append(np.array([motion]))
+        parts.append(poses[index : index + 1])
+        kinds.append(motions[index : index + 1])
     return np.concatenate(parts), np.concatenate(kinds)
 
 
@@ -416,7 +447,7 @@ def way_costs_into(
     """Write what the way to each of its poses (n, 3) costs [m], from the first on."""
     out_costs[0] = 0.0
     for index in range(1, poses.shape[0]):
-        motion, before = np.int64(motions[index]), np.int64(motions[index - 1])
+        motion, before = int(motions[index]), int(motions[index - 1])
         turn = abs(poses[index, 2] - poses[index - 1, 2])
         dx, dy = poses[index, 0] - poses[index - 1, 0], poses[index, 1] - poses[index - 1, 1]
         length = SEARCH.turn_m * turn
@@ -425,7 +456,7 @@ def way_costs_into(
         place = poses[index, 0], poses[index, 1]
         price = price_of(room, shape, place, heading_of(shape, poses[index, 2]), motion)
         # The way is free; beside the search's headings it may look otherwise.
-        price = min(price, 1.0 + SEARCH.near + SEARCH.reverse)
+        price = min(price, 1.0 + SEARCH.near + SEARCH.beside + SEARCH.reverse)
         change = 0.0 if index == 1 else change_cost(before, motion)
         out_costs[index] = out_costs[index - 1] + price * length + change
 
@@ -575,10 +606,10 @@ def count_into(
     outline: NDArray[np.float64],
     wanted_m: float,
 ) -> None:
-    """Write how many cells of each row, before each column, are blocked, near and unknown.
+    """Write how many cells of each row, before each column, are blocked, near, beside and unknown.
 
     Args:
-        out_counts: (3, rows, cols + 1), overwritten.
+        out_counts: (4, rows, cols + 1), overwritten; see `Room`.
         layers: (rows, cols) each: set where something stands; distance to the nearest of that; set
             where nothing is known.
         outline: (n, 2) of the robot [cells]: nothing stands where it is.
@@ -587,17 +618,17 @@ def count_into(
     mask, distance_m, unknown = layers
     rows, cols = mask.shape
     for row in range(rows):
-        blocked, near, unseen = np.uint16(0), np.uint16(0), np.uint16(0)
+        blocked, near = np.uint16(0), np.uint16(0)
+        beside, unseen = np.uint16(0), np.uint16(0)
         for col in range(cols):
-            out_counts[0, row, col] = blocked
-            out_counts[1, row, col] = near
-            out_counts[2, row, col] = unseen
+            out_counts[0, row, col], out_counts[1, row, col] = blocked, near
+            out_counts[2, row, col], out_counts[3, row, col] = beside, unseen
             blocked += np.uint16(mask[row, col] != 0)
             near += np.uint16(distance_m[row, col] < wanted_m)
+            beside += np.uint16(distance_m[row, col] < SEARCH.beside_m)
             unseen += np.uint16(unknown[row, col] != 0)
-        out_counts[0, row, cols] = blocked
-        out_counts[1, row, cols] = near
-        out_counts[2, row, cols] = unseen
+        out_counts[0, row, cols], out_counts[1, row, cols] = blocked, near
+        out_counts[2, row, cols], out_counts[3, row, cols] = beside, unseen
     first_row = max(math.floor(outline[:, 1].min()) - 1, 0)
     first_col = max(math.floor(outline[:, 0].min()) - 1, 0)
     last_col = min(math.ceil(outline[:, 0].max()) + 1, cols)
@@ -675,7 +706,7 @@ def is_free(
 @kernel
 def heading_of(shape: Shape, yaw: float) -> int:
     """Return the heading nearest to a direction [rad]."""
-    return int(round((yaw - shape.first_yaw) / TURN_RAD)) % HEADINGS
+    return math.floor((yaw - shape.first_yaw) / TURN_RAD + 0.5) % HEADINGS
 
 
 @kernel
@@ -703,13 +734,17 @@ def price_of(
         price += SEARCH.reverse
     if not has_room and not is_free(room.near, shape, room.fine_m, place, heading):
         price += SEARCH.near
+        if not is_free(room.beside, shape, room.fine_m, place, heading):
+            price += SEARCH.beside
     return price
 
 
 @kernel
 def change_cost(before: int, motion: int) -> float:
     """Return what the change from one motion to another costs [m]."""
-    if before in (motion, AT_START):
+    if before == AT_START:
+        return 0.0
+    if before == motion:
         return 0.0
     return SEARCH.halt_m if before == TURNING or motion == TURNING else SEARCH.switch_m
 
@@ -821,9 +856,7 @@ def can_turn(room: Room, shape: Shape, place: tuple[float, float], more_m: float
 
 
 @kernel
-def key_of(
-    room: Room, shape: Shape, place: tuple[float, float], heading: int, cols: int
-) -> int:
+def key_of(room: Room, shape: Shape, place: tuple[float, float], heading: int, cols: int) -> int:
     """Return the key of the state at a place; `cols` cells are in a row."""
     row, col = math.floor(place[1] / SEARCH.cell_m), math.floor(place[0] / SEARCH.cell_m)
     cell = (row * cols + col) * HEADINGS
@@ -841,6 +874,185 @@ def slot_of(memory: Memory, number: int, key: int) -> int:
 
 
 @kernel
+def remember(memory: Memory, number: int, reached: Reached, estimate: float) -> bool:
+    """Keep a state, in place of a dearer way to it; False if the memory is full.
+
+    Args:
+        memory: changed in place.
+        number: of the search.
+        reached: the state.
+        estimate: of the cost of the whole way through it.
+    """
+    slot = slot_of(memory, number, reached.key)
+    if memory.stamps[slot] != number:
+        if memory.counts[0] >= int(SEARCH.fill * memory.keys.shape[0]):
+            return False
+        memory.counts[0] += 1
+        memory.stamps[slot], memory.keys[slot] = number, reached.key
+    if memory.counts[1] >= memory.heap.shape[0]:
+        return False
+    memory.closed[slot] = 0
+    memory.places[slot, 0], memory.places[slot, 1] = reached.x, reached.y
+    memory.headings[slot], memory.motions[slot] = reached.heading, reached.motion
+    memory.costs[slot], memory.previous[slot] = reached.cost, reached.previous
+    sift_up(memory.heap, memory.counts[1], estimate, slot)
+    memory.counts[1] += 1
+    return True
+
+
+@kernel
+def begin(
+    memory: Memory,
+    number: int,
+    room: Room,
+    shape: Shape,
+    start: tuple[float, float, float],
+    cols: int,
+) -> None:
+    """Begin a search at a pose: it may take either of the headings beside its own.
+
+    Where neither fits, the robot leaves by the nearer one: it stands there after all.
+    """
+    memory.counts[0], memory.counts[1] = 0, 0
+    place = start[0], start[1]
+    nearest = heading_of(shape, start[2])
+    off = wrapped(start[2] - shape.first_yaw - nearest * TURN_RAD)
+    for which in range(2):
+        heading = nearest
+        if which == 1:
+            heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
+            if not is_free(room.blocked, shape, room.fine_m, place, heading):
+                continue
+        key = key_of(room, shape, place, heading, cols)
+        if memory.counts[0] > 0 and memory.stamps[slot_of(memory, number, key)] == number:
+            continue
+        turn = abs(wrapped(start[2] - shape.first_yaw - heading * TURN_RAD))
+        cost = SEARCH.turn_m * turn
+        reached = Reached(key, start[0], start[1], heading, cost, NONE, AT_START)
+        remember(memory, number, reached, cost + to_go(room, place))
+
+
+@kernel
+def offer_direct_drive(
+    memory: Memory,
+    number: int,
+    room: Room,
+    shape: Shape,
+    state: int,
+    goal: tuple[float, float, float],
+    task: Task,
+) -> bool:
+    """Keep the direct drive from a state to the goal if it is cheaper; False if there is no room.
+
+    Args:
+        memory: changed in place.
+        number: of the search.
+        room: where the footprint may be.
+        shape: the footprint.
+        state: where the drive begins.
+        goal: x, y, yaw from the corner.
+        task: says whether the goal's heading matters.
+    """
+    slot = slot_of(memory, number, GOAL_KEY)
+    cost, motion = memory.costs[state], int(memory.motions[state])
+    most = memory.costs[slot] - cost if memory.stamps[slot] == number else math.inf
+    yaw = shape.first_yaw + memory.headings[state] * TURN_RAD
+    here = float(memory.places[state, 0]), float(memory.places[state, 1]), yaw
+    drive = direct_drive(room, shape, (here, goal), task, motion, most)
+    if drive.cost == math.inf:
+        return True
+    through = cost + drive.cost
+    reached = Reached(GOAL_KEY, goal[0], goal[1], 0, through, state, motion)
+    return remember(memory, number, reached, through)
+
+
+@kernel
+def move_from(
+    place: tuple[float, float], yaw: float, which: int, heading: int, turns_freely: bool
+) -> tuple[int, int, tuple[float, float]]:
+    """Return one move from a state: the motion, the headings it turns by, and where it leads.
+
+    Args:
+        place: x, y of the state.
+        yaw: its heading [rad].
+        which: number of the move: with room to turn one line for each heading, forwards and
+            then backwards; else turns, lines and arcs.
+        heading: index of the state's heading.
+        turns_freely: whether there is room to turn.
+    """
+    if turns_freely:
+        motion = FORWARDS if which < HEADINGS else BACKWARDS
+        turn = (which - heading + HEADINGS // 2) % HEADINGS - HEADINGS // 2
+        facing = yaw + turn * TURN_RAD
+    elif which < 2:
+        return TURNING, 2 * which - 1, place
+    else:
+        motion = FORWARDS if which < 5 else BACKWARDS
+        turn = (which - 2) % 3 - 1
+        facing = yaw + 0.5 * turn * TURN_RAD
+    by = motion * SEARCH.move_m
+    return motion, turn, (place[0] + by * math.cos(facing), place[1] + by * math.sin(facing))
+
+
+@kernel
+def move_cost(before: int, motion: int, turn: int, turns_freely: bool) -> float:
+    """Return what a move of `move_from` costs at least [m]."""
+    cost = change_cost(before, motion)
+    if motion == TURNING:
+        return cost + SEARCH.turn_m * TURN_RAD
+    if turns_freely:
+        cost += SEARCH.turn_m * TURN_RAD * abs(turn) + (SEARCH.halt_m if turn != 0 else 0.0)
+        return cost + SEARCH.move_m
+    return cost + SEARCH.move_m + SEARCH.arc_m * TURN_RAD * abs(turn)
+
+
+@kernel
+def expand(memory: Memory, number: int, room: Room, shape: Shape, state: int, cols: int) -> bool:
+    """Reach for the neighbours of a state; False if the memory is full.
+
+    Args:
+        memory: changed in place.
+        number: of the search.
+        room: where the footprint may be.
+        shape: the footprint.
+        state: whose cheapest way is known.
+        cols: cells in a row.
+    """
+    heading, before = int(memory.headings[state]), int(memory.motions[state])
+    cost = float(memory.costs[state])
+    here = float(memory.places[state, 0]), float(memory.places[state, 1])
+    yaw = shape.first_yaw + heading * TURN_RAD
+    turns_freely = can_turn(room, shape, here, 0.0)
+    # From room to room every fourth heading will do, and nobody needs to back.
+    is_inside = turns_freely and can_turn(room, shape, here, SEARCH.move_m)
+    num_moves = HEADINGS if is_inside else (2 * HEADINGS if turns_freely else 8)
+    for which in range(0, num_moves, 4 if is_inside else 1):
+        motion, turn, place = move_from(here, yaw, which, heading, turns_freely)
+        next_heading = (heading + turn) % HEADINGS
+        rest = to_go(room, place)
+        is_spare = motion == BACKWARDS or next_heading % 4 != 0
+        if rest == math.inf or (
+            turns_freely and is_spare and not is_inside and can_turn(room, shape, place, 0.0)
+        ):
+            continue
+        key = key_of(room, shape, place, next_heading, cols)
+        slot = slot_of(memory, number, key)
+        is_known = memory.stamps[slot] == number
+        through = cost + move_cost(before, motion, turn, turns_freely)
+        if is_known and (memory.closed[slot] != 0 or memory.costs[slot] <= through):
+            continue
+        price = price_of(room, shape, place, next_heading, motion)
+        length = SEARCH.turn_m * TURN_RAD if motion == TURNING else SEARCH.move_m
+        through += (price - 1.0) * length
+        if price == math.inf or (is_known and memory.costs[slot] <= through):
+            continue
+        reached = Reached(key, place[0], place[1], next_heading, through, state, motion)
+        if not remember(memory, number, reached, through + SEARCH.greed * rest):
+            return False
+    return True
+
+
+@kernel
 def search_poses(
     memory: Memory,
     number: int,
@@ -848,8 +1060,8 @@ def search_poses(
     shape: Shape,
     ends: tuple[tuple[float, float, float], tuple[float, float, float]],
     task: Task,
-) -> tuple[int, int, int]:
-    """Search from pose to pose.
+) -> tuple[int, int]:
+    """Search from pose to pose; return how it ended, and the last state.
 
     Args:
         memory: scratch.
@@ -858,119 +1070,29 @@ def search_poses(
         shape: the footprint.
         ends: x, y, yaw of start and goal, from the corner.
         task: what counts as the goal.
-
-    Returns:
-        How it ended, the last state, and the number of states reached.
     """
     start, goal = ends
     cols = math.ceil(room.blocked.shape[1] * room.fine_m / SEARCH.cell_m)
-    most = int(SEARCH.fill * memory.keys.shape[0])
-    num_states, num_near, size = 0, 0, 0
-    # A robot between two headings may take either; where neither fits, it leaves by the nearer.
-    nearest = heading_of(shape, start[2])
-    off = wrapped(start[2] - shape.first_yaw - nearest * TURN_RAD)
-    for which in range(2):
-        heading = nearest
-        if which == 1:
-            heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
-            if not is_free(room.blocked, shape, room.fine_m, (start[0], start[1]), heading):
-                continue
-        turn = abs(wrapped(start[2] - shape.first_yaw - heading * TURN_RAD))
-        key = key_of(room, shape, (start[0], start[1]), heading, cols)
-        slot = slot_of(memory, number, key)
-        if memory.stamps[slot] == number:
-            continue
-        memory.stamps[slot], memory.keys[slot], memory.headings[slot] = number, key, heading
-        memory.places[slot, 0], memory.places[slot, 1] = start[0], start[1]
-        memory.costs[slot], memory.previous[slot] = SEARCH.turn_m * turn, NONE
-        memory.motions[slot], memory.closed[slot] = AT_START, 0
-        num_states += 1
-        sift_up(memory.heap, size, memory.costs[slot] + to_go(room, (start[0], start[1])), slot)
-        size += 1
-    while size > 0:
-        state = take_first(memory.heap, size)
-        size -= 1
-        if memory.closed[state]:
+    begin(memory, number, room, shape, start, cols)
+    num_near = 0
+    while memory.counts[1] > 0:
+        state = take_first(memory.heap, memory.counts[1])
+        memory.counts[1] -= 1
+        if memory.closed[state] != 0:
             continue
         memory.closed[state] = 1
-        key = memory.keys[state]
-        if key == GOAL_KEY:
-            return FOUND, state, num_states
-        heading, before = np.int64(memory.headings[state]), np.int64(memory.motions[state])
-        cost = memory.costs[state]
-        x, y = float(memory.places[state, 0]), float(memory.places[state, 1])
-        yaw = shape.first_yaw + heading * TURN_RAD
-        away = math.hypot(goal[0] - x, goal[1] - y)
+        if memory.keys[state] == GOAL_KEY:
+            return FOUND, state
+        yaw = shape.first_yaw + memory.headings[state] * TURN_RAD
+        away = math.hypot(goal[0] - memory.places[state, 0], goal[1] - memory.places[state, 1])
         is_turned = task.any_heading or abs(wrapped(goal[2] - yaw)) <= task.yaw_rad
         if away <= task.xy_m and is_turned:
-            return FOUND, state, num_states
+            return FOUND, state
         if away < SEARCH.direct_m:
             num_near += 1
-            if num_near % SEARCH.direct_every == 1 or away < 2.0 * SEARCH.move_m:
-                slot = slot_of(memory, number, GOAL_KEY)
-                least = memory.costs[slot] - cost if memory.stamps[slot] == number else math.inf
-                drive = direct_drive(room, shape, ((x, y, yaw), goal), task, before, least)
-                through = cost + drive.cost
-                if through < math.inf:
-                    memory.stamps[slot], memory.keys[slot] = number, GOAL_KEY
-                    memory.costs[slot], memory.previous[slot] = through, state
-                    memory.motions[slot], memory.closed[slot] = before, 0
-                    sift_up(memory.heap, size, through, slot)
-                    size += 1
-        turns_freely = can_turn(room, shape, (x, y), 0.0)
-        # From room to room every fourth heading will do, and nobody needs to back.
-        is_inside = turns_freely and can_turn(room, shape, (x, y), SEARCH.move_m)
-        num_moves = HEADINGS if is_inside else (2 * HEADINGS if turns_freely else 8)
-        for which in range(0, num_moves, 4 if is_inside else 1):
-            turned = 0.0
-            if turns_freely:
-                motion = FORWARDS if which < HEADINGS else BACKWARDS
-                turn = (which - heading + HEADINGS // 2) % HEADINGS - HEADINGS // 2
-                turned = SEARCH.turn_m * TURN_RAD * abs(turn)
-                turned += SEARCH.halt_m if turn != 0 else 0.0
-            elif which < 2:
-                motion, turn = TURNING, 2 * which - 1
-            else:
-                motion = FORWARDS if which < 5 else BACKWARDS
-                turn = (which - 2) % 3 - 1
-            next_heading = (heading + turn) % HEADINGS
-            place = (x, y)
-            if motion != TURNING:
-                share = 1.0 if turns_freely else 0.5
-                middle = yaw + share * turn * TURN_RAD
-                by = motion * SEARCH.move_m
-                place = (x + by * math.cos(middle), y + by * math.sin(middle))
-            rest = to_go(room, place)
-            if rest == math.inf:
-                continue
-            if turns_freely and not is_inside and can_turn(room, shape, place, 0.0):
-                if motion == BACKWARDS or next_heading % 4 != 0:
-                    continue
-            next_key = key_of(room, shape, place, next_heading, cols)
-            slot = slot_of(memory, number, next_key)
-            is_known = memory.stamps[slot] == number
-            length = SEARCH.turn_m * TURN_RAD
-            if motion != TURNING:
-                arc = 0.0 if turns_freely else SEARCH.arc_m * TURN_RAD * abs(turn)
-                length = SEARCH.move_m + arc
-            least = cost + turned + length + change_cost(before, motion)
-            if is_known and (memory.closed[slot] or memory.costs[slot] <= least):
-                continue
-            price = price_of(room, shape, place, next_heading, motion)
-            through = least + (price - 1.0) * length
-            if price == math.inf or (is_known and memory.costs[slot] <= through):
-                continue
-            if not is_known:
-                if num_states >= most:
-                    return FULL, NONE, num_states
-                num_states += 1
-                memory.stamps[slot], memory.keys[slot] = number, next_key
-                memory.closed[slot] = 0
-            memory.costs[slot], memory.previous[slot] = through, state
-            memory.motions[slot], memory.headings[slot] = motion, next_heading
-            memory.places[slot, 0], memory.places[slot, 1] = place
-            if size >= memory.heap.shape[0] - 1:
-                return FULL, NONE, num_states
-            sift_up(memory.heap, size, through + SEARCH.greed * rest, slot)
-            size += 1
-    return NOT_FOUND, NONE, num_states
+            is_due = num_near % SEARCH.direct_every == 1 or away < 2.0 * SEARCH.move_m
+            if is_due and not offer_direct_drive(memory, number, room, shape, state, goal, task):
+                return FULL, NONE
+        if not expand(memory, number, room, shape, state, cols):
+            return FULL, NONE
+    return NOT_FOUND, NONE
