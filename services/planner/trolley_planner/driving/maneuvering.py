@@ -284,12 +284,12 @@ class WayFollower:
 
     def __init__(self, maneuver: Maneuver) -> None:
         self._poses, self._motions = maneuver.poses, maneuver.motions
-        steps = np.diff(self._poses, axis=0)
+        steps: NDArray[np.float64] = np.diff(self._poses, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
         turns = np.where(self._motions[1:] == TURNING, np.abs(steps[:, 2]), 0.0)
-        self._along = np.append(0.0, np.cumsum(lengths))
+        self._along: NDArray[np.float64] = np.append(0.0, np.cumsum(lengths))
         left = lengths + MANEUVER.turn_as_m * turns
-        self._left = np.append(np.cumsum(left[::-1])[::-1], 0.0)
+        self._left: NDArray[np.float64] = np.append(np.cumsum(left[::-1])[::-1], 0.0)
         self._index = 0
         self._run_end = self._end_of_run(0)
         self._yaw: float | None = None
@@ -308,7 +308,8 @@ class WayFollower:
 
     def poses_ahead(self, length_m: float) -> NDArray[np.float64]:
         """Return the poses (n, 3) of this length of the way from the robot on."""
-        end = int(np.searchsorted(self._along, self._along[self._index] + length_m, side="right"))
+        wanted_m = float(self._along[self._index]) + length_m
+        end = int(np.searchsorted(self._along, wanted_m, side="right"))
         return self._poses[self._index : max(end, self._index + 1)]
 
     def has_strayed(self, pose: Pose2D) -> bool:
@@ -389,7 +390,7 @@ class WayFollower:
 
     def _bend(self) -> float:
         """Return how the heading changes along the way a little ahead [rad/m]."""
-        wanted = self._along[self._index] + MANEUVER.ahead_m
+        wanted = float(self._along[self._index]) + MANEUVER.ahead_m
         middle = int(np.searchsorted(self._along, wanted))
         first = max(middle - 2, self._index)
         last = min(middle + 2, self._run_end)
