@@ -73,14 +73,37 @@ class Reach:
 
     def seconds(self, start: Pose2D, target: Target, speeds: Speeds) -> float:
         """Shortest time between two poses [s]; inf: the exhaustive search finds no way."""
+        begin = self._near(start, STEP_M, math.radians(7.0))
+        goals = self._near(target.pose, target.xy, target.yaw)
+        return _least(self._costs(goals, begin, speeds), begin)
+
+    def random_poses(
+        self, start: Pose2D, count: int, speeds: Speeds, rng: np.random.Generator
+    ) -> list[tuple[Pose2D, float]]:
+        """Poses that can be reached from `start`, each place as likely, and in what time [s]."""
+        begin = self._near(start, STEP_M, math.radians(7.0))
+        costs = self._costs(begin, np.empty((0, 3), dtype=np.int64), speeds)
+        places = np.argwhere(np.isfinite(costs).any(axis=0))
+        found: list[tuple[Pose2D, float]] = []
+        for row, col in places[rng.integers(0, len(places), count if len(places) else 0)].tolist():
+            h = int(rng.choice(np.flatnonzero(np.isfinite(costs[:, row, col]))))
+            x, y = (self._low + STEP_M * np.array([col, row])).tolist()
+            pose = Pose2D(x, y, float(self._yaws[h])).wrapped()
+            found.append((pose, float(costs[h, row, col])))
+        return found
+
+    def _costs(
+        self, goals: NDArray[np.int64], ends: NDArray[np.int64], speeds: Speeds
+    ) -> NDArray[np.float32]:
+        """Time from each grid pose to the nearest of some [s], until one of `ends` is reached."""
         count, lines, cols = self._blocked.shape
         costs = np.full((count // 2, lines, cols), np.inf, dtype=np.float32)
-        goals = self._near(target.pose, target.xy, target.yaw)
         turns = np.diff(np.append(self._yaws, self._yaws[0] + 2.0 * math.pi))
-        vectors = np.array(HEADINGS, dtype=np.int64)
-        _spread(costs, self._blocked, goals, (vectors, turns), (speeds.v, speeds.wz))
-        begin = self._near(start, STEP_M, math.radians(7.0))
-        return min((float(costs[h, y, x]) for h, y, x in begin.tolist()), default=math.inf)
+        is_end = np.zeros(costs.shape, dtype=np.uint8)
+        is_end[tuple(ends.T)] = 1
+        moves = (np.array(HEADINGS, dtype=np.int64), turns)
+        _spread(costs, (self._blocked, is_end), goals, moves, (speeds.v, speeds.wz))
+        return costs
 
     def _near(self, pose: Pose2D, xy: float, yaw: float) -> NDArray[np.int64]:
         """Grid poses (n, 3) heading, row, col within tolerances of a pose, at least the nearest."""
@@ -100,6 +123,10 @@ class Reach:
         return np.array(found, dtype=np.int64).reshape(-1, 3)
 
 
+def _least(costs: NDArray[np.float32], poses: NDArray[np.int64]) -> float:
+    return float(costs[tuple(poses.T)].min(initial=np.inf))
+
+
 @kernel
 def _meets(corners: Floats, x: float, y: float, boxes: Floats, margin: float) -> bool:
     """Whether a convex outline (n, 2) moved to x, y meets a box grown by the margin.
@@ -112,8 +139,9 @@ def _meets(corners: Floats, x: float, y: float, boxes: Floats, margin: float) ->
     for b in range(boxes.shape[0]):
         dx, dy = boxes[b, 0] - x, boxes[b, 1] - y
         half_x, half_y = 0.5 * boxes[b, 2] + margin, 0.5 * boxes[b, 3] + margin
-        apart = dx - half_x >= right or dx + half_x <= left
-        apart = apart or dy - half_y >= up or dy + half_y <= down
+        if dx - half_x >= right or dx + half_x <= left:
+            continue
+        apart = dy - half_y >= up or dy + half_y <= down
         for i in range(count):
             j = (i + 1) % count
             nx, ny = corners[j, 1] - corners[i, 1], corners[i, 0] - corners[j, 0]
@@ -170,12 +198,16 @@ def _move(
 @kernel
 def _spread(
     out_costs: NDArray[np.float32],
-    blocked: NDArray[np.uint8],
+    places: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     goals: NDArray[np.int64],
     moves: tuple[NDArray[np.int64], Floats],
     speeds: tuple[float, float],
 ) -> None:
-    """Write the time from each pose to the nearest goal [s], inf where there is no way."""
+    """Write the time from each pose to the nearest goal [s], inf where there is no way.
+
+    `places` are the poses that are blocked, twice as many headings, and those at which it ends.
+    """
+    blocked, ends = places
     vectors, turns = moves
     rows, cols = out_costs.shape[1:]
     queue = [(np.float32(0.0), np.int64(0))]
@@ -189,6 +221,8 @@ def _spread(
         at = (key // (rows * cols), (key // cols) % rows, key % cols)
         if cost > out_costs[at[0], at[1], at[2]]:
             continue
+        if ends[at[0], at[1], at[2]]:
+            return
         long = STEP_M * math.hypot(vectors[at[0], 0], vectors[at[0], 1]) / speeds[0]
         for move in range(9):
             turn, way = move // 3 - 1, move % 3 - 1

@@ -4,10 +4,13 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from bench.planner.crowds import (
+    Chaser,
     Crowd,
+    Manner,
     Paths,
     Polite,
     Recorded,
@@ -18,7 +21,17 @@ from bench.planner.crowds import (
     polynomial_path,
     read_tracks,
 )
-from bench.planner.situations import SPEED_MPS, WALL_M, Row, Scene, between, on_cells, room
+from bench.planner.situations import (
+    SPEED_MPS,
+    WALL_M,
+    Row,
+    Scene,
+    between,
+    door,
+    door_of,
+    on_cells,
+    room,
+)
 
 from trolley.geometry import Pose2D, interpolate
 from trolley_base.world.gaps import outline_to_point
@@ -31,6 +44,8 @@ FREE_M = 1.2
 """In a corridor at least so wide, nobody must be in a person's way."""
 MOVER_M = 0.5
 BLIND_S = 0.05
+DOOR_S, CHASED_S = 15.0, 15.0
+CROSSING_S = 40.0
 FIELD_M = 10.0
 """Half of the edge of the movers' square."""
 FAR_GOAL_M = 20.0
@@ -72,16 +87,18 @@ def oncoming(seed: int, width_m: float) -> Scene:
 
 
 def polite(seed: int) -> Scene:
-    """A person comes who sees the robot, keeps to their right and walks on, or waits there."""
+    """A person comes who sees the robot: they walk on at their right, wait there, or stand still.
+
+    Who stands still does so in the middle of a corridor in which there is room beside them.
+    """
     rng = np.random.default_rng((22, seed))
-    width = float(rng.choice([1.0, 1.2, 1.5, 2.0]))
+    how = get_args(Manner)[seed % 3]
+    width = float(rng.choice([1.2, 1.5, 2.0] if how == "stands" else [1.0, 1.2, 1.5, 2.0]))
     begin = float(rng.uniform(7.0, 8.5))
 
     def crowd() -> Crowd:
-        person = Polite(
-            (begin, 0.0), -1.5, ONCOMING_MPS, 0.5 * width, PERSON_M, stops=seed // 2 % 2 == 1
-        )
-        return Crowd(person, PERSON_M, legs=seed % 2 == 1)
+        person = Polite((begin, 0.0), -1.5, ONCOMING_MPS, (0.5 * width, PERSON_M), how)
+        return Crowd(person, PERSON_M, legs=seed // 3 % 2 == 1)
 
     return replace(corridor(width), crowd=crowd)
 
@@ -96,8 +113,56 @@ def ahead(seed: int) -> Scene:
     def crowd() -> Crowd:
         return Crowd(Paths((way,)), PERSON_M, legs=seed % 2 == 1)
 
-    # The robot may stand on its goal as soon as the person has left it behind.
-    return replace(corridor(width), crowd=crowd, least_s=(7.5 - begin) / AHEAD_MPS)
+    # The robot may stand on its goal as soon as the person has left it 0.6 m behind.
+    return replace(corridor(width), crowd=crowd, least_s=(7.5 + 0.6 - begin) / AHEAD_MPS)
+
+
+def in_the_door(seed: int) -> Scene:
+    """Somebody stands in the only door, 0.9 m wide, for 15 s, and comes in."""
+    scene = door(seed, 0.9)
+    x, y = door_of(scene)
+    way = Route.at_speed(((x, y), (x - 0.8, y), (x - 1.0, 2.7 if y < 1.5 else 0.3)), 0.8, DOOR_S)
+
+    def crowd() -> Crowd:
+        return Crowd(Paths((way,)), PERSON_M, legs=seed % 2 == 1)
+
+    least = DOOR_S + scene.goals[0].distance_to(Pose2D(x, y, 0.0)) / SPEED_MPS
+    return replace(scene, goals=scene.goals[:1], crowd=crowd, forgives="standing", least_s=least)
+
+
+def ten_in_the_door(seed: int) -> Scene:
+    """Ten people come in one after the other through a door 0.9 m wide, and stay at the wall."""
+    scene = door(seed, 0.9)
+    x, y = door_of(scene)
+    side = 2.7 if y < 1.5 else 0.3
+    ways: list[Route] = []
+    for index in range(10):
+        far = x + 0.6 + 0.8 * index
+        end = (0.3 + 0.26 * index, side)
+        ways.append(Route.at_speed(((far, y), (x - 0.4, y), end), ONCOMING_MPS))
+
+    def crowd() -> Crowd:
+        return Crowd(Paths(ways), PERSON_M, legs=seed % 2 == 1)
+
+    least = ways[-1].times[1] + scene.goals[0].distance_to(Pose2D(x, y, 0.0)) / SPEED_MPS
+    start = Pose2D(1.5, y, 0.0)
+    return replace(
+        scene, start=start, goals=scene.goals[:1], crowd=crowd, forgives="standing", least_s=least
+    )
+
+
+def chased(seed: int) -> Scene:
+    """In a room of 5 x 5 m somebody walks up to the robot for 15 s, wherever it goes."""
+    rng = np.random.default_rng((25, seed))
+    start, goal = Pose2D(0.7, 2.5, 0.0), Pose2D(4.3, float(rng.uniform(0.7, 4.3)), 0.0)
+    begin = (4.3, float(rng.uniform(0.7, 4.3)))
+
+    def crowd() -> Crowd:
+        chaser = Chaser(begin, 0.6, PERSON_M + 0.3, CHASED_S)
+        return Crowd(chaser, PERSON_M, legs=seed % 2 == 1)
+
+    scene = Scene("chased", room((0.0, 0.0), (5.0, 5.0)), start, (goal,))
+    return replace(scene, crowd=crowd)
 
 
 HALL = ((0.0, 0.0), (10.0, 6.0))
@@ -178,11 +243,14 @@ def recorded(seed: int, file: Path, second: float, *, legs: bool) -> Scene:
     rng = np.random.default_rng((50, seed))
     tracks = read_tracks(file, second)
     sights = np.vstack(tracks)
+    # Early enough that there is somebody to meet, if it is long enough.
+    times = sights[:, 0]
+    times = times[times <= max(float(times.max()) - CROSSING_S, float(np.median(times)))]
     low, high = np.quantile(sights[:, 1:], [0.1, 0.9], axis=0)
     along = seed % 2
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     for _ in range(1000):
-        now = float(rng.choice(sights[:, 0]))
+        now = float(rng.choice(times))
         way = float(rng.choice([-1.0, 1.0]))
         begin = middle + half * rng.uniform(-0.8, 0.8, 2)
         end = middle + half * rng.uniform(-0.8, 0.8, 2)
@@ -303,6 +371,9 @@ PEOPLE = (
     ),
     Row("polite oncoming", "polite", polite, 1.3),
     Row("ahead at 0.25 m/s", "ahead", ahead, 1.3),
+    Row("stands in the door, 15 s", "odd", in_the_door, 1.5),
+    Row("ten come through the door", "odd", ten_in_the_door, 1.5),
+    Row("walks up to the robot", "odd", chased),
     *crowd_rows(),
     *(
         Row(f"movers, {level}", "movers", partial(movers, level=level), reached=share)

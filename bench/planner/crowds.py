@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ Point = tuple[float, float]
 
 FAR_M = 1000.0
 """Where those are who are not there [m]."""
+LONGEST_GAP_S = 2.0
+"""Who is not recorded for longer was not there meanwhile [s]."""
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,11 @@ class Paths:
         return found
 
 
+Manner = Literal["walks", "waits", "stands"]
+"""What a polite person does: walks on along the side, waits there until the robot has passed, or
+stands still in the middle before it and leaves it to the robot to pass."""
+
+
 @dataclass(frozen=True)
 class Manners:
     """How a polite person behaves in a corridor; by hand."""
@@ -169,45 +176,38 @@ class Manners:
     aside_mps: float = 0.4
     wall_m: float = 0.05
     """They keep this from the wall."""
-    waits_m: float = 0.25
-    """They stop rather than come nearer to the robot than this,"""
-    stops_m: float = 1.5
-    """or, if they stop rather than walk on, from this far, once they are at the side."""
+    keeps_m: float = 0.25
+    """They stop rather than come nearer to the robot than this;"""
+    waits_m: float = 1.5
+    """from so far if they wait."""
 
 
 MANNERS = Manners()
 
 
 class Polite:
-    """Somebody in a corridor along x who sees the robot, keeps to their right, and gives way.
+    """Somebody in a corridor along x who sees the robot, and gives way to the right.
 
     Args:
         start: where they begin [m].
         end_x: where they walk to.
         speed: [m/s].
-        half_m: half of the corridor's width; its middle is y = 0.
-        radius_m: of the body.
-        stops: they wait at the side until the robot has passed; else they walk on if they can.
+        sizes: half of the corridor's width, whose middle is y = 0, and their radius [m].
+        how: they give way.
     """
 
     def __init__(
-        self,
-        start: Point,
-        end_x: float,
-        speed: float,
-        half_m: float,
-        radius_m: float,
-        *,
-        stops: bool,
+        self, start: Point, end_x: float, speed: float, sizes: tuple[float, float], how: Manner
     ) -> None:
         self.at = np.array([start])
         self.velocity = np.zeros((1, 2))
-        self._end_x, self._speed, self._stops = end_x, speed, stops
+        self._end_x, self._speed, self._how = end_x, speed, how
         self._way = math.copysign(1.0, end_x - start[0])
-        # Their right-hand side.
-        self._side_y = -self._way * (half_m - radius_m - MANNERS.wall_m)
+        half_m, self._radius_m = sizes
         self._usual_y = start[1]
-        self._radius_m = radius_m
+        self._side_y = -self._way * (half_m - self._radius_m - MANNERS.wall_m)
+        if how == "stands":
+            self._side_y = self._usual_y
 
     def step(self, dt: float, robot: Seen) -> None:
         """Let `dt` seconds pass."""
@@ -215,26 +215,46 @@ class Polite:
         ahead = self._way * (robot.pose.x - x)
         apart = robot.radius + self._radius_m
         sees = -apart < ahead < MANNERS.sees_m
-        aside = np.clip((self._side_y if sees else self._usual_y) - y, -1.0, 1.0)
+        aside = (self._side_y if sees else self._usual_y) - y
         vy = float(np.clip(aside / dt, -MANNERS.aside_mps, MANNERS.aside_mps))
         vx = self._way * self._speed
-        is_aside = abs(self._side_y - y) < 0.02
+        gap = math.dist((x, y), (robot.pose.x, robot.pose.y)) - apart
         if sees and ahead > 0.0:
-            # How near they would be when side by side, and how near they are now.
-            beside = abs(robot.pose.y - y) - apart
-            gap = math.hypot(robot.pose.x - x, robot.pose.y - y) - apart
-            is_blocked = gap < MANNERS.waits_m and beside < 0.5 * MANNERS.waits_m
-            waits = self._stops and is_aside and gap < MANNERS.stops_m
-            vx = 0.0 if is_blocked or waits else vx
+            in_the_way = abs(robot.pose.y - y) - apart < 0.5 * MANNERS.keeps_m
+            is_aside = abs(self._side_y - y) < 0.02
+            waits = self._how != "walks" and is_aside and gap < MANNERS.waits_m
+            vx = 0.0 if waits or (in_the_way and gap < MANNERS.keeps_m) else vx
         if self._way * (self._end_x - x) <= 0.0:
             vx = 0.0
-        velocity = np.array([vx, vy])
         # Nobody steps into the robot.
-        after = np.array([x, y]) + velocity * dt
-        now, then = (math.dist(at, (robot.pose.x, robot.pose.y)) for at in ((x, y), after))
-        if then < apart + 0.02 and then < now:
-            velocity[:] = 0.0
-        self.velocity[0] = velocity
+        after = math.dist((x + vx * dt, y + vy * dt), (robot.pose.x, robot.pose.y)) - apart
+        is_stepping_into = after < 0.02 and after < gap
+        self.velocity[0] = (0.0, 0.0) if is_stepping_into else (vx, vy)
+        self.at = self.at + self.velocity * dt
+
+
+class Chaser:
+    """Somebody who walks up to the robot wherever it goes, and leaves it alone after a while.
+
+    Args:
+        start: where they begin [m].
+        speed: [m/s].
+        keeps_m: they stand this far before it.
+        until_s: then they stay where they are.
+    """
+
+    def __init__(self, start: Point, speed: float, keeps_m: float, until_s: float) -> None:
+        self.at = np.array([start])
+        self.velocity = np.zeros((1, 2))
+        self._speed, self._keeps_m, self._left_s = speed, keeps_m, until_s
+
+    def step(self, dt: float, robot: Seen) -> None:
+        """Let `dt` seconds pass."""
+        self._left_s -= dt
+        towards = np.array([robot.pose.x, robot.pose.y]) - self.at[0]
+        far = float(np.hypot(*towards))
+        walks = self._left_s > 0.0 and far - robot.radius > self._keeps_m
+        self.velocity[0] = self._speed * towards / far if walks else 0.0
         self.at = self.at + self.velocity * dt
 
 
@@ -247,6 +267,10 @@ class SocialForces:
     range_m: float = 0.3
     behind: float = 0.3
     """Weight of who is behind."""
+    contact_per_s2: float = 200.0
+    """Bodies that would overlap push each other apart by this times the overlap (by hand)."""
+    seen_robot_m: float = 0.05
+    """Who sees the robot takes it for larger by this."""
     wall_mps2: float = 3.0
     wall_m: float = 0.15
     fastest: float = 1.3
@@ -329,12 +353,13 @@ class SocialForceCrowd:
         far = np.maximum(np.hypot(off[..., 0], off[..., 1]), 1e-6)
         np.fill_diagonal(far[:, : len(self.at)], np.inf)
         sizes = np.full(len(others), 2.0 * self._radius_m)
-        sizes[len(self.at) :] = self._radius_m + robot.radius
+        sizes[len(self.at) :] = self._radius_m + robot.radius + FORCES.seen_robot_m
         heading = wanted / np.maximum(np.hypot(*wanted.T), 1e-9)[:, None]
         # 1 for who is straight ahead, -1 for who is behind.
         cos = -np.einsum("ik,ijk->ij", heading, off) / far
         weight = FORCES.behind + (1.0 - FORCES.behind) * 0.5 * (1.0 + cos)
         push = FORCES.strength_mps2 * weight * np.exp((sizes - far) / FORCES.range_m)
+        push += FORCES.contact_per_s2 * np.maximum(0.0, sizes - far)
         force += np.einsum("ij,ijk->ik", push / far, np.where(np.isfinite(off), off, 0.0))
         force += self._wall_forces()
         self.velocity = self.velocity + force * dt
@@ -391,7 +416,7 @@ def read_tracks(file: Path, second: float) -> list[Floats]:
 
     The file has one line for each sight of somebody, `t id x y`, with any space or commas between,
     as ETH's and UCY's recordings are passed on; what follows on a line is left alone, `#` begins a
-    comment.
+    comment. Who was away for more than 2 s comes again as somebody else.
 
     Args:
         file: to read.
@@ -418,8 +443,8 @@ def read_tracks(file: Path, second: float) -> list[Floats]:
     for who in np.unique(table[:, 1]).tolist():
         track = table[table[:, 1] == who][:, [0, 2, 3]] / (second, 1.0, 1.0)
         track = track[np.argsort(track[:, 0], kind="stable")]
-        if len(track) > 1:
-            tracks.append(track)
+        gaps = np.flatnonzero(np.diff(track[:, 0]) > LONGEST_GAP_S) + 1
+        tracks += [part for part in np.split(track, gaps) if len(part) > 1]
     if not tracks:
         raise ValueError(f"{file}: nobody is there twice")
     return tracks

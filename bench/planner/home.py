@@ -1,15 +1,17 @@
 """How well the robot drives at home: doors, corners, corridors, dead ends and people.
 
     python -m bench.planner.home [--row door wall] [--seeds 3] [--full] [--lidar 360] [--each]
-        [--stop-field] [--off-grid] [--draw-all] [--recording FILE ...] [--per-second 1]
+        [--stop-field] [--localizer] [--off-grid] [--draw-all]
+        [--recording FILE ...] [--per-second 1]
 
 Base (simulated) and planner run in lock-step; map and true pose are given to the planner, so that
-only it is judged. The base's stop field is off, unless `--stop-field` is given: the planner must
-not need it. Unless a row says otherwise the robot is 0.35 x 0.30 m with its axle in the middle, and
-drives at up to 0.5 m/s and turns at up to 1.5 rad/s on a map of 5 cm cells, with the settings of a
-fresh robot.toml. Goals are kept to 5 cm and 3 degrees. Walls lie on borders of the map's cells;
-`--off-grid` moves the cells by a random part of one, as they lie on a map that a robot has made.
-The seed draws where things and robot are, and the errors of wheels and lidar.
+only it is judged, unless `--localizer` has the localizer find the pose. The base's stop field is
+off, unless `--stop-field` is given: the planner must not need it. Unless a row says otherwise the
+robot is 0.35 x 0.30 m with its axle in the middle, and drives at up to 0.5 m/s and turns at up to
+1.5 rad/s on a map of 5 cm cells, with the settings of a fresh robot.toml. Goals are kept to 5 cm
+and 3 degrees. Walls lie on borders of the map's cells; `--off-grid` moves the cells by a random
+part of one, as they lie on a map that a robot has made. The seed draws where things and robot are,
+and the errors of wheels and lidar.
 
 Places (`situations.py`):
 
@@ -31,8 +33,8 @@ People (`among_people.py`), 0.2 m in radius, as discs or as two swinging legs:
     oncoming  1.0, 1.2, 1.5, 2.0 m wide   at 0.8 m/s along a corridor of 8 m, and does not see the
                                           robot. 1.0 m: with a niche; being walked into there
                                           while standing is forgiven
-    polite    polite oncoming             sees the robot, keeps to the right, walks on or waits;
-                                          corridors of 1.0 to 2.0 m
+    polite    polite oncoming             sees the robot; walks on at the right, waits there, or
+                                          stands still in the middle; corridors of 1.0 to 2.0 m
     ahead     ahead at 0.25 m/s           in the same direction, corridors of 1.0 to 2.0 m
     crowd     sparse, along, across,      a hall of 10 x 6 m and what is around it, 8 to 28 walkers
               cross, dense                by social forces who do not see the robot (in the last
@@ -46,17 +48,25 @@ People (`among_people.py`), 0.2 m in radius, as discs or as two swinging legs:
     recorded  `--recording FILE`          people as recorded, discs and legs: a line `t id x y` for
                                           each sight of somebody, as ETH's and UCY's recordings
                                           are passed on; t grows by `--per-second` (ETH, UCY: 25)
+    odd       goal in a door +20 cm       to its middle, and back (a place)
+              arm ahead, door +15 cm      robot 0.65 x 0.30 m, axle 0.175 m from its back (a place)
+              stands in the door, 15 s    the only one, 0.9 m wide
+              ten come through the door   the same, one after the other
+              walks up to the robot       wherever it goes, for 15 s; a room of 5 x 5 m
 
 Time / ideal: for places, the ideal is the shortest time of the footprint at full speed, turning
 included, by an exhaustive search over poses (`all_poses.py`). For people it is this robot's time in
-the same world without anybody; behind who walks ahead, no shorter than that person's own time.
+the same world without anybody, and no shorter than what the people take by themselves: who walks
+ahead or stands in the door.
 
-A drive fails that does not reach all its goals within 120 s each, stands elsewhere than it says, or
-touches anything. People walk on through a robot that is in their way: each contact counts once,
-`moving` or `standing` (slower than 0.02 m/s), and as the robot's own fault (`closed`) where it came
-nearer by more than 0.1 m/s. `near`: share of the time with somebody's body within 0.45 m of the
-footprint. Each failure is drawn into out/home/: walls grey, the map's cells light, the robot once a
-second from blue (early) to red (late), goals green, people small dots, contacts rings.
+A row is met if enough drives succeed, none of them took longer than wanted, and the robot itself
+never closed in. A drive fails that does not reach all its goals within 120 s each, stands elsewhere
+than it says, or touches anything. People walk on through a robot that is in their way: each contact
+counts once, `moving` or `standing` (slower than 0.02 m/s), and as the robot's own fault (`closed`)
+where it came nearer by more than 0.1 m/s. `way`: metres driven, as a multiple of those without
+people. `near`: share of the time with somebody's body within 0.45 m of the footprint. Each failure
+is drawn into out/home/: walls grey, the map's cells light, the robot once a second from blue
+(early) to red (late), goals green, people small dots, contacts rings.
 """
 
 import argparse
@@ -73,11 +83,10 @@ from bench.harness.figures import table
 from bench.planner.among_people import PEOPLE, is_free_blindly, recorded_rows
 from bench.planner.draw_visit import draw
 from bench.planner.situations import CELL_M, STATIC, Row, Scene
-from bench.planner.visit import LIDARS, Visit, drive
+from bench.planner.visit import LIDARS, Setting, Visit, drive
 
 OUT = Path(__file__).resolve().parents[2] / "out" / "home"
 FULL_SEEDS = 20
-PLACES = tuple(dict.fromkeys(row.group for row in STATIC))
 
 
 def rows_of(given: argparse.Namespace) -> list[Row]:
@@ -99,12 +108,12 @@ def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
     """Drive one scene, and draw it if it failed."""
     row = next(row for row in rows_of(given) if row.name == name)
     scene = scene_of(row, seed, is_off_grid=given.off_grid)
-    visit = drive(scene, seed, given.lidar, has_stop_field=given.stop_field)
-    if row.group in PLACES:
+    setting = Setting(given.lidar, given.stop_field, given.localizer)
+    visit = drive(scene, seed, setting)
+    if row in STATIC:
         visit.ideal_s = scene.ideal_s()
     else:
-        empty = replace(scene, crowd=None)
-        visit.ideal_s = empty_s(empty, seed, given.lidar, has_stop_field=given.stop_field)
+        visit.ideal_s, visit.ideal_m = empty(replace(scene, crowd=None), seed, setting)
     if given.draw_all or not visit.is_success:
         OUT.mkdir(parents=True, exist_ok=True)
         label = "".join(sign if sign.isalnum() else "-" for sign in name)
@@ -114,10 +123,12 @@ def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
 
 
 @functools.lru_cache(maxsize=256)
-def empty_s(scene: Scene, seed: int, lidar: str, *, has_stop_field: bool) -> float:
-    """Time without people [s], at least that of who walks ahead; NaN: not even then."""
-    visit = drive(scene, seed, lidar, has_stop_field=has_stop_field)
-    return max(visit.seconds, scene.least_s) if visit.is_success else math.nan
+def empty(scene: Scene, seed: int, setting: Setting) -> tuple[float, float]:
+    """Time [s] and way [m] without people; no less time than they take; NaN: not even then."""
+    visit = drive(scene, seed, setting)
+    if not visit.is_success:
+        return math.nan, math.nan
+    return max(visit.seconds, scene.least_s), visit.driven_m
 
 
 def main() -> None:
@@ -134,11 +145,12 @@ def main() -> None:
             visits[job[0]].append(visit)
             if given.each:
                 print(line(job[0], visit), flush=True)
-    where = f"lidar {given.lidar}, stop field {'on' if given.stop_field else 'off'}"
-    print(f"{where}, {count} seeds{', off the grid' if given.off_grid else ''}")
+    where = [f"lidar {given.lidar}", f"stop field {'on' if given.stop_field else 'off'}"]
+    where += ["with the localizer"] * given.localizer + ["off the grid"] * given.off_grid
+    print(f"{', '.join(where)}, {count} seeds")
     for heads, cells, is_asked in (
-        (PLACE_HEADS, place_cells, lambda row: row.group in PLACES),
-        (PEOPLE_HEADS, people_cells, lambda row: row.group not in PLACES),
+        (PLACE_HEADS, place_cells, lambda row: row in STATIC),
+        (PEOPLE_HEADS, people_cells, lambda row: row not in STATIC),
     ):
         asked = [row for row in rows if is_asked(row)]
         if asked:
@@ -163,6 +175,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--full", action="store_true", help=f"{FULL_SEEDS} seeds")
     parser.add_argument("--lidar", choices=sorted(LIDARS), default="360")
     parser.add_argument("--stop-field", action="store_true")
+    parser.add_argument("--localizer", action="store_true", help="it finds the pose")
     parser.add_argument("--off-grid", action="store_true", help="walls off the map's cells")
     parser.add_argument("--recording", type=Path, nargs="*", default=[], help="t id x y")
     parser.add_argument("--per-second", type=float, default=1.0, help="how much t grows")
@@ -174,7 +187,7 @@ def arguments() -> argparse.Namespace:
 
 COMMON_HEADS = ("", "reached", "time/ideal", "worst", "wanted", "", "recoveries", "closest m")
 PLACE_HEADS = (*COMMON_HEADS, "contacts", "why not")
-PEOPLE_HEADS = (*COMMON_HEADS, "moving", "standing", "closed", "per km", "near", "why not")
+PEOPLE_HEADS = (*COMMON_HEADS, "way", "moving", "standing", "closed", "per km", "near", "why not")
 
 
 def common_cells(row: Row, visits: Sequence[Visit]) -> list[str]:
@@ -186,6 +199,7 @@ def common_cells(row: Row, visits: Sequence[Visit]) -> list[str]:
     wanted = f"≥ {row.reached:.0%}" if row.reached < 1.0 else wanted
     # NaN, where not even the empty world was crossed, is not met.
     is_met = share >= row.reached and all(ratio <= row.limit for ratio in ratios)
+    is_met = is_met and not any(hit.is_by_robot for visit in visits for hit in visit.hits)
     return [
         row.name,
         f"{len(reached)}/{len(visits)}",
@@ -213,11 +227,13 @@ def people_cells(row: Row, visits: Sequence[Visit]) -> list[str]:
     """A row of the table of people."""
     hits = [hit for visit in visits for hit in visit.hits]
     driven_km = 1e-3 * sum(visit.driven_m for visit in visits)
+    ways = [visit.driven_m / visit.ideal_m for visit in visits if visit.is_success]
     why = [reasons(visits)]
     if row.group == "movers":
         why.append(f"blind {sum(is_free_blindly(row.scene(v.seed)) for v in visits)}/{len(visits)}")
     return [
         *common_cells(row, visits),
+        f"{np.mean(ways):.2f}" if ways else "-",
         str(sum(visit.num_hits(moving=True) for visit in visits)),
         str(sum(visit.num_hits(moving=False) for visit in visits)),
         str(sum(hit.is_by_robot for hit in hits)),

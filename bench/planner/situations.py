@@ -51,6 +51,8 @@ class Body:
 HOBBY = Body.box(0.35, 0.30)
 SQUARE = Body.box(0.60, 0.60)
 REAR = Body.box(0.60, 0.42, behind=0.10)
+ARM = Body.box(0.65, 0.30, behind=0.175)
+"""Reaches 0.3 m farther ahead than the first."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,8 @@ class Scene:
     frame: Literal["map", "odom"] = "map"
     grid_shift: tuple[float, float] = (0.0, 0.0)
     """How far the map's cells lie off the walls [m]."""
+    things: tuple[Box, ...] = ()
+    """As solid as the boxes, but not on the map."""
     crowd: Callable[[], Crowd] | None = None
     """Makes the people, who begin to walk with the first goal."""
     forgives: Literal["", "standing", "all"] = ""
@@ -79,7 +83,7 @@ class Scene:
 
     def ideal_s(self, margin_m: float = TOUCHING_M) -> float:
         """Shortest time of the footprint at full speed, turning included [s]; inf: no way."""
-        reach = Reach(self.body.array, self.boxes, margin_m)
+        reach = Reach(self.body.array, (*self.boxes, *self.things), margin_m)
         places = (self.start, *self.goals)
         return sum(
             reach.seconds(begin, Target(end, self.xy, self.yaw), SPEEDS)
@@ -166,6 +170,19 @@ def door(seed: int, width_m: float, body: Body = HOBBY) -> Scene:
         float(rng.uniform(4.3, 5.4)), float(rng.uniform(0.7, 2.3)), float(rng.uniform(-3.1, 3.1))
     )
     return Scene("door", boxes, start, (goal, start), body)
+
+
+def door_of(scene: Scene) -> tuple[float, float]:
+    """The middle of the door of a scene [m]."""
+    below, above = scene.boxes[-2:]
+    return below[0], 0.5 * (below[1] + 0.5 * below[3] + above[1] - 0.5 * above[3])
+
+
+def goal_in_door(seed: int) -> Scene:
+    """To the middle of a door 20 cm wider than the robot, and back."""
+    scene = door(seed, 0.50)
+    goal = Pose2D(*door_of(scene), math.pi * (seed % 2))
+    return replace(scene, goals=(goal, scene.start))
 
 
 def beside_wall(seed: int) -> Scene:
@@ -267,6 +284,8 @@ STATIC = (
     Row("door +10 cm", "door", lambda seed: door(seed, 0.40), 2.0),
     Row("door +15 cm", "door", lambda seed: door(seed, 0.45), 2.0),
     Row("0.60 x 0.60, door 0.70", "square", lambda seed: door(seed, 0.70, SQUARE), 2.0),
+    Row("goal in a door +20 cm", "odd", goal_in_door, 2.0),
+    Row("arm ahead, door +15 cm", "odd", lambda seed: door(seed, 0.45, ARM), 2.0),
     Row("2-5 cm beside a wall", "wall", beside_wall, 1.8),
     Row("corner, 5 cm", "corner", corner, 1.8),
     Row("dead end 0.55, facing out", "dead-end",

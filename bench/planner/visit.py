@@ -1,6 +1,7 @@
 """One drive of a scene in lock-step: a simulated base, the planner, the true pose, and the judge.
 
-The localizer is not in the loop: `TruePose` gives its map and, 20 times a second, the true pose.
+Unless asked for, the localizer is not in the loop: `TruePose` gives its map and, 20 times a second,
+the true pose.
 People are moved and judged here, 50 times a second.
 """
 
@@ -28,6 +29,7 @@ from trolley_base.description import footprint_of
 from trolley_base.service import BaseService
 from trolley_base.simulation.simulated_hardware import SimulatedHardware
 from trolley_base.world.simulation import Simulation
+from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
 
 LIDARS = {
@@ -41,6 +43,7 @@ ENDED = ("arrived", "failed", "canceled")
 TRUE_M, TRUE_RAD = 0.08, 0.08
 """How far off the robot may truly stand where it says that it has arrived: its tolerances, and what
 the wheels' odometry is wrong between two true poses."""
+SETTLE_S = 1.5
 ODOM_DRIFT = 0.03
 """Nobody corrects the wheels in frame `odom`: share of the distance that they may be off."""
 HISTORY_S = 1.0
@@ -57,6 +60,12 @@ max_speed_mps = {speed}
 max_wz_radps = {turn}
 [planner]
 frame = "{frame}"
+"""
+_MAP = """
+[map]
+file = "{name}.yaml"
+[start]
+pose = {{ x = {x}, y = {y}, yaw = {yaw} }}
 """
 _WORLD = """
 map = "floor.yaml"
@@ -109,6 +118,21 @@ class TruePose(Service):
         self.publish(topics.POSE, estimate)
 
 
+@dataclass(frozen=True)
+class Setting:
+    """How all scenes are driven.
+
+    Attributes:
+        lidar: one of `LIDARS`.
+        has_stop_field: base holds the robot before what it would hit.
+        localizes: the localizer finds the pose, instead of being told the truth.
+    """
+
+    lidar: str = "360"
+    has_stop_field: bool = False
+    localizes: bool = False
+
+
 @dataclass
 class Visit:
     """How it went."""
@@ -120,6 +144,8 @@ class Visit:
     seconds: float = 0.0
     ideal_s: float = math.nan
     driven_m: float = 0.0
+    ideal_m: float = math.nan
+    """Driven without people [m]."""
     recoveries: int = 0
     touched: int = 0
     """Contacts with walls and things."""
@@ -150,33 +176,23 @@ class Visit:
         return self.seconds / self.ideal_s if self.is_success else math.inf
 
 
-def drive(
-    scene: Scene, seed: int, lidar: str, *, has_stop_field: bool = False, more: str = ""
-) -> Visit:
-    """Drive all goals of a scene, one after the other.
-
-    Args:
-        scene: what there is.
-        seed: of the robot's noise.
-        lidar: one of `LIDARS`.
-        has_stop_field: whether base holds the robot before what it would hit.
-        more: TOML for `[planner]`.
-    """
+def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
+    """Drive all goals of a scene, one after the other; the seed is that of the robot's errors."""
     visit = Visit(scene, seed)
     with tempfile.TemporaryDirectory() as folder, Lockstep("trolley", seed) as lockstep:
-        config = _config(scene, seed, lidar, Path(folder), more)
+        config = config_of(scene, seed, setting.lidar, Path(folder))
         base = lockstep.add(BaseService(config))
-        if not has_stop_field:
+        if not setting.has_stop_field:
             take_stop_field_away(base, config)
         if scene.frame == "map":
-            lockstep.add(TruePose(scene.map()))
+            lockstep.add(LocalizerService(config) if setting.localizes else TruePose(scene.map()))
         lockstep.add(PlannerService(config))
         world = _world_of(base)
         people = None
         if scene.crowd is not None:
             people = PeopleJudge(scene.crowd(), world, footprint_of(config))
         truths, said = lockstep.record(topics.SIM_TRUTH), lockstep.record(topics.GOAL)
-        lockstep.run(1.0)
+        lockstep.run(SETTLE_S)
         for goal in scene.goals:
             began_s, before = lockstep.now_s, len(truths)
             visit.ending = _drive_to(goal, scene, lockstep, said, people)
@@ -261,7 +277,7 @@ def _place(truths: list[Truth], stamp_ns: int) -> tuple[float, float]:
     return nearest.pose.x, nearest.pose.y
 
 
-def _config(scene: Scene, seed: int, lidar: str, folder: Path, more: str) -> RobotConfig:
+def config_of(scene: Scene, seed: int, lidar: str, folder: Path) -> RobotConfig:
     """Write the world and the robot down, and read the robot.
 
     What is solid stands there exactly, not in the cells of the map that the planner gets.
@@ -273,11 +289,13 @@ def _config(scene: Scene, seed: int, lidar: str, folder: Path, more: str) -> Rob
     start = scene.start
     text = _WORLD.format(x=start.x, y=start.y, yaw=start.yaw, lidar=LIDARS[lidar])
     text += _GOOD_WHEELS if scene.frame == "odom" else ""
-    text += "".join(_BOX.format(*box) for box in scene.boxes)
+    text += "".join(_BOX.format(*box) for box in (*scene.boxes, *scene.things))
     (folder / "home.toml").write_text(text)
     robot = _ROBOT.format(
         polygon=[list(corner) for corner in scene.body.corners], folder=folder, seed=seed,
         speed=SPEED_MPS, turn=TURN_RADPS, frame=scene.frame,
     )  # fmt: skip
-    (folder / "robot.toml").write_text(robot + more)
+    save_map(grid, folder / f"{grid.name}.yaml")
+    robot += _MAP.format(name=grid.name, x=start.x, y=start.y, yaw=start.yaw)
+    (folder / "robot.toml").write_text(robot)
     return load_config(folder / "robot.toml")

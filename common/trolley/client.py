@@ -225,6 +225,17 @@ class Robot:
                 if _left(deadline) <= 0.0:
                     raise Refused(codes.TIMEOUT, f"Not there after {timeout:.0f} s.", goal=goal)
 
+    def follow_person(self, point: Sequence[float] | None = None, **options: Any) -> GoalStatus:
+        """Begin to follow the person nearest to x, y [m], or the nearest one ahead of the robot.
+
+        It goes on until somebody is lost or the goal is canceled: see `follow`. `options` are
+        fields of `request_params.FollowPerson`.
+
+        Raises:
+            Refused: `nobody`, or why it cannot drive there.
+        """
+        return self.ask(requests.GOAL_FOLLOW, person_at(point, **options))
+
     def cancel(self, goal: str | None = None) -> GoalStatus:
         """Cancel a goal, or the current one."""
         return self.ask(requests.GOAL_CANCEL, request_params.WhichGoal(id=goal))
@@ -362,6 +373,21 @@ def goal_to(place: Place, **options: Any) -> request_params.SendGoal:
         options.setdefault("yaw_tolerance", ANY_HEADING)
     pose = Pose2D.from_array((*place, 0.0)[:3])
     return request_params.SendGoal(pose=pose, **options)
+
+
+def person_at(point: Sequence[float] | None = None, **options: Any) -> request_params.FollowPerson:
+    """A request to follow the person nearest to a point, or the nearest one ahead, with an id.
+
+    Raises:
+        ValueError: A point that is not two numbers.
+    """
+    options.setdefault("id", f"py-{secrets.token_hex(6)}")
+    if point is None:
+        return request_params.FollowPerson(**options)
+    if len(point) != 2:
+        raise ValueError(f"a point has two numbers (x, y), not {len(point)}")
+    x, y = point
+    return request_params.FollowPerson(point=(float(x), float(y)), **options)
 
 
 def _deadline(timeout: float | None) -> float | None:

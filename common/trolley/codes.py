@@ -45,6 +45,8 @@ SLIP = "slip"
 OSCILLATION = "oscillation"
 WAITING = "waiting"
 RESTARTED = "restarted"
+NOBODY = "nobody"
+PERSON_LOST = "person_lost"
 # Trips.
 NOT_DRIVING = "not_driving"
 OTHER_GOAL = "other_goal"
@@ -107,6 +109,8 @@ SENTENCES: dict[str, str] = {
     OSCILLATION: "The robot is going back and forth without getting closer.",
     WAITING: "The robot is waiting for its path to clear.",
     RESTARTED: "The service was restarted.",
+    NOBODY: "The lidar sees nobody there whom the robot could follow.",
+    PERSON_LOST: "The person is out of sight, so the robot no longer follows them.",
     NOT_DRIVING: "No trip is under way.",
     OTHER_GOAL: "Somebody sent the robot elsewhere; resume the tour to continue.",
     NO_PLANNER: "The planner is not running; the trip continues when it is back.",

@@ -72,6 +72,22 @@ POSE_FIND = Request(
 )
 GOAL_SEND = Request("goal/send", request_params.SendGoal, m.GoalStatus, "planner", GOAL_REFUSALS)
 GOAL_PREVIEW = Request("goal/preview", request_params.SendGoal, m.Path, "planner", GOAL_REFUSALS)
+GOAL_FOLLOW = Request(
+    "goal/follow",
+    request_params.FollowPerson,
+    m.GoalStatus,
+    "planner",
+    (
+        codes.NOBODY,
+        codes.OUTSIDE_MAP,
+        codes.KEEPOUT,
+        codes.IN_OBSTACLE,
+        codes.NO_PATH,
+        codes.NOT_LOCALIZED,
+        codes.WRONG_FRAME,
+        codes.STOPPED,
+    ),
+)
 GOAL_CANCEL = Request(
     "goal/cancel", request_params.WhichGoal, m.GoalStatus, "planner", (codes.NOT_CURRENT,)
 )
@@ -83,7 +99,7 @@ GOAL_RESUME = Request(
     request_params.WhichGoal,
     m.GoalStatus,
     "planner",
-    (codes.NOT_CURRENT, codes.STOPPED),
+    (codes.NOT_CURRENT, codes.STOPPED, codes.PERSON_LOST),
 )
 TOUR_START = Request("tour/start", request_params.StartTour, m.TourStatus, "tour")
 TOUR_STOP = Request("tour/stop", request_params.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))

@@ -65,6 +65,8 @@ def value_of(shape: inspect.Type) -> Any:
             return example(cls)
         case inspect.UnionType(types=types):
             return value_of(next(one for one in types if not isinstance(one, inspect.NoneType)))
+        case inspect.FloatType(ge=float(least)):
+            return max(PLAIN[inspect.FloatType], least)
         case inspect.StrType(pattern=pattern):
             return "Küche" if pattern is None else WORDS[pattern]
         case inspect.LiteralType(values=values):

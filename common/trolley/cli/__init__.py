@@ -34,6 +34,7 @@ COMMANDS = {
     "doctor": ("trolley.cli.doctor", "Find out what is wrong, and what to do about it."),
     "pose": ("trolley.cli.pose", "Show where the robot is; manage saved places."),
     "go": ("trolley.cli.go", "Drive to a place."),
+    "follow": ("trolley.cli.go", "Follow a person."),
     "cancel": ("trolley.cli.go", "Cancel the current goal."),
     "tour": ("trolley.cli.tour", "Drive through several places."),
     "stop": ("trolley.cli.stopping", "Stop the robot until it is resumed."),

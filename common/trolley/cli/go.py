@@ -1,4 +1,4 @@
-"""`trolley go` and `trolley cancel`."""
+"""`trolley go`, `trolley follow` and `trolley cancel`."""
 
 import math
 from collections.abc import Generator
@@ -14,7 +14,7 @@ from trolley.cli.options import NumbersCommand, as_number, given, json_option, w
 from trolley.cli.printing import say
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, seconds_text
-from trolley.client import Place, Robot, goal_to
+from trolley.client import Place, Robot, goal_to, person_at
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, request_params
 
@@ -137,6 +137,47 @@ def _ending(status: GoalStatus) -> str:
         at = f" at {pose_text(status.pose)}" if status.pose is not None else ""
         return f"arrived{at} {after}"
     return f"{status.state} {after}: {status.message or status.reason} ({status.reason})"
+
+
+@click.command(name="follow", cls=NumbersCommand)
+@click.argument("where", nargs=-1, metavar="[X Y]")
+@click.option(
+    "--distance",
+    type=click.FloatRange(0.8, 2.0),
+    help="How far behind them to stay, in m [default: 1.2].",
+)
+@click.option(
+    "--speed", type=click.FloatRange(min=0.0, min_open=True), help="Highest speed, in m/s."
+)
+@click.option("--frame", help="The frame of X and Y [default: the planner's].")
+@click.option("--no-wait", is_flag=True, help="Begin to follow and return.")
+@click.option("--timeout", type=float, help="Seconds after which to stop following.")
+@where_options
+@json_option
+@reports_errors
+def follow_command(
+    where: tuple[str, ...], no_wait: bool, timeout: float | None, as_json: bool, **options: Any
+) -> None:
+    """Follow the person nearest to X Y in metres on the map, else the nearest one ahead.
+
+    Goes on until they are out of sight for 3 s; Ctrl-C ends it.
+    """
+    if len(where) not in (0, 2):
+        raise click.UsageError("give X Y, or nothing for the nearest person ahead")
+    point = [as_number(text, name) for text, name in zip(where, ("X", "Y"), strict=False)]
+    fields = {name: value for name, value in options.items() if value is not None}
+    with one_robot() as robot:
+        status = robot.ask(requests.GOAL_FOLLOW, person_at(point or None, **fields))
+        if not no_wait:
+            status = _follow(robot, status.id, timeout)
+    if as_json:
+        print_json(status)
+    elif no_wait:
+        say(f"goal {status.id}: {status.state}")
+    else:
+        say(_ending(status))
+    if not no_wait:
+        raise SystemExit(exits.FAILED)
 
 
 @click.command(name="cancel")

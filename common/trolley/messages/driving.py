@@ -18,7 +18,8 @@ class GoalStatus(Struct, frozen=True, kw_only=True):
 
     `pose` is the goal in `frame`; `distance_remaining` [m] along the path, `eta` and `elapsed` [s];
     `recoveries` counts attempts to get free; `blocked` are the points [m] in `frame` that are in
-    the way.
+    the way. Of a robot that follows somebody, `person` is where they were seen last, in `frame`;
+    `pose`, the place behind them that it drives to, moves with them.
     """
 
     stamp_ns: StampNs
@@ -33,6 +34,7 @@ class GoalStatus(Struct, frozen=True, kw_only=True):
     elapsed: NonNegative = 0.0
     recoveries: Count = 0
     blocked: list[Point] = []
+    person: Point | None = None
 
 
 class Path(Struct, frozen=True, kw_only=True):

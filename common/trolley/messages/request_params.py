@@ -8,7 +8,7 @@ from trolley.geometry.pose import Pose2D
 from trolley.messages.driving import GoalId
 from trolley.messages.mapping import MapName
 from trolley.messages.touring import Tour
-from trolley.messages.types import Covariance, Positive
+from trolley.messages.types import Covariance, Point, Positive
 
 
 class Nothing(Struct, frozen=True, kw_only=True):
@@ -49,6 +49,19 @@ class SendGoal(Struct, frozen=True, kw_only=True):
         """Refuse a goal that names two places or none."""
         if (self.pose is None) == (self.name is None):
             raise ValueError("give either pose or name")
+
+
+class FollowPerson(Struct, frozen=True, kw_only=True):
+    """Follow the person nearest to `point` [m] in `frame`; without one the nearest ahead.
+
+    The robot keeps `distance` [m] behind them, from its middle to theirs, at `speed` [m/s] at most.
+    """
+
+    id: GoalId | None = None
+    point: Point | None = None
+    frame: str | None = None
+    distance: Annotated[float, Meta(ge=0.8, le=2.0)] = 1.2
+    speed: Positive | None = None
 
 
 class WhichGoal(Struct, frozen=True, kw_only=True):

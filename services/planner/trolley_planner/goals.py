@@ -110,14 +110,23 @@ def check_ready(inputs: Inputs, now_ns: int | None) -> None:
         )
 
 
+def check_frame(frame: str | None, inputs: Inputs) -> None:
+    """Refuse places in another frame than the planner's.
+
+    Raises:
+        Refused: `wrong_frame`.
+    """
+    if frame is not None and frame.lstrip("/") != inputs.frame:
+        raise Refused(codes.WRONG_FRAME, f"This planner only takes goals in frame {inputs.frame}.")
+
+
 def goal_pose(params: SendGoal, inputs: Inputs) -> Pose2D:
     """Return the pose that a goal asks for, in the planner's frame.
 
     Raises:
         Refused: another frame, an unknown name, a place of another map.
     """
-    if params.frame is not None and params.frame.lstrip("/") != inputs.frame:
-        raise Refused(codes.WRONG_FRAME, f"This planner only takes goals in frame {inputs.frame}.")
+    check_frame(params.frame, inputs)
     if params.pose is not None:
         return params.pose.wrapped()
     if inputs.frame != "map":
@@ -275,6 +284,10 @@ class StatusBoard:
         self._ended_ns = None
         self._details = None
 
+    def move(self, goal: Goal) -> None:
+        """Put the current goal somewhere else."""
+        self.goal = goal
+
     def set(
         self,
         state: GoalState,
@@ -319,6 +332,7 @@ class StatusBoard:
             elapsed=0.0 if goal is None else max(0.0, (end_ns - goal.sent_ns) * 1e-9),
             recoveries=0 if details is None else details.recoveries,
             blocked=[] if details is None else details.blocked,
+            person=None if details is None else details.person,
         )
         self.history.remember(status)
         return status

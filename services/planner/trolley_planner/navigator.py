@@ -18,10 +18,12 @@ from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, GoalStatus, OccupancyGrid, Odometry, Path, Scan
-from trolley.messages.request_params import SendGoal, WhichGoal
+from trolley.messages.request_params import FollowPerson, SendGoal, WhichGoal
 from trolley_planner import wire
 from trolley_planner.context.motion_state import ControlInput, MotionState
 from trolley_planner.context.planning_context import CostmapManager, PlanningContext
+from trolley_planner.control.controller import limited_change, safe_command
+from trolley_planner.driving.following import BEHIND, Following, pick_person, tracks_in_frame
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.route import seconds_along, timed_poses
 from trolley_planner.driving.spin_to_localize import SpinToLocalize
@@ -32,11 +34,13 @@ from trolley_planner.goals import (
     StatusBoard,
     Tolerances,
     ValidatedGoal,
+    check_frame,
     check_ready,
     check_state,
     goal_pose,
     validate,
 )
+from trolley_planner.people import Track
 from trolley_planner.sensing.inputs import Inputs
 
 SETTLED_S = 1.5
@@ -66,6 +70,8 @@ class Navigator:
         self.board = StatusBoard(config.frame)
         self.execution: GoalExecution | None = None
         """How the current goal is driven to, None without one."""
+        self._following: Following | None = None
+        """Whom the current goal is behind, None if it stays where it is."""
         self._motion_state = MotionState(config, self.inputs, self.costmap_manager)
         self._giving_way = GivingWay(config)
         self._spin_to_localize = SpinToLocalize(config)
@@ -99,6 +105,8 @@ class Navigator:
         self._scanned_ns = now_ns
         if not self.costmap_manager.add_scan(scan, history, now_ns):
             return False
+        if self._following is not None:
+            self._following.update(self._tracks(self.costmap_manager.require_context()), now_ns)
         motion = self._motion_state.motion()
         if motion is None or self.execution is None:
             return False
@@ -129,7 +137,22 @@ class Navigator:
         if self._giving_way.wait is not None:
             self._giving_way.maintain(self.execution.context, now)
         else:
+            self._keep_behind(self.execution, now_ns)
             self.execution.replan_if_due(now)
+
+    def _keep_behind(self, execution: GoalExecution, now_ns: int) -> None:
+        """Move the goal on behind a person who is followed."""
+        following = self._following
+        goal = None if following is None else following.moved_goal(execution.goal, now_ns)
+        if goal is not None:
+            execution.move_goal(goal)
+            self.board.move(goal)
+
+    @staticmethod
+    def _tracks(context: PlanningContext) -> list[Track]:
+        """Return what the lidar shows of a person's size, in the frame of the goals."""
+        costmap = context.costmap
+        return tracks_in_frame(costmap.moving.tracks, costmap.frame_T_grid)
 
     def _update_neighbours(self, now_ns: int, monotonic_ns: int) -> None:
         """Tell the costmap where the other robots of the house will be."""
@@ -149,11 +172,36 @@ class Navigator:
             return Twist2D.zero() if is_stopping else None
         if self._must_wait(now_ns):
             return Twist2D.zero()
-        now = self._motion_state.control_input(execution.goal.speed, now_ns, elapsed_s)
+        now = self._motion_state.control_input(self._speed(execution, now_ns), now_ns, elapsed_s)
         if now is None:
             return Twist2D.zero()
         if self._giving_way.wait is not None:
             return self._give_way(now)
+        if self._following is not None:
+            return self._follow(self._following, execution, now)
+        return self._execute(execution, now)
+
+    def _speed(self, execution: GoalExecution, now_ns: int) -> float | None:
+        """Return the highest speed that the goal asks for [m/s], None for any."""
+        here, asked = self.inputs.base_pose(), execution.goal.speed
+        if self._following is None or here is None:
+            return asked
+        wanted = self._following.speed(here, now_ns)
+        return wanted if asked is None else asked if wanted is None else min(asked, wanted)
+
+    def _follow(self, following: Following, execution: GoalExecution, now: ControlInput) -> Twist2D:
+        """Return the velocity behind a person; end the goal when they are lost."""
+        here, now_ns = self.inputs.base_pose(), now.now_ns
+        if following.is_lost(now_ns) or here is None:
+            self._end("failed", codes.PERSON_LOST, now_ns)
+            return Twist2D.zero()
+        context = execution.context
+        if following.must_stand(here, context.footprint.circumscribed_m, now_ns):
+            execution.stand()
+            self._report("driving", "", now_ns, wire.BEHIND_PERSON)
+            wanted = following.turn_to(here, now.limits)
+            wanted = limited_change(now.motion.twist, wanted, now.limits, now.elapsed_s)
+            return safe_command(now.motion, wanted, context.local_costmap, now.limits)
         return self._execute(execution, now)
 
     def _execute(self, execution: GoalExecution, now: ControlInput) -> Twist2D:
@@ -163,7 +211,9 @@ class Navigator:
             execution.resume_after_wait(waited_ns)
         twist = execution.command(now)
         trouble, blind = self._trouble(execution, now.now_ns)
-        if execution.outcome == "arrived":
+        if execution.outcome == "arrived" and self._following is not None:
+            execution.stand()  # until the person walks on
+        elif execution.outcome == "arrived":
             self._end("arrived", "", now.now_ns, "The robot has arrived.")
         elif execution.outcome == "failed":
             blocker = wire.blocked_by(self._blocking_robot(execution))
@@ -174,6 +224,8 @@ class Navigator:
             self._report("recovering", trouble, now.now_ns, blind or why)
         elif self._is_held_blind:
             self._report("driving", codes.BLIND, now.now_ns, blind)
+        elif self._following is not None and not self._following.is_in_sight(now.now_ns):
+            self._report("recovering", codes.PERSON_LOST, now.now_ns, wire.PERSON_UNSEEN)
         else:
             self._report("driving", "", now.now_ns)
         return twist
@@ -281,6 +333,41 @@ class Navigator:
             self._end("canceled", codes.REPLACED, now)
         self.board.begin(validated.goal)
         self.board.set("planning", "", now)
+        self._following = None
+        self._set_off(validated, context, now)
+        return self.status(now)
+
+    def follow(self, params: FollowPerson, new_id: str, now_ns: int | None) -> GoalStatus:
+        """Begin to follow a person, in place of the goal before.
+
+        Args:
+            params: the request.
+            new_id: for a goal that brings none.
+            now_ns: robot time, None while unknown.
+
+        Raises:
+            Refused: the goal that was driven to is then untouched.
+        """
+        known = None if params.id is None else self.status_of(params.id, now_ns or 0)
+        if known is not None:
+            return known
+        check_ready(self.inputs, now_ns)
+        now = now_ns or 0
+        check_frame(params.frame, self.inputs)
+        check_state(self.inputs, now)
+        context, here = self._context_and_pose(now, ())
+        person = pick_person(self._tracks(context), here, params.point)
+        if person is None:
+            raise Refused(codes.NOBODY)
+        following = Following(person, here, params.distance, now)
+        place = following.place_behind(now)
+        goal = Goal(params.id or new_id, place, (), BEHIND, params.speed, now)
+        validated = validate(goal, context, here, self._config)
+        if self.board.is_active:
+            self._end("canceled", codes.REPLACED, now)
+        self.board.begin(validated.goal)
+        self.board.set("planning", "", now)
+        self._following = following
         self._set_off(validated, context, now)
         return self.status(now)
 
@@ -335,8 +422,10 @@ class Navigator:
             return self.status(now)
         check_ready(self.inputs, now_ns)
         check_state(self.inputs, now)
-        context, here = self._context_and_pose(now)
+        if self._following is not None and self._following.is_lost(now):
+            raise Refused(codes.PERSON_LOST)
         left = goal if self.execution is None else self.execution.remaining_goal()
+        context, here = self._context_and_pose(now, (*left.vias, left.pose))
         self._set_off(validate(left, context, here, self._config), context, now)
         return self.status(now)
 
@@ -350,19 +439,22 @@ class Navigator:
         """
         pose = goal_pose(params, self.inputs)
         check_state(self.inputs, now_ns)
-        context, here = self._context_and_pose(now_ns)
+        vias = tuple(via.wrapped() for via in params.via)
+        context, here = self._context_and_pose(now_ns, (*vias, pose))
         goal = Goal(
             params.id or new_id,
             pose,
-            tuple(via.wrapped() for via in params.via),
+            vias,
             Tolerances(params.xy_tolerance, params.yaw_tolerance),
             params.speed,
             now_ns,
         )
         return validate(goal, context, here, self._config), context
 
-    def _context_and_pose(self, now_ns: int) -> tuple[PlanningContext, Pose2D]:
-        """Return what to plan with and where the robot is.
+    def _context_and_pose(
+        self, now_ns: int, goals: Sequence[Pose2D]
+    ) -> tuple[PlanningContext, Pose2D]:
+        """Return what to plan with, made for these goals, and where the robot is.
 
         Raises:
             Refused: either is not known.
@@ -370,7 +462,7 @@ class Navigator:
         here = self.inputs.base_pose()
         if here is None:
             raise Refused(codes.NOT_LOCALIZED)
-        self._rebuild_costmap(now_ns)
+        self._rebuild_costmap(now_ns, goals)
         return self.costmap_manager.require_context(), here
 
     def _set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
@@ -388,10 +480,13 @@ class Navigator:
             self.execution.update(motion, now_ns)
         self._report("driving", "", now_ns)
 
-    def _rebuild_costmap(self, now_ns: int) -> None:
+    def _rebuild_costmap(self, now_ns: int, goals: Sequence[Pose2D] = ()) -> None:
         """Make the costmap anew if map, zones or robot changed, and plan on it."""
         manager, execution = self.costmap_manager, self.execution
-        if not manager.rebuild():
+        left = None
+        if execution is not None and self.board.is_active:
+            left = execution.remaining_goal()
+        if not manager.rebuild([*goals, *((*left.vias, left.pose) if left else ())]):
             return
         if execution is None or not self.board.is_active:
             self.execution = None
@@ -462,7 +557,10 @@ class Navigator:
         if self.execution is None or motion is None or self.board.goal is None:
             return None
         limits = self._motion_state.limits(self.execution.goal.speed)
-        return wire.status_details(self.execution, motion, limits)
+        details = wire.status_details(self.execution, motion, limits)
+        if self._following is None:
+            return details
+        return msgspec.structs.replace(details, person=self._following.person)
 
     def _report(
         self,
@@ -493,4 +591,4 @@ class Navigator:
             details = msgspec.structs.replace(details, blocked=list(blocked))
         self.board.set(state, reason, now_ns, message, details)
         self._over_ns = now_ns
-        self.execution = None
+        self.execution, self._following = None, None

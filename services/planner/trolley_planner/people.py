@@ -4,20 +4,20 @@ People are segments of a scan that stand where beams passed a moment ago. What m
 sight does not move: that place had not been seen to be free. Everything is in frame `grid` [m].
 """
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.jit import kernel
 from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 
 
-@dataclass(frozen=True, slots=True)
-class PeopleTrackerParams:
+class PeopleTrackerParams(NamedTuple):
     """Who counts as moving; found by hand in simulated drives among people."""
 
     sight_m: float = 3.5
@@ -46,10 +46,16 @@ class PeopleTrackerParams:
     """and at most this old."""
     track_s: float = 0.6
     """A velocity is measured over this time: legs swing."""
+    track_noise_m: float = 0.03
+    """Places of a track err by this much at least, whatever its own scatter says."""
+    left_s: float = 1.2
+    """Through where somebody stood within this time, beams must pass now that they walked away."""
     hidden_s: float = 1.0
     """A person out of sight is taken to walk on for this long."""
-    slowest_mps: float = 0.25
+    slowest_mps: float = 0.2
     """Slower is noise,"""
+    lingering_mps: float = 0.12
+    """but who was seen to walk may become as slow as this,"""
     fastest_mps: float = 2.5
     """and faster two different things."""
     astray_m: float = 0.3
@@ -77,6 +83,8 @@ class TrackedPerson(NamedTuple):
     """(n, 2) where the lidar sees it [m]."""
     velocity: Floats
     """(2,) [m/s]."""
+    velocity_std: float = 0.1
+    """Standard deviation of each of them [m/s]."""
     is_seen: bool = True
     """Whether the newest scan shows it; else it is where it must have gone."""
 
@@ -89,6 +97,21 @@ def person_discs(people: Sequence[TrackedPerson]) -> Floats:
         spread = float(np.hypot(*(person.points - middle).T).max())
         discs[index] = *middle, *person.velocity, max(spread + TRACKING.depth_m, TRACKING.body_m)
     return discs
+
+
+class Track(NamedTuple):
+    """Something of a person's size that is not on the map: it may stand, and be no person."""
+
+    number: int
+    """By which it is known for as long as it is tracked."""
+    place: Floats
+    """(2,) [m]."""
+    size_m: float
+    """Across the points that are seen."""
+    velocity: Floats
+    """(2,) [m/s]; zero where it stands, or is not known yet."""
+    is_moving: bool
+    """Whether it was seen to move."""
 
 
 class _View(NamedTuple):
@@ -107,6 +130,8 @@ class _View(NamedTuple):
     """(m, 3) for each segment where it was, oldest first: time since `stamp_ns` [s], x, y."""
     origins: list[int]
     """Index of each segment in the scan before, -1 if it is new."""
+    numbers: list[int]
+    """By which each is known for as long as it is tracked; filled in by the tracker."""
 
 
 class PeopleTracker:
@@ -114,6 +139,7 @@ class PeopleTracker:
 
     def __init__(self) -> None:
         self._views: deque[_View] = deque(maxlen=8)
+        self._new_numbers = itertools.count()
         self._seen: list[TrackedPerson | None] = []
         self._hidden: list[tuple[int, TrackedPerson]] = []
 
@@ -141,14 +167,29 @@ class PeopleTracker:
         view = _view_of(stamp_ns, beams, wall_distance_m, edge_m, last)
         earlier = [one for one in self._views if _is_comparable(one, stamp_ns)]
         self._views.append(view)
+        for index, origin in enumerate(view.origins):
+            known = None if last is None or origin < 0 else last.numbers[origin]
+            view.numbers[index] = next(self._new_numbers) if known is None else known
         seen = [
-            _person(segment, track, None if origin >= 0 and self._seen[origin] else earlier)
+            _person(segment, track, view, None if origin >= 0 and self._seen[origin] else earlier)
             for segment, track, origin in zip(view.segments, view.tracks, view.origins, strict=True)
         ]
         if last is not None:
             self._hidden = self._now_hidden(view, last.stamp_ns)
         self._seen = seen
         return self._found()
+
+    def tracks(self) -> list[Track]:
+        """Return what the newest scan shows of a person's size, who stands as well."""
+        if not self._views:
+            return []
+        view = self._views[-1]
+        found: list[Track] = []
+        for number, points, person in zip(view.numbers, view.segments, self._seen, strict=True):
+            velocity = np.zeros(2) if person is None else person.velocity
+            place = points.mean(axis=0)
+            found.append(Track(number, place, _size(points), velocity, person is not None))
+        return found
 
     def _found(self) -> list[TrackedPerson]:
         seen = [person for person in self._seen if person is not None]
@@ -191,23 +232,12 @@ def _view_of(
     last: _View | None,
 ) -> _View:
     """Return what is kept of a scan."""
-    angles = np.unwrap(np.arctan2(beams[:, DY], beams[:, DX]))
-    width = max(
-        1, round(TRACKING.beside_rad * (len(beams) - 1) / max(float(angles[-1] - angles[0]), 1e-3))
-    )
-    padded = np.pad(beams[:, CLEAR], width, mode="edge")
-    clear_m = np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1).min(axis=1)
-    echo = beams[:, ECHO]
-    seen = beams[(echo > 0.0) & (echo < TRACKING.sight_m)]
-    points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
-    cells = np.floor(points / edge_m).astype(np.int64)
-    rows, cols = wall_distance_m.shape
-    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < cols) & (cells[:, 1] < rows)
-    points, cells = points[inside], cells[inside]
-    loose = points[wall_distance_m[cells[:, 1], cells[:, 0]] > TRACKING.wall_m]
+    angles, clear_m, loose = take_apart(beams, wall_distance_m, edge_m)
     origin = beams[:, [X, Y]].mean(axis=0)
     segments = _segments(loose)
-    return _View(stamp_ns, origin, angles, clear_m, segments, *_tracks(stamp_ns, segments, last))
+    tracks, origins = _tracks(stamp_ns, segments, last)
+    numbers = [-1] * len(segments)
+    return _View(stamp_ns, origin, angles, clear_m, segments, tracks, origins, numbers)
 
 
 def _tracks(
@@ -219,30 +249,52 @@ def _tracks(
     if last is None or not segments or not last.tracks:
         return tracks, origins
     elapsed_s = (stamp_ns - last.stamp_ns) * 1e-9
-    velocities = [_velocity(track) for track in last.tracks]
+    motions = [_motion(track) for track in last.tracks]
     expected = np.array([track[-1, 1:] for track in last.tracks])
-    known = [velocity is not None for velocity in velocities]
-    expected += elapsed_s * np.array([[0.0, 0.0] if one is None else one for one in velocities])
+    expected += elapsed_s * np.array([[0.0, 0.0] if one is None else one[0] for one in motions])
+    known = [one is not None for one in motions]
     reach = np.where(known, TRACKING.astray_m, TRACKING.fastest_mps * elapsed_s)
     lengths = np.hypot(*np.moveaxis(here[:, 0, 1:] - expected[:, None], -1, 0))
-    for index in range(len(segments)):
-        origin = int(lengths[:, index].argmin())
-        # Another segment continues that track.
-        is_other = int(lengths[origin].argmin()) != index
-        if is_other or lengths[origin, index] > reach[origin]:
-            continue
+    for origin, index in _assigned(np.where(lengths <= reach[:, None], lengths, np.inf)):
         before = last.tracks[origin] - (elapsed_s, 0.0, 0.0)
-        tracks[index] = np.concatenate([before[before[:, 0] >= -TRACKING.track_s], here[index]])
+        tracks[index] = np.concatenate([before[before[:, 0] >= -TRACKING.left_s], here[index]])
         origins[index] = origin
     return tracks, origins
 
 
-def _velocity(track: Floats) -> Floats | None:
-    """Return the velocity along a track, None if it is too short to say."""
+def _assigned(lengths: Floats) -> list[tuple[int, int]]:
+    """Return pairs of rows and columns, the shortest first: each row and column is in one at most.
+
+    Args:
+        lengths: (rows, cols), infinite where they do not belong together.
+    """
+    found: list[tuple[int, int]] = []
+    rows, cols = lengths.shape
+    taken_rows, taken_cols = np.zeros(rows, dtype=np.bool_), np.zeros(cols, dtype=np.bool_)
+    for flat in np.argsort(lengths, axis=None, kind="stable").tolist():
+        row, col = divmod(flat, cols)
+        if math.isinf(lengths[row, col]):
+            break
+        if not taken_rows[row] and not taken_cols[col]:
+            found.append((row, col))
+            taken_rows[row] = taken_cols[col] = True
+    return found
+
+
+def _motion(track: Floats) -> tuple[Floats, float] | None:
+    """Return the velocity along a track and its standard deviation, None if it is too short.
+
+    A straight line is fitted; what the track strays from it says how sure its slope is.
+    """
     if track[0, 0] > -TRACKING.least_ago_s:
         return None
-    times = track[:, 0] - track[:, 0].mean()
-    return times @ track[:, 1:] / (times @ times)
+    lately = track[track[:, 0] >= -TRACKING.track_s]
+    times = lately[:, 0] - lately[:, 0].mean()
+    squares = float(times @ times)
+    velocity = times @ lately[:, 1:] / squares
+    astray = lately[:, 1:] - lately[:, 1:].mean(axis=0) - times[:, None] * velocity
+    noise_m = math.sqrt(float((astray * astray).sum()) / (2.0 * max(len(lately) - 2, 1)))
+    return velocity, max(noise_m, TRACKING.track_noise_m) / math.sqrt(squares)
 
 
 def _segments(points: Floats) -> list[Floats]:
@@ -284,42 +336,134 @@ def _with_both_legs(segments: list[Floats]) -> list[Floats]:
     return joined
 
 
+@kernel
 def _gap(one: Floats, other: Floats) -> float:
-    return float(np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min())
+    """Return the least distance between points (n, 2) and others (m, 2)."""
+    least = math.inf
+    for index in range(one.shape[0]):
+        for beside in range(other.shape[0]):
+            dx, dy = one[index, 0] - other[beside, 0], one[index, 1] - other[beside, 1]
+            least = min(least, math.hypot(dx, dy))
+    return least
 
 
+@kernel
 def _size(points: Floats) -> float:
-    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
+    """Return the diagonal of the box around points (n, 2)."""
+    width = points[:, 0].max() - points[:, 0].min()
+    return math.hypot(width, points[:, 1].max() - points[:, 1].min())
 
 
-def _person(segment: Floats, track: Floats, earlier: list[_View] | None) -> TrackedPerson | None:
+def _person(
+    segment: Floats, track: Floats, view: _View, earlier: list[_View] | None
+) -> TrackedPerson | None:
     """Return a segment as a person; None if it stands, or may have been hidden before.
 
     Args:
         segment: (k, 2) its points.
         track: where it has been.
+        view: the scan that shows it.
         earlier: scans to compare with; None for what is known to move.
     """
+    motion = _motion(track)
+    slowest = TRACKING.lingering_mps if earlier is None else TRACKING.slowest_mps
+    if motion is None or math.hypot(*motion[0].tolist()) < slowest:
+        return None
+    if earlier is not None and not (_came(segment, earlier) or _left(track, view)):
+        return None
+    return TrackedPerson(segment, *motion)
+
+
+def _came(segment: Floats, earlier: list[_View]) -> bool:
+    """Say whether a segment stands where earlier beams passed."""
     least = max(TRACKING.least_points, TRACKING.least_share * len(segment))
-    if earlier is not None and not any(
-        np.count_nonzero(_was_free(before, segment)) >= least for before in earlier
-    ):
-        return None
-    velocity = _velocity(track)
-    if velocity is None or math.hypot(*velocity.tolist()) < TRACKING.slowest_mps:
-        return None
-    return TrackedPerson(segment, velocity)
+    return any(np.count_nonzero(_was_free(before, segment)) >= least for before in earlier)
+
+
+def _left(track: Floats, view: _View) -> bool:
+    """Say whether beams pass now where a track was: who walks away hides where they go."""
+    before = track[track[:, 0] <= -TRACKING.least_ago_s, 1:]
+    return len(before) > 0 and bool(_was_free(view, before).any())
 
 
 def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:
     """Say of points (n, 2) whether beams of an earlier scan passed there."""
-    offset = points - view.origin
-    turned = (np.arctan2(offset[:, 1], offset[:, 0]) - view.angles[0]) % (2.0 * math.pi)
-    after = np.asarray(np.searchsorted(view.angles - view.angles[0], turned), dtype=np.int64)
-    last = len(view.angles) - 1
-    clear_m = np.minimum(view.clear_m[np.minimum(after, last)], view.clear_m[after - 1])
-    seen = (after > 0) & (after <= last) | (turned > 2.0 * math.pi - TRACKING.beside_rad)
-    return seen & (clear_m > np.hypot(offset[:, 0], offset[:, 1]) + TRACKING.past_m)
+    return were_passed(points, view.origin, view.angles, view.clear_m)
+
+
+@kernel
+def take_apart(
+    beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return the angles of beams, how far all about each are free, and echoes not on the map.
+
+    Args:
+        beams: (n, 6) columns: sensing.beams.
+        wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
+        edge_m: edge of these cells.
+
+    Returns:
+        (n,) rising [rad], (n,) [m], and (k, 2) [m].
+    """
+    count, (rows, cols) = beams.shape[0], wall_distance_m.shape
+    angles, clear_m, loose = np.empty(count), np.empty(count), np.empty((count, 2))
+    turns, num_loose = 0.0, 0
+    for beam in range(count):
+        angle = math.atan2(beams[beam, DY], beams[beam, DX])
+        if beam > 0:
+            step = angle + turns - angles[beam - 1]
+            turns -= 2.0 * math.pi * math.floor((step + math.pi) / (2.0 * math.pi))
+        angles[beam] = angle + turns
+        echo = beams[beam, ECHO]
+        if not 0.0 < echo < TRACKING.sight_m:
+            continue
+        x, y = beams[beam, X] + echo * beams[beam, DX], beams[beam, Y] + echo * beams[beam, DY]
+        row, col = math.floor(y / edge_m), math.floor(x / edge_m)
+        inside = 0 <= row < rows and 0 <= col < cols
+        if inside and wall_distance_m[row, col] > TRACKING.wall_m:
+            loose[num_loose, 0], loose[num_loose, 1] = x, y
+            num_loose += 1
+    spread = max(angles[-1] - angles[0], 1e-3)
+    width = max(1, round(TRACKING.beside_rad * (count - 1) / spread))
+    for beam in range(count):
+        least = beams[beam, CLEAR]
+        for near in range(max(beam - width, 0), min(beam + width + 1, count)):
+            least = min(least, beams[near, CLEAR])
+        clear_m[beam] = least
+    return angles, clear_m, loose[:num_loose].copy()
+
+
+@kernel
+def were_passed(
+    points: Floats, origin: Floats, angles: Floats, clear_m: Floats
+) -> NDArray[np.bool_]:
+    """Say of points (n, 2) whether beams from a place passed there.
+
+    Args:
+        points: [m].
+        origin: (2,) of the beams [m].
+        angles: (m,) of the beams, rising [rad].
+        clear_m: (m,) how far all beams about each are free.
+    """
+    passed, last = np.empty(points.shape[0], np.bool_), angles.shape[0] - 1
+    for index in range(points.shape[0]):
+        dx, dy = points[index, 0] - origin[0], points[index, 1] - origin[1]
+        turned = (math.atan2(dy, dx) - angles[0]) % (2.0 * math.pi)
+        # The first beam at this angle or beyond.
+        low, after = 0, last + 1
+        while low < after:
+            middle = (low + after) // 2
+            if angles[middle] - angles[0] < turned:
+                low = middle + 1
+            else:
+                after = middle
+        is_between = 0 < after <= last
+        if not is_between and turned <= 2.0 * math.pi - TRACKING.beside_rad:
+            passed[index] = False
+            continue
+        free_m = min(clear_m[min(after, last)], clear_m[after - 1 if after > 0 else last])
+        passed[index] = free_m > math.hypot(dx, dy) + TRACKING.past_m
+    return passed
 
 
 SAME_M = 0.15
@@ -352,6 +496,11 @@ class MovingObstacles:
         """Track people through a new scan; see `PeopleTracker.update`."""
         self.people = self._tracker.update(now_ns, beams, wall_distance_m, resolution_m)
         self._walkers, self._scanned_ns = person_discs(self.people), now_ns
+
+    @property
+    def tracks(self) -> list[Track]:
+        """What the newest scan shows of a person's size; see `PeopleTracker.tracks`."""
+        return self._tracker.tracks()
 
     def set_robots(self, tracks: Sequence[Floats], now_ns: int) -> None:
         """Replace what other robots that drive say of where they will be.

@@ -22,7 +22,7 @@ from trolley.messages import (
     VelocityCommand,
     Zones,
 )
-from trolley.messages.request_params import SendGoal, WhichGoal
+from trolley.messages.request_params import FollowPerson, SendGoal, WhichGoal
 from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_planner.navigator import OWN_SOURCE, Navigator
 from trolley_planner.warmup import warm_up
@@ -202,6 +202,18 @@ class PlannerService(Service):
             return status
 
         return self._unless_stopped(send)
+
+    @answers(requests.GOAL_FOLLOW)
+    def follow_person(self, params: FollowPerson) -> GoalStatus | Later[GoalStatus]:
+        """Follow a person."""
+
+        def follow() -> GoalStatus:
+            status = self.navigator.follow(params, self.new_id(), self.now_ns)
+            self.log.info("Follow", id=status.id, person=status.person)
+            self._publish_changes()
+            return status
+
+        return self._unless_stopped(follow)
 
     @answers(requests.GOAL_PREVIEW)
     def preview_goal(self, params: SendGoal) -> Path | Later[Path]:

@@ -14,6 +14,8 @@ from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.recovery import RecoveryAction
 
 GOAL_OCCUPIED = "Something is on the goal."
+BEHIND_PERSON = "The robot stands behind the person."
+PERSON_UNSEEN = "The person is out of sight; the robot goes to where it saw them last."
 RECOVERY_SENTENCES = {
     RecoveryAction.WAIT: "Something is in the way; the robot waits for it to go.",
     RecoveryAction.CLEAR: "The robot looks again at what is around it.",

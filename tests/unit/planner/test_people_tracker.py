@@ -223,3 +223,26 @@ def test_between_two_looks_who_walks_goes_on() -> None:
     (walker,) = found
     (later,) = watch.update(540_000_000, beams_to([(5.8, 5.14, 0.15)]), NO_WALLS, EDGE_M)
     np.testing.assert_allclose(later.points, walker.points + 0.04 * walker.velocity)
+
+
+@pytest.mark.parametrize("has_legs", [False, True])
+@pytest.mark.parametrize("speed", [0.25, 0.45, 0.9])
+def test_who_walks_straight_away_is_seen_to_walk(speed: float, has_legs: bool) -> None:
+    """No beam was ever where they go: their own body hid it."""
+    watch = PeopleTracker()
+    found: list[list[TrackedPerson]] = []
+    rows, cols = np.indices(NO_WALLS.shape)
+    away = np.hypot(EDGE_M * (cols + 0.5) - 5.0, EDGE_M * (rows + 0.5) - 5.0)
+    wall_distance_m = np.abs(away - 2.0).astype(np.float32)
+    for step in range(30):
+        x = 6.0 + 0.1 * speed * step
+        if x > 6.8:
+            break
+        swing = 0.15 * math.sin(2.0 * math.pi * x / 1.2)
+        circles = [(x + swing, 5.1, 0.06), (x - swing, 4.9, 0.06)]
+        beams = beams_to(circles if has_legs else [(x, 5.0, 0.2)])
+        found += [watch.update(step * 100_000_000, beams, wall_distance_m, EDGE_M)]
+    late = found[6:]
+    assert sum(len(people) == 1 for people in late) >= 0.8 * len(late)
+    speeds = [float(people[0].velocity[0]) for people in late if people]
+    assert abs(np.mean(speeds) - speed) < 0.35 * speed

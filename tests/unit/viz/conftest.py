@@ -20,6 +20,7 @@ from trolley.messages import (
     BaseState,
     Clock,
     GoalStatus,
+    Health,
     OccupancyGrid,
     Odometry,
     PoseEstimate,
@@ -31,7 +32,14 @@ from trolley.messages import (
     Transform,
     floats_to_bytes,
 )
-from trolley.messages.request_params import Nothing, SendGoal, SetPose, StartTour, WhichGoal
+from trolley.messages.request_params import (
+    FollowPerson,
+    Nothing,
+    SendGoal,
+    SetPose,
+    StartTour,
+    WhichGoal,
+)
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 from trolley_viz.joystick.teleop import PadState
@@ -67,10 +75,13 @@ class PretendRobot(Service):
         self.deaf = False
         self.stops = 0
         self.goals: list[SendGoal] = []
+        self.followed: list[FollowPerson] = []
         self.poses_set: list[SetPose] = []
         self.tours: list[StartTour] = []
         self.driven_m = 0.0
         """How far it has driven along its x."""
+        self.alive = ["localizer", "planner"]
+        """The services that tell of their health."""
 
     def start(self) -> None:
         name, square = self.robot, [(0.2, -0.2), (0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2)]
@@ -106,6 +117,13 @@ class PretendRobot(Service):
         kitchen = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
         elsewhere = SavedPose(name="attic", map="house", pose=Pose2D(0.0, 0.0, 0.0))
         self.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=[kitchen, elsewhere]))
+        self._say_goal(None, "idle", None)
+
+    @every(1.0, clock="local")
+    def tell_health(self) -> None:
+        for name in self.alive:
+            health = Health(stamp_ns=self.stamp_ns, state="ok", cpu=0.0, rss=0)
+            self.publish(topics.HEALTH, health, name)
 
     @every(0.1, clock="local")
     def tick(self) -> None:
@@ -151,6 +169,19 @@ class PretendRobot(Service):
         if params.pose is not None and params.pose.x > 3.0:
             raise Refused("outside_map")
         return self._say_goal(params.id, "driving", params.pose)
+
+    @answers(requests.GOAL_FOLLOW)
+    def follow(self, params: FollowPerson) -> GoalStatus:
+        self.followed.append(params)
+        status = GoalStatus(
+            stamp_ns=self.stamp_ns,
+            id=params.id,
+            state="driving",
+            pose=Pose2D(2.4, 0.0, 0.0),
+            person=(3.6, 0.0),
+        )
+        self.publish(topics.GOAL, status)
+        return status
 
     @answers(requests.GOAL_CANCEL)
     def cancel(self, params: WhichGoal) -> GoalStatus:

@@ -267,6 +267,28 @@ class GoalExecution:
         """Plan anew at the next opportunity, as after a jump of the pose."""
         self._must_replan = True
 
+    def move_goal(self, goal: Goal) -> None:
+        """Drive somewhere else from now on, as behind a person who walks on.
+
+        Args:
+            goal: in the frame of the goals, without via points.
+        """
+        self.goal, self.goal_grid = goal, self.context.costmap.to_grid(goal.pose)
+        self._goal_approach = GoalApproach(
+            self.context, self._config, self.goal_grid, goal.tolerances
+        )
+        self.route.retarget(self.goal_grid)
+        self._progress.reset()
+        self._must_replan = True
+        self.outcome = None
+
+    def stand(self) -> None:
+        """Note that the robot stands on purpose, as near as it is to be to a person."""
+        self.outcome = None
+        self._progress.reset()
+        self._goal_approach.let_go()
+        self.context.controller.reset()
+
     def resume_after_wait(self, waited_ns: int) -> None:
         """Drive on after giving way: that time does not count, and another path may be better."""
         self.recovery.excuse(waited_ns)

@@ -27,6 +27,7 @@ DAY_S = 86_400.0
 MOVING: tuple[Request[Any, Any], ...] = (
     requests.BASE_RESUME,
     requests.GOAL_SEND,
+    requests.GOAL_FOLLOW,
     requests.GOAL_RESUME,
     requests.POSE_FIND,
     requests.POSE_SET,
