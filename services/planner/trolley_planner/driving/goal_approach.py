@@ -168,6 +168,12 @@ class GoalApproach:
         """Whether it drives now."""
         return self._alignment is not None
 
+    @property
+    def near(self) -> Tolerances:
+        """How near to `aim` is near enough to the goal."""
+        xy, offset = self._tolerances.xy, self.aim.distance_to(self._goal)
+        return Tolerances(max(xy - offset, 0.3 * xy), self._tolerances.yaw)
+
     def let_go(self) -> None:
         """Leave driving to the controller again."""
         self._alignment = None
@@ -190,7 +196,7 @@ class GoalApproach:
             return False
         enough = self._config.clearance_m + 0.01
         self.is_occupied = False
-        if self._context.seen_clearance(self.aim, enough) >= APPROACH.goal_clearance_m + 0.01:
+        if self._context.seen_clearance(self.aim, enough) >= APPROACH.goal_clearance_m:
             return False
         found = nearest_free_pose(
             self._goal,
@@ -228,14 +234,11 @@ class GoalApproach:
             clearance = self._context.seen_clearance(Pose2D(x, y, bearing), 0.1)
             if clearance < self._config.clearance_m and distance > 0.1:
                 return False
-        offset = self.aim.distance_to(self._goal)
-        xy = self._tolerances.xy
-        near = Tolerances(max(xy - offset, 0.3 * xy), self._tolerances.yaw)
         facing = wrap_angle(bearing - pose.yaw)
         is_behind = abs(facing) > 0.5 * math.pi
         clearance = self._config.clearance_m
         is_reverse = is_behind and not self._context.can_turn_by(pose, facing, clearance)
-        self._alignment = FinalAlignment(near, is_reverse)
+        self._alignment = FinalAlignment(self.near, is_reverse)
         return True
 
     def command(self, now: ControlInput) -> Twist2D:

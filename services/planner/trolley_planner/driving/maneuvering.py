@@ -18,7 +18,7 @@ from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.rollout import Limits, caution_speed
-from trolley_planner.driving.goal_approach import turn_rate
+from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
 from trolley_planner.paths.pose_search import TURNING, Maneuver, Task
@@ -120,15 +120,16 @@ class Maneuvering:
         """Leave driving to the controller."""
         self._follower = None
 
-    def update(self, pose: Pose2D, route: Route, aim: Pose2D, now_ns: int) -> None:
+    def update(self, pose: Pose2D, route: Route, approach: GoalApproach, now_ns: int) -> None:
         """Search a way where one is needed; give up one that is blocked or leads elsewhere.
 
         Args:
             pose: of the robot; the local costmap must be centred on it.
             route: to the goal.
-            aim: where to stand in the end.
+            approach: tells where to stand in the end, and how near to that.
             now_ns: robot time.
         """
+        aim, self._tolerances = approach.aim, approach.near
         needed = self._needed_until(pose, route, aim)
         self.is_tight_ahead = needed is not None
         if self._follower is not None:
