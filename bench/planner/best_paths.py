@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_planner.paths.footprint_check import sift_up, take_first
+from trolley_planner.paths.heap import sift_up, take_first
 from trolley_planner.paths.path import segment_cost
 
 AWAY = 1e-4

@@ -192,7 +192,8 @@ def validate(
     costmap.set_position(start.x, start.y)
     costmap.refresh()
     targets = [costmap.to_grid(pose) for pose in (*goal.vias, goal.pose)]
-    path = _first_path(context, here, targets)
+    goal_yaw = None if goal.tolerances.any_heading else targets[-1].yaw
+    path = _first_path(context, here, targets, goal_yaw)
     if path is None:
         raise _no_path(context, here, targets)
     return ValidatedGoal(goal, path)
@@ -221,16 +222,17 @@ def check_clearance(
 
 
 def _first_path(
-    context: PlanningContext, here: Pose2D, targets: list[Pose2D]
+    context: PlanningContext, here: Pose2D, targets: list[Pose2D], goal_yaw: float | None
 ) -> PlannedPath | None:
     """Return a path around what is seen, or else one that assumes it will be gone."""
     planner, costmap = context.planner, context.costmap
     points = [(target.x, target.y) for target in targets]
-    start = (here.x, here.y)
-    path = planner.plan(start, points, costmap.weights, costmap.distance_m)
+    start, yaws = (here.x, here.y), (here.yaw, goal_yaw)
+    path = planner.plan(start, points, costmap.weights, costmap.distance_m, yaws)
     if path is not None:
         return path
-    return planner.plan(start, points, planner.optimistic_weights(), costmap.static_distance_m)
+    weights = planner.optimistic_weights()
+    return planner.plan(start, points, weights, costmap.static_distance_m, yaws)
 
 
 def _no_path(context: PlanningContext, here: Pose2D, targets: list[Pose2D]) -> Refused:

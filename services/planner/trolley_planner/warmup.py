@@ -30,6 +30,7 @@ from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.paths.pose_search import Task
 from trolley_planner.people import TrackedPerson, person_discs, were_passed
 
 CELLS = 60
@@ -72,6 +73,7 @@ def warm_up() -> None:
     Passages(context.costmap.static_distance_m, EDGE_M, 0.4)
     _squeeze()
     _pursue(context)
+    _maneuver(context)
 
 
 def _squeeze() -> None:
@@ -86,6 +88,14 @@ def _squeeze() -> None:
     way = (0.5, 0.8), [(2.2, 2.4)], costmap.weights, costmap.distance_m
     if planner.plan(*way) is None:
         planner.too_narrow(*way)
+
+
+def _maneuver(context: PlanningContext) -> None:
+    """Search a way onto a place beside a wall, and look for room along a path."""
+    ends = 0.8, 0.8, 0.0, 0.3, 0.8, 0.0
+    context.find_way(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
+    context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
+    context.can_turn_by(Pose2D(0.8, 0.8, 0.0), 1.0, 0.02)
 
 
 def _pursue(context: PlanningContext) -> None:

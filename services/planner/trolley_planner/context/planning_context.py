@@ -1,9 +1,11 @@
 """What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trolley import codes
 from trolley.codes import Refused
@@ -16,13 +18,21 @@ from trolley_planner.control.controller import Controller
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import PurePursuit
+from trolley_planner.control.rollout import zone_speed
 from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
+from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.paths.pose_search import Maneuver, PoseSearch, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
 WINDOW_MARGIN_M = 0.4
+SEEN_M = 0.8
+"""Distances to what stands around are computed up to this, where ways are searched."""
+TURN_STEP_RAD = 0.1
+"""Turns are checked in steps of this angle."""
 
 
 class PlanningContext:
@@ -46,6 +56,8 @@ class PlanningContext:
         half = max(1.5, max_speed * config.horizon_s + footprint.circumscribed_m + WINDOW_MARGIN_M)
         self.local_costmap = LocalCostmap(self.costmap, footprint, config, half)
         self.half_m = half
+        self.pose_search = PoseSearch(footprint)
+        self._fine_grid = FineGrid(self.costmap, FINE.finest_m, SEEN_M + footprint.circumscribed_m)
         self.controller: Controller = (
             PurePursuit(config) if config.controller == "pursuit" else Mppi(config)
         )
@@ -69,6 +81,55 @@ class PlanningContext:
             pose_grid.yaw,
             enough_m,
         )
+
+    def least_clearance(self, poses: NDArray[np.float64], enough_m: float) -> float:
+        """Return the smallest of these at some poses (n, 3)."""
+        local_costmap = self.local_costmap
+        return least_clearance(local_costmap.field, local_costmap.body, poses, enough_m)
+
+    def can_turn_by(self, pose_grid: Pose2D, turn: float, clearance_m: float) -> bool:
+        """Say whether the robot can turn in place by an angle [rad], to the left if positive."""
+        count = max(1, math.ceil(abs(turn) / TURN_STEP_RAD))
+        poses = np.empty((count, 3))
+        poses[:, 0], poses[:, 1] = pose_grid.x, pose_grid.y
+        poses[:, 2] = pose_grid.yaw + turn * np.arange(1, count + 1) / count
+        return self.least_clearance(poses, clearance_m) >= clearance_m
+
+    def tight_places(
+        self, points: NDArray[np.float64], room_m: float, aside_m: float
+    ) -> NDArray[np.bool_]:
+        """Say at which points (n, 2) of a path there is little room for the footprint.
+
+        Args:
+            points: in `grid` [m], in the local costmap.
+            room_m: clearance with which there is enough,
+            aside_m: or with which there is this far beside the path.
+        """
+        found = np.empty(len(points), dtype=np.bool_)
+        local_costmap = self.local_costmap
+        tight_into(found, local_costmap.field, local_costmap.body, points, (room_m, aside_m))
+        return found
+
+    def zone_speed(self, pose_grid: Pose2D) -> float:
+        """Return the limit of the speed zones at a place [m/s]."""
+        return zone_speed(self.local_costmap.field, pose_grid.x, pose_grid.y)
+
+    def find_way(self, task: Task, half_m: float) -> Maneuver | None:
+        """Return a way from pose to pose by what is seen now; it backs only over what is known.
+
+        Args:
+            task: from where to where, in `grid`.
+            half_m: from the start to the edges of the square in which it is searched.
+        """
+        costmap, grid = self.costmap, self._fine_grid
+        half = math.ceil(half_m / costmap.resolution_m)
+        row, col = (math.floor(value / costmap.resolution_m) for value in (task.y, task.x))
+        first, size = (row - half, col - half), (2 * half, 2 * half)
+        grid.update(first, size)
+        rows, cols = (at + np.arange(2 * half) for at in first)
+        known = self.local_costmap.is_known(*np.meshgrid(rows, cols, indexing="ij"))
+        unknown = (~known).astype(np.uint8).repeat(grid.parts, 0).repeat(grid.parts, 1)
+        return self.pose_search.find(grid, unknown, np.zeros_like(unknown), task)
 
 
 def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:

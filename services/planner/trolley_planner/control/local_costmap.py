@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
-from trolley.gridmap.kernels import column_distances_into, distance_transform_into
 from trolley.jit import kernel
 from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
+from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
 from trolley_planner.costmap.inflation import (
     LETHAL,
@@ -22,10 +22,8 @@ from trolley_planner.costmap.inflation import (
     soften_disc,
     weigh_into,
 )
-from trolley_planner.costmap.obstacle_layer import ObstacleGrid
 from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.people import NO_ROBOTS, NOBODY
-from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +31,9 @@ class LocalCostmapParams:
     """Cells and costs of the local costmap; all by hand."""
 
     fine_m: float = 0.03
-    """Largest edge of a fine cell: the footprint is checked to a centimetre."""
-    finest_m: float = 0.015
-    """Edge of a fine cell where there are not too many of them."""
+    """Largest edge of a fine cell where there would be too many of the finest."""
     most_fine_cells: int = 350
-    """Most cells of that size along the edge of the local costmap."""
+    """Most of the finest cells along the edge of the local costmap."""
     unreached_m: float = 100.0
     """Cost-to-go of places from which no path leads on."""
     edge_rise_m: float = 0.5
@@ -80,28 +76,9 @@ class LocalCostmap:
         self, costmap: Costmap, footprint: Footprint, config: PlannerConfig, half_m: float
     ) -> None:
         self._costmap = costmap
-        edge_m = (
-            LOCAL.finest_m
-            if 2.0 * half_m / LOCAL.finest_m < LOCAL.most_fine_cells
-            else LOCAL.fine_m
-        )
-        self._parts = max(1, math.ceil(costmap.resolution_m / edge_m))
-        self.fine_m = costmap.resolution_m / self._parts
-        self._group = max(1, round(0.05 / self.fine_m))
-        self.coarse_m = self._group * self.fine_m
-        # A multiple of both kinds of cells.
-        unit = math.lcm(self._parts, self._group)
-        self._cells = unit * math.ceil(2.0 * half_m / self.fine_m / unit)
-        self._coarse_cells = self._cells // self._group
-        fine, coarse = (self._cells,) * 2, (self._coarse_cells,) * 2
-        self._mask = np.zeros(fine, dtype=np.uint8)
-        self._columns = np.zeros(fine, dtype=np.int32)
-        self._distance_m = np.zeros(fine, dtype=np.float32)
-        self._coarse_m = np.zeros(coarse, dtype=np.float32)
-        self._weights = np.zeros(coarse, dtype=np.uint8)
-        self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
-        self._cost_m = np.zeros(coarse, dtype=np.float32)
-        self._queue = make_queue(self._coarse_cells**2)
+        is_small = 2.0 * half_m / FINE.finest_m < LOCAL.most_fine_cells
+        edge_m = FINE.finest_m if is_small else LOCAL.fine_m
+        needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
         self._table = inflation_table(
             footprint.inscribed_m + config.clearance_m,
             config.inflation_falloff_m,
@@ -109,12 +86,26 @@ class LocalCostmap:
             TABLE_STEP_M,
             WEIGHT_UNIT,
         )
+        self.fine_grid = FineGrid(costmap, edge_m, max(self._table.shape[0] * TABLE_STEP_M, needed))
+        """What stands around the robot."""
+        parts, self.fine_m = self.fine_grid.parts, self.fine_grid.fine_m
+        self._group = max(1, round(0.05 / self.fine_m))
+        self.coarse_m = self._group * self.fine_m
+        # A multiple of both kinds of cells.
+        unit = math.lcm(parts, self._group)
+        cells = unit * math.ceil(2.0 * half_m / self.fine_m / unit)
+        self._map_cells = cells // parts
+        self._coarse_cells = cells // self._group
+        coarse = (self._coarse_cells,) * 2
+        self._coarse_m = np.zeros(coarse, dtype=np.float32)
+        self._weights = np.zeros(coarse, dtype=np.uint8)
+        self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
+        self._cost_m = np.zeros(coarse, dtype=np.float32)
+        self._queue = make_queue(self._coarse_cells**2)
         near = footprint.inscribed_m + np.array([TIGHT_CLEARANCE_M, config.clearance_m])
         self._tight_table = self._table.copy()
         first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
         self._tight_table[first:last] = LOCAL.tight_weight
-        needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
-        self._reach_m = max(self._table.shape[0] * TABLE_STEP_M, needed)
         self._behind = _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
@@ -144,25 +135,11 @@ class LocalCostmap:
             is_tight: whether the path may lead where there is less than the usual clearance.
         """
         resolution = self._costmap.resolution_m
-        half = self._cells // self._parts // 2
+        half = self._map_cells // 2
         first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
-        self._x, self._y = first[1] * resolution, first[0] * resolution
-        obstacle_layer = self._costmap.obstacle_layer
-        fill_window(
-            self._mask,
-            self._costmap.kinds,
-            self._costmap.keepout,
-            obstacle_layer.grid,
-            first,
-            self._parts,
-            not self._costmap.unknown_is_free,
-            resolution,
-        )
-        fine_first = first[0] * self._parts, first[1] * self._parts
-        draw_echoes(self._mask, obstacle_layer.static_beams, fine_first, self.fine_m)
-        column_distances_into(self._columns, self._mask)
-        distance_transform_into(self._distance_m, self._columns, self.fine_m, self._reach_m)
-        coarsen_into(self._coarse_m, self._distance_m, self._group)
+        self.fine_grid.update(first, (self._map_cells, self._map_cells))
+        self._x, self._y = self.fine_grid.x, self.fine_grid.y
+        coarsen_into(self._coarse_m, self.fine_grid.distance_m, self._group)
         table = self._tight_table if is_tight else self._table
         weigh_into(self._weights, self._coarse_m, table, TABLE_STEP_M)
         self._weights[0] = self._weights[-1] = LETHAL
@@ -230,13 +207,20 @@ class LocalCostmap:
         Args:
             pose: of the robot in `grid`.
         """
+        cells = np.floor(pose.transform_points(self._behind) / self._costmap.resolution_m)
+        cols, rows = cells.astype(np.int64).T
+        return bool(self.is_known(rows, cols).all())
+
+    def is_known(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Say of cells of the costmap, also outside it, whether the robot may back into them."""
         costmap = self._costmap
-        cells = np.floor(pose.transform_points(self._behind) / costmap.resolution_m)
-        limit = np.array(costmap.shape)[::-1] - 1
-        cols, rows = np.clip(cells, 0, limit).astype(np.int64).T
+        shape, flat = rows.shape, (rows.reshape(-1), cols.reshape(-1))
+        rows, cols = (
+            np.clip(at, 0, size - 1) for at, size in zip(flat, costmap.shape, strict=True)
+        )
         layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
-        return bool((known | layer.is_known_free(rows, cols)).all())
+        return (known | layer.is_known_free(rows, cols)).reshape(shape)
 
     @property
     def cost_of_metre(self) -> float:
@@ -249,7 +233,7 @@ class LocalCostmap:
         costmap = self._costmap
         limits = costmap.speed_limits if costmap.has_speed_limits else NO_LIMITS
         return Field(
-            self._distance_m,
+            self.fine_grid.distance_m,
             self._cost_m,
             limits,
             self._x,
@@ -267,77 +251,6 @@ def _points_behind(footprint: Footprint) -> NDArray[np.float64]:
     shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_STEPS_M]
     points = np.concatenate(shifts)
     return points[~polygon_contains(footprint.polygon, points)]
-
-
-@kernel
-def fill_window(
-    out_mask: NDArray[np.uint8],
-    kinds: NDArray[np.uint8],
-    keepout: NDArray[np.uint8],
-    grid: ObstacleGrid,
-    first: tuple[int, int],
-    parts: int,
-    unknown_blocks: bool,
-    resolution_m: float,
-) -> None:
-    """Write 1 where something stands: walls as whole cells, what was seen as the point seen.
-
-    Args:
-        out_mask: (rows * parts, cols * parts) fine cells, overwritten.
-        kinds: of the costmap's cells.
-        keepout: of the costmap's cells.
-        grid: what the lidar has seen.
-        first: row and column of the costmap at the local costmap's corner; may lie outside.
-        parts: fine cells in the edge of a cell of the costmap.
-        unknown_blocks: whether cells that nobody has seen count as something.
-        resolution_m: cell edge of the costmap [m].
-    """
-    rows, cols = kinds.shape
-    out_mask[:, :] = 0
-    fine_rows, fine_cols = out_mask.shape
-    scale = parts / resolution_m
-    for window_row in range(fine_rows // parts):
-        for window_col in range(fine_cols // parts):
-            row, col = first[0] + window_row, first[1] + window_col
-            if not (0 <= row < rows and 0 <= col < cols):
-                continue
-            unseen = kinds[row, col] == UNKNOWN and grid.observed[row, col] == 0
-            if kinds[row, col] == WALL or keepout[row, col] or (unknown_blocks and unseen):
-                for part_row in range(parts):
-                    for part_col in range(parts):
-                        out_mask[window_row * parts + part_row, window_col * parts + part_col] = 1
-            elif grid.evidence[row, col]:
-                fine_row = math.floor(grid.points[row, col, 1] * scale) - first[0] * parts
-                fine_col = math.floor(grid.points[row, col, 0] * scale) - first[1] * parts
-                # Rounding of the point may put it just outside its cell.
-                fine_row = min(max(fine_row, window_row * parts), (window_row + 1) * parts - 1)
-                fine_col = min(max(fine_col, window_col * parts), (window_col + 1) * parts - 1)
-                out_mask[fine_row, fine_col] = 1
-
-
-@kernel
-def draw_echoes(
-    out_mask: NDArray[np.uint8],
-    beams: NDArray[np.float64],
-    first: tuple[int, int],
-    fine_m: float,
-) -> None:
-    """Set the fine cells of the newest echoes, also of those that the map explains.
-
-    Args:
-        out_mask: (rows, cols) fine cells, changed in place.
-        beams: (n, 6) in `grid`, cut at mirrors and walls.
-        first: fine row and column of the local costmap's corner.
-        fine_m: edge of a fine cell [m].
-    """
-    for beam in range(beams.shape[0]):
-        echo = beams[beam, ECHO]
-        if echo <= 0.0 or beams[beam, CLEAR] <= 0.0:
-            continue
-        row = math.floor((beams[beam, Y] + echo * beams[beam, DY]) / fine_m) - first[0]
-        col = math.floor((beams[beam, X] + echo * beams[beam, DX]) / fine_m) - first[1]
-        if 0 <= row < out_mask.shape[0] and 0 <= col < out_mask.shape[1]:
-            out_mask[row, col] = 1
 
 
 @kernel

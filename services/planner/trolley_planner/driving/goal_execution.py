@@ -13,7 +13,8 @@ from trolley_planner.control.controller import Motion, limited_change, safe_comm
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.proximity import PROXIMITY
 from trolley_planner.control.rollout import ROLLOUT, Limits, Target
-from trolley_planner.driving.goal_approach import GoalApproach, can_turn_by
+from trolley_planner.driving.goal_approach import GoalApproach
+from trolley_planner.driving.maneuvering import Maneuvering
 from trolley_planner.driving.recovery import (
     RECOVERY,
     BackUp,
@@ -106,7 +107,8 @@ class GoalExecution:
         self.context = context
         self.goal_grid = context.costmap.to_grid(goal.pose)
         vias = [context.costmap.to_grid(via) for via in goal.vias]
-        self.route = Route(context, config, [*vias, self.goal_grid], path)
+        targets, any_heading = [*vias, self.goal_grid], goal.tolerances.any_heading
+        self.route = Route(context, config, targets, path, any_heading)
         self.recovery = Recovery(config)
         self.outcome: Literal["arrived", "failed"] | None = None
         self.trouble = ""
@@ -114,6 +116,7 @@ class GoalExecution:
         self._config = config
         self._started_ns = now_ns
         self._goal_approach = GoalApproach(context, config, self.goal_grid, goal.tolerances)
+        self._maneuvering = Maneuvering(context, config, goal.tolerances)
         self._progress = ProgressChecker(config)
         self._trail = Breadcrumbs()
         self._contact_hold = ContactHold(context.footprint, config.patience_s)
@@ -132,7 +135,8 @@ class GoalExecution:
         """Update the local costmap after a scan: distances, and the cost-to-go along the path."""
         pose, costmap = motion.pose, self.context.costmap
         local_costmap = self.context.local_costmap
-        local_costmap.update(pose.x, pose.y, self.route.is_tight_here)
+        is_tight = self.route.is_tight_here or self._maneuvering.is_tight_ahead
+        local_costmap.update(pose.x, pose.y, is_tight)
         self._contact_hold.update(now_ns, costmap.obstacle_layer.beams, costmap.moving.people, pose)
         self.route.update_position(pose)
         if not self.route.vias_left and self._goal_approach.update_aim(pose):
@@ -144,6 +148,8 @@ class GoalExecution:
         self._has_path = local_costmap.compute_cost_to_go(
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
+        if self.recovery.current is None:
+            self._maneuvering.update(pose, self.route, self._goal_approach, now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when it is over."""
@@ -173,7 +179,9 @@ class GoalExecution:
         if self._waits_at_goal(now):
             return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         approach, route = self._goal_approach, self.route
-        if not route.vias_left and approach.takes_over(now.steady, route.remaining_m(now.steady)):
+        if self._maneuvering.is_active:
+            twist = self._maneuver(now)
+        elif not route.vias_left and approach.takes_over(now.steady, route.remaining_m(now.steady)):
             twist = self._approach_goal(now)
         else:
             twist = self._control(now)
@@ -182,10 +190,18 @@ class GoalExecution:
         self._check_progress(now)
         return twist
 
+    def _maneuver(self, now: ControlInput) -> Twist2D:
+        """Return the velocity along a way with headings."""
+        twist = self._maneuvering.command(now)
+        if self._maneuvering.has_arrived:
+            self.outcome = "arrived"
+        elif not self._maneuvering.is_active:
+            self.context.controller.reset()
+        return twist
+
     def _approach_goal(self, now: ControlInput) -> Twist2D:
         """Return the velocity of the goal approach."""
         twist = self._goal_approach.command(now)
-        self._take_detour()
         if self._goal_approach.has_arrived:
             self.outcome = "arrived"
         return twist
@@ -229,6 +245,8 @@ class GoalExecution:
 
     def remaining_m(self, pose: Pose2D) -> float:
         """Return the length of the path that is left [m]."""
+        if self._maneuvering.is_active:
+            return self._maneuvering.left_m
         if self._goal_approach.is_active:
             return pose.distance_to(self._goal_approach.aim)
         return self.route.remaining_m(pose)
@@ -295,7 +313,8 @@ class GoalExecution:
 
     def _check_progress(self, now: ControlInput) -> None:
         """Begin recovery when there is no path, or the robot does not get nearer."""
-        self._no_path_s = 0.0 if self._has_path else self._no_path_s + now.elapsed_s
+        is_led = self._has_path or self._maneuvering.is_active
+        self._no_path_s = 0.0 if is_led else self._no_path_s + now.elapsed_s
         pose, twist, approach = now.motion.pose, now.motion.twist, self._goal_approach
         left = approach.left_m(pose) if approach.is_active else self.remaining_m(pose)
         trouble = self._progress.check(now.now_ns, left, pose, now.odom_T_base)
@@ -304,18 +323,7 @@ class GoalExecution:
             trouble = codes.BLOCKED
         if trouble is not None:
             self.trouble = trouble
-            if approach.turn_elsewhere(pose):
-                self._take_detour()
-            else:
-                self._begin_recovery_action(now)
-
-    def _take_detour(self) -> None:
-        """Follow the path of a goal approach that goes somewhere else first."""
-        path, self._goal_approach.detour = self._goal_approach.detour, None
-        if path is not None:
-            aim, changes = self._goal_approach.aim, self.route.changes + 1
-            self.route = Route(self.context, self._config, [aim], path, changes)
-            self._progress.reset()
+            self._begin_recovery_action(now)
 
     def _excuse_while_held(self, twist: Twist2D, now: ControlInput) -> None:
         """Do not count time in which somebody holds the robot up, for as long as it is patient."""
@@ -369,6 +377,7 @@ class GoalExecution:
     def _begin_recovery_action(self, now: ControlInput) -> None:
         """Begin the next recovery action, or give up."""
         self._behavior = None
+        self._maneuvering.stop()
         is_blocked = not self._is_path_free(now)
         chosen = self.recovery.begin_next(now.now_ns, lambda action: self._prepare(action, now))
         if chosen is None:
@@ -397,7 +406,7 @@ class GoalExecution:
         self._behavior = None
         if action is RecoveryAction.TURN:
             turn = free_turn(
-                lambda angle: can_turn_by(context, pose, angle, clearance_m),
+                lambda angle: context.can_turn_by(pose, angle, clearance_m),
                 self._bearing_of_path(pose),
             )
             self._behavior = None if turn is None else Spin(now.odom_T_base, turn)

@@ -68,6 +68,7 @@ class Route:
         config: times.
         targets: via points and the goal's position in `grid` [m], in their order.
         path: the first plan.
+        any_heading: whether the robot may look anywhere at the goal.
         changes: how often the goal's path was replaced before.
     """
 
@@ -77,11 +78,13 @@ class Route:
         config: PlannerConfig,
         targets: list[Pose2D],
         path: PlannedPath,
+        any_heading: bool = False,
         changes: int = 0,
     ) -> None:
         self._context = context
         self._replan_ns = round(config.replan_s * 1e9)
         self._targets = targets
+        self._any_heading = any_heading
         self.path = path
         self.index = 0
         """Of the point of the path where the robot is."""
@@ -200,14 +203,15 @@ class Route:
         costmap, planner = self._context.costmap, self._context.planner
         start = (pose.x, pose.y)
         targets = [(target.x, target.y) for target in self._targets]
-        found = planner.plan(start, targets, costmap.weights, costmap.distance_m)
+        yaws = pose.yaw, self._goal_yaw
+        found = planner.plan(start, targets, costmap.weights, costmap.distance_m, yaws)
         self.narrow = planner.narrow if found is None else []
         if found is None:
             self.is_blocked = True
             # It follows a blocked path as far as it can: from close by things may look different.
             if force or self.has_strayed(pose):
                 optimistic = planner.plan(
-                    start, targets, planner.optimistic_weights(), costmap.static_distance_m
+                    start, targets, planner.optimistic_weights(), costmap.static_distance_m, yaws
                 )
                 if optimistic is not None:
                     self._replace(optimistic)
@@ -228,6 +232,10 @@ class Route:
             or planner.cost_of(found.points, costmap.weights) < ROUTE.better_share * old_cost
         ):
             self._replace(found)
+
+    @property
+    def _goal_yaw(self) -> float | None:
+        return None if self._any_heading else self._targets[-1].yaw
 
     def _replace(self, path: PlannedPath) -> None:
         self.path = path

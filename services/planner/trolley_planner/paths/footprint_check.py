@@ -7,9 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import wrap_angle
 from trolley.jit import kernel
-from trolley_planner.costmap.footprint import NO_LIMITS, Body, Field, Footprint, clearance_at
-from trolley_planner.paths.path import SPACING_M, segment_cost, subdivide
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.fine_grid import FINE, FineGrid
+from trolley_planner.costmap.footprint import NO_LIMITS, Body, Field, clearance_at
+from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.paths.path import SPACING_M
+from trolley_planner.paths.pose_search import PoseSearch, Task
 
 
 class FootprintCheckParams(NamedTuple):
@@ -21,39 +26,30 @@ class FootprintCheckParams(NamedTuple):
     """Places this near to the start"""
     end_m: float = 0.4
     """and this near to the end may be tight and still be right [m]."""
-    lead_m: float = 1.0
-    """A passage is looked for from this far before a tight place to this far behind it [m],"""
+    lead_m: float = 3.0
+    """Another way is looked for from this far before a tight place to this far behind it [m], or
+    from where the robot can turn to where it can turn again,"""
     margin_m: float = 0.8
-    """and this far to the sides of the path [m]."""
+    """and this far to the sides of the path, from the outline [m]."""
     give_cells: float = 0.25
-    """Obstacles may reach this far into the footprint: what is seen lies anywhere in its
-    cell."""
+    """A first look lets obstacles reach this far into the footprint: what is seen lies anywhere in
+    its cell."""
     leeway_rad: float = 0.15
     """The robot need not look exactly along its path."""
-    turn_cells: float = 3.0
-    """A turn in place to the next heading costs as much as this many free cells."""
+    end_xy_m: float = 0.1
+    """Another way may end this far beside the path [m],"""
+    end_rad: float = 0.3
+    """and this far from looking along it."""
+    exact_m: float = 0.03
+    """At the goal this far from it [m],"""
+    exact_rad: float = 0.05
+    """and from its heading."""
+    wanted_m: float = 0.05
+    """Clearance that it keeps where there is room [m]."""
 
 
 CHECK = FootprintCheckParams()
-HEADINGS = 16
-STEPS = np.array(
-    [
-        *([1, 0], [2, 1], [1, 1], [1, 2], [0, 1], [-1, 2], [-1, 1], [-2, 1]),
-        *([-1, 0], [-2, -1], [-1, -1], [-1, -2], [0, -1], [1, -2], [1, -1], [2, -1]),
-    ],
-    dtype=np.int64,
-)
-"""(HEADINGS, 2) columns and rows of the step in the direction of each heading."""
-FITS, TOUCHES = 1, 2
-
-
-class Box(NamedTuple):
-    """The part of the grid that is searched [cells]."""
-
-    row: int
-    col: int
-    rows: int
-    cols: int
+Yaws = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,33 +66,38 @@ class CheckedPath:
 
 
 class FootprintCheck:
-    """Checks paths for one footprint.
+    """Checks paths on one costmap.
 
     Args:
-        footprint: of the robot.
-        resolution_m: edge of a cell of the costmap.
+        costmap: what stands where, and the footprint.
     """
 
-    def __init__(self, footprint: Footprint, resolution_m: float) -> None:
-        self._body = footprint.body
-        self._edge_m = resolution_m
-        self._is_round = footprint.circumscribed_m <= footprint.inscribed_m + resolution_m
+    def __init__(self, costmap: Costmap) -> None:
+        self._costmap = costmap
+        self._body = costmap.footprint.body
+        self._edge_m = costmap.resolution_m
+        self._pose_search = PoseSearch(costmap.footprint)
+        reach_m = costmap.footprint.circumscribed_m + CHECK.margin_m
+        self._margin = math.ceil(reach_m / costmap.resolution_m)
+        self._fine_grid = FineGrid(costmap, FINE.finest_m, reach_m)
+        radii = costmap.footprint.circumscribed_m, costmap.footprint.inscribed_m
+        self._is_round = radii[0] <= radii[1] + costmap.resolution_m
 
     def check(
         self,
         points: NDArray[np.float64],
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
-        give_cells: float = CHECK.give_cells,
+        yaws: Yaws = (None, None),
     ) -> CheckedPath:
         """Lead a path through where the footprint fits.
 
         Args:
             points: (n, 2) [m].
             weights: (rows, cols) of the costmap.
-            distance_m: (rows, cols) to the nearest obstacle.
-            give_cells: how far obstacles may reach into the footprint; what is seen lies anywhere
-                in its cell.
+            distance_m: (rows, cols) to the nearest obstacle: the costmap's, or that of its map
+                and zones alone.
+            yaws: of the robot at the start and at the end [rad], None where any will do.
         """
         if self._is_round:
             return CheckedPath(points, None)
@@ -104,34 +105,39 @@ class FootprintCheck:
         field = Field(distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
         done = 0
         while True:
-            wrong = self._first_misfit(points, field, done, give_cells * edge)
+            wrong = self._first_misfit(points, field, done, yaws)
             if wrong is None:
                 return CheckedPath(points, None)
             first, last = wrong
             start, end = self._turning_places(points, field, first, last)
-            passage = self._find_passage(points, weights, field, (start, end), give_cells * edge)
+            passage = self._find_passage(points, weights, field, (start, end), yaws)
             if passage is None:
                 x, y = points[(first + last) // 2]
                 return CheckedPath(points, (float(x), float(y)))
             points = np.concatenate([points[: start + 1], passage, points[end:]])
-            done = start + 1 + len(passage)
+            done = start + len(passage) + 2
 
     def _first_misfit(
-        self, points: NDArray[np.float64], field: Field, done: int, give_m: float
+        self, points: NDArray[np.float64], field: Field, done: int, yaws: Yaws
     ) -> tuple[int, int] | None:
         """Return the first and last point of the next stretch where the footprint does not fit."""
         steps = np.diff(points, axis=0)
         along = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
         fits = np.ones(len(points), dtype=np.bool_)
-        check_into(fits, field, self._body, points, CHECK.around, give_m)
+        check_into(fits, field, self._body, points, CHECK.around, CHECK.give_cells * self._edge_m)
         fits |= (along < CHECK.start_m) | (along > along[-1] - CHECK.end_m)
+        # Nor where it would have to turn at an end, and has no room for that.
+        for index, yaw in zip((0, -1), yaws, strict=True):
+            if yaw is not None and not self._can_turn(points[index], field):
+                along_path = self._yaw(points, index % len(points))
+                fits[index] = abs(wrap_angle(yaw - along_path)) < CHECK.end_rad
         fits[:done] = True
         misfits = np.flatnonzero(~fits)
         if misfits.size == 0:
             return None
         first = int(misfits[0])
         after = np.flatnonzero(fits[first:])
-        return first, first + int(after[0]) - 1
+        return first, (first + int(after[0]) if len(after) else len(points)) - 1
 
     def _turning_places(
         self, points: NDArray[np.float64], field: Field, first: int, last: int
@@ -156,37 +162,57 @@ class FootprintCheck:
         weights: NDArray[np.uint8],
         field: Field,
         stretch: tuple[int, int],
-        give_m: float,
+        yaws: Yaws,
     ) -> NDArray[np.float64] | None:
         """Return points (n, 2) in place of a stretch of the path, None if there is no passage."""
         start, end = stretch
-        edge = self._edge_m
-        rows, cols = weights.shape
-        cells = np.floor(points[start : end + 1] / edge).astype(np.int64)
-        margin = round(CHECK.margin_m / edge)
-        low = np.maximum(cells.min(axis=0) - margin, 1)
-        high = np.minimum(cells.max(axis=0) + margin, (cols - 2, rows - 2))
-        box = Box(int(low[1]), int(low[0]), int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1)
-        in_box = cells - low
-        ends = (
-            int(in_box[0, 1]) * box.cols + int(in_box[0, 0]),
-            self._heading(points, start),
-            int(in_box[-1, 1]) * box.cols + int(in_box[-1, 0]),
-            self._heading(points, end),
-        )
-        passage = find_passage(weights, field, self._body, box, ends, give_m)
-        if passage.size == 0:
-            return None
-        moved = np.append(True, passage[1:] != passage[:-1])
-        passage = passage[moved]
-        xs, ys = box.col + passage % box.cols, box.row + passage // box.cols
-        centres = np.stack([xs, ys], axis=1).astype(np.float64) + 0.5
-        return subdivide(centres * edge, SPACING_M)
+        grid = self._fine_grid
+        cells = np.floor(points[start : end + 1, ::-1] / self._edge_m).astype(np.int64)
+        low = cells.min(axis=0) - self._margin
+        size = cells.max(axis=0) + self._margin + 1 - low
+        has_seen = field.distance_m is not self._costmap.static_distance_m
+        grid.update((int(low[0]), int(low[1])), (int(size[0]), int(size[1])), has_seen)
+        closed = self._in_fine_cells(_box_of(weights == LETHAL, low, size))
+        unknown = np.zeros_like(closed)
+        x, y = (float(value) for value in points[start])
+        to_x, to_y = (float(value) for value in points[end])
+        yaw, to_yaw = self._yaw(points, start), self._yaw(points, end)
+        if start == 0 and yaws[0] is not None:
+            yaw = yaws[0]
+        is_end = end == len(points) - 1 and yaws[1] is not None
+        if is_end and yaws[1] is not None:
+            to_yaw = yaws[1]
+        any_heading = not is_end and self._can_turn(points[end], field)
+        missed = (CHECK.exact_m, CHECK.exact_rad) if is_end else (CHECK.end_xy_m, CHECK.end_rad)
+        ends = x, y, yaw, to_x, to_y, to_yaw
+        task = Task(*ends, any_heading, *missed, CHECK.wanted_m)
+        found = self._pose_search.find(grid, unknown, closed, task)
+        if found is None and not any_heading and not is_end:
+            task = task._replace(any_heading=True)
+            found = self._pose_search.find(grid, unknown, closed, task)
+        return None if found is None else found.poses[1:, :2]
 
-    def _heading(self, points: NDArray[np.float64], index: int) -> int:
+    def _in_fine_cells(self, cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        parts = self._fine_grid.parts
+        return cells.astype(np.uint8).repeat(parts, 0).repeat(parts, 1)
+
+    def _yaw(self, points: NDArray[np.float64], index: int) -> float:
         before = points[max(index - CHECK.around, 0)]
         after = points[min(index + CHECK.around, len(points) - 1)]
-        return heading_of(math.atan2(float(after[1] - before[1]), float(after[0] - before[0])))
+        return math.atan2(float(after[1] - before[1]), float(after[0] - before[0]))
+
+
+def _box_of(
+    mask: NDArray[np.bool_], low: NDArray[np.int64], size: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return a box of cells, set outside the grid."""
+    box = np.ones((int(size[0]), int(size[1])), dtype=np.bool_)
+    inside = [slice(max(-int(at), 0), None) for at in low]
+    part = mask[
+        max(int(low[0]), 0) : int(low[0] + size[0]), max(int(low[1]), 0) : int(low[1] + size[1])
+    ]
+    box[inside[0], inside[1]][: part.shape[0], : part.shape[1]] = part
+    return box
 
 
 @kernel
@@ -231,173 +257,41 @@ def check_into(
 
 
 @kernel
-def heading_of(yaw: float) -> int:
-    """Return the heading nearest to a direction [rad]."""
-    best, best_dot = 0, -2.0
-    for heading in range(HEADINGS):
-        dx, dy = float(STEPS[heading, 0]), float(STEPS[heading, 1])
-        dot = (dx * math.cos(yaw) + dy * math.sin(yaw)) / math.hypot(dx, dy)
-        if dot > best_dot:
-            best, best_dot = heading, dot
-    return best
-
-
-@kernel
-def sift_up(heap: NDArray[np.float64], at: int, key: float, state: int) -> None:
-    """Put a state into a binary heap (n, 2) of keys and states, from its end `at` on."""
-    while at > 0 and heap[(at - 1) // 2, 0] > key:
-        heap[at] = heap[(at - 1) // 2]
-        at = (at - 1) // 2
-    heap[at, 0], heap[at, 1] = key, state
-
-
-@kernel
-def take_first(heap: NDArray[np.float64], size: int) -> int:
-    """Take the state with the least key out of a heap of `size`; return it."""
-    first = int(heap[0, 1])
-    key, moved = heap[size - 1, 0], heap[size - 1, 1]
-    at, last = 0, size - 1
-    while 2 * at + 1 < last:
-        below = 2 * at + 1
-        if below + 1 < last and heap[below + 1, 0] < heap[below, 0]:
-            below += 1
-        if heap[below, 0] >= key:
-            break
-        heap[at] = heap[below]
-        at = below
-    heap[at, 0], heap[at, 1] = key, moved
-    return first
-
-
-@kernel
-def can_be(
-    known: NDArray[np.uint8],
-    state: int,
-    box: Box,
+def tight_into(
+    out_tight: NDArray[np.bool_],
     field: Field,
     body: Body,
-    give_m: float,
-) -> bool:
-    """Say whether the footprint fits in a state, and half a turn step from it to the left.
+    points: NDArray[np.float64],
+    room: tuple[float, float],
+) -> None:
+    """Write at which points of a path there is little room, and none a little beside it.
 
     Args:
-        known: (states,) FITS or TOUCHES where it is known, else 0; changed.
-        state: (row * cols + col) * 2 * HEADINGS + twice the heading, or one more for half-way.
-        box: of the states.
-        field: distances of the costmap.
-        body: the outline.
-        give_m: see `fits`.
+        out_tight: (n,), overwritten.
+        field: distances.
+        body: the outline; it looks along the path.
+        points: (n, 2).
+        room: clearance with which a place is not tight; how far beside the path it counts, too [m].
     """
-    if known[state] == 0:
-        heading, cell = state % (2 * HEADINGS), state // (2 * HEADINGS)
-        step = STEPS[heading // 2]
-        yaw = math.atan2(step[1], step[0])
-        if heading % 2:
-            after = STEPS[(heading // 2 + 1) % HEADINGS]
-            turn = math.atan2(after[1], after[0]) - yaw
-            yaw += 0.5 * (turn if turn > 0.0 else turn + 2.0 * math.pi)
-        x = field.x + (box.col + cell % box.cols + 0.5) * field.fine_m
-        y = field.y + (box.row + cell // box.cols + 0.5) * field.fine_m
-        known[state] = FITS if fits(field, body, x, y, yaw, give_m) else TOUCHES
-    return known[state] == FITS
+    room_m, aside_m = room
+    last = points.shape[0] - 1
+    for index in range(last + 1):
+        before, after = max(index - CHECK.around, 0), min(index + CHECK.around, last)
+        yaw = math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
+        out_tight[index] = True
+        for side in range(3):
+            by = aside_m * (0.0 if side == 0 else 2.0 * side - 3.0)
+            x, y = points[index, 0] - by * math.sin(yaw), points[index, 1] + by * math.cos(yaw)
+            if clearance_at(field, body, x, y, yaw, room_m) >= room_m:
+                out_tight[index] = False
+                break
 
 
 @kernel
-def move(weights: NDArray[np.uint8], box: Box, state: int, turn: int) -> tuple[int, int, float]:
-    """Return where one move leads: a step ahead, or a turn in place to a heading beside.
-
-    Args:
-        weights: (rows, cols) of the costmap.
-        box: of the states.
-        state: cell * HEADINGS + heading.
-        turn: 0 for a step ahead, 1 to the left, -1 to the right.
-
-    Returns:
-        The next state, what else must be free on the way there (numbered as in `can_be`), and the
-        cost, +inf where a lethal cell or the edge of the box is in the way.
-    """
-    cell, heading = state // HEADINGS, state % HEADINGS
-    row, col = cell // box.cols, cell % box.cols
-    if turn != 0:
-        other = cell * HEADINGS + (heading + turn) % HEADINGS
-        # Half-way between two headings is numbered with the one on the right.
-        on_way = 2 * (state if turn > 0 else other) + 1
-        return other, on_way, CHECK.turn_cells * weights[box.row + row, box.col + col]
-    to_row, to_col = row + STEPS[heading, 1], col + STEPS[heading, 0]
-    if not (0 <= to_row < box.rows and 0 <= to_col < box.cols):
-        return state, 2 * state, math.inf
-    x, y = box.col + col + 0.5, box.row + row + 0.5
-    to_x, to_y = box.col + to_col + 0.5, box.row + to_row + 0.5
-    other = (to_row * box.cols + to_col) * HEADINGS + heading
-    return other, 2 * other, segment_cost(weights, x, y, to_x, to_y, math.inf)
-
-
-@kernel
-def trace_back(previous: NDArray[np.int64], last: int) -> NDArray[np.int64]:
-    """Return the cells of the states that led to the last, from the first on."""
-    length = 0
-    state = last
-    while state >= 0:
-        length += 1
-        state = previous[state]
-    passage = np.empty(length, dtype=np.int64)
-    state = last
-    for index in range(length - 1, -1, -1):
-        passage[index] = state // HEADINGS
-        state = previous[state]
-    return passage
-
-
-@kernel
-def find_passage(
-    weights: NDArray[np.uint8],
-    field: Field,
-    body: Body,
-    box: Box,
-    ends: tuple[int, int, int, int],
-    give_m: float,
-) -> NDArray[np.int64]:
-    """Return the cheapest path through a box along which the footprint fits, driven forwards.
-
-    Args:
-        weights: (rows, cols) of the costmap.
-        field: distances of the costmap.
-        body: the outline.
-        box: where the path may lead; must not hold the outermost cells of the grid.
-        ends: cell of the box and heading at the start; the same at the end, where the heading
-            may differ by one.
-        give_m: see `fits`.
-
-    Returns:
-        (n,) cells of the box from start to end; none where there is no path.
-    """
-    count = box.rows * box.cols * HEADINGS
-    known = np.zeros(2 * count, dtype=np.uint8)
-    cost = np.full(count, np.inf)
-    previous = np.full(count, -1, dtype=np.int64)
-    heap = np.empty((3 * count + 1, 2))
-    first = ends[0] * HEADINGS + ends[1]
-    cost[first] = 0.0
-    sift_up(heap, 0, 0.0, first)
-    size = 1
-    while size > 0:
-        key = heap[0, 0]
-        state = take_first(heap, size)
-        size -= 1
-        if key > cost[state]:
-            continue
-        off = abs(state % HEADINGS - ends[3])
-        if state // HEADINGS == ends[2] and min(off, HEADINGS - off) <= 1:
-            return trace_back(previous, state)
-        for turn in range(-1, 2):
-            other, on_way, price = move(weights, box, state, turn)
-            if key + price >= cost[other]:
-                continue
-            if not can_be(known, 2 * other, box, field, body, give_m):
-                continue
-            if not can_be(known, on_way, box, field, body, give_m):
-                continue
-            cost[other], previous[other] = key + price, state
-            sift_up(heap, size, key + price, other)
-            size += 1
-    return np.empty(0, dtype=np.int64)
+def least_clearance(field: Field, body: Body, poses: NDArray[np.float64], enough_m: float) -> float:
+    """Return the smallest clearance at some poses (n, 3) [m], at most `enough_m`."""
+    least = enough_m
+    for index in range(poses.shape[0]):
+        x, y, yaw = poses[index, 0], poses[index, 1], poses[index, 2]
+        least = min(least, clearance_at(field, body, x, y, yaw, enough_m))
+    return least

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
-from trolley_planner.paths.footprint_check import CheckedPath, FootprintCheck
+from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
 from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten
 
 Point = tuple[float, float]
@@ -28,10 +28,6 @@ class GlobalPlannerParams:
     """Lethal cells this near to the start may be crossed,"""
     goal_escape_m: float = 0.15
     """and this near to the goal."""
-    seen_give_cells: float = 0.5
-    """Where there is no other way, obstacles seen may reach this far into the footprint,"""
-    map_give_cells: float = 0.15
-    """and those of the map this far."""
     most_narrow_places: int = 8
     """After this many places that prove too narrow there is no path."""
     narrow_m: float = 0.12
@@ -66,7 +62,7 @@ class GlobalPlanner:
     def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
         self._cost_to_go = CostToGo(costmap.shape)
-        self._footprint_check = FootprintCheck(costmap.footprint, costmap.resolution_m)
+        self._footprint_check = FootprintCheck(costmap)
         self.narrow: list[Point] = []
         """Where the last plan found that the footprint does not get through."""
 
@@ -76,6 +72,7 @@ class GlobalPlanner:
         targets: list[Point],
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
+        yaws: Yaws = (None, None),
     ) -> PlannedPath | None:
         """Return the cheapest path through all targets, None if there is none.
 
@@ -84,6 +81,7 @@ class GlobalPlanner:
             targets: via points in their order, then the goal.
             weights: (rows, cols) of the costmap, with or without what the lidar has seen.
             distance_m: (rows, cols) that belongs to them.
+            yaws: of the robot at the start and at the goal [rad], None where any will do.
         """
         leaving = self._costmap.leaving
         if leaving is not None:
@@ -93,11 +91,11 @@ class GlobalPlanner:
             )
         self.narrow = []
         ends = [start, *targets]
-        found = self._plan_fitting_path(ends, weights, distance_m, False)
+        found = self._plan_fitting_path(ends, weights, distance_m, False, yaws)
         # Where something stands on a target, the path is not too narrow: there is none.
         if found is None and all(self._has_room(target, distance_m) for target in targets):
             squeeze_weights = self._costmap.squeeze_weights(weights, distance_m)
-            found = self._plan_fitting_path(ends, squeeze_weights, distance_m, True)
+            found = self._plan_fitting_path(ends, squeeze_weights, distance_m, True, yaws)
         return found
 
     def _plan_fitting_path(
@@ -106,6 +104,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
         is_tight: bool,
+        yaws: Yaws,
     ) -> PlannedPath | None:
         """Return the cheapest path along which the footprint fits, None if there is none.
 
@@ -114,12 +113,15 @@ class GlobalPlanner:
             weights: as in `plan`.
             distance_m: as in `plan`.
             is_tight: whether it may touch where that is only because of the size of the cells.
+            yaws: as in `plan`.
         """
         for _ in range(PLANNING.most_narrow_places):
-            found = self._plan_through(ends, weights, distance_m, is_tight)
+            found = self._plan_through(ends, weights, distance_m, is_tight, yaws)
             if isinstance(found, PlannedPath) or found is None:
                 return found
             self.narrow.append(found)
+            if any(math.dist(found, end) < PLANNING.start_escape_m for end in (ends[0], ends[-1])):
+                return None  # However it goes on, there it must pass.
             weights = weights.copy()
             cells = found[0] / self._costmap.resolution_m, found[1] / self._costmap.resolution_m
             radius_m = max(self._costmap.footprint.inscribed_m, PLANNING.narrow_m)
@@ -183,6 +185,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
         is_tight: bool,
+        yaws: Yaws,
     ) -> PlannedPath | Point | None:
         """Return the path through all targets, or else where it is too narrow; None: no path."""
         legs: list[NDArray[np.float64]] = []
@@ -191,27 +194,16 @@ class GlobalPlanner:
             leg = self._leg(here, target, weights, distance_m)
             if leg is None:
                 return None
-            checked = self._check(leg, distance_m, is_tight)
+            here_yaw = yaws[0] if here is ends[0] else None
+            there_yaw = yaws[1] if target is ends[-1] else None
+            checked = self._footprint_check.check(
+                leg.points, leg.weights, distance_m, (here_yaw, there_yaw)
+            )
             if checked.narrow is not None:
                 return checked.narrow
             legs.append(checked.points)
             cost += leg.cost
         return PlannedPath.join(legs, cost, is_tight)
-
-    def _check(self, leg: _Leg, distance_m: NDArray[np.float32], is_tight: bool) -> CheckedPath:
-        """Lead a leg through where the footprint fits."""
-        if not is_tight:
-            return self._footprint_check.check(leg.points, leg.weights, distance_m)
-        # Seen obstacles give way by fractions of cells, walls of the map are where they are.
-        checked = self._footprint_check.check(
-            leg.points, leg.weights, distance_m, PLANNING.seen_give_cells
-        )
-        if checked.narrow is not None:
-            return checked
-        walls_m = self._costmap.static_distance_m
-        return self._footprint_check.check(
-            checked.points, leg.weights, walls_m, PLANNING.map_give_cells
-        )
 
     def _leg(
         self,

@@ -1,0 +1,399 @@
+"""Driving where the footprint matters: the way of the search over poses, heading by heading.
+
+In open floor the controller does without. Where there is little room along the path, where the
+robot has no room to turn, and at a goal that it must come to exactly, a way is searched on what is
+seen just now and followed: forwards, backwards and on the spot, with as much clearance as there is.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley_planner.context.motion_state import ControlInput
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.control.controller import Motion, limited_change, safe_command
+from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
+from trolley_planner.control.rollout import Limits, caution_speed
+from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
+from trolley_planner.driving.route import Route
+from trolley_planner.goals import Tolerances
+from trolley_planner.paths.pose_search import TURNING, Maneuver, Task
+
+
+@dataclass(frozen=True, slots=True)
+class ManeuverParams:
+    """Where ways with headings are searched, and how they are followed; all by hand."""
+
+    room_m: float = 0.08
+    """A place is tight with less room than this on both sides,"""
+    aside_m: float = 0.08
+    """which more room this far beside the path puts right."""
+    turn_room_m: float = 0.02
+    """A turn on the spot is tight with less room than this."""
+    begin_m: float = 0.5
+    """A way is searched once a tight place is this near,"""
+    beyond_m: float = 0.25
+    """to where the footprint has been out of it for this long."""
+    reach_m: float = 1.6
+    """It leads at most this far along the path;"""
+    go_on_m: float = 0.5
+    """the next one is searched this far before its end."""
+    half_m: float = 2.4
+    """It keeps within this distance of the robot, along both axes."""
+    loose_m: float = 0.1
+    """The place at which a way ends on the path may be missed by this much,"""
+    loose_rad: float = 0.2
+    """and the heading there by this."""
+    begin_people_m: float = 0.8
+    """No way is begun while somebody moves this near to the robot,"""
+    stand_people_m: float = 0.3
+    """and while they do this near it stands."""
+    retry_s: float = 1.0
+    """Time between two searches that find nothing."""
+    blocked_scans: int = 3
+    """A way is given up when so many scans in a row showed something on it."""
+    stalled_s: float = 1.5
+    """So it is when the robot was held up for this long."""
+    settle_rad: float = 0.03
+    """A turn is over this near to its end."""
+    track_m: float = 0.16
+    """An error beside the way decays over this distance."""
+    ahead_m: float = 0.05
+    """The bend of the way is taken this far ahead: commands take their time."""
+    strayed_m: float = 0.1
+    """A robot this far beside its way needs another."""
+    strayed_rad: float = 0.5
+    """The same of its heading."""
+    creep_mps: float = 0.04
+    """Speed at the end of a line."""
+    arrived_m: float = 0.008
+    """A line is over this near to its end."""
+    nearest_of: int = 8
+    """The robot is looked for among so many poses of the way from where it was."""
+    turn_as_m: float = 0.3
+    """A turn by one radian that is left counts as this distance."""
+
+
+MANEUVER = ManeuverParams()
+
+
+class Maneuvering:
+    """Drives along ways with headings, where the path ahead asks for one.
+
+    Args:
+        context: costmaps and planner.
+        config: of the planner.
+        tolerances: of the goal.
+    """
+
+    def __init__(
+        self, context: PlanningContext, config: PlannerConfig, tolerances: Tolerances
+    ) -> None:
+        self._context = context
+        self._config = config
+        self._tolerances = tolerances
+        self._follower: WayFollower | None = None
+        self._to_goal = False
+        self._rest_m = 0.0
+        self._num_blocked = 0
+        self._searched_ns: int | None = None
+        self.has_arrived = False
+        """Whether a way has led to the goal."""
+        self.is_tight_ahead = False
+        """Whether there is little room somewhere along the path ahead."""
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it drives now."""
+        return self._follower is not None
+
+    @property
+    def left_m(self) -> float:
+        """What is left of the way and of the path behind its end [m]; turns count, too."""
+        return 0.0 if self._follower is None else self._follower.left_m + self._rest_m
+
+    def stop(self) -> None:
+        """Leave driving to the controller."""
+        self._follower = None
+
+    def update(self, pose: Pose2D, route: Route, approach: GoalApproach, now_ns: int) -> None:
+        """Search a way where one is needed; give up one that is blocked or leads elsewhere.
+
+        Args:
+            pose: of the robot; the local costmap must be centred on it.
+            route: to the goal.
+            approach: tells where to stand in the end, and how near to that.
+            now_ns: robot time.
+        """
+        aim, self._tolerances = approach.aim, approach.near
+        needed = self._needed_until(pose, route, aim)
+        self.is_tight_ahead = needed is not None
+        if self._follower is not None:
+            self._check_way(pose, route, aim)
+        goes_on = self._follower is not None and (
+            self._to_goal or self._follower.left_m > MANEUVER.go_on_m
+        )
+        if needed is None or goes_on or self._must_rest(now_ns):
+            return
+        if self._is_anyone_near(pose, MANEUVER.begin_people_m):
+            return  # The controller knows how to pass people.
+        self._searched_ns = now_ns
+        found = self._search(pose, route, aim, needed)
+        if found is not None:
+            self._follower = WayFollower(found)
+            self._num_blocked, self._searched_ns = 0, None
+
+    def command(self, now: ControlInput) -> Twist2D:
+        """Return the velocity along the way; it may be over then."""
+        follower, context = self._follower, self._context
+        if follower is None:
+            return Twist2D.zero()
+        pose, local_costmap = now.motion.pose, context.local_costmap
+        # As much clearance as the place has, as far as it is wanted.
+        least_m = context.least_clearance(follower.poses_ahead(MANEUVER.begin_m), 0.1)
+        floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
+        limits = now.limits._replace(clearance_m=floor_m)
+        here_m = context.seen_clearance(pose, limits.caution_m)
+        speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
+        limits = limits._replace(max_speed=speed, max_reverse=min(speed, limits.max_reverse))
+        wanted = follower.command(Motion(now.steady, now.motion.twist), limits)
+        if wanted is None:
+            self._end(now)
+            return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
+        if self._is_anyone_near(pose, MANEUVER.stand_people_m):
+            wanted = Twist2D.zero()
+        wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
+        safe = safe_command(now.motion, wanted, local_costmap, limits, TIGHT_CLEARANCE_M)
+        if follower.is_stalled(safe, now.elapsed_s):
+            self.stop()
+        return safe
+
+    def _end(self, now: ControlInput) -> None:
+        """Note that the way is over: the robot has arrived if it led to the goal, and stands."""
+        twist = now.motion.twist
+        if not self._to_goal:
+            self.stop()
+        elif abs(twist.vx) < 0.02 and abs(twist.wz) < 0.05:
+            self.has_arrived = True
+
+    def _is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
+        within_m += self._context.footprint.circumscribed_m
+        return self._context.local_costmap.is_anyone_near(pose, within_m)
+
+    def _must_rest(self, now_ns: int) -> bool:
+        last_ns = self._searched_ns
+        return last_ns is not None and now_ns - last_ns < MANEUVER.retry_s * 1e9
+
+    def _needed_until(self, pose: Pose2D, route: Route, aim: Pose2D) -> int | None:
+        """Return the index of the path up to which a way is needed, None if none is.
+
+        The last index stands for the goal itself.
+        """
+        path, first = route.path, route.index
+        last = path.ahead(first, MANEUVER.reach_m)
+        is_goal = not route.vias_left and last == len(path.points) - 1
+        if route.vias_left:
+            last = min(last, path.vias[0])
+        points = path.points[first : last + 1]
+        along = float(path.remaining_m[first]) - path.remaining_m[first : last + 1]
+        # Within the local costmap only, and where it says something of headings.
+        is_tight = self._context.tight_places(points, MANEUVER.room_m, MANEUVER.aside_m)
+        near = bool((is_tight & (along < MANEUVER.begin_m)).any())
+        if is_goal and self._is_tight_goal(pose, points, aim):
+            is_tight[-1] = True
+            near |= float(along[-1]) < 2.0 * MANEUVER.begin_m
+        if not near and not self._must_turn_in_little_room(pose, points):
+            return None
+        tight = np.flatnonzero(is_tight)
+        end = path.ahead(first + int(tight[-1]) if len(tight) else first, MANEUVER.beyond_m)
+        return min(max(end, path.ahead(first, MANEUVER.begin_m)), last)
+
+    def _is_tight_goal(self, pose: Pose2D, points: NDArray[np.float64], aim: Pose2D) -> bool:
+        """Say whether there is little room at the goal: to stand there, or to turn."""
+        context = self._context
+        if context.seen_clearance(aim, MANEUVER.room_m) < MANEUVER.room_m:
+            return True
+        if self._tolerances.any_heading:
+            return False
+        facing = pose.yaw
+        if pose.distance_to(aim) > MANEUVER.loose_m and len(points) > 1:
+            before = points[-min(len(points), 5)]
+            facing = math.atan2(aim.y - float(before[1]), aim.x - float(before[0]))
+        turn = wrap_angle(facing - aim.yaw)
+        return not context.can_turn_by(aim, turn, MANEUVER.turn_room_m)
+
+    def _must_turn_in_little_room(self, pose: Pose2D, points: NDArray[np.float64]) -> bool:
+        """Say whether the robot looks elsewhere than the path leads, and cannot just turn."""
+        ahead = points[min(len(points) - 1, 6)]
+        if math.dist((pose.x, pose.y), (float(ahead[0]), float(ahead[1]))) < 0.1:
+            return False
+        turn = wrap_angle(math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x) - pose.yaw)
+        return abs(turn) > MANEUVER.strayed_rad and not self._context.can_turn_by(
+            pose, turn, MANEUVER.turn_room_m
+        )
+
+    def _search(self, pose: Pose2D, route: Route, aim: Pose2D, until: int) -> Maneuver | None:
+        """Return a way to a point of the path, or to the goal if that is its last one."""
+        path, tolerances = route.path, self._tolerances
+        self._to_goal = until == len(path.points) - 1 and not route.vias_left
+        self._rest_m = float(path.remaining_m[until])
+        wanted_m = self._config.clearance_m + 0.02
+        if self._to_goal:
+            xy, yaw = min(0.5 * tolerances.xy, 0.03), min(0.5 * tolerances.yaw, 0.05)
+            ends = pose.x, pose.y, pose.yaw, aim.x, aim.y, aim.yaw
+            task = Task(*ends, tolerances.any_heading, xy, yaw, wanted_m)
+            return self._context.find_way(task, MANEUVER.half_m)
+        x, y = (float(value) for value in path.points[until])
+        before = path.points[max(until - 4, 0)]
+        yaw = math.atan2(y - float(before[1]), x - float(before[0]))
+        ends = pose.x, pose.y, pose.yaw, x, y, yaw
+        for any_heading in (False, True):
+            task = Task(*ends, any_heading, MANEUVER.loose_m, MANEUVER.loose_rad, wanted_m)
+            found = self._context.find_way(task, MANEUVER.half_m)
+            if found is not None:
+                return found
+        return None
+
+    def _check_way(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
+        """Give the way up where something stands on it, or it leads elsewhere."""
+        follower = self._follower
+        if follower is None:
+            return
+        end = follower.end
+        if self._to_goal:
+            is_wrong = end.distance_to(aim) > self._tolerances.xy
+        else:
+            off = np.hypot(*(route.path.points[route.index :] - (end.x, end.y)).T)
+            is_wrong = float(off.min()) > 2.0 * MANEUVER.loose_m + MANEUVER.beyond_m
+        ahead = follower.poses_ahead(MANEUVER.reach_m)
+        is_blocked = self._context.least_clearance(ahead, 0.02) <= 0.0
+        self._num_blocked = self._num_blocked + 1 if is_blocked else 0
+        if is_wrong or self._num_blocked >= MANEUVER.blocked_scans or follower.has_strayed(pose):
+            self.stop()
+
+
+class WayFollower:
+    """Follows one way: line by line and turn by turn.
+
+    Args:
+        maneuver: the way, in the frame of the poses given later.
+    """
+
+    def __init__(self, maneuver: Maneuver) -> None:
+        self._poses, self._motions = maneuver.poses, maneuver.motions
+        steps: NDArray[np.float64] = np.diff(self._poses, axis=0)
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        turns = np.where(self._motions[1:] == TURNING, np.abs(steps[:, 2]), 0.0)
+        self._along: NDArray[np.float64] = np.append(0.0, np.cumsum(lengths))
+        left = lengths + MANEUVER.turn_as_m * turns
+        self._left: NDArray[np.float64] = np.append(np.cumsum(left[::-1])[::-1], 0.0)
+        self._index = 0
+        self._run_end = self._end_of_run(0)
+        self._yaw: float | None = None
+        self._stalled_s = 0.0
+
+    @property
+    def end(self) -> Pose2D:
+        """Where the way ends."""
+        last = self._poses[-1]
+        return Pose2D(float(last[0]), float(last[1]), wrap_angle(float(last[2])))
+
+    @property
+    def left_m(self) -> float:
+        """What is left of it [m]; turns count, too."""
+        return float(self._left[self._index])
+
+    def poses_ahead(self, length_m: float) -> NDArray[np.float64]:
+        """Return the poses (n, 3) of this length of the way from the robot on."""
+        wanted_m = float(self._along[self._index]) + length_m
+        end = int(np.searchsorted(self._along, wanted_m, side="right"))
+        return self._poses[self._index : max(end, self._index + 1)]
+
+    def has_strayed(self, pose: Pose2D) -> bool:
+        """Say whether the robot is too far off its way."""
+        x, y, yaw = self._poses[self._index]
+        off = math.hypot(pose.x - float(x), pose.y - float(y))
+        turned = self._motions[min(self._index + 1, len(self._motions) - 1)] == TURNING
+        off_yaw = 0.0 if turned else abs(wrap_angle(pose.yaw - float(yaw)))
+        return off > MANEUVER.strayed_m or off_yaw > MANEUVER.strayed_rad
+
+    def is_stalled(self, driven: Twist2D, elapsed_s: float) -> bool:
+        """Note what was safe to drive; say whether the robot has been held up for long."""
+        stands = abs(driven.vx) < 0.01 and abs(driven.wz) < 0.05
+        self._stalled_s = self._stalled_s + elapsed_s if stands else 0.0
+        return self._stalled_s > MANEUVER.stalled_s
+
+    def command(self, motion: Motion, limits: Limits) -> Twist2D | None:
+        """Return the velocity to drive now, None at the way's end.
+
+        Args:
+            motion: of the robot.
+            limits: of the robot, those of the place included.
+        """
+        pose = motion.pose
+        while self._index < len(self._poses) - 1:
+            sense = int(self._motions[self._run_end])
+            twist = (
+                self._turn(pose, limits) if sense == TURNING else self._line(pose, sense, limits)
+            )
+            if twist is not None:
+                return twist
+            self._index = self._run_end
+            self._run_end = self._end_of_run(self._index)
+            self._yaw = None
+        return None
+
+    def _end_of_run(self, first: int) -> int:
+        """Return the last pose that is reached by the same motion as the one after `first`."""
+        if first >= len(self._poses) - 1:
+            return first
+        same = self._motions[first + 1 :] == self._motions[first + 1]
+        other = np.flatnonzero(~same)
+        return first + (int(other[0]) if len(other) else len(same))
+
+    def _turn(self, pose: Pose2D, limits: Limits) -> Twist2D | None:
+        """Return the velocity of a turn on the spot, None when it is over."""
+        goal = float(self._poses[self._run_end, 2])
+        # The way around that is free may be the longer one.
+        near = float(self._poses[self._index, 2]) if self._yaw is None else self._yaw
+        self._yaw = near + wrap_angle(pose.yaw - near)
+        left = goal - self._yaw
+        if abs(left) < MANEUVER.settle_rad:
+            return None
+        return Twist2D(0.0, 0.0, turn_rate(left, limits))
+
+    def _line(self, pose: Pose2D, sense: int, limits: Limits) -> Twist2D | None:
+        """Return the velocity along a line or curve, None at its end."""
+        run = self._poses[self._index : self._run_end + 1]
+        near = run[: MANEUVER.nearest_of]
+        self._index += int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
+        last = self._poses[self._run_end]
+        cos, sin = math.cos(float(last[2])), math.sin(float(last[2]))
+        left = sense * ((float(last[0]) - pose.x) * cos + (float(last[1]) - pose.y) * sin)
+        along = float(self._along[self._run_end] - self._along[self._index])
+        if along < MANEUVER.ahead_m and left < MANEUVER.arrived_m:
+            return None
+        x, y, yaw = (float(value) for value in self._poses[self._index])
+        aside = -(pose.x - x) * math.sin(yaw) + (pose.y - y) * math.cos(yaw)
+        off = wrap_angle(pose.yaw - yaw)
+        decay = MANEUVER.track_m
+        bend = self._bend() - sense * aside / decay**2 - 2.0 * off / decay
+        speed = limits.max_speed if sense > 0 else limits.max_reverse
+        speed = min(speed, limits.max_turn / max(abs(bend), 1e-3))
+        rest = max(left, 0.0) if along < 2.0 * decay else along
+        braking = math.sqrt(limits.deceleration * rest)
+        speed = min(speed, max(braking, MANEUVER.creep_mps))
+        return Twist2D(sense * speed, 0.0, bend * speed)
+
+    def _bend(self) -> float:
+        """Return how the heading changes along the way a little ahead [rad/m]."""
+        wanted = float(self._along[self._index]) + MANEUVER.ahead_m
+        middle = int(np.searchsorted(self._along, wanted))
+        first = max(middle - 2, self._index)
+        last = min(middle + 2, self._run_end)
+        length = float(self._along[last] - self._along[first])
+        return float(self._poses[last, 2] - self._poses[first, 2]) / length if length > 0.0 else 0.0

@@ -1,0 +1,91 @@
+"""Ways with headings through small places."""
+
+import math
+
+import numpy as np
+import pytest
+from support.all_poses import box
+from support.flatland import Flatland, empty_room, two_rooms, with_block
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.fine_grid import FINE, FineGrid
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.paths.pose_search import BACKWARDS, FORWARDS, Maneuver, PoseSearch, Task
+
+HOBBY = box(0.35, 0.30, 0.175)
+REAR = box(0.60, 0.42, 0.10)
+
+
+def search(
+    grid: GridMap,
+    corners: list[tuple[float, float]],
+    ends: tuple[Pose2D, Pose2D],
+    unknown: bool = False,
+) -> Maneuver | None:
+    costmap = Costmap(grid, Footprint.from_polygon(corners), PlannerConfig(), False)
+    fine = FineGrid(costmap, FINE.finest_m, 1.0)
+    fine.update((0, 0), costmap.shape)
+    shape = fine.mask.shape
+    start, goal = ends
+    places = start.x, start.y, start.yaw, goal.x, goal.y, goal.yaw
+    task = Task(*places, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
+    nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, unknown, dtype=np.uint8)
+    return PoseSearch(costmap.footprint).find(fine, behind, nowhere, task)
+
+
+def lane(width_m: float) -> GridMap:
+    """A room, and a dead end to its right along y = 3."""
+    below = with_block(empty_room(), 4.0, 0.1, 3.9, 2.9 - width_m / 2.0)
+    return with_block(below, 4.0, 3.0 + width_m / 2.0, 3.9, 2.9 - width_m / 2.0)
+
+
+def test_a_door_is_passed_in_its_middle_without_a_stop() -> None:
+    way = search(two_rooms(0.4), HOBBY, (Pose2D(2.5, 2.4, 0.6), Pose2D(5.5, 3.4, 0.0)))
+    assert way is not None
+    assert set(way.motions[way.poses[:, 0] < 4.5].tolist()) == {FORWARDS}
+    in_door = way.poses[np.abs(way.poses[:, 0] - 4.0) < 0.05]
+    assert np.abs(in_door[:, 1] - 3.0).max() < 0.03
+
+
+def test_a_door_narrower_than_the_robot_is_proved_to_be() -> None:
+    assert search(two_rooms(0.25), HOBBY, (Pose2D(3.0, 3.0, 0.0), Pose2D(5.0, 3.0, 0.0))) is None
+
+
+def test_a_dead_end_too_narrow_to_turn_in_is_left_backwards() -> None:
+    ends = Pose2D(6.5, 3.0, 0.0), Pose2D(2.5, 3.0, math.pi)
+    way = search(lane(0.4), HOBBY, ends)
+    assert way is not None
+    assert set(way.motions[way.poses[:, 0] > 4.2].tolist()) == {BACKWARDS}
+
+
+def test_nobody_backs_into_what_was_not_seen() -> None:
+    ends = Pose2D(6.5, 3.0, 0.0), Pose2D(2.5, 3.0, math.pi)
+    assert search(lane(0.4), HOBBY, ends, unknown=True) is None
+
+
+def test_a_goal_outside_what_is_searched_is_not_reached() -> None:
+    assert search(empty_room(), HOBBY, (Pose2D(1.0, 1.0, 0.0), Pose2D(9.0, 1.0, 0.0))) is None
+
+
+@pytest.mark.drives
+@pytest.mark.parametrize("door_m", [0.35, 0.45])
+def test_a_door_little_wider_than_the_robot_is_driven_at_the_first_try(ride, door_m) -> None:
+    drive = ride(Flatland(two_rooms(door_m), Pose2D(2.5, 2.2, 0.8), footprint=HOBBY))
+    drive.send(Pose2D(5.5, 3.6, 0.0))
+    status = drive.until_over(40.0)
+    assert status.state == "arrived"
+    assert status.recoveries == 0
+    assert drive.world.touches == 0
+
+
+@pytest.mark.drives
+def test_a_goal_two_centimetres_beside_a_wall_is_reached_along_it(ride) -> None:
+    goal = Pose2D(5.0, 0.1 + 0.15 + 0.02, 0.0)
+    drive = ride(Flatland(empty_room(), Pose2D(3.5, 1.2, 0.0), footprint=HOBBY))
+    drive.send(goal, xy_tolerance=0.05)
+    assert drive.until_over(40.0).state == "arrived"
+    assert drive.world.pose.distance_to(goal) <= 0.06
+    assert drive.world.touches == 0
