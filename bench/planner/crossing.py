@@ -136,6 +136,11 @@ class _NoStopField(StopField):
         return 1.0
 
 
+def take_stop_field_away(base: BaseService, config: RobotConfig) -> None:
+    """Let the robot be driven into what it sees: the planner must not need the stop field."""
+    base._drive._limiter._field = _NoStopField(footprint_of(config), limits_of(config), 0.0)
+
+
 def cross(world: World, setup: Setup, seed: int) -> Crossing:
     """Send the robot to the goal and judge by `sim/truth`."""
     shortest_m = world.shortest_m(0.5 * WIDTH_M)
@@ -146,7 +151,7 @@ def cross(world: World, setup: Setup, seed: int) -> Crossing:
         config = _config(world, setup, seed, Path(folder))
         base = lockstep.add(BaseService(config))
         if not setup.has_stop_field:
-            base._drive._limiter._field = _NoStopField(footprint_of(config), limits_of(config), 0.0)
+            take_stop_field_away(base, config)
         goal = Pose2D(GOAL_M, 0.0, 0.0)
         is_reference = setup.planner is None
         lockstep.add(

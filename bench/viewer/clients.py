@@ -19,7 +19,7 @@ import numpy as np
 import viser
 import zstandard
 from bench.viewer.pretend_robot import NEAREST_M, SCAN_HZ, SPAN_S
-from playwright.async_api import Page, async_playwright
+from playwright.async_api import Frame, async_playwright
 from viser._messages import ViewerCameraMessage
 from websockets.asyncio.client import ClientConnection, connect
 
@@ -223,19 +223,19 @@ takes it."""
 class Chromium:
     """A page in Debian's Chromium, rendered in software on a small canvas."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, scene: Frame) -> None:
         """Use `open_chromium`."""
-        self._page = page
+        self._scene = scene
         self._since_s = 0.0
 
     async def clear(self) -> None:
         """Count anew."""
-        await self._page.evaluate("seen.scans = []; seen.particles = seen.frames = 0")
+        await self._scene.evaluate("seen.scans = []; seen.particles = seen.frames = 0")
         self._since_s = time.perf_counter()
 
     async def seen(self) -> tuple[Seen, Seen, float]:
         """What came since: as decoded, as taken by the main thread; and the frames per second."""
-        found = await self._page.evaluate("seen")
+        found = await self._scene.evaluate("seen")
         decoded = Seen(since_s=self._since_s, num_particles=found["particles"])
         taken = Seen(since_s=self._since_s)
         for first_x, decoded_s, taken_s in found["scans"]:
@@ -249,10 +249,12 @@ async def open_chromium(url: str) -> AsyncIterator[Chromium]:
     """Open the viewer in Chromium and wait until the robot is seen."""
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        page = await browser.new_page(viewport={"width": 320, "height": 240})
+        page = await browser.new_page(viewport={"width": 640, "height": 400})
         page.set_default_timeout(90_000)
         await page.add_init_script(WATCH)
         await page.goto(url)
         await page.get_by_text("Localized").first.wait_for()
-        yield Chromium(page)
+        await page.locator("#scene-wait").wait_for(state="hidden")
+        (scene,) = [frame for frame in page.frames if "/scene/" in frame.url]
+        yield Chromium(scene)
         await browser.close()

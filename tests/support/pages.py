@@ -73,6 +73,10 @@ class PageOf:
         id_, look = self._find(label, "button", "choice")
         self._controls.handle(id_, label if look.kind == "choice" else None)
 
+    def drag(self, label: str, by: float) -> None:
+        """Drag a button of a list past so many others, up being negative."""
+        self._controls.handle(self._find(label, "button")[0], by)
+
     def press_lead(self, text: str) -> None:
         """Press the first button in the markup that has this text in it."""
         for id_, look in self._shown():

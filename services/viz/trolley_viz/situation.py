@@ -21,6 +21,7 @@ AWAY = StatusLine("No contact with the robot. It is switched off or out of range
 LOST = StatusLine(
     "The robot does not know where it is. Show it with “Set pose …”, or let it search.", "bad"
 )
+ASKING = StatusLine("Asking the robot what it is doing …", "busy")
 READY = StatusLine("Ready.", "good")
 STOPPED_REASONS = {
     codes.BUTTON: "Stopped",
@@ -55,7 +56,7 @@ class RobotState:
     """The stored tour that is driven."""
     places: Sequence[SavedPose] = ()
     silent: frozenset[str] = frozenset()
-    """Services that have fallen silent."""
+    """As `View.silent`."""
     mapping: MappingStatus | None = None
 
 
@@ -108,9 +109,9 @@ def _held(known: RobotState) -> StatusLine | None:
 
 
 def _planner(known: RobotState) -> StatusLine | None:
-    if "planner" in known.silent or known.goal is None:
+    if "planner" in known.silent:
         return StatusLine("The robot cannot drive by itself: the planner is not running.", "bad")
-    return None
+    return ASKING if known.goal is None else None
 
 
 def _mapping(known: RobotState) -> StatusLine | None:
@@ -148,10 +149,12 @@ def _position(known: RobotState) -> StatusLine | None:
     goal = known.goal
     if not known.has_map or (goal is not None and goal.frame != MAP):
         return None
-    if "localizer" in known.silent or known.estimate is None:
+    if "localizer" in known.silent:
         return StatusLine(
             "The robot does not know where it is: the localizer is not running.", "bad"
         )
+    if known.estimate is None:
+        return StatusLine("The robot does not know where it is yet.", "busy")
     if known.estimate_age_s is None or known.estimate_age_s > STALE_S:
         return StatusLine(
             "The robot does not know where it is: its lidar sends nothing new.", "bad"

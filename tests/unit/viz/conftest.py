@@ -20,6 +20,7 @@ from trolley.messages import (
     BaseState,
     Clock,
     GoalStatus,
+    Health,
     OccupancyGrid,
     Odometry,
     PoseEstimate,
@@ -71,6 +72,8 @@ class PretendRobot(Service):
         self.tours: list[StartTour] = []
         self.driven_m = 0.0
         """How far it has driven along its x."""
+        self.alive = ["localizer", "planner"]
+        """The services that tell of their health."""
 
     def start(self) -> None:
         name, square = self.robot, [(0.2, -0.2), (0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2)]
@@ -106,6 +109,13 @@ class PretendRobot(Service):
         kitchen = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
         elsewhere = SavedPose(name="attic", map="house", pose=Pose2D(0.0, 0.0, 0.0))
         self.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=[kitchen, elsewhere]))
+        self._say_goal(None, "idle", None)
+
+    @every(1.0, clock="local")
+    def tell_health(self) -> None:
+        for name in self.alive:
+            health = Health(stamp_ns=self.stamp_ns, state="ok", cpu=0.0, rss=0)
+            self.publish(topics.HEALTH, health, name)
 
     @every(0.1, clock="local")
     def tick(self) -> None:

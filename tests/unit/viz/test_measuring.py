@@ -128,7 +128,7 @@ def test_a_fixed_range_is_kept_to(stage: "Stage", plot: PageOf) -> None:
 
 @pytest.mark.parametrize(
     ("source", "says"),
-    [("odom:twist.vz", "no field"), ("goal:eta", "No data yet."), ("nonsense", "no topic")],
+    [("odom:twist.vz", "no field"), ("tour:lap", "No data yet."), ("nonsense", "no topic")],
 )
 def test_what_cannot_be_plotted_is_told(
     stage: "Stage", plot: PageOf, source: str, says: str

@@ -186,7 +186,7 @@ def test_the_past_opens_and_closes(stage: "Stage") -> None:
 
 def test_who_looks_back_sees_where_the_robot_was_and_that_it_is_the_past(stage: "Stage") -> None:
     browser = stage.browse()
-    drive(stage, 20.0)
+    drive(stage, 30.0)
     was_x = 1.5 + stage.robot.driven_m - 2.0
     now = browser.state.sentence
     open_past(stage)

@@ -1,5 +1,6 @@
 """What one browser asks of a robot, and how it is taken back."""
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -7,13 +8,13 @@ from support.pages import page_of
 
 from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, Health, SavedPose, SavedPoses, TourStatus
+from trolley.messages import GoalStatus, SavedPose, SavedPoses, TourStatus
 from trolley_viz.actions.aiming import GO_TO
 from trolley_viz.actions.robot_actions import what_is_under_way
 from trolley_viz.pages.known import robot_state
 from trolley_viz.panels.tiles import MAX_TILES
 from trolley_viz.pointing.pointer import Pointed
-from trolley_viz.robots.silence import SilentServices
+from trolley_viz.robots.silence import SILENT_NS, SilentServices
 from trolley_viz.session.session import Session
 from trolley_viz.situation import situation
 
@@ -74,6 +75,17 @@ def test_a_pose_is_set_back_to_where_the_robot_has_come_to(
     assert (there.pose.x, there.pose.y) == (-1.0, -1.0)
     assert back.pose.x == pytest.approx(1.75)  # 1.5 before, and 0.25 driven since then
     assert back.pose.y == pytest.approx(0.0)
+
+
+def test_how_a_pose_was_corrected_is_told_once(stage: "Stage") -> None:
+    browser, session = stage.browse(), stage.session
+    stage.runtime.run(0.5)
+    session.aiming.set_pose(Pointed(1.2, 0.4, 0.0))
+    stage.robot.driven_m = 0.5  # it drives on meanwhile
+    stage.runtime.run(1.5)
+    ((title, text),) = browser.notices
+    assert title == "It knows where it is"
+    assert re.fullmatch(r"It took 0\.\d s\. It is 50 cm and 0° from where it was shown\.", text)
 
 
 def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", session: Session) -> None:
@@ -198,17 +210,25 @@ def test_a_service_that_falls_silent_is_missed(stage: "Stage", session: Session)
     here = session.view.placement.world_T_base
     assert here is not None
     stage.robot._say_goal("a", "driving", here)
-    health = Health(stamp_ns=1, state="ok", cpu=0.0, rss=0)
-    stage.robot.publish(topics.HEALTH, health, "planner")
     stage.runtime.run(0.5)
-    services = SilentServices()
+    tile = page_of(stage).within("Go")
 
     def said() -> str:
-        return situation(robot_state(session.view, services.update(session.view))).headline
+        return situation(robot_state(session.view)).headline
 
     assert "on its way" in said()
-    stage.runtime.run(5.0)
+    assert not tile.button("kitchen").is_disabled
+    stage.robot.alive.remove("planner")
+    stage.runtime.run(6.0)
     assert "the planner is not running" in said()
+    assert tile.button("kitchen").is_disabled
+
+
+def test_a_service_that_was_never_heard_is_missed_after_a_while() -> None:
+    services = SilentServices()
+    assert not services.update({}, 0)
+    assert not services.update({}, SILENT_NS)
+    assert services.update({}, SILENT_NS + 1) == {"localizer", "planner"}
 
 
 def put_places(stage: "Stage", names: list[str], icon: str = "") -> None:

@@ -95,16 +95,17 @@ CASES = [
         known(base=base("held", "stop_field"), goal=DRIVING),
         "Waiting: something is too close in the direction of travel. It will continue by itself.",
     ),
-    (known(goal=None), "The robot cannot drive by itself: the planner is not running."),
+    (known(goal=None), "Asking the robot what it is doing …"),
+    (
+        known(silent=frozenset({"planner"}), goal=None),
+        "The robot cannot drive by itself: the planner is not running.",
+    ),
     (
         known(silent=frozenset({"planner"}), goal=DRIVING),
         "The robot cannot drive by itself: the planner is not running.",
     ),
     (known(silent=frozenset({"viz-pc"})), "Ready."),
-    (
-        known(estimate=None),
-        "The robot does not know where it is: the localizer is not running.",
-    ),
+    (known(estimate=None), "The robot does not know where it is yet."),
     (
         known(silent=frozenset({"localizer"})),
         "The robot does not know where it is: the localizer is not running.",

@@ -22,7 +22,7 @@ from trolley.messages import (
 from trolley.messages.request_params import AskHistory, Named, Nothing, StartTour
 from trolley.runtime.service import Service, answers
 from trolley_viz.actions.tour_actions import copy_name
-from trolley_viz.controls.controls import NotThere
+from trolley_viz.controls.controls import BadValue, NotThere
 from trolley_viz.editing.tour_draft import Draft, Point
 from trolley_viz.graphics.pictures import PIN_HEIGHT_PX, pin_picture
 from trolley_viz.panels.past_trips import summary as trip_summary
@@ -406,6 +406,22 @@ def test_points_are_arranged_and_changed(stage: "Stage", tour: PretendTour, page
     assert [stop.name for stop in saved.stops] == [None, "kitchen"]
     assert (saved.stops[0].dwell, saved.stops[0].timeout, saved.repeat) == (7.0, None, 0)
     assert saved.schedule == [ScheduleEntry(at="08:30")]
+
+
+def test_a_point_is_dragged_to_another_place(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
+    make_tour(stage, page)
+    edit_tour(stage, page)
+    page.drag("2  a point on the map", -1)
+    settle(stage)
+    with pytest.raises(BadValue):
+        page.drag("1  a point on the map", 0.5)
+    with pytest.raises(BadValue):
+        page.drag("Save", 1)
+    page.press("Save")
+    settle(stage)
+    assert [stop.name for stop in tour.tours["evening"].stops] == [None, "kitchen"]
 
 
 def test_a_late_change_of_one_point_does_not_reach_another(stage: "Stage", page: PageOf) -> None:

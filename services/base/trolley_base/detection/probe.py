@@ -45,6 +45,9 @@ TOPICS_S = 0.5
 LINE_S = 0.2
 LIDAR_S = 0.5
 LIDAR_TRIES = 2
+TALKER_TRIES = 5
+"""Something talks here that nobody has recognised: it may be a lidar that was left streaming, and
+on a busy computer its answer comes behind what it said before."""
 SPIN_UP_S = 1.5
 STOPPING_S, MOST_STOPPING = 0.1, 10
 """A lidar that has obeyed a stop is silent for this long; it may take so many times that."""
@@ -177,7 +180,8 @@ class Probe:
     def _ask_lidar(
         self, stop: tuple[bytes, ...], question: bytes, read: Callable[[bytes], T | None]
     ) -> T | None:
-        for _ in range(LIDAR_TRIES):
+        talks = any(self.received.values())
+        for _ in range(TALKER_TRIES if talks else LIDAR_TRIES):
             for command in stop:
                 self._port.write(command)
                 self._await_silence()

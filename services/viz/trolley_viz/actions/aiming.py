@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -11,9 +10,10 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
-from trolley.messages import Path, floats_from_bytes
+from trolley.messages import Path, PoseEstimate, floats_from_bytes
 from trolley.messages.request_params import SendGoal, SetPose
 from trolley.runtime.service import Service
+from trolley_viz.actions.correction import Correction
 from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.editing.undo import Step
 from trolley_viz.pointing.pointer import Pointed, Pointer, Tool
@@ -49,6 +49,7 @@ class Aiming:
         """What the armed tool waits for, or the length of its preview."""
         self.preview: Path | None = None
         """The path to where the pointer is."""
+        self._correction = Correction(actions.tell)
         self._preview_due_ns = 0
         self._asked: Pointed | None = None
         self._wanted: Pointed | None = None
@@ -82,19 +83,10 @@ class Aiming:
         """Let the person point out where the robot is."""
         self.arm(Tool(SET_POSE, ignore, self.set_pose), POSE_HINT)
 
-    def request_preview(self) -> None:
-        """Ask for the path to where the pointer is: one request at a time, and not too often."""
-        now_ns, pointed = self._service.monotonic_ns, self._wanted
-        if pointed is None or self._asked is not None or now_ns < self._preview_due_ns:
-            return
-        self._wanted, self._asked = None, pointed
-        self._preview_due_ns = now_ns + PREVIEW_PERIOD_NS
-        self._service.request(
-            requests.GOAL_PREVIEW,
-            self._goal(pointed, None),
-            lambda reply: self._show_preview(pointed, reply),
-            robot=self._robot(),
-        )
+    def tick(self) -> None:
+        """Go on with what takes a while: the preview of a path, the correction of a pose."""
+        self._request_preview()
+        self._correction.update(self._view())
 
     def put_away(self) -> None:
         """Put the tool away, with its hint and its preview."""
@@ -117,6 +109,20 @@ class Aiming:
         return Pose2D(pointed.x, pointed.y, kept)
 
     # Inside.
+    def _request_preview(self) -> None:
+        """Ask for the path to where the pointer is: one request at a time, and not too often."""
+        now_ns, pointed = self._service.monotonic_ns, self._wanted
+        if pointed is None or self._asked is not None or now_ns < self._preview_due_ns:
+            return
+        self._wanted, self._asked = None, pointed
+        self._preview_due_ns = now_ns + PREVIEW_PERIOD_NS
+        self._service.request(
+            requests.GOAL_PREVIEW,
+            self._goal(pointed, None),
+            lambda reply: self._show_preview(pointed, reply),
+            robot=self._robot(),
+        )
+
     def _goal(self, pointed: Pointed, goal_id: str | None) -> SendGoal:
         goal = SendGoal(id=goal_id, pose=self.pose_at(pointed), frame=self._view().placement.world)
         if pointed.yaw is None:
@@ -155,7 +161,8 @@ class Aiming:
         )
         back = self._undo_step(here)
 
-        def done(_: Any) -> None:
+        def done(estimate: PoseEstimate) -> None:
+            self._correction.begin(params.pose, estimate.stamp_ns, self._view())
             if back is not None:
                 self._actions.history.add(back)
 
@@ -187,7 +194,7 @@ class Aiming:
         self._wanted = pointed
         if pointed is None:
             self._asked, self.preview, self.hint = None, None, GOAL_HINT
-        self.request_preview()
+        self._request_preview()
 
     def _show_preview(self, asked: Pointed, reply: Path | Refused) -> None:
         if self._asked is not asked:

@@ -22,6 +22,10 @@ V = TypeVar("V", str, float, bool)
 Act = Callable[[], None]
 
 
+MAX_MOVE = 1000
+"""No list on a page is longer."""
+
+
 class NotThere(Exception):
     """What was pressed cannot be pressed any more."""
 
@@ -133,14 +137,24 @@ class Button(Control):
     """Does one thing."""
 
     _act: Act | None = None
+    _move: Callable[[int], None] | None = None
 
     def on_press(self, act: Act) -> None:
         """Call `act` when it is pressed."""
         self._act = act
 
+    def on_move(self, move: Callable[[int], None]) -> None:
+        """Let it be dragged among its like; `move` is called with by how many, up negative."""
+        self._move = move
+        self._change(can_move=True)
+
     def handle(self, value: Value) -> None:
-        """Press it."""
-        if self._act is not None:
+        """Press it; a number moves it by so many places."""
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            if self._move is None or not float(value).is_integer() or abs(value) > MAX_MOVE:
+                raise BadValue(f"{value!r} is no place in a list")
+            self._move(int(value))
+        elif self._act is not None:
             self._act()
 
     @property

@@ -46,6 +46,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
         colour: of a button.
         is_hidden: whether it is left out.
         is_disabled: whether it can be seen but not used.
+        can_move: whether a button can be dragged to another place among those that can.
         is_open: of a folder.
         value: of what holds one; the open one of `tabs`.
         options: of a `choice` or `list`.
@@ -68,6 +69,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
     colour: Colour = "grey"
     is_hidden: bool = False
     is_disabled: bool = False
+    can_move: bool = False
     is_open: bool = False
     value: Value = None
     options: tuple[str, ...] = ()

@@ -266,11 +266,13 @@ class Editing:
         self.draft = self.draft.with_point(point)
         self.chosen = len(self.draft.points) - 1
 
-    def move(self, by: int) -> None:
-        """Put the chosen point earlier or later."""
+    def move(self, index: int, by: int) -> None:
+        """Put a point earlier or later; the chosen one stays chosen."""
+        order = list(range(len(self.draft.points)))
+        order.insert(min(max(index + by, 0), len(order) - 1), order.pop(index))
+        self.draft = self.draft.moved(index, by)
         if self.chosen is not None:
-            self.draft = self.draft.moved(self.chosen, by)
-            self.chosen = min(max(self.chosen + by, 0), len(self.draft.points) - 1)
+            self.chosen = order.index(self.chosen)
 
     def remove(self) -> None:
         """Leave the chosen point out."""

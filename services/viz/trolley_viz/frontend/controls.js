@@ -1,5 +1,6 @@
 // The controls, drawn as the viewer says. What is pressed goes there with its time; what is refused
 // is said, and a field shows again what holds.
+import { letMove } from "./dragging.js";
 import { fill } from "./html.js";
 import { t } from "./words.js";
 
@@ -158,14 +159,19 @@ const MAKERS = {
 
   button(controls, id) {
     const icon = newIcon(), text = make("span");
-    const element = make("button", { type: "button" }, icon, text);
+    const grip = make("span", { className: "grip", ariaHidden: "true", hidden: true });
+    const element = make("button", { type: "button" }, icon, text, grip);
     element.addEventListener("click", () => controls.press(id));
+    letMove(element, grip, (by) => controls.press(id, by));
     return {
       element,
       show(look) {
         setIcon(icon, look.icon);
         setText(text, look.label || "");
         text.translate = !look.is_name;
+        grip.hidden = !look.can_move;
+        if (look.can_move) element.setAttribute("aria-keyshortcuts", "Alt+ArrowUp Alt+ArrowDown");
+        element.title = look.hint || "";
         element.dataset.colour = look.colour || "grey";
         if (element.parentElement?.matches(".bar, .strip")) element.title = look.label;
         element.disabled = Boolean(look.is_disabled);
@@ -306,7 +312,7 @@ const MAKERS = {
   },
 
   strip() {
-    const element = make("section", { ariaLabel: "Past" });
+    const element = make("section", { ariaLabel: t("Past") });
     return { element, box: element, show: () => {} };
   },
 

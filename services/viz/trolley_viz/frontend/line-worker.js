@@ -11,7 +11,7 @@ const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) =>
   one.toString(16).padStart(2, "0")).join("");
 const pending = new Set(); // the numbers of what was pressed and not answered
 const stops = new Map(); // by number: what is to stop, until it is answered
-let state = "loading", socket = null, viewerMs = null;
+let state = "loading", socket = null, viewerMs = null, isGreeted = false, opening = 0;
 let openedMs = performance.now(), heardMs = openedMs, lookedMs = openedMs;
 
 function open() {
@@ -27,6 +27,7 @@ function open() {
 function close() {
   const old = socket;
   socket = null;
+  isGreeted = false;
   if (old !== null) old.close();
 }
 
@@ -40,13 +41,14 @@ function hear(told) {
   if (told.beat_ms !== undefined) viewerMs = told.beat_ms;
   if (told.hello !== undefined) {
     for (const [id, robots] of stops) send({ stop: { id, robots } });
-    become("open");
+    isGreeted = true;
   }
   if (told.beat_ms !== undefined) send({ beat_ms: told.beat_ms });
   if (told.answer !== undefined) settle(told.answer);
   delete told.answer;
   delete told.beat_ms;
   if (Object.keys(told).length > 0) postMessage({ told });
+  if (isGreeted && told.state !== undefined && state !== "open") become("open");
 }
 
 function look() {
@@ -55,8 +57,9 @@ function look() {
   // A computer that slept hears first what has come meanwhile.
   if (now - lastMs > BUSY_MS) return;
   const isConnecting = socket !== null && socket.readyState < WebSocket.CLOSING;
+  const waitedMs = now - (isGreeted ? heardMs : openedMs);
   if (state === "open" && now - heardMs > SILENCE_MS) lose();
-  else if (state !== "open" && now - openedMs > (isConnecting ? PATIENCE_MS : RETRY_MS)) reopen();
+  else if (state !== "open" && waitedMs > (isConnecting ? PATIENCE_MS : RETRY_MS)) reopen();
 }
 
 function lose() {
@@ -79,7 +82,8 @@ async function ask() {
 
 function become(now) {
   state = now;
-  postMessage({ state, silentMs: performance.now() - heardMs });
+  if (now === "open") opening++;
+  postMessage({ state, opening, silentMs: performance.now() - heardMs });
 }
 
 function settle(answer) {
@@ -97,22 +101,29 @@ function viewerTime(ageMs) {
   return viewerMs === null ? 0 : viewerMs + performance.now() - heardMs - ageMs;
 }
 
+// Whether the page shows what this viewer told it: one that comes back may be another, with other
+// controls under the same numbers. What is pressed before the page knows it is dropped.
+function isSeen(seen) {
+  return state === "open" && seen === opening;
+}
+
 const DOES = {
   // Something that needs an answer; without a connection it is dropped.
-  ask({ kind, id, asked, ageMs }) {
-    if (state !== "open") return settle({ id, is_done: false, text: NOT_CONNECTED });
+  ask({ kind, id, asked, ageMs }, seen) {
+    if (!isSeen(seen)) return settle({ id, is_done: false, text: NOT_CONNECTED });
     pending.add(id);
     send({ [kind]: { id, at_ms: viewerTime(ageMs), ...asked } });
   },
   stop({ id, robots }) {
     stops.set(id, robots);
-    if (state === "open") send({ stop: { id, robots } });
+    if (isGreeted) send({ stop: { id, robots } });
     else reopen();
   },
-  gesture({ ageMs, ...gesture }) {
-    if (state === "open") send({ gesture: { at_ms: viewerTime(ageMs), ...gesture } });
+  gesture({ ageMs, ...gesture }, seen) {
+    if (isSeen(seen)) send({ gesture: { at_ms: viewerTime(ageMs), ...gesture } });
   },
-  grip(grip) {
+  grip(grip, seen) {
+    if (grip.held && !isSeen(seen)) return;
     // On a connection that does not get rid of what it has, more would only come late.
     if (grip.held && socket !== null && socket.bufferedAmount > MAX_WAITING_BYTES) return;
     send({ grip });
@@ -123,7 +134,7 @@ const DOES = {
   },
 };
 
-onmessage = ({ data: [name, said] }) => DOES[name](said);
+onmessage = ({ data: [name, said, seen] }) => DOES[name](said, seen);
 addEventListener("online", DOES.retry);
 setInterval(look, LOOK_MS);
 open();

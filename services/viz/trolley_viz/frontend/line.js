@@ -15,6 +15,7 @@ export class Line {
     this.told = told;
     this.silentMs = 0;
     this.changedMs = performance.now();
+    this.opening = 0; // which of the connections it has heard of
     this.nextId = 1;
     this.pending = new Map(); // by number: what to do with the answer
     this.stops = new Set(); // the numbers of those that are not answered
@@ -36,7 +37,7 @@ export class Line {
     return (this.silentMs + performance.now() - this.changedMs) / 1000;
   }
 
-  hear({ told, answer, state, silentMs }) {
+  hear({ told, answer, state, opening, silentMs }) {
     if (answer !== undefined) {
       this.stops.delete(answer.id);
       const answered = this.pending.get(answer.id);
@@ -47,6 +48,7 @@ export class Line {
       this.changedMs = performance.now();
       this.silentMs = silentMs;
       this.state = state;
+      this.opening = opening;
       this.changed(state);
     }
     if (told !== undefined) this.told(told);
@@ -73,6 +75,6 @@ export class Line {
 
   // Any other: "grip" of the joystick, "say" what needs neither time nor answer, "retry" now.
   say(what, said) {
-    this.worker.postMessage([what, said]);
+    this.worker.postMessage([what, said, this.opening]);
   }
 }

@@ -2,7 +2,8 @@
 // what a pointer does there. What is pressed counts as let go only if its own pointer comes up,
 // alone, while the page has the focus.
 
-const LOOK_MS = 300, GIVEN_UP_MS = 8000, TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
+const LOOK_MS = 300, LOADING_MS = 180000, GIVEN_UP_MS = 8000;
+const TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
 const HIDDEN = `
 [data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;
 
@@ -12,6 +13,7 @@ export class Scene {
     this.line = line;
     this.hasSession = false;
     this.loadedMs = 0;
+    this.patienceMs = GIVEN_UP_MS;
     this.told = "";
     this.held = null; // the pointer that presses: its id and kind
     this.opened = () => {};
@@ -35,7 +37,7 @@ export class Scene {
       this.loadedMs = now;
       this.line.say("say", { scene: secret });
       this.tellSize();
-    } else if (now - this.loadedMs > GIVEN_UP_MS) {
+    } else if (now - this.loadedMs > this.patienceMs) {
       this.load();
     }
   }
@@ -47,6 +49,7 @@ export class Scene {
     for (const name of PASSED_ON) if (asked.has(name)) url.searchParams.set(name, asked.get(name));
     url.searchParams.set("websocket", socket.href);
     this.loadedMs = performance.now();
+    this.patienceMs = LOADING_MS; // over a thin link it takes most of a minute
     this.told = "";
     this.frame.src = url.href;
   }
@@ -54,6 +57,8 @@ export class Scene {
   loaded() {
     const inside = this.frame.contentWindow;
     if (inside.location.pathname !== "/scene/") return;
+    this.loadedMs = performance.now();
+    this.patienceMs = GIVEN_UP_MS;
     const style = inside.document.createElement("style");
     style.textContent = HIDDEN;
     inside.document.head.append(style);

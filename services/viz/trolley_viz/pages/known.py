@@ -8,7 +8,7 @@ from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, positi
 from trolley_viz.situation import RobotState
 
 
-def robot_state(view: View, silent: frozenset[str]) -> RobotState:
+def robot_state(view: View) -> RobotState:
     """Gather what the sentence about the robot depends on."""
     streams = view.streams
     estimate, saved = streams.latest(topics.POSE), streams.latest(topics.POSES)
@@ -26,7 +26,7 @@ def robot_state(view: View, silent: frozenset[str]) -> RobotState:
         trip=trip,
         tour=None if trip is None else tour_of(trip, view),
         places=[] if saved is None else saved.poses,
-        silent=silent,
+        silent=view.silent,
         mapping=streams.latest(topics.MAPPING),
     )
 

@@ -17,7 +17,6 @@ from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
 from trolley_viz.pages.known import now_line, robot_state, state_lines, under_way
 from trolley_viz.pages.language import in_language
 from trolley_viz.panels.console import Console
-from trolley_viz.robots.silence import SilentServices
 from trolley_viz.robots.stop_presses import DISOBEYED
 from trolley_viz.robots.view import View
 from trolley_viz.scene.overlays import OverlayLayer
@@ -90,7 +89,6 @@ class Page:
         self._hub = hub
         self._shared = shared
         self._line: Line | None = None
-        self._silence = SilentServices()
         self._state: PageState | None = None
         self._pad: PadState | None = None
         self._heard_ns = 0
@@ -193,7 +191,7 @@ class Page:
 
     def update(self, view: View) -> None:
         """Tell the page what changed, if it has taken what it was told before."""
-        known = robot_state(view, self._silence.update(view))
+        known = robot_state(view)
         people = self._hub.people
         sender = people.senders.of(view.robot_name, under_way(known))
         lines = state_lines(known, sender)

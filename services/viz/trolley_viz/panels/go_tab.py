@@ -56,11 +56,15 @@ class GoTab:
         self._show_steering(goal, trip)
         places = current_places(view)
         self._no_places.visible = not places
-        self._places.show({one.name: one.icon for one in places}, _going_to(goal, places))
+        can_go = view.can_go
+        going_to = _going_to(goal, places)
+        self._places.show({one.name: one.icon for one in places}, going_to, can=can_go)
         stored = [] if tours is None else tours.tours
         driven = trip.name if trip is not None and trip.state in UNDER_WAY else None
         self._tours_title.visible = bool(stored)
-        self._tours.show({one.name: "" for one in stored}, driven)
+        can_tour = can_go and "tour" not in view.silent
+        self._tours.show({one.name: "" for one in stored}, driven, can=can_tour)
+        self._point.disabled = not can_go
         self._point.label = LEAVE if self._aiming.armed == GO_TO else POINT_GOAL
         self._set.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
         show_undo(self._undo, self._actions.history)

@@ -21,7 +21,7 @@ from trolley_viz.scene.places import (
 from trolley_viz.scene.pose_accuracy import error_of
 from trolley_viz.scene.scan_and_particles import BEAM_COLOURS
 from trolley_viz.scene.scene import LAYERS
-from trolley_viz.sentences import age_text, percent
+from trolley_viz.sentences import age_text, percent, pose_text
 from trolley_viz.session.robot_scene import follow_values
 from trolley_viz.session.session import Session
 
@@ -126,7 +126,10 @@ def position_rows(view: View) -> list[tuple[str, ...]]:
     estimate, cloud = streams.latest(topics.POSE), streams.latest(topics.PARTICLES)
     if estimate is None:
         return [("position", "no data")]
-    rows = [("match", f"{percent(estimate.match)}, {estimate.state}")]
+    rows: list[tuple[str, ...]] = []
+    if estimate.pose is not None and estimate.map is not None:
+        rows.append(("pose", f"{pose_text(estimate.pose)}, {estimate.map}"))
+    rows.append(("match", f"{percent(estimate.match)}, {estimate.state}"))
     count = "particles not shown" if cloud is None else f"{len(cloud.weights) // 4} particles"
     rows.append(("particles", f"{count}, spread {estimate.spread:.2f} m"))
     if estimate.covariance is not None:

@@ -29,8 +29,8 @@ class Tiles:
         self._more = gui.add_html("")
         self._buttons: dict[str, Button] = {}
 
-    def show(self, icons: Mapping[str, str], lit: str | None) -> None:
-        """Show these, by name; `lit` is the one that stands out.
+    def show(self, icons: Mapping[str, str], lit: str | None, *, can: bool = True) -> None:
+        """Show these, by name; `lit` is the one that stands out, `can` whether they do anything.
 
         All are made anew where one comes or goes: who presses one that moves away in this moment
         presses nothing, and never its neighbour.
@@ -44,6 +44,7 @@ class Tiles:
         for name, button in self._buttons.items():
             button.icon = known_icon(shown[name]) or self._icon
             button.colour = "green" if name == lit else self._colour
+            button.disabled = not can
         num_left_out = len(icons) - len(shown)
         self._more.content = note(f"and {num_left_out} more") if num_left_out else ""
 

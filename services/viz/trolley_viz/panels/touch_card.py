@@ -78,6 +78,7 @@ class TouchCard:
         self._card.call(one.name or FLOOR, is_name=bool(one.name))
         self._about.content = note(self._words(view, one))
         self._go.visible = self._tour.visible = is_here
+        self._go.disabled = not view.can_go
         self._name.visible = self._save.visible = self._pose.visible = one.what == "floor"
         self._edit.visible = one.what in ("place", "zone")
         self._show.visible = is_other

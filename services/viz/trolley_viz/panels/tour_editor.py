@@ -159,6 +159,7 @@ class TourEditor:
         button = self._gui.add_button("")
         button.order = i
         button.on_press(lambda: self._choose(i))
+        button.on_move(lambda by: self._move(i, by))
         return button
 
     def _show_problems(self, editing: Editing, hints: Sequence[str]) -> None:
@@ -201,12 +202,24 @@ class TourEditor:
 
     def _choose(self, row_index: int) -> None:
         """Open the details of a row, or close them."""
-        editing = self.editing
-        if editing is None:
-            return
-        index = first_shown(len(editing.draft.points), editing.chosen) + row_index
-        if index < len(editing.draft.points):
+        editing, index = self.editing, self._index(row_index)
+        if editing is not None and index is not None:
             editing.chosen = None if editing.chosen == index else index
+
+    def _move(self, row_index: int, by: int) -> None:
+        """Put the point of a row earlier or later."""
+        editing, index = self.editing, self._index(row_index)
+        if editing is not None and index is not None:
+            self._is_leaving = False
+            editing.move(index, by)
+
+    def _index(self, row_index: int) -> int | None:
+        """The point that a row shows."""
+        if self.editing is None:
+            return None
+        num_points = len(self.editing.draft.points)
+        index = first_shown(num_points, self.editing.chosen) + row_index
+        return index if index < num_points else None
 
     def _arrange(self, action: str) -> None:
         editing = self.editing
@@ -215,8 +228,8 @@ class TourEditor:
         self._is_leaving = False
         if action == REMOVE:
             editing.remove()
-        else:
-            editing.move(-1 if action == UP else 1)
+        elif editing.chosen is not None:
+            editing.move(editing.chosen, -1 if action == UP else 1)
 
     def _change_point(self, before: Point, point: Point) -> None:
         """Change the chosen point, unless another was chosen while the change was on its way."""

@@ -31,7 +31,8 @@ from trolley.teleop import SOURCE as BY_HAND
 from trolley.topics import Topic
 from trolley_viz.past.record import LATELY, TRIP, Failure, Record
 from trolley_viz.robots.past_trips import has_failed
-from trolley_viz.robots.silence import SILENT_NS
+from trolley_viz.robots.placement import poses_between, seen_from
+from trolley_viz.robots.silence import AWAITED, SILENT_NS
 from trolley_viz.robots.streams import Streams
 from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, result_line
 from trolley_viz.situation import RobotState, situation
@@ -56,7 +57,7 @@ BEGINNING_S = 5.0
 """A trip that is younger when it is first heard of is recorded from its beginning [s]."""
 
 SILENT_START_NS = 2_000_000_000
-"""Until what is watched has come, nothing is said: it would be that services are not running."""
+"""Until what is watched has come, nothing is said: it would be that the robot is being asked."""
 STANDING_READ_NS = 2_000_000_000
 """Between two reads of the pose while the robot stands and has no goal."""
 STANDS_AFTER_NS = 5_000_000_000
@@ -110,8 +111,8 @@ class Recorder:
         self._epoch: int = 0
         """The run of the robot's base."""
         self._estimate: PoseEstimate | None = None
-        self._alive: dict[str, int] = {}
-        """When each service answered last [ns]."""
+        self._alive = dict.fromkeys(AWAITED, service.monotonic_ns)
+        """When each service answered last, or was first awaited [ns]."""
         self._health_due_ns = 0
         self._last_result: StopResult | None = None
         self._scanned_ns = 0
@@ -319,13 +320,10 @@ def placed_echoes(
     points_laser = ranges[beams, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points_base = base_T_laser.transform_points(points_laser)
     known_s = (rows["robot_ns"] - scan.stamp_ns) * 1e-9
-    columns = rows["x"], rows["y"], np.unwrap(rows["yaw"].astype(np.float64))
-    times_s = np.concatenate([[0.0], scan.time_increment * beams])
-    x, y, yaw = (np.interp(times_s, known_s, column) for column in columns)
-    origin = Pose2D(float(x[0]), float(y[0]), wrap_angle(float(yaw[0])))
-    cos, sin = np.cos(yaw[1:]), np.sin(yaw[1:])
-    ahead, left = points_base.T
-    return origin, np.stack([x[1:] + cos * ahead - sin * left, y[1:] + sin * ahead + cos * left], 1)
+    known = np.stack([rows[name].astype(np.float64) for name in ("x", "y", "yaw")], axis=1)
+    poses = poses_between(np.concatenate([[0.0], scan.time_increment * beams]), known_s, known)
+    x, y, yaw = poses[0].tolist()
+    return Pose2D(x, y, wrap_angle(yaw)), seen_from(poses[1:], points_base)
 
 
 def _has_moved(was: Pose2D | None, is_now: Pose2D | None) -> bool:

@@ -90,13 +90,7 @@ class Placement:
         points_base = base_T_laser.transform_points(points_laser)
         times_s = (scan.stamp_ns - self._odometry[-1].stamp_ns) * 1e-9 + scan.time_increment * beams
         odom_T_base = self._poses_at(times_s)
-        cos, sin = np.cos(odom_T_base[:, 2]), np.sin(odom_T_base[:, 2])
-        points_odom = np.empty_like(points_base)
-        with np.errstate(invalid="ignore"):
-            x, y = points_base[:, 0], points_base[:, 1]
-            points_odom[:, 0] = odom_T_base[:, 0] + cos * x - sin * y
-            points_odom[:, 1] = odom_T_base[:, 1] + sin * x + cos * y
-        return world_T_odom.transform_points(points_odom)
+        return world_T_odom.transform_points(seen_from(odom_T_base, points_base))
 
     def _base_T_laser(self, frame: str) -> Pose2D | None:
         try:
@@ -109,5 +103,23 @@ class Placement:
         newest_ns = self._odometry[-1].stamp_ns
         known_s = np.array([(one.stamp_ns - newest_ns) * 1e-9 for one in self._odometry])
         poses = np.array([[one.pose.x, one.pose.y, one.pose.yaw] for one in self._odometry])
-        poses[:, 2] = np.unwrap(poses[:, 2])
-        return np.stack([np.interp(times_s, known_s, poses[:, i]) for i in range(3)], axis=1)
+        return poses_between(times_s, known_s, poses)
+
+
+def poses_between(
+    times_s: NDArray[np.float64], known_s: NDArray[np.float64], poses: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the poses (n, 3) at times (n,) between known ones (k, 3) at their times (k,)."""
+    columns = poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2])
+    return np.stack([np.interp(times_s, known_s, column) for column in columns], axis=1)
+
+
+def seen_from(poses: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (n, 2), each as it is told from a pose of its own (n, 3), in their frame."""
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    placed = np.empty_like(points)
+    with np.errstate(invalid="ignore"):
+        ahead, left = points[:, 0], points[:, 1]
+        placed[:, 0] = poses[:, 0] + cos * ahead - sin * left
+        placed[:, 1] = poses[:, 1] + sin * ahead + cos * left
+    return placed

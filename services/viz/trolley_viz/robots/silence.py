@@ -1,29 +1,30 @@
 """Which services of a robot have fallen silent."""
 
-from trolley import topics
+from collections.abc import Mapping
+
 from trolley.messages import Health
-from trolley_viz.robots.view import View
 
 SILENT_NS = 4_000_000_000
 """A service that says nothing of its health for so long is not running."""
+AWAITED: tuple[str, ...] = ("localizer", "planner")
+"""Those without which a robot does not drive by itself: missed also if never heard."""
 
 
 class SilentServices:
-    """Watches the services of the robot that is shown."""
+    """Watches the services of one robot."""
 
     def __init__(self) -> None:
-        self._newest: dict[tuple[str, str], tuple[Health, int]] = {}
-        """By robot and service, and when it was first seen (local monotonic [ns])."""
+        self._newest: dict[str, tuple[Health | None, int]] = {}
+        """By service, and since when it is the newest (local monotonic [ns])."""
 
-    def update(self, view: View) -> frozenset[str]:
-        """Return those that have fallen silent."""
-        robot, now_ns = view.robot_name, view.now_ns
-        for (name,), one in view.streams.by_parts(topics.HEALTH).items():
-            before = self._newest.get((robot, name))
-            if before is None or before[0] is not one:
-                self._newest[robot, name] = (one, now_ns)
+    def update(self, newest: Mapping[str, Health], now_ns: int) -> frozenset[str]:
+        """Take the newest health of each; return who is silent, or was to be heard by now."""
+        for name in AWAITED:
+            self._newest.setdefault(name, (None, now_ns))
+        for name, health in newest.items():
+            before, _ = self._newest.get(name, (None, now_ns))
+            if before is not health:
+                self._newest[name] = (health, now_ns)
         return frozenset(
-            name
-            for (of, name), (_, since_ns) in self._newest.items()
-            if of == robot and now_ns - since_ns > SILENT_NS
+            name for name, (_, since_ns) in self._newest.items() if now_ns - since_ns > SILENT_NS
         )

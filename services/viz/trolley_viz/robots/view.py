@@ -31,11 +31,19 @@ class View:
     """The past trips, once somebody looks at them."""
     fleet: Sequence[Member] = ()
     """All robots, where there are several."""
+    silent: frozenset[str] = frozenset()
+    """Services that have fallen silent, or were never heard although they should have been."""
 
     @property
     def is_away(self) -> bool:
         """Whether the robot's clock is silent."""
         return self.robot_ns is None
+
+    @property
+    def can_go(self) -> bool:
+        """Whether its planner takes goals."""
+        has_planner = self.streams.latest(topics.GOAL) is not None and "planner" not in self.silent
+        return has_planner and not self.is_away
 
     @property
     def map(self) -> OccupancyGrid | None:

@@ -6,14 +6,14 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.messages import Robot
-from trolley_viz.graphics.shapes import arrow_outline, circle, closed_segments, flat, place, prism
+from trolley_viz.graphics.shapes import circle, closed_segments, place
 from trolley_viz.past.record import Picture
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_LABEL, Z_PATH, Z_SCAN
 from trolley_viz.scene.map_layers import CostmapLayer, GlobalCostmapLayer
 from trolley_viz.scene.other_robots import OthersLayer
 from trolley_viz.scene.pose_accuracy import CovarianceLayer, TruthLayer
-from trolley_viz.scene.robot_body import RobotLayer, body_height
+from trolley_viz.scene.robot_body import RobotLayer, add_body
 from trolley_viz.scene.routes import GoalLayer, PathLayer, TrajectoryLayer
 from trolley_viz.scene.scan_and_particles import CandidateLayer, ParticleLayer, ScanLayer
 from trolley_viz.scene.tours import TripLayer
@@ -93,20 +93,7 @@ class PastDrawing:
     def _build_ghost(self, robot: Robot | None) -> viser.FrameHandle:
         ghost = self._scene.add_frame("/past/ghost", show_axes=False)
         points = np.array(DEFAULT_FOOTPRINT if robot is None else robot.footprint)
-        height = body_height(points)
-        body = prism(0.97 * points, 0.03, height)
-        self._scene.add_mesh_simple(
-            "/past/ghost/body", *body, color=GHOST, opacity=GHOST_OPACITY, flat_shading=True
-        )
-        length = 0.62 * float(np.ptp(points[:, 0]))
-        arrow = self._scene.add_mesh_simple(
-            "/past/ghost/heading",
-            *flat(arrow_outline(length, 0.6 * float(np.ptp(points, axis=0).min()))),
-            color=(255, 255, 255),
-            side="double",
-            cast_shadow=False,
-        )
-        place(arrow, Pose2D(float(points[:, 0].mean()) - 0.5 * length, 0.0, 0.0), height + 0.006)
+        add_body(self._scene, "/past/ghost", points, GHOST, GHOST_OPACITY)
         return ghost
 
     def _draw_track(self, track: NDArray[np.float32] | None) -> None:

@@ -88,20 +88,7 @@ class RobotLayer(Layer):
         points = np.array(robot.footprint)
         size = float(np.ptp(points, axis=0).min())
         height = body_height(points)
-        vertices, faces = prism(0.97 * points, 0.03, height)
-        self._body = self.scene.add_mesh_simple(
-            self.path("base_link/body"), vertices, faces, color=AWAY_COLOUR, flat_shading=True
-        )
-        length = 0.62 * float(np.ptp(points[:, 0]))
-        arrow = self.scene.add_mesh_simple(
-            self.path("base_link/heading"),
-            *flat(arrow_outline(length, 0.6 * size)),
-            color=(255, 255, 255),
-            side="double",
-            cast_shadow=False,
-        )
-        middle = 0.5 * (points[:, 0].max() + points[:, 0].min())
-        place(arrow, Pose2D(middle - 0.5 * length, 0.0, 0.0), height + 0.006)
+        self._body, arrow = add_body(self.scene, self.path("base_link"), points, AWAY_COLOUR)
         self._parts += [self._body, arrow]
         laser = view.placement.tree.link("laser")
         if laser is not None and laser.parent == BASE:
@@ -111,6 +98,35 @@ class RobotLayer(Layer):
             )
             place(drum, laser.pose, height + 0.025)
             self._parts.append(drum)
+
+
+def add_body(
+    scene: viser.SceneApi,
+    path: str,
+    footprint: NDArray[np.float64],
+    colour: tuple[int, int, int],
+    opacity: float | None = None,
+) -> tuple[viser.MeshHandle, viser.MeshHandle]:
+    """Raise a footprint (n, 2) [m] below a frame, with an arrow on top; returns body and arrow."""
+    size, height = float(np.ptp(footprint, axis=0).min()), body_height(footprint)
+    body = scene.add_mesh_simple(
+        f"{path}/body",
+        *prism(0.97 * footprint, 0.03, height),
+        color=colour,
+        opacity=opacity,
+        flat_shading=True,
+    )
+    length = 0.62 * float(np.ptp(footprint[:, 0]))
+    arrow = scene.add_mesh_simple(
+        f"{path}/heading",
+        *flat(arrow_outline(length, 0.6 * size)),
+        color=(255, 255, 255),
+        side="double",
+        cast_shadow=False,
+    )
+    middle = 0.5 * float(footprint[:, 0].max() + footprint[:, 0].min())
+    place(arrow, Pose2D(middle - 0.5 * length, 0.0, 0.0), height + 0.006)
+    return body, arrow
 
 
 def body_height(footprint: NDArray[np.float64]) -> float:

@@ -89,11 +89,11 @@ def _robots(view: View, point: Point) -> Iterator[tuple[str, float]]:
         radius = max((math.hypot(x, y) for x, y in outline), default=ROBOT_M)
         yield view.robot_name, max(math.dist((here.x, here.y), point) - radius, 0.0)
     for one in view.fleet:
-        pose = None if one.pose is None or view.map is None else one.pose.pose
-        if one.name != view.robot_name and pose is not None and one.pose is not None:
-            is_here = view.map is not None and one.pose.map == view.map.name
-            if is_here:
-                yield one.name, max(math.dist((pose.x, pose.y), point) - ROBOT_M, 0.0)
+        told, grid = one.pose, view.map
+        if one.name == view.robot_name or told is None or told.pose is None or grid is None:
+            continue
+        if told.map == grid.name:
+            yield one.name, max(math.dist((told.pose.x, told.pose.y), point) - ROBOT_M, 0.0)
 
 
 def _places(view: View, point: Point) -> Iterator[tuple[str, float]]:

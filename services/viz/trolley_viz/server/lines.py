@@ -41,7 +41,7 @@ class Line:
     ) -> None:
         self.key = key
         self.visitor = visitor
-        self._socket = socket
+        self.socket = socket
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[Told] = deque()
@@ -71,7 +71,7 @@ class Line:
                 self._has_some.clear()
                 while self._waiting and not self._is_closing:
                     told = msgspec.json.encode(self._waiting.popleft())
-                    await self._socket.send_str(told.decode())
+                    await self.socket.send_str(told.decode())
         self._transport.abort()
 
     def _wake(self) -> None:
@@ -100,18 +100,12 @@ class Lines:
         self._opened, self._heard, self._closed = opened, heard, closed
         self._open: set[Line] = set()
 
-    async def serve(
-        self,
-        socket: web.WebSocketResponse,
-        transport: asyncio.Transport,
-        key: str,
-        visitor: Visitor,
-    ) -> None:
+    async def serve(self, line: Line) -> None:
         """Listen to one page until it is gone."""
+        socket = line.socket
         if len(self._open) >= MAX_LINES:
             await socket.close(code=TOO_MANY, message=b"too many pages are open")
             return
-        line = Line(socket, transport, key, visitor)
         self._open.add(line)
         self._post(lambda: self._opened(line))
         writer = asyncio.create_task(line.write())

@@ -41,13 +41,17 @@ class Room:
 
 
 def room_of(transport: asyncio.Transport) -> Room:
-    """Return what a TCP connection has to spare, by what its other end has confirmed."""
+    """Return what a TCP connection has to spare, by what its other end has confirmed.
+
+    May be called on another thread than that which closes it.
+    """
     connection = cast("socket.socket", transport.get_extra_info("socket"))
-    if connection.fileno() < 0:  # it is being closed
+    try:
+        answer = fcntl.ioctl(connection, termios.TIOCOUTQ, struct.pack("i", 0))
+        info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)
+    except (OSError, ValueError):  # it is closed, or being closed: nothing waits any more
         return Room(0, 0.0)
-    answer = fcntl.ioctl(connection.fileno(), termios.TIOCOUTQ, struct.pack("i", 0))
     (unconfirmed,) = struct.unpack("i", answer)
-    info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)
     rate = 0
     if len(info) == TCP_INFO_BYTES:
         (rate,) = struct.unpack_from("Q", info, DELIVERY_RATE_AT)

@@ -32,7 +32,7 @@ from trolley_viz.graphics.icons import icon_svg
 from trolley_viz.languages.catalogue import ENGLISH, catalogues, known_language
 from trolley_viz.languages.translator import translator_of
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
-from trolley_viz.server.lines import Lines
+from trolley_viz.server.lines import Line, Lines
 from trolley_viz.server.scene_link import SceneLink
 from trolley_viz.server.sending import wait_for_room
 
@@ -201,14 +201,14 @@ class WebServer:
         if not _wants_socket(request):
             raise web.HTTPUpgradeRequired
         # The first word is all controls: five times as much without compression.
-        line = web.WebSocketResponse(max_msg_size=MAX_LINE_BYTES, compress=True)
-        await line.prepare(request)
+        socket = web.WebSocketResponse(max_msg_size=MAX_LINE_BYTES, compress=True)
+        await socket.prepare(request)
         _keep_backlog_short(request)
         transport, visitor = request.transport, request[DECISION].visitor
         if transport is not None and visitor is not None:
             key = request.query.get("page", "")[:MAX_KEY]
-            await self._lines.serve(line, transport, key, visitor)
-        return line
+            await self._lines.serve(Line(socket, transport, key, visitor))
+        return socket
 
     async def _pass_to_scene(self, request: web.Request) -> web.StreamResponse:
         if _wants_socket(request):

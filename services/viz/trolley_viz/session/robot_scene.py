@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import viser
 
-from trolley import requests
+from trolley import requests, topics
 from trolley.messages import Robot
 from trolley.messages.request_params import AskHistory
 from trolley.runtime.service import Service
@@ -17,6 +17,7 @@ from trolley_viz.overlays.readings import Readings
 from trolley_viz.robots.fleet import Member, Robots
 from trolley_viz.robots.past_trips import Answered, PastTrips
 from trolley_viz.robots.placement import Placement
+from trolley_viz.robots.silence import SilentServices
 from trolley_viz.robots.streams import Streams
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import map_bounds
@@ -45,6 +46,7 @@ class RobotScene:
         )
         self.scene = Scene(server, robot)
         self.overlays = OverlaySet(follow_values(service, robot))
+        self._silence = SilentServices()
         self._epoch = 0
         self._seen_map = ""
 
@@ -85,11 +87,20 @@ class RobotScene:
         """
         if epoch != self._epoch:
             self._epoch = epoch
+            self._silence = SilentServices()
             self.streams.drop_all()
             self.scene.forget()
             self.overlays.drop_all()
         self.streams.follow(self.scene.wanted(shown))
-        self.view = replace(self.view, robot=robot, now_ns=now_ns, robot_ns=robot_ns, fleet=fleet)
+        health = {name: one for (name,), one in self.streams.by_parts(topics.HEALTH).items()}
+        self.view = replace(
+            self.view,
+            robot=robot,
+            now_ns=now_ns,
+            robot_ns=robot_ns,
+            fleet=fleet,
+            silent=self._silence.update(health, now_ns),
+        )
         self.view.place_frames()
         self.scene.update(self.view, shown)
         if OverlayLayer.key in shown:

@@ -330,7 +330,7 @@ class Session:
         layers, view = self.layers(), self.view
         self.drags.tick()
         self._tick_past()
-        self.aiming.request_preview()
+        self.aiming.tick()
         if self.scene is not None and self._viewport is not None:
             hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
             hidden |= HIDDEN if self.past.is_past else set[str]()

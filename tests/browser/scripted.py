@@ -1,0 +1,95 @@
+"""A viewer that tells a page what a test wants, without a robot."""
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from playwright.sync_api import Browser, Page
+from support.waiting import wait_until
+
+from trolley.config import VizConfig
+from trolley_viz.controls.controls import Controls
+from trolley_viz.sentences import StatusLine
+from trolley_viz.server.access import AccessControl, AccessTokens
+from trolley_viz.server.lines import Line, Lines
+from trolley_viz.server.messages import PROTOCOL, Hello, PageState, Said, Told
+from trolley_viz.server.web_server import BUILD, WebServer, close_scene, open_scene
+
+from .conftest import open_page
+
+
+@dataclass
+class Viewer:
+    """A viewer that tells a page what a test wants."""
+
+    url: str
+    lines: list[Line] = field(default_factory=list)
+    said: list[tuple[Line, Said]] = field(default_factory=list)
+
+    def greet(self) -> None:
+        """Open the newest line, and tell nothing yet."""
+        hello = Hello(protocol=PROTOCOL, build=BUILD, may_drive=True)
+        self.lines[-1].send(Told(hello=hello, beat_ms=1000.0))
+
+    def tell(self, *names: str) -> list[int]:
+        """Tell everything anew, with a button for each name; return their numbers."""
+        controls = Controls()
+        buttons = [controls.add_button(name) for name in names]
+        self.tell_controls(controls)
+        return [button.id for button in buttons]
+
+    def tell_controls(self, controls: Controls) -> None:
+        """Tell everything anew."""
+        state = PageState(robot="r", title="r", sentence=StatusLine("Ready.", "good"), lines=[])
+        self.lines[-1].send(Told(state=state, controls=controls.take_changes()))
+
+    def is_heard(self) -> bool:
+        """Whether the page has answered on the newest line."""
+        return any(line is self.lines[-1] for line, _ in self.said)
+
+    def pressed(self) -> list[int]:
+        return [said.press.control for _, said in self.said if said.press is not None]
+
+    def beat(self, is_over: threading.Event) -> None:
+        """Let the page know all the time that it lives."""
+        while not is_over.wait(0.3):
+            for line in self.lines[-1:]:
+                line.send(Told(beat_ms=1000.0))
+
+
+@contextmanager
+def scripted_viewer() -> Iterator[Viewer]:
+    """A viewer without a robot."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    viewer = Viewer(f"http://127.0.0.1:{port}/")
+    scene = open_scene()
+    access = AccessControl(port, (), always_ask=False, tokens=AccessTokens.new())
+    lines = Lines(
+        lambda call: call(),
+        viewer.lines.append,
+        lambda line, said: viewer.said.append((line, said)),
+        lambda _: None,
+    )
+    web = WebServer(VizConfig(port=port), access, lines, scene)
+    is_over = threading.Event()
+    beats = threading.Thread(target=viewer.beat, args=(is_over,))
+    beats.start()
+    yield viewer
+    is_over.set()
+    beats.join()
+    web.close()
+    close_scene(scene)
+
+
+@contextmanager
+def page_of(browser: Browser, viewer: Viewer) -> Iterator[Page]:
+    """A page that has called it."""
+    page = open_page(browser, 1000, 600)
+    page.goto(viewer.url)
+    wait_until(lambda: bool(viewer.lines), "the page calls")
+    yield page
+    page.context.close()

@@ -1,0 +1,67 @@
+"""A page whose viewer comes back as another: what it shows is old until it was told anew."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+from support.waiting import wait_until
+
+from .scripted import Viewer, page_of, scripted_viewer
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module", autouse=True)
+def settled() -> None:
+    """No robot is here."""
+
+
+@pytest.fixture
+def viewer() -> Iterator[Viewer]:
+    with scripted_viewer() as viewer:
+        yield viewer
+
+
+@pytest.fixture
+def page(browser: Browser, viewer: Viewer) -> Iterator[Page]:
+    with page_of(browser, viewer) as page:
+        yield page
+
+
+def come_back_as_another(page: Page, viewer: Viewer) -> None:
+    """Hang up and greet it when it calls again."""
+    known = len(viewer.lines)
+    viewer.lines[-1].close()
+    expect(page.locator("body")).to_have_attribute("data-line", "lost")
+    wait_until(lambda: len(viewer.lines) > known, "the page calls again")
+    viewer.greet()
+    wait_until(viewer.is_heard, "the page has heard the greeting")
+
+
+def test_what_the_viewer_before_offered_cannot_be_pressed(page: Page, viewer: Viewer) -> None:
+    viewer.greet()
+    first = viewer.tell("start", "kitchen")
+    expect(page.get_by_role("button", name="kitchen")).to_be_enabled()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    viewer.said.clear()
+    come_back_as_another(page, viewer)
+    # The same number means another place now.
+    page.get_by_role("button", name="start", include_hidden=True).evaluate("it => it.click()")
+    second = viewer.tell("kitchen", "start")
+    assert first == second
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    page.get_by_role("button", name="start").click()
+    wait_until(lambda: bool(viewer.pressed()), "what is pressed arrives")
+    assert viewer.pressed() == second[1:]
+
+
+def test_stop_does_not_wait_for_what_the_viewer_has_to_tell(page: Page, viewer: Viewer) -> None:
+    viewer.greet()
+    viewer.tell("start")
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    viewer.said.clear()
+    come_back_as_another(page, viewer)
+    known = len(viewer.lines)
+    page.locator("#stop").click()
+    wait_until(lambda: any(said.stop is not None for _, said in viewer.said), "Stop arrives")
+    assert len(viewer.lines) == known
