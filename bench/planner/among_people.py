@@ -113,8 +113,8 @@ def ahead(seed: int) -> Scene:
     def crowd() -> Crowd:
         return Crowd(Paths((way,)), PERSON_M, legs=seed % 2 == 1)
 
-    # The robot may stand on its goal as soon as the person has left it behind.
-    return replace(corridor(width), crowd=crowd, least_s=(7.5 - begin) / AHEAD_MPS)
+    # The robot may stand on its goal as soon as the person has left it 0.6 m behind.
+    return replace(corridor(width), crowd=crowd, least_s=(7.5 + 0.6 - begin) / AHEAD_MPS)
 
 
 def in_the_door(seed: int) -> Scene:

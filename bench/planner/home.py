@@ -63,10 +63,10 @@ A row is met if enough drives succeed, none of them took longer than wanted, and
 never closed in. A drive fails that does not reach all its goals within 120 s each, stands elsewhere
 than it says, or touches anything. People walk on through a robot that is in their way: each contact
 counts once, `moving` or `standing` (slower than 0.02 m/s), and as the robot's own fault (`closed`)
-where it came nearer by more than 0.1 m/s. `near`: share of the time with somebody's body within
-0.45 m of the footprint. Each failure is drawn into out/home/: walls grey, the map's cells light,
-the robot once a second from blue (early) to red (late), goals green, people small dots, contacts
-rings.
+where it came nearer by more than 0.1 m/s. `way`: metres driven, as a multiple of those without
+people. `near`: share of the time with somebody's body within 0.45 m of the footprint. Each failure
+is drawn into out/home/: walls grey, the map's cells light, the robot once a second from blue
+(early) to red (late), goals green, people small dots, contacts rings.
 """
 
 import argparse
@@ -113,7 +113,7 @@ def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
     if row in STATIC:
         visit.ideal_s = scene.ideal_s()
     else:
-        visit.ideal_s = empty_s(replace(scene, crowd=None), seed, setting)
+        visit.ideal_s, visit.ideal_m = empty(replace(scene, crowd=None), seed, setting)
     if given.draw_all or not visit.is_success:
         OUT.mkdir(parents=True, exist_ok=True)
         label = "".join(sign if sign.isalnum() else "-" for sign in name)
@@ -123,10 +123,12 @@ def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
 
 
 @functools.lru_cache(maxsize=256)
-def empty_s(scene: Scene, seed: int, setting: Setting) -> float:
-    """Time without people [s], at least what they take themselves; NaN: not even then."""
+def empty(scene: Scene, seed: int, setting: Setting) -> tuple[float, float]:
+    """Time [s] and way [m] without people; no less time than they take; NaN: not even then."""
     visit = drive(scene, seed, setting)
-    return max(visit.seconds, scene.least_s) if visit.is_success else math.nan
+    if not visit.is_success:
+        return math.nan, math.nan
+    return max(visit.seconds, scene.least_s), visit.driven_m
 
 
 def main() -> None:
@@ -185,7 +187,7 @@ def arguments() -> argparse.Namespace:
 
 COMMON_HEADS = ("", "reached", "time/ideal", "worst", "wanted", "", "recoveries", "closest m")
 PLACE_HEADS = (*COMMON_HEADS, "contacts", "why not")
-PEOPLE_HEADS = (*COMMON_HEADS, "moving", "standing", "closed", "per km", "near", "why not")
+PEOPLE_HEADS = (*COMMON_HEADS, "way", "moving", "standing", "closed", "per km", "near", "why not")
 
 
 def common_cells(row: Row, visits: Sequence[Visit]) -> list[str]:
@@ -225,11 +227,13 @@ def people_cells(row: Row, visits: Sequence[Visit]) -> list[str]:
     """A row of the table of people."""
     hits = [hit for visit in visits for hit in visit.hits]
     driven_km = 1e-3 * sum(visit.driven_m for visit in visits)
+    ways = [visit.driven_m / visit.ideal_m for visit in visits if visit.is_success]
     why = [reasons(visits)]
     if row.group == "movers":
         why.append(f"blind {sum(is_free_blindly(row.scene(v.seed)) for v in visits)}/{len(visits)}")
     return [
         *common_cells(row, visits),
+        f"{np.mean(ways):.2f}" if ways else "-",
         str(sum(visit.num_hits(moving=True) for visit in visits)),
         str(sum(visit.num_hits(moving=False) for visit in visits)),
         str(sum(hit.is_by_robot for hit in hits)),

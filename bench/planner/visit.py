@@ -144,6 +144,8 @@ class Visit:
     seconds: float = 0.0
     ideal_s: float = math.nan
     driven_m: float = 0.0
+    ideal_m: float = math.nan
+    """Driven without people [m]."""
     recoveries: int = 0
     touched: int = 0
     """Contacts with walls and things."""

@@ -7,7 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from trolley_planner.costmap.inflation import UNKNOWN, WALL, CostmapLayers, compose_into
+from trolley.gridmap.distance import distance_transform
+from trolley_planner.costmap.inflation import (
+    UNKNOWN,
+    WALL,
+    CostmapLayers,
+    compose_into,
+    replace_mask,
+    update_distances,
+)
 from trolley_planner.costmap.obstacle_layer import (
     OBSTACLES,
     ObstacleGrid,
@@ -57,6 +65,27 @@ def test_a_cell_is_blocked_by_any_layer(seed: int, unknown_blocks: bool) -> None
         expected |= (kinds == UNKNOWN) & (observed == 0)
     box = expected[first_row : first_row + mask.shape[0], first_col : first_col + mask.shape[1]]
     np.testing.assert_array_equal(mask, box)
+
+
+@given(SEEDS, st.floats(0.0, 0.3), st.integers(0, 6), st.sampled_from([0.31, 0.5, 4.0]))
+def test_distances_after_a_few_changes_are_those_computed_anew(seed, share, count, limit_m) -> None:
+    rng = np.random.default_rng(seed)
+    mask = (rng.random((30, 41)) < share).astype(np.uint8)
+    distance_m = distance_transform(mask, 0.1, limit_m)
+    for _ in range(3):
+        first = int(rng.integers(0, 10)), int(rng.integers(0, 10))
+        before, box = mask.copy(), mask[first[0] : 25, first[1] : 38].copy()
+        for _ in range(count):
+            box[rng.integers(box.shape[0]), rng.integers(box.shape[1])] ^= 1
+        flipped = replace_mask(mask, box, first)
+        np.testing.assert_array_equal(flipped, np.argwhere(mask != before))
+        np.testing.assert_array_equal(mask[first[0] : 25, first[1] : 38], box)
+        old_m = distance_m.copy()
+        boxes = update_distances(distance_m, mask, flipped, 0.1, limit_m)
+        np.testing.assert_array_equal(distance_m, distance_transform(mask, 0.1, limit_m))
+        for row, end, col, end_col in boxes:
+            old_m[row:end, col:end_col] = distance_m[row:end, col:end_col]
+        np.testing.assert_array_equal(distance_m, old_m)
 
 
 def cells_along(x: float, y: float, angle: float, start: float, end: float) -> set[tuple[int, int]]:

@@ -13,8 +13,23 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap.kernels import interpolate
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
-from trolley_planner.control.rollout import advance, caution_speed, followed, moved
-from trolley_planner.costmap.footprint import FEW_DO_M, Footprint
+from trolley_planner.control.proximity import proximity_cost
+from trolley_planner.control.rollout import (
+    CRITICS,
+    ROLLOUT,
+    Scene,
+    Target,
+    advance,
+    allowed_speed,
+    caution_speed,
+    cost_at,
+    followed,
+    moved,
+    rollouts_into,
+    step_cost,
+    terminal_cost,
+)
+from trolley_planner.costmap.footprint import FEW_DO_M, Footprint, clearance_turned
 
 CONFIG = PlannerConfig()
 FOOTPRINT = Footprint.from_polygon([(0.3, 0.2), (-0.25, 0.2), (-0.25, -0.2), (0.3, -0.1)])
@@ -45,6 +60,67 @@ def test_clearance_is_exact_near_things_and_to_two_centimetres_elsewhere(place) 
         assert found == pytest.approx(plain, abs=1e-6)
     else:  # an obstacle within the outline counts for more than one on it
         assert found <= plain + 1e-6
+
+
+def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> float:
+    """One control sequence, step by step."""
+    field, body, limits, target = scene
+    x, y, yaw, v, w = (float(value) for value in start)
+    turned = math.cos(yaw), math.sin(yaw)
+    enough = max(limits.caution_m, CRITICS.near_m)
+    clearance = clearance_turned(field, body, (x, y), turned, enough)
+    floor = min(limits.clearance_m, clearance - ROLLOUT.same_clearance_m)
+    walked = body.few_points, body.inscribed_m, body.circumscribed_m
+    cost, steps = 0.0, len(controls)
+    for step in range(steps):
+        allowed = allowed_speed(field, limits, x, y, clearance)
+        before = v, w
+        wanted = float(controls[step, 0]), float(controls[step, 1])
+        v, w = followed(v, w, wanted, limits, allowed)
+        controls[step] = v, w
+        x, y, *turned = moved(x, y, tuple(turned), (v, w), limits.dt)
+        place, turned = (x, y), tuple(turned)
+        clearance = clearance_turned(field, body, place, turned, enough)
+        near = 0.0
+        if len(field.walkers) + len(field.robots):
+            then = place, turned, (step + 1) * limits.dt
+            near = proximity_cost(field.walkers, field.robots, walked, then, v)
+        if clearance < floor or near == math.inf:
+            return cost + ROLLOUT.collision_cost + steps - step + cost_at(field, x, y)
+        cost += CRITICS.proximity * near * limits.dt
+        cost += step_cost((v, w), before, clearance, limits.dt)
+        if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius**2:
+            left = (steps - 1 - step) * limits.dt
+            return cost - (left * limits.max_speed if target.goes_on else 0.0)
+    return cost + terminal_cost(field, (x, y), turned, target)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), places, st.booleans(), st.booleans(), st.sampled_from([1, 7, 300]))
+def test_side_by_side_they_cost_what_each_costs_alone(seed, place, busy, goes_on, count) -> None:
+    rng = np.random.default_rng(seed)
+    local = RIG.local_costmap
+    local.update(place[0], place[1])
+    local.compute_cost_to_go(np.array([[3.0, 1.0], [4.0, 1.2]]), np.array([1.0, 0.0]))
+    field = local.field
+    if busy:
+        walkers = np.column_stack([rng.uniform(1.0, 4.5, (3, 2)), rng.normal(0.0, 0.7, (3, 2))])
+        walkers = np.column_stack([walkers, np.full((3, field.walkers.shape[1] - 4), 0.2)])
+        discs = np.concatenate([rng.uniform(1.0, 4.5, (2, 9, 2)), np.full((2, 9, 1), 0.2)], axis=2)
+        zones = np.full(RIG.costmap.shape, np.inf, dtype=np.float32)
+        zones[:50] = 0.2
+        field = field._replace(walkers=walkers, robots=discs, speed_mps=zones)
+    limits = limits_of(CONFIG, 0.8, 1.5, 1.0)
+    target = Target(place[0] + 0.8, place[1], 0.2, goes_on)
+    scene = Scene(field, local.body, limits, target)
+    controls = rng.normal(0.0, 0.8, (count, 15, 2))
+    controls[:, :, 0] += rng.uniform(-0.2, 0.8)
+    start = np.array([*place, rng.uniform(-0.2, 0.6), rng.normal(0.0, 0.5)])
+    together, costs = controls.copy(), np.empty(count)
+    rollouts_into(costs, together, start, scene)
+    for index in range(0, count, 3):
+        assert plain_rollout(controls[index], start, scene) == costs[index]
+        np.testing.assert_array_equal(controls[index], together[index])
 
 
 @given(places, st.floats(-2.0, 2.0), st.floats(-3.0, 3.0))

@@ -355,7 +355,7 @@ class Navigator:
         now = now_ns or 0
         check_frame(params.frame, self.inputs)
         check_state(self.inputs, now)
-        context, here = self._context_and_pose(now)
+        context, here = self._context_and_pose(now, ())
         person = pick_person(self._tracks(context), here, params.point)
         if person is None:
             raise Refused(codes.NOBODY)
@@ -424,8 +424,8 @@ class Navigator:
         check_state(self.inputs, now)
         if self._following is not None and self._following.is_lost(now):
             raise Refused(codes.PERSON_LOST)
-        context, here = self._context_and_pose(now)
         left = goal if self.execution is None else self.execution.remaining_goal()
+        context, here = self._context_and_pose(now, (*left.vias, left.pose))
         self._set_off(validate(left, context, here, self._config), context, now)
         return self.status(now)
 
@@ -439,19 +439,22 @@ class Navigator:
         """
         pose = goal_pose(params, self.inputs)
         check_state(self.inputs, now_ns)
-        context, here = self._context_and_pose(now_ns)
+        vias = tuple(via.wrapped() for via in params.via)
+        context, here = self._context_and_pose(now_ns, (*vias, pose))
         goal = Goal(
             params.id or new_id,
             pose,
-            tuple(via.wrapped() for via in params.via),
+            vias,
             Tolerances(params.xy_tolerance, params.yaw_tolerance),
             params.speed,
             now_ns,
         )
         return validate(goal, context, here, self._config), context
 
-    def _context_and_pose(self, now_ns: int) -> tuple[PlanningContext, Pose2D]:
-        """Return what to plan with and where the robot is.
+    def _context_and_pose(
+        self, now_ns: int, goals: Sequence[Pose2D]
+    ) -> tuple[PlanningContext, Pose2D]:
+        """Return what to plan with, made for these goals, and where the robot is.
 
         Raises:
             Refused: either is not known.
@@ -459,7 +462,7 @@ class Navigator:
         here = self.inputs.base_pose()
         if here is None:
             raise Refused(codes.NOT_LOCALIZED)
-        self._rebuild_costmap(now_ns)
+        self._rebuild_costmap(now_ns, goals)
         return self.costmap_manager.require_context(), here
 
     def _set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
@@ -477,10 +480,13 @@ class Navigator:
             self.execution.update(motion, now_ns)
         self._report("driving", "", now_ns)
 
-    def _rebuild_costmap(self, now_ns: int) -> None:
+    def _rebuild_costmap(self, now_ns: int, goals: Sequence[Pose2D] = ()) -> None:
         """Make the costmap anew if map, zones or robot changed, and plan on it."""
         manager, execution = self.costmap_manager, self.execution
-        if not manager.rebuild():
+        left = None
+        if execution is not None and self.board.is_active:
+            left = execution.remaining_goal()
+        if not manager.rebuild([*goals, *((*left.vias, left.pose) if left else ())]):
             return
         if execution is None or not self.board.is_active:
             self.execution = None

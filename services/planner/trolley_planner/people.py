@@ -8,17 +8,16 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.jit import kernel
 from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 
 
-@dataclass(frozen=True, slots=True)
-class PeopleTrackerParams:
+class PeopleTrackerParams(NamedTuple):
     """Who counts as moving; found by hand in simulated drives among people."""
 
     sight_m: float = 3.5
@@ -233,20 +232,7 @@ def _view_of(
     last: _View | None,
 ) -> _View:
     """Return what is kept of a scan."""
-    angles = np.unwrap(np.arctan2(beams[:, DY], beams[:, DX]))
-    width = max(
-        1, round(TRACKING.beside_rad * (len(beams) - 1) / max(float(angles[-1] - angles[0]), 1e-3))
-    )
-    padded = np.pad(beams[:, CLEAR], width, mode="edge")
-    clear_m = np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1).min(axis=1)
-    echo = beams[:, ECHO]
-    seen = beams[(echo > 0.0) & (echo < TRACKING.sight_m)]
-    points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
-    cells = np.floor(points / edge_m).astype(np.int64)
-    rows, cols = wall_distance_m.shape
-    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < cols) & (cells[:, 1] < rows)
-    points, cells = points[inside], cells[inside]
-    loose = points[wall_distance_m[cells[:, 1], cells[:, 0]] > TRACKING.wall_m]
+    angles, clear_m, loose = take_apart(beams, wall_distance_m, edge_m)
     origin = beams[:, [X, Y]].mean(axis=0)
     segments = _segments(loose)
     tracks, origins = _tracks(stamp_ns, segments, last)
@@ -350,12 +336,22 @@ def _with_both_legs(segments: list[Floats]) -> list[Floats]:
     return joined
 
 
+@kernel
 def _gap(one: Floats, other: Floats) -> float:
-    return float(np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min())
+    """Return the least distance between points (n, 2) and others (m, 2)."""
+    least = math.inf
+    for index in range(one.shape[0]):
+        for beside in range(other.shape[0]):
+            dx, dy = one[index, 0] - other[beside, 0], one[index, 1] - other[beside, 1]
+            least = min(least, math.hypot(dx, dy))
+    return least
 
 
+@kernel
 def _size(points: Floats) -> float:
-    return float(np.hypot(*(points.max(axis=0) - points.min(axis=0))))
+    """Return the diagonal of the box around points (n, 2)."""
+    width = points[:, 0].max() - points[:, 0].min()
+    return math.hypot(width, points[:, 1].max() - points[:, 1].min())
 
 
 def _person(
@@ -392,13 +388,82 @@ def _left(track: Floats, view: _View) -> bool:
 
 def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:
     """Say of points (n, 2) whether beams of an earlier scan passed there."""
-    offset = points - view.origin
-    turned = (np.arctan2(offset[:, 1], offset[:, 0]) - view.angles[0]) % (2.0 * math.pi)
-    after = np.asarray(np.searchsorted(view.angles - view.angles[0], turned), dtype=np.int64)
-    last = len(view.angles) - 1
-    clear_m = np.minimum(view.clear_m[np.minimum(after, last)], view.clear_m[after - 1])
-    seen = (after > 0) & (after <= last) | (turned > 2.0 * math.pi - TRACKING.beside_rad)
-    return seen & (clear_m > np.hypot(offset[:, 0], offset[:, 1]) + TRACKING.past_m)
+    return were_passed(points, view.origin, view.angles, view.clear_m)
+
+
+@kernel
+def take_apart(
+    beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return the angles of beams, how far all about each are free, and echoes not on the map.
+
+    Args:
+        beams: (n, 6) columns: sensing.beams.
+        wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
+        edge_m: edge of these cells.
+
+    Returns:
+        (n,) rising [rad], (n,) [m], and (k, 2) [m].
+    """
+    count, (rows, cols) = beams.shape[0], wall_distance_m.shape
+    angles, clear_m, loose = np.empty(count), np.empty(count), np.empty((count, 2))
+    turns, num_loose = 0.0, 0
+    for beam in range(count):
+        angle = math.atan2(beams[beam, DY], beams[beam, DX])
+        if beam > 0:
+            step = angle + turns - angles[beam - 1]
+            turns -= 2.0 * math.pi * math.floor((step + math.pi) / (2.0 * math.pi))
+        angles[beam] = angle + turns
+        echo = beams[beam, ECHO]
+        if not 0.0 < echo < TRACKING.sight_m:
+            continue
+        x, y = beams[beam, X] + echo * beams[beam, DX], beams[beam, Y] + echo * beams[beam, DY]
+        row, col = math.floor(y / edge_m), math.floor(x / edge_m)
+        inside = 0 <= row < rows and 0 <= col < cols
+        if inside and wall_distance_m[row, col] > TRACKING.wall_m:
+            loose[num_loose, 0], loose[num_loose, 1] = x, y
+            num_loose += 1
+    spread = max(angles[-1] - angles[0], 1e-3)
+    width = max(1, round(TRACKING.beside_rad * (count - 1) / spread))
+    for beam in range(count):
+        least = beams[beam, CLEAR]
+        for near in range(max(beam - width, 0), min(beam + width + 1, count)):
+            least = min(least, beams[near, CLEAR])
+        clear_m[beam] = least
+    return angles, clear_m, loose[:num_loose].copy()
+
+
+@kernel
+def were_passed(
+    points: Floats, origin: Floats, angles: Floats, clear_m: Floats
+) -> NDArray[np.bool_]:
+    """Say of points (n, 2) whether beams from a place passed there.
+
+    Args:
+        points: [m].
+        origin: (2,) of the beams [m].
+        angles: (m,) of the beams, rising [rad].
+        clear_m: (m,) how far all beams about each are free.
+    """
+    passed, last = np.empty(points.shape[0], np.bool_), angles.shape[0] - 1
+    for index in range(points.shape[0]):
+        dx, dy = points[index, 0] - origin[0], points[index, 1] - origin[1]
+        turned = (math.atan2(dy, dx) - angles[0]) % (2.0 * math.pi)
+        # The first beam at this angle or beyond.
+        low, after = 0, last + 1
+        while low < after:
+            middle = (low + after) // 2
+            if angles[middle] - angles[0] < turned:
+                low = middle + 1
+            else:
+                after = middle
+        is_between = 0 < after <= last
+        if not is_between and turned <= 2.0 * math.pi - TRACKING.beside_rad:
+            passed[index] = False
+            continue
+        free_m = min(clear_m[min(after, last)], clear_m[after - 1 if after > 0 else last])
+        passed[index] = free_m > math.hypot(dx, dy) + TRACKING.past_m
+    return passed
 
 
 SAME_M = 0.15

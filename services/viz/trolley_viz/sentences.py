@@ -200,7 +200,9 @@ def result_line(result: StopResult) -> StatusLine:
 
 
 def goal_name(goal: GoalStatus, places: list[SavedPose]) -> str:
-    """Call the goal by the saved pose that it is, else by its coordinates."""
+    """Call the goal by whom it follows, by the saved pose that it is, or by its coordinates."""
+    if goal.person is not None:
+        return "the person"
     if goal.pose is None:
         return "the goal"
     if goal.frame == "map":

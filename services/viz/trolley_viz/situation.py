@@ -219,6 +219,8 @@ def _goal(known: RobotState) -> StatusLine | None:
             return StatusLine(f"Looking for a path to {to}.", "busy")
         case "driving":
             slowly = ", slowly" if _is_unsure(known) else ""
+            if goal.person is not None:
+                return StatusLine(f"It is following the person{slowly}.", "busy")
             return StatusLine(
                 f"It is on its way to {to}{slowly}{_left(goal)}{_counted(known)}.", "busy"
             )

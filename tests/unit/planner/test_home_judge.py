@@ -1,6 +1,7 @@
 """The judge of homes and people: what it finds possible, and whom it blames for a contact."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -9,8 +10,10 @@ import pytest
 from bench.planner.all_poses import Reach, Speeds, Target
 from bench.planner.among_people import CROWDS, corridor, crowded, movers, recorded
 from bench.planner.crowds import Crowd, Manner, Paths, Polite, Recorded, Route, Seen, read_tracks
+from bench.planner.mazes import draw_maze, furnish
+from bench.planner.no_path import FURNITURE_PER_M2, HOME_M, ROOM_M, boxes_of, home
 from bench.planner.people_judge import PEOPLE_S, PERSONAL_M, PeopleJudge
-from bench.planner.situations import HOBBY, REAR, STATIC, Body, door, room
+from bench.planner.situations import HOBBY, REAR, STATIC, Body, between, room
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
@@ -63,7 +66,14 @@ def test_backing_out_is_as_quick_as_driving_in() -> None:
 def test_exhaustive_search_passes_a_door_only_if_the_margin_leaves_room(
     width: float, margin: float, fits: bool
 ) -> None:
-    assert math.isfinite(door(0, width).ideal_s(margin)) is fits
+    low, high = 0.5 * (1.0 - width), 0.5 * (1.0 + width)
+    boxes = (
+        *room((0.0, 0.0), (1.7, 1.0)),
+        between((0.8, 0.0), (0.9, low)),
+        between((0.8, high), (0.9, 1.0)),
+    )
+    there, back = Pose2D(0.4, 0.5, 0.0), Pose2D(1.3, 0.5, 0.0)
+    assert math.isfinite(seconds(there, back, boxes, margin=margin)) is fits
 
 
 def test_robot_that_cannot_turn_in_a_niche_turns_outside() -> None:
@@ -76,13 +86,6 @@ def test_robot_that_cannot_turn_in_a_niche_turns_outside() -> None:
 def test_body_with_its_axle_at_the_rear_reaches_farther_ahead() -> None:
     (front, _), (back, _) = REAR.corners[0], REAR.corners[1]
     assert (front, back) == pytest.approx((0.5, -0.1))
-
-
-@pytest.mark.parametrize("group", ["wall", "dead-end"])
-def test_every_place_can_be_driven_by_its_robot(group: str) -> None:
-    for row in STATIC:
-        if row.group == group:
-            assert math.isfinite(row.scene(3).ideal_s())
 
 
 def test_same_seed_is_the_same_scene() -> None:
@@ -197,6 +200,12 @@ def test_movers_do_not_begin_on_the_robot() -> None:
         crowd = scene.crowd()
         assert 18 <= len(crowd.at) <= 24
         assert np.hypot(*(crowd.at - (scene.start.x, scene.start.y)).T).min() > 2.0
+
+
+def test_boxes_of_a_home_are_its_occupied_cells() -> None:
+    grid = furnish(draw_maze(HOME_M, ROOM_M, 3, 0.7, open_share=0.2), FURNITURE_PER_M2, 3)
+    boxes = replace(home(3), boxes=boxes_of(grid)).map()
+    assert np.array_equal(boxes.occupied_mask(), grid.occupied_mask())
 
 
 def test_corridor_is_as_wide_as_it_says() -> None:

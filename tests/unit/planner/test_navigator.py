@@ -407,6 +407,29 @@ def test_the_frame_odom_needs_neither_map_nor_pose(ride) -> None:
     assert world.touches == 0
 
 
+def test_a_goal_far_ahead_in_the_frame_odom_is_driven_to(ride) -> None:
+    config = PlannerConfig(frame="odom", odom_size_m=6.0)
+    drive = ride(Flatland(empty_room(), START), config)
+    drive.step(5)
+    first = drive.navigator.costmap_manager.require_context()
+    seen = np.count_nonzero(first.costmap.obstacle_layer.grid.evidence)
+    goal = drive.world.odom_T_base @ Pose2D(4.5, 1.0, 0.0)
+    assert not first.costmap.contains(*first.costmap.to_grid(goal).as_array()[:2])
+    drive.navigator.send(SendGoal(pose=goal), "x", drive.now_ns)
+    now = drive.navigator.costmap_manager.require_context()
+    assert np.count_nonzero(now.costmap.obstacle_layer.grid.evidence) > 0.9 * seen > 0
+    assert drive.until_over().state == "arrived"
+    assert drive.world.odom_T_base.distance_to(goal) <= 0.05
+    assert drive.world.touches == 0
+
+
+def test_a_goal_too_far_ahead_in_the_frame_odom_is_refused(ride) -> None:
+    drive = ride(Flatland(empty_room(), START), PlannerConfig(frame="odom"))
+    goal = drive.world.odom_T_base @ Pose2D(500.0, 0.0, 0.0)
+    assert refused(drive, SendGoal(pose=goal, frame="odom")).code == codes.OUTSIDE_MAP
+    assert drive.navigator.costmap_manager.require_context().grid.size_m == (40.0, 40.0)
+
+
 def test_another_map_ends_the_goal(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     drive.send(Pose2D(5.0, 3.0, 0.0))

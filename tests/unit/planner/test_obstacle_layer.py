@@ -211,3 +211,39 @@ def test_nothing_is_marked_behind_a_suspected_mirror() -> None:
     grid.set_suspects([])
     grid.add_scan(sweep({0: 1.5}), 9)
     assert marked(grid)
+
+
+@pytest.mark.parametrize(
+    ("corner", "size"),
+    [
+        ((0.0, 0.0), 6.0),
+        ((1.0, -2.0), 6.0),
+        ((-1.5, 0.5), 9.0),
+        ((2.5, 2.5), 2.0),
+        ((20.0, 0.0), 4.0),
+    ],
+)
+def test_another_costmap_takes_over_what_was_seen(corner: tuple[float, float], size: float) -> None:
+    before = costmap()
+    ranges = {degree: 0.5 + 0.012 * (degree % 150) for degree in range(0, 360, 7)}
+    before.add_scan(sweep(ranges), SECOND_NS)
+    count = round(size / 0.05)
+    cells = np.zeros((count, count), dtype=np.int8)
+    after = costmap(GridMap("after", 0.05, Pose2D(*corner, 0.0), cells))
+    after.take_over(before)
+    down, left = round(corner[1] / 0.05), round(corner[0] / 0.05)
+    moved = {(row - down, col - left) for row, col in marked(before)}
+    kept = {cell for cell in moved if 0 <= cell[0] < count and 0 <= cell[1] < count}
+    assert marked(after) == kept
+    for row, col in kept:
+        x, y = before.obstacle_layer.grid.points[row + down, col + left].tolist()
+        assert after.obstacle_layer.grid.points[row, col].tolist() == pytest.approx(
+            [x - corner[0], y - corner[1]], abs=1e-5
+        )
+    # Where it lies on both, what beams see through is cleared as it would have been there.
+    through = sweep(dict.fromkeys(ranges, 2.5))
+    for grid in (before, after):
+        for number in range(3):
+            grid.add_scan(through, (2 + number) * SECOND_NS)
+    if corner == (0.0, 0.0):
+        assert marked(after) == marked(before)

@@ -32,7 +32,14 @@ from trolley.messages import (
     Transform,
     floats_to_bytes,
 )
-from trolley.messages.request_params import Nothing, SendGoal, SetPose, StartTour, WhichGoal
+from trolley.messages.request_params import (
+    FollowPerson,
+    Nothing,
+    SendGoal,
+    SetPose,
+    StartTour,
+    WhichGoal,
+)
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
 from trolley_viz.joystick.teleop import PadState
@@ -68,6 +75,7 @@ class PretendRobot(Service):
         self.deaf = False
         self.stops = 0
         self.goals: list[SendGoal] = []
+        self.followed: list[FollowPerson] = []
         self.poses_set: list[SetPose] = []
         self.tours: list[StartTour] = []
         self.driven_m = 0.0
@@ -161,6 +169,19 @@ class PretendRobot(Service):
         if params.pose is not None and params.pose.x > 3.0:
             raise Refused("outside_map")
         return self._say_goal(params.id, "driving", params.pose)
+
+    @answers(requests.GOAL_FOLLOW)
+    def follow(self, params: FollowPerson) -> GoalStatus:
+        self.followed.append(params)
+        status = GoalStatus(
+            stamp_ns=self.stamp_ns,
+            id=params.id,
+            state="driving",
+            pose=Pose2D(2.4, 0.0, 0.0),
+            person=(3.6, 0.0),
+        )
+        self.publish(topics.GOAL, status)
+        return status
 
     @answers(requests.GOAL_CANCEL)
     def cancel(self, params: WhichGoal) -> GoalStatus:

@@ -98,7 +98,7 @@ def every_state() -> Iterator[RobotState]:
         values_of(GoalStatus, "state"),
         REASONS,
         (None, KITCHEN.pose, Pose2D(9.0, 9.0, 0.0)),
-        ({}, far),
+        (dict[str, Any](), far, {"person": (3.0, 1.0)}),
     ):
         goal = GoalStatus(stamp_ns=1, id="a", state=state, reason=reason, pose=pose, **more)
         yield RobotState(**known, goal=goal)

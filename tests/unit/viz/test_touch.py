@@ -131,6 +131,20 @@ def test_the_floor_is_driven_to_and_saved_and_is_where_the_robot_is(
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((-1.0, -0.5, 0.0), abs=1e-6)
 
 
+def test_whoever_stands_on_the_floor_is_followed(stage: "Stage", page: PageOf) -> None:
+    tap(stage, -1.0, 0.5)
+    page.within("Here").press("Follow who is here")
+    stage.runtime.run(0.5)
+    page.press("Follow somebody")
+    stage.runtime.run(0.5)
+    there, anybody = stage.robot.followed
+    assert there.point == pytest.approx((-1.0, 0.5), abs=1e-6)
+    assert there.frame == "map"
+    assert anybody.point is None
+    state = stage.browse(1).state
+    assert state.sentence.headline == "It is following the person."
+
+
 def test_a_press_that_is_no_tap_touches_nothing(stage: "Stage", page: PageOf) -> None:
     tap(stage, *KITCHEN, is_tap=False)
     assert not page.is_shown("Look closer")

@@ -7,6 +7,7 @@ from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.planning_context import CostmapManager
+from trolley_planner.context.velocity import CommandedVelocity
 from trolley_planner.control.controller import Motion, limits_of
 from trolley_planner.control.rollout import Limits
 from trolley_planner.sensing.inputs import Inputs
@@ -22,10 +23,6 @@ class MotionStateParams:
     """Longer gaps between commands than this count as this."""
     spinning_mps: float = 0.15
     """Highest speed during a spin."""
-    differs_mps: float = 0.15
-    """Wheels that differ by more than this"""
-    differs_radps: float = 0.5
-    """or this from the last command do not follow it."""
 
 
 MOTION = MotionStateParams()
@@ -67,7 +64,7 @@ class MotionState:
         self._config = config
         self._inputs = inputs
         self._costmap_manager = costmap_manager
-        self._last_twist = Twist2D.zero()
+        self._commanded = CommandedVelocity()
         self._commanded_ns: int | None = None
 
     @property
@@ -78,7 +75,7 @@ class MotionState:
     def record_command(self, twist: Twist2D | None, now_ns: int) -> None:
         """Record what was commanded, None for silence."""
         self._commanded_ns = None if twist is None else now_ns
-        self._last_twist = Twist2D.zero() if twist is None else twist
+        self._commanded.record(twist, now_ns)
 
     def elapsed_s(self, now_ns: int) -> float:
         """Return the time since the last command [s], as far as it matters."""
@@ -91,7 +88,7 @@ class MotionState:
         here, context = self._inputs.base_pose(), self._costmap_manager.context
         if here is None or context is None:
             return None
-        return Motion(context.costmap.to_grid(here), self._velocity())
+        return Motion(context.costmap.to_grid(here), self._commanded.velocity(self._inputs.twist()))
 
     def control_input(
         self, goal_speed: float | None, now_ns: int, elapsed_s: float
@@ -130,12 +127,3 @@ class MotionState:
         """Return what the robot may do while it turns in place, None while it is not known."""
         is_known = self._inputs.robot is not None and self._costmap_manager.context is not None
         return self.limits(MOTION.spinning_mps) if is_known else None
-
-    def _velocity(self) -> Twist2D:
-        """Return the velocity to start from: the last command, or the wheels' where they differ."""
-        measured, last = self._inputs.twist(), self._last_twist
-        return Twist2D(
-            last.vx if abs(measured.vx - last.vx) < MOTION.differs_mps else measured.vx,
-            0.0,
-            last.wz if abs(measured.wz - last.wz) < MOTION.differs_radps else measured.wz,
-        )

@@ -91,7 +91,10 @@ class CostmapManagerParams:
     """Time between two looks for what can be forgotten."""
     edge_share: float = 0.25
     """In frame `odom` the costmap moves when the robot comes this near to its edge, as a share
-    of its width."""
+    of `odom_size_m`."""
+    largest_m: float = 80.0
+    """A goal in frame `odom` is refused if it takes a costmap larger than this: 2.6 million cells
+    of 5 cm."""
 
 
 MANAGER = CostmapManagerParams()
@@ -144,8 +147,12 @@ class CostmapManager:
         here = inputs.base_pose()
         return None if here is None else position_trouble(context, here)
 
-    def rebuild(self) -> bool:
-        """Rebuild the context if robot, map or zones changed; True if so."""
+    def rebuild(self, goals: Sequence[Pose2D] = ()) -> bool:
+        """Rebuild the context if robot, map or zones changed; True if so.
+
+        Args:
+            goals: in frame `odom` it is made so large that it holds these.
+        """
         inputs = self._inputs
         robot, grid, zones = inputs.robot, inputs.map, inputs.zones
         if robot is None or (inputs.frame == "map" and grid is None):
@@ -155,7 +162,7 @@ class CostmapManager:
             self.context = None
             return is_new_robot
         if inputs.frame == "odom":
-            return self._rebuild_around(self._footprint, robot, is_new_robot)
+            return self._rebuild_around(self._footprint, robot, goals, is_new_robot)
         if is_new_robot or grid is not self._map or self.context is None:
             self.is_other_map = (
                 self._map is not None and grid is not None and grid.name != self._map.name
@@ -232,25 +239,53 @@ class CostmapManager:
             self._footprint_problem = f"The robot's footprint cannot be used: {error}."
         return True
 
-    def _rebuild_around(self, footprint: Footprint, robot: Robot, is_new_robot: bool) -> bool:
-        """Make an empty costmap around the robot, in frame `odom`, where the old one ends."""
+    def _rebuild_around(
+        self, footprint: Footprint, robot: Robot, goals: Sequence[Pose2D], is_new_robot: bool
+    ) -> bool:
+        """Make the costmap anew around robot and goals, in frame `odom`, where the old one ends.
+
+        What was seen stays.
+        """
         here = self._inputs.base_pose()
         if here is None:
             return False
-        context = self.context
-        if context is not None and not is_new_robot:
-            width, height = context.grid.size_m
-            in_grid = context.costmap.to_grid(here)
-            edge = MANAGER.edge_share * width
-            if edge <= in_grid.x <= width - edge and edge <= in_grid.y <= height - edge:
+        config, before = self._config, self.context
+        edge = MANAGER.edge_share * config.odom_size_m
+        wanted = empty_grid(*_square_around([here, *goals], edge, config), config.odom_resolution_m)
+        if before is not None and not is_new_robot:
+            is_needed = goals or before.grid.cols <= wanted.cols
+            if is_needed and all(_is_within(before, pose, edge) for pose in (here, *goals)):
                 return False
-        config = self._config
-        grid = empty_grid(here, config.odom_size_m, config.odom_resolution_m)
-        self.context = PlanningContext(grid, footprint, config, self._speed(robot))
+        self.context = PlanningContext(wanted, footprint, config, self._speed(robot))
+        if before is not None:
+            self.context.costmap.take_over(before.costmap)
         return True
 
     def _speed(self, robot: Robot) -> float:
         return min(robot.max_speed, self._config.max_speed_mps)
+
+
+def _square_around(
+    poses: Sequence[Pose2D], edge_m: float, config: PlannerConfig
+) -> tuple[Pose2D, float]:
+    """Return middle and size [m] of a square that holds poses, at least the usual one.
+
+    One that would be too large is around the first pose only.
+    """
+    points = np.array([(pose.x, pose.y) for pose in poses])
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = max(config.odom_size_m, float((high - low).max()) + 2.0 * edge_m + 1.0)
+    if size > max(MANAGER.largest_m, config.odom_size_m):
+        return poses[0], config.odom_size_m
+    x, y = (0.5 * (low + high)).tolist()
+    return Pose2D(x, y, 0.0), size
+
+
+def _is_within(context: PlanningContext, pose: Pose2D, edge_m: float) -> bool:
+    """Say whether a pose lies on a costmap, and not near its edge."""
+    width, height = context.grid.size_m
+    at = context.costmap.to_grid(pose)
+    return edge_m <= at.x <= width - edge_m and edge_m <= at.y <= height - edge_m
 
 
 def _grid_of(message: OccupancyGrid) -> GridMap:

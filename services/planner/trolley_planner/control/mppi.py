@@ -28,7 +28,7 @@ from trolley_planner.control.rollout import (
     allowed_speed,
     downhill_point,
     followed,
-    rollout,
+    rollouts_into,
     trace_into,
 )
 from trolley_planner.costmap.footprint import clearance_at
@@ -170,7 +170,7 @@ def optimize(
     descent_cost = best_plain_into(descent, start, scene)
     generate_samples(samples, controls, descent, noise)
     costs = np.empty(samples.shape[0])
-    evaluate_critics(costs, samples, start, scene)
+    rollouts_into(costs, samples, start, scene)
     return update_control_sequence(controls, samples, costs, descent, descent_cost, start, scene)
 
 
@@ -191,18 +191,6 @@ def generate_samples(
 
 
 @kernel
-def evaluate_critics(
-    out_costs: NDArray[np.float64],
-    samples: NDArray[np.float64],
-    start: NDArray[np.float64],
-    scene: Scene,
-) -> None:
-    """Write what each sample costs; samples become what the robot's limits leave of them."""
-    for index in range(samples.shape[0]):
-        out_costs[index] = rollout(samples[index], start, scene)
-
-
-@kernel
 def update_control_sequence(
     controls: NDArray[np.float64],
     samples: NDArray[np.float64],
@@ -212,43 +200,43 @@ def update_control_sequence(
     start: NDArray[np.float64],
     scene: Scene,
 ) -> float:
-    """Replace the sequence by the best of the averages, the last solution and the descent."""
-    best = controls.copy()
-    best_cost = rollout(best, start, scene)
+    """Replace the sequence by the best of the averages, the last solution and the descent.
+
+    Where a single sample is cheaper than the average around it, the sample counts instead.
+    """
     half = samples.shape[0] // 2
-    average = np.empty_like(controls)
+    trials, trial_costs = np.empty((3, *controls.shape)), np.empty(3)
+    trials[0] = controls
+    average_into(trials[1], samples[:half], costs[:half])
+    average_into(trials[2], samples[half:], costs[half:])
+    rollouts_into(trial_costs, trials, start, scene)
+    controls[:, :] = trials[0]
+    best_cost = trial_costs[0]
     for around in range(2):
+        trial, cost = trials[1 + around], trial_costs[1 + around]
         first, end = (0, half) if around == 0 else (half, samples.shape[0])
-        cost = average_into(average, samples[first:end], costs[first:end], start, scene)
+        sample = first + np.argmin(costs[first:end])
+        if costs[sample] < cost:
+            trial, cost = samples[sample], costs[sample]
         if cost < best_cost:
-            best[:, :] = average
+            controls[:, :] = trial
             best_cost = cost
     if descent_cost < best_cost:
-        best[:, :] = descent
+        controls[:, :] = descent
         best_cost = descent_cost
-    controls[:, :] = best
     return best_cost
 
 
 @kernel
 def average_into(
-    out_average: NDArray[np.float64],
-    samples: NDArray[np.float64],
-    costs: NDArray[np.float64],
-    start: NDArray[np.float64],
-    scene: Scene,
-) -> float:
-    """Write the weighted average of samples, or the best of them if that is cheaper.
+    out_average: NDArray[np.float64], samples: NDArray[np.float64], costs: NDArray[np.float64]
+) -> None:
+    """Write the weighted average of samples.
 
     Args:
         out_average: (steps, 2), overwritten.
         samples: (n, steps, 2).
         costs: (n,).
-        start: (5,) state.
-        scene: what rollouts need.
-
-    Returns:
-        The cost of what was written.
     """
     lowest = costs.min()
     total = 0.0
@@ -261,12 +249,6 @@ def average_into(
                 out_average[step, 0] += weight * samples[index, step, 0]
                 out_average[step, 1] += weight * samples[index, step, 1]
     out_average /= total
-    average_cost = rollout(out_average, start, scene)
-    best = np.argmin(costs)
-    if costs[best] < average_cost:
-        out_average[:, :] = samples[best]
-        average_cost = costs[best]
-    return average_cost
 
 
 @kernel
@@ -274,19 +256,18 @@ def best_plain_into(
     out_controls: NDArray[np.float64], start: NDArray[np.float64], scene: Scene
 ) -> float:
     """Write the cheapest of the descents and primitives (steps, 2); return its cost."""
-    trial = np.empty_like(out_controls)
-    best = math.inf
-    for index in range(DESCENTS.shape[0] + PRIMITIVES.shape[0]):
+    trials = np.empty((DESCENTS.shape[0] + PRIMITIVES.shape[0], *out_controls.shape))
+    for index in range(trials.shape[0]):
         if index < DESCENTS.shape[0]:
             manner = (DESCENTS[index, 0], DESCENTS[index, 1], DESCENTS[index, 2])
-            descend_into(trial, start, scene, manner)
+            descend_into(trials[index], start, scene, manner)
         else:
-            trial[:, :] = PRIMITIVES[index - DESCENTS.shape[0]]
-        cost = rollout(trial, start, scene)
-        if cost < best:
-            out_controls[:, :] = trial
-            best = cost
-    return best
+            trials[index] = PRIMITIVES[index - DESCENTS.shape[0]]
+    costs = np.empty(trials.shape[0])
+    rollouts_into(costs, trials, start, scene)
+    best = np.argmin(costs)
+    out_controls[:, :] = trials[best]
+    return costs[best]
 
 
 @kernel

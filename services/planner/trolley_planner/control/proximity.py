@@ -276,6 +276,32 @@ def proximity_cost(
 
 
 @kernel
+def discs_in_reach(
+    walkers: NDArray[np.float64], robots: NDArray[np.float64], circumscribed_m: float, time_s: float
+) -> NDArray[np.float64]:
+    """Return discs (n, 3) x, y, radius [m] outside all of which `proximity_cost` is 0.
+
+    Args:
+        walkers: (n, 5) see `Field.walkers`.
+        robots: (n, steps, 3) see `Field.robots`.
+        circumscribed_m: radius of the robot.
+        time_s: from now.
+    """
+    discs = np.empty((walkers.shape[0] + robots.shape[0], 3))
+    reach = circumscribed_m + PROXIMITY.near_m
+    for index in range(walkers.shape[0]):
+        discs[index, 0] = walkers[index, 0] + time_s * walkers[index, 2]
+        discs[index, 1] = walkers[index, 1] + time_s * walkers[index, 3]
+        discs[index, 2] = walkers[index, 4] + PROXIMITY.most_spread_m + reach
+    step = min(round(time_s / ROBOT_DT_S), robots.shape[1] - 1)
+    for index in range(robots.shape[0]):
+        disc = discs[walkers.shape[0] + index]
+        disc[0], disc[1] = robots[index, step, 0], robots[index, step, 1]
+        disc[2] = robots[index, step, 2] + PROXIMITY.robot_most_spread_m + reach
+    return discs
+
+
+@kernel
 def would_meet_robots(
     start: NDArray[np.float64],
     robots: NDArray[np.float64],

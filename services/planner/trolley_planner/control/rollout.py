@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
-from trolley_planner.control.proximity import proximity_cost
+from trolley_planner.control.look_ups import LookUps, look_up, make_look_ups
+from trolley_planner.control.proximity import discs_in_reach, proximity_cost
 from trolley_planner.costmap.footprint import (
+    FEW_DO_M,
     Body,
     Field,
     clearance_at,
     clearance_turned,
-    outline_clearance,
 )
 
 DT_S = 0.1
@@ -115,6 +116,46 @@ class RolloutParams(NamedTuple):
     """The braking check ends after this time."""
 
 
+class Lanes(NamedTuple):
+    """Rollouts that are simulated side by side."""
+
+    sequence: NDArray[np.int64]
+    """(lanes,) which control sequence each follows."""
+    values: NDArray[np.float64]
+    """(11, lanes) all that follows:"""
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    cos: NDArray[np.float64]
+    """of the heading;"""
+    sin: NDArray[np.float64]
+    v: NDArray[np.float64]
+    w: NDArray[np.float64]
+    old_v: NDArray[np.float64]
+    """a step before;"""
+    old_w: NDArray[np.float64]
+    clearance: NDArray[np.float64]
+    near: NDArray[np.float64]
+    """what `proximity_cost` says;"""
+    cost: NDArray[np.float64]
+    """so far."""
+    is_marked: NDArray[np.bool_]
+    """(lanes,) scratch."""
+    scratch: NDArray[np.float64]
+    """(lanes,) the speed allowed, then the cost before this step."""
+    close: NDArray[np.int64]
+    """(lanes,) the lanes that are close to something, and for these:"""
+    col: NDArray[np.float64]
+    row: NDArray[np.float64]
+    cos_by_cell: NDArray[np.float64]
+    sin_by_cell: NDArray[np.float64]
+    least: NDArray[np.float64]
+    """distance so far [m]."""
+    look_ups: LookUps
+
+
+MOST_LANES, MOST_LOOK_UPS = 256, 512
+"""More would not stay in the processor's near memory; found by bench/planner/rollouts."""
+NUM_VALUES = 11
 CRITICS = CriticWeights()
 ROLLOUT = RolloutParams()
 DIAGONAL = math.hypot(1.0, 1.0)
@@ -281,55 +322,262 @@ def terminal_cost(
 
 @kernel
 def rollout(controls: NDArray[np.float64], start: NDArray[np.float64], scene: Scene) -> float:
-    """Simulate a control sequence; return its cost [m of free floor].
+    """Simulate one control sequence (steps, 2); return what it costs, as `rollouts_into`."""
+    cost = np.empty(1)
+    rollouts_into(cost, controls.reshape((1, controls.shape[0], 2)), start, scene)
+    return cost[0]
+
+
+@kernel
+def rollouts_into(
+    out_costs: NDArray[np.float64],
+    controls: NDArray[np.float64],
+    start: NDArray[np.float64],
+    scene: Scene,
+) -> None:
+    """Simulate control sequences and write what each costs [m of free floor].
+
+    Many are simulated side by side, each in a lane of its own, so that the processor can do the
+    same to several of them at once.
 
     Args:
-        controls: (steps, 2) v, w; replaced by what the limits leave of them.
+        out_costs: (n,), overwritten.
+        controls: (n, steps, 2) v, w; replaced by what the limits leave of them.
         start: (5,) state.
         scene: what is around the robot, its limits, and where the path leads.
     """
-    field, body, limits, target = scene.field, scene.body, scene.limits, scene.target
-    x, y, v, w = start[0], start[1], start[3], start[4]
-    cos, sin = math.cos(start[2]), math.sin(start[2])
+    field, limits, steps = scene.field, scene.limits, controls.shape[1]
     enough = max(limits.caution_m, CRITICS.near_m)
-    clearance = clearance_turned(field, body, (x, y), (cos, sin), enough)
+    turned = math.cos(start[2]), math.sin(start[2])
+    clearance = clearance_turned(field, scene.body, (start[0], start[1]), turned, enough)
     # A robot that stands too close already must not come closer.
     floor = min(limits.clearance_m, clearance - ROLLOUT.same_clearance_m)
-    has_zones, cost = field.speed_mps.shape[0] > 1, 0.0
-    distance_m, outline = field.distance_m, (body.few_points, body.edge_points)
-    scale, half = 1.0 / field.fine_m, 0.5 * field.fine_m
-    inscribed, far = body.inscribed_m, body.circumscribed_m + enough
-    walkers, robots = field.walkers, field.robots
-    walked = body.few_points, inscribed, body.circumscribed_m
-    open_speed = caution_speed(limits, enough)
-    for step in range(controls.shape[0]):
-        allowed = open_speed if clearance == enough else caution_speed(limits, clearance)
-        if has_zones:
-            allowed = min(allowed, zone_speed(field, x, y))
-        before = (v, w)
-        v, w = followed(v, w, (controls[step, 0], controls[step, 1]), limits, allowed)
-        controls[step, 0], controls[step, 1] = v, w
-        x, y, cos, sin = moved(x, y, (cos, sin), (v, w), limits.dt)
-        # `clearance_turned` by hand: passing `field` and `body` on takes as long as the look-up.
-        cells = (x - field.x) * scale, (y - field.y) * scale
-        clearance = interpolate(distance_m, cells[0] - 0.5, cells[1] - 0.5) - half
-        if clearance < inscribed:
-            clearance -= inscribed + half
-        elif clearance < far:
-            face = (cos * scale, sin * scale)
-            clearance = outline_clearance(distance_m, outline, cells, face, half)
-        clearance, near = min(clearance, enough), 0.0
-        if walkers.shape[0] + robots.shape[0] > 0:
-            then = (x, y), (cos, sin), (step + 1) * limits.dt
-            near = proximity_cost(walkers, robots, walked, then, v)
-        if clearance < floor or near == math.inf:
-            return cost + ROLLOUT.collision_cost + controls.shape[0] - step + cost_at(field, x, y)
-        cost += CRITICS.proximity * near * limits.dt
-        cost += step_cost((v, w), before, clearance, limits.dt)
-        if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius * target.radius:
-            left = (controls.shape[0] - 1 - step) * limits.dt
-            return cost - (left * limits.max_speed if target.goes_on else 0.0)
-    return cost + terminal_cost(field, (x, y), (cos, sin), target)
+    lanes = make_lanes(min(MOST_LANES, controls.shape[0]))
+    for first in range(0, controls.shape[0], MOST_LANES):
+        last = min(first + MOST_LANES, controls.shape[0])
+        begin_lanes(lanes, first, last, start, clearance)
+        count = last - first
+        for step in range(steps):
+            drive_on(lanes, count, controls, step, scene)
+            look_around(lanes, count, scene, enough)
+            look_for_others(lanes, count, (step + 1) * limits.dt, scene)
+            add_step_costs(lanes, count, limits.dt)
+            count = end_lanes(out_costs, lanes, count, (step, steps), floor, scene)
+        for lane in range(count):
+            place, turned = (lanes.x[lane], lanes.y[lane]), (lanes.cos[lane], lanes.sin[lane])
+            end = terminal_cost(field, place, turned, scene.target)
+            out_costs[lanes.sequence[lane]] = lanes.cost[lane] + end
+
+
+@kernel
+def make_lanes(count: int) -> Lanes:
+    """Return scratch for this many rollouts."""
+    values, close = np.empty((NUM_VALUES, count)), np.zeros((5, count + 8))
+    return Lanes(
+        np.empty(count, np.int64),
+        values,
+        values[0],
+        values[1],
+        values[2],
+        values[3],
+        values[4],
+        values[5],
+        values[6],
+        values[7],
+        values[8],
+        values[9],
+        values[10],
+        np.empty(count, np.bool_),
+        np.empty(count),
+        np.empty(count, np.int64),
+        close[0],
+        close[1],
+        close[2],
+        close[3],
+        close[4],
+        make_look_ups(MOST_LOOK_UPS),
+    )
+
+
+@kernel
+def begin_lanes(
+    lanes: Lanes, first: int, last: int, start: NDArray[np.float64], clearance: float
+) -> None:
+    """Put control sequences into the first lanes, at the start."""
+    for lane in range(last - first):
+        lanes.sequence[lane] = first + lane
+        lanes.x[lane], lanes.y[lane] = start[0], start[1]
+        lanes.cos[lane], lanes.sin[lane] = math.cos(start[2]), math.sin(start[2])
+        lanes.v[lane], lanes.w[lane] = start[3], start[4]
+        lanes.clearance[lane] = clearance
+        lanes.near[lane] = lanes.cost[lane] = 0.0
+
+
+@kernel
+def drive_on(
+    lanes: Lanes, count: int, controls: NDArray[np.float64], step: int, scene: Scene
+) -> None:
+    """Move each lane on by one step of its sequence, as fast as the limits allow."""
+    field, limits = scene.field, scene.limits
+    sequence, allowed, v, w = lanes.sequence, lanes.scratch, lanes.v, lanes.w
+    x, y, cos, sin = lanes.x, lanes.y, lanes.cos, lanes.sin
+    old_v, old_w, clearance = lanes.old_v, lanes.old_w, lanes.clearance
+    for lane in range(count):
+        allowed[lane] = caution_speed(limits, clearance[lane])
+    if field.speed_mps.shape[0] > 1:
+        for lane in range(count):
+            allowed[lane] = min(allowed[lane], zone_speed(field, x[lane], y[lane]))
+    for lane in range(count):
+        old_v[lane], old_w[lane] = v[lane], w[lane]
+    for lane in range(count):
+        v[lane] = controls[sequence[lane], step, 0]
+        w[lane] = controls[sequence[lane], step, 1]
+    for lane in range(count):
+        now = old_v[lane], old_w[lane]
+        v[lane], w[lane] = followed(*now, (v[lane], w[lane]), limits, allowed[lane])
+    for lane in range(count):
+        controls[sequence[lane], step, 0] = v[lane]
+        controls[sequence[lane], step, 1] = w[lane]
+    for lane in range(count):
+        place = x[lane], y[lane], (cos[lane], sin[lane])
+        x[lane], y[lane], cos[lane], sin[lane] = moved(*place, (v[lane], w[lane]), limits.dt)
+
+
+@kernel
+def look_around(lanes: Lanes, count: int, scene: Scene, enough_m: float) -> None:
+    """Look up the clearance of each lane, at most `enough_m`; as `clearance_turned`."""
+    field, body, look_ups, clearance = scene.field, scene.body, lanes.look_ups, lanes.clearance
+    scale, half, far = 1.0 / field.fine_m, 0.5 * field.fine_m, body.circumscribed_m + enough_m
+    for lane in range(count):
+        look_ups.x[lane] = (lanes.x[lane] - field.x) * scale - 0.5
+        look_ups.y[lane] = (lanes.y[lane] - field.y) * scale - 0.5
+    look_up(look_ups, field.distance_m, count)
+    num_close = 0
+    for lane in range(count):
+        clearance[lane] = look_ups.x[lane] - half
+        lanes.close[num_close] = lane
+        num_close += 1 if body.inscribed_m <= clearance[lane] < far else 0
+        if clearance[lane] < body.inscribed_m:
+            clearance[lane] -= body.inscribed_m + half
+        clearance[lane] = min(clearance[lane], enough_m)
+    look_at_outline(lanes, num_close, scene, body.few_points)
+    num_touching = 0
+    for index in range(num_close):
+        lane = lanes.close[index]
+        clearance[lane] = min(lanes.least[index] - half, enough_m)
+        lanes.close[num_touching] = lane
+        num_touching += 1 if clearance[lane] < FEW_DO_M else 0
+    look_at_outline(lanes, num_touching, scene, body.edge_points)
+    for index in range(num_touching):
+        clearance[lanes.close[index]] = min(lanes.least[index] - half, enough_m)
+
+
+@kernel
+def look_at_outline(lanes: Lanes, count: int, scene: Scene, points: NDArray[np.float64]) -> None:
+    """Write the least distance of points (n, 2) of the body, for the lanes that are close."""
+    field, look_ups, close, least = scene.field, lanes.look_ups, lanes.close, lanes.least
+    scale, at_x, at_y = 1.0 / field.fine_m, look_ups.x, look_ups.y
+    u, v, cos, sin = lanes.col, lanes.row, lanes.cos_by_cell, lanes.sin_by_cell
+    for index in range(count):
+        lane = close[index]
+        u[index], v[index] = (lanes.x[lane] - field.x) * scale, (lanes.y[lane] - field.y) * scale
+        cos[index], sin[index] = lanes.cos[lane] * scale, lanes.sin[lane] * scale
+        least[index] = math.inf
+    # Whole vectors only: what is behind the last lane is not looked at.
+    wide = count + (-count) % 8
+    at_once = MOST_LOOK_UPS // max(wide, 1)
+    for first in range(0, points.shape[0], at_once):
+        some = min(at_once, points.shape[0] - first)
+        for part in range(some):
+            px, py = points[first + part, 0], points[first + part, 1]
+            for index in range(wide):
+                at_x[part * wide + index] = u[index] + cos[index] * px - sin[index] * py - 0.5
+            for index in range(wide):
+                at_y[part * wide + index] = v[index] + sin[index] * px + cos[index] * py - 0.5
+        look_up(look_ups, field.distance_m, some * wide)
+        for part in range(some):
+            for index in range(wide):
+                least[index] = min(least[index], at_x[part * wide + index])
+
+
+@kernel
+def look_for_others(lanes: Lanes, count: int, time_s: float, scene: Scene) -> None:
+    """Find how near each lane comes to people and other robots."""
+    walkers, robots, body = scene.field.walkers, scene.field.robots, scene.body
+    if walkers.shape[0] + robots.shape[0] == 0:
+        return
+    x, y, cos, sin, v, near = lanes.x, lanes.y, lanes.cos, lanes.sin, lanes.v, lanes.near
+    walked = body.few_points, body.inscribed_m, body.circumscribed_m
+    discs, is_close = discs_in_reach(walkers, robots, body.circumscribed_m, time_s), lanes.is_marked
+    is_close[:count] = False
+    for disc in range(discs.shape[0]):
+        disc_x, disc_y, reach = discs[disc, 0], discs[disc, 1], discs[disc, 2] * discs[disc, 2]
+        for lane in range(count):
+            away_x, away_y = disc_x - x[lane], disc_y - y[lane]
+            is_close[lane] |= away_x * away_x + away_y * away_y < reach
+    for lane in range(count):
+        near[lane] = 0.0
+        if is_close[lane]:
+            then = (x[lane], y[lane]), (cos[lane], sin[lane]), time_s
+            near[lane] = proximity_cost(walkers, robots, walked, then, v[lane])
+
+
+@kernel
+def add_step_costs(lanes: Lanes, count: int, dt: float) -> None:
+    """Add what this step costs."""
+    v, w, old_v, old_w, cost = lanes.v, lanes.w, lanes.old_v, lanes.old_w, lanes.cost
+    clearance, near, before = lanes.clearance, lanes.near, lanes.scratch
+    for lane in range(count):
+        before[lane] = cost[lane]
+    for lane in range(count):
+        cost[lane] += CRITICS.proximity * near[lane] * dt
+    for lane in range(count):
+        now, then = (v[lane], w[lane]), (old_v[lane], old_w[lane])
+        cost[lane] += step_cost(now, then, clearance[lane], dt)
+
+
+@kernel
+def end_lanes(
+    out_costs: NDArray[np.float64],
+    lanes: Lanes,
+    count: int,
+    step_of: tuple[int, int],
+    floor_m: float,
+    scene: Scene,
+) -> int:
+    """End the lanes that touch something or have arrived; return how many go on.
+
+    Args:
+        out_costs: of all sequences; written for those that end.
+        lanes: changed: the last one takes the place of one that ends.
+        count: of lanes.
+        step_of: the step, and how many there are.
+        floor_m: less clearance than this is a collision.
+        scene: as in `rollouts_into`.
+    """
+    field, limits, target = scene.field, scene.limits, scene.target
+    step, steps = step_of
+    all_x, all_y, clearance, near = lanes.x, lanes.y, lanes.clearance, lanes.near
+    is_over, radius = lanes.is_marked, target.radius * target.radius
+    for lane in range(count):
+        is_there = (target.x - all_x[lane]) ** 2 + (target.y - all_y[lane]) ** 2 < radius
+        is_over[lane] = is_there | (clearance[lane] < floor_m) | (near[lane] == math.inf)
+    for lane in range(count - 1, -1, -1):
+        if not is_over[lane]:
+            continue
+        x, y = all_x[lane], all_y[lane]
+        if clearance[lane] < floor_m or near[lane] == math.inf:
+            before = lanes.scratch[lane]
+            cost = before + ROLLOUT.collision_cost + steps - step + cost_at(field, x, y)
+        else:
+            left = (steps - 1 - step) * limits.dt
+            cost = lanes.cost[lane] - (left * limits.max_speed if target.goes_on else 0.0)
+        out_costs[lanes.sequence[lane]] = cost
+        count -= 1
+        lanes.sequence[lane] = lanes.sequence[count]
+        for value in range(NUM_VALUES):
+            lanes.values[value, lane] = lanes.values[value, count]
+    return count
 
 
 @kernel

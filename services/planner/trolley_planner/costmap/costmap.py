@@ -1,5 +1,6 @@
 """The costmap: map, zones and what the lidar sees, and what it costs to pass near all that."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,8 @@ from trolley_planner.costmap.inflation import (
     CostmapLayers,
     compose_into,
     inflation_table,
+    replace_mask,
+    update_distances,
     weigh_into,
 )
 from trolley_planner.costmap.obstacle_layer import ObstacleLayer
@@ -51,6 +54,9 @@ class CostmapParams:
     """Weight of cells where the robot fits only if all lies well in its cells."""
     beside_m: float = 0.15
     """A person nearer to the robot's outline than this is an obstacle as well."""
+    most_flipped: int = 40
+    """If more cells than this change at once, the distances between them are computed anew, too;
+    found by bench/planner/costmap."""
     closed_s: float = 60.0
     """A place where the robot did not get through is tried again after this time."""
 
@@ -93,6 +99,8 @@ class Costmap:
         self._closed = np.zeros(self.shape, dtype=np.uint8)
         self._closed_until_ns: int | None = None
         self._suspects = np.empty((0, 4))
+        self._stands = np.zeros(self.shape, dtype=np.uint8)
+        """(rows, cols) 1 where something stands, as of the last refresh."""
         self._table = inflation_table(
             footprint.inscribed_m + COSTMAP.padding_m + 0.5 * grid.resolution,
             config.inflation_falloff_m,
@@ -174,6 +182,12 @@ class Costmap:
         )
         self._social_layer.update(people, self.obstacle_layer.grid)
 
+    def take_over(self, other: "Costmap") -> None:
+        """Take what was seen on another costmap, whose cells lie on this one's."""
+        corner = self.to_grid(other.frame_T_grid)
+        rows, cols = round(corner.y / self.resolution_m), round(corner.x / self.resolution_m)
+        self.obstacle_layer.take_over(other.obstacle_layer, rows, cols)
+
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""
         self.obstacle_layer.forget_old(now_ns)
@@ -205,25 +219,59 @@ class Costmap:
         dirty = self.obstacle_layer.pop_dirty()
         if dirty is None:
             return False
-        rows, cols = self.shape
-        reach = int(self._reach_m / self.resolution_m) + 1
-        # Weights change within reach of what changed, and depend on what is within reach of there.
-        write = _grown(dirty, reach, rows, cols)
-        read = _grown(dirty, 2 * reach, rows, cols)
-        mask = np.empty((read[1] - read[0], read[3] - read[2]), dtype=np.uint8)
-        compose_into(mask, self._layers(), (read[0], read[2]), not self.unknown_is_free)
+        first_row, last_row, first_col, last_col = dirty
+        shape = last_row + 1 - first_row, last_col + 1 - first_col
+        stands = np.empty(shape, dtype=np.uint8)
+        compose_into(stands, self._layers(), (first_row, first_col), not self.unknown_is_free)
+        flipped = replace_mask(self._stands, stands, (first_row, first_col))
+        boxes = self._social_layer.pop_changed()
+        if len(flipped) <= COSTMAP.most_flipped:
+            edge_m, reach_m = self.resolution_m, self._reach_m
+            around = update_distances(self.distance_m, self._stands, flipped, edge_m, reach_m)
+            boxes += [(row, end, col, end_col) for row, end, col, end_col in around.tolist()]
+        else:
+            boxes.append(self._measure(flipped))
+        for row, end, col, end_col in boxes:
+            self._weigh(np.s_[row:end, col:end_col])
+        self._close_border(self.weights)
+        return len(boxes) > 0
+
+    def recompute(self) -> None:
+        """Compute distances and weights with what the lidar has seen, whatever has changed."""
+        self.obstacle_layer.pop_dirty()
+        self._social_layer.pop_changed()
+        compose_into(self._stands, self._layers(), (0, 0), not self.unknown_is_free)
+        self.distance_m = distance_transform(self._stands, self.resolution_m, self._reach_m)
+        """Distance to the nearest obstacle, up to the inflation's reach [m]."""
+        self.weights = np.empty(self.shape, dtype=np.uint8)
+        """Weights by that distance, and where people walk."""
+        self._weigh(np.s_[:, :])
+        self._close_border(self.weights)
+
+    def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
+        """Compute the distances anew around all of many cells (n, 2); return the box of them."""
+        (rows, cols), low, high = self.shape, flipped.min(axis=0), flipped.max(axis=0)
+        reach = math.ceil(self._reach_m / self.resolution_m)
+        around = int(low[0]), int(high[0]), int(low[1]), int(high[1])
+        # Distances change within reach of what changed, by what is within reach of there.
+        write = _grown(around, reach, rows, cols)
+        read = _grown(around, 2 * reach, rows, cols)
+        mask = np.ascontiguousarray(self._stands[read[0] : read[1], read[2] : read[3]])
         distance = distance_transform(mask, self.resolution_m, self._reach_m)
-        inner = distance[
+        self.distance_m[write[0] : write[1], write[2] : write[3]] = distance[
             write[0] - read[0] : write[1] - read[0], write[2] - read[2] : write[3] - read[2]
         ]
-        self.distance_m[write[0] : write[1], write[2] : write[3]] = inner
-        weights = np.empty(inner.shape, dtype=np.uint8)
-        weigh_into(weights, np.ascontiguousarray(inner), self._table, TABLE_STEP_M)
-        walked = self._social_layer.weights[write[0] : write[1], write[2] : write[3]]
-        np.maximum(weights, walked, out=weights, where=weights != LETHAL)
-        self.weights[write[0] : write[1], write[2] : write[3]] = weights
-        self._close_border(self.weights)
-        return True
+        return write
+
+    def _weigh(self, box: tuple[slice, slice]) -> None:
+        """Bring the weights up to date in a box of cells."""
+        distance_m = np.ascontiguousarray(self.distance_m[box])
+        weights = np.empty(distance_m.shape, dtype=np.uint8)
+        weigh_into(weights, distance_m, self._table, TABLE_STEP_M)
+        if self._social_layer.is_anyone_walking:
+            walked = self._social_layer.weights[box]
+            np.maximum(weights, walked, out=weights, where=weights != LETHAL)
+        self.weights[box] = weights
 
     def squeeze_weights(
         self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]
@@ -302,12 +350,7 @@ class Costmap:
         """Weights by map and zones alone (units: `WEIGHT_UNIT`)."""
         weigh_into(self.static_weights, self.static_distance_m, self._table, TABLE_STEP_M)
         self._close_border(self.static_weights)
-        self.distance_m = self.static_distance_m.copy()
-        """The same with what the lidar has seen."""
-        self.weights = self.static_weights.copy()
-        """The same with what the lidar has seen."""
-        self.obstacle_layer.mark_all_dirty()
-        self.refresh()
+        self.recompute()
 
     def _close_border(self, weights: NDArray[np.uint8]) -> None:
         """Make the outermost cells lethal: the search then needs no test for the grid's edge."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
-from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc, next_cell
+from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc
 from trolley.jit import kernel
 from trolley_planner.sensing.beams import (
     CLEAR,
@@ -153,6 +153,24 @@ class ObstacleLayer:
         mark_echoes(self.grid, wall_distance_m, beams, limits, self._scan_number, now_ticks)
         self.beams = self.static_beams = beams
 
+    def take_over(self, other: "ObstacleLayer", rows: int, cols: int) -> None:
+        """Take what another layer of the same resolution has seen, where both lie.
+
+        Args:
+            other: the layer before this one.
+            rows: how many rows its corner lies above this one's; below is negative.
+            cols: the same to the right.
+        """
+        mine, theirs = _overlap(self.grid.evidence.shape, other.grid.evidence.shape, rows, cols)
+        for name, array in other.grid._asdict().items():
+            if name != "dirty":
+                getattr(self.grid, name)[mine] = array[theirs]
+        self.grid.points[mine] += np.array([cols, rows], np.float32) * np.float32(self._resolution_m)
+        self._scan_number = other._scan_number
+        self._recent_ns = other._recent_ns.copy()
+        self.looks_all_round = other.looks_all_round
+        self.mark_all_dirty()
+
     def remove_people(self, walkers: NDArray[np.float64]) -> None:
         """Remove people by the newest scan from what stands.
 
@@ -223,6 +241,19 @@ def ticks(now_ns: int) -> int:
     return int(now_ns * 1e-9 / OBSTACLES.tick_s) & 0x7FFFFFFF
 
 
+def _overlap(
+    mine: tuple[int, ...], theirs: tuple[int, ...], rows: int, cols: int
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the parts of two grids that lie on each other; see `ObstacleLayer.take_over`."""
+    here: list[slice] = []
+    there: list[slice] = []
+    for size, other, shift in zip(mine, theirs, (rows, cols), strict=True):
+        first, end = max(shift, 0), max(min(other + shift, size), max(shift, 0))
+        here.append(slice(first, end))
+        there.append(slice(first - shift, end - shift))
+    return (here[0], here[1]), (there[0], there[1])
+
+
 @kernel
 def see_through(grid: ObstacleGrid, row: int, col: int, scan_number: int) -> None:
     """Note that a beam passed a cell; evidence falls once a scan, however many beams pass."""
@@ -260,13 +291,23 @@ def trace_ray(
     """
     rows, cols = walls.shape
     x, y, dx, dy = ray
+    observed, evidence = grid.observed, grid.evidence
     at = begin_march((x, y), (dx, dy), (math.floor(y), math.floor(x)), 0.0)
-    while at.travelled < stretch[1] and 0 <= at.row < rows and 0 <= at.col < cols:
-        if walls[at.row, at.col]:
-            return at.travelled
-        if at.travelled >= stretch[0]:
-            see_through(grid, at.row, at.col, scan_number)
-        at = next_cell(at)
+    row, col, travelled, next_col, next_row = at[:5]
+    while travelled < stretch[1] and 0 <= row < rows and 0 <= col < cols:
+        if walls[row, col]:
+            return travelled
+        if travelled >= stretch[0]:
+            if observed[row, col] == 0 or evidence[row, col] != 0:
+                see_through(grid, row, col, scan_number)
+            observed[row, col] = scan_number
+        # As `next_cell`, but without a branch, which would be foreseen wrongly half the time.
+        is_col = next_col < next_row
+        travelled = min(next_col, next_row)
+        col += at.step_col if is_col else 0
+        row += 0 if is_col else at.step_row
+        next_col += at.per_col if is_col else 0.0
+        next_row += 0.0 if is_col else at.per_row
     return math.inf
 
 

@@ -46,6 +46,7 @@ class SocialLayer:
         self._scale = 1.0 / resolution_m
         self._reach_cells = 2.0 * (keep_m + SOCIAL.body_m) * self._scale
         self._box = NOBODY
+        self._changed: list[tuple[int, int, int, int]] = []
         self.weights = np.zeros(shape, dtype=np.uint8)
         """(rows, cols) the least weight (units: `WEIGHT_UNIT`), 0 = nobody walks."""
 
@@ -69,6 +70,17 @@ class SocialLayer:
             if box[0] <= box[1] and box[2] <= box[3]:
                 mark_dirty(grid.dirty, box[0], box[2])
                 mark_dirty(grid.dirty, box[1], box[3])
+                self._changed.append((box[0], box[1] + 1, box[2], box[3] + 1))
+
+    @property
+    def is_anyone_walking(self) -> bool:
+        """Whether there are weights of anybody."""
+        return self._box != NOBODY
+
+    def pop_changed(self) -> list[tuple[int, int, int, int]]:
+        """Return first and end row, first and end column of what changed since the last call."""
+        changed, self._changed = self._changed, []
+        return changed
 
     def _spread(self, person: TrackedPerson) -> tuple[int, int, int, int]:
         """Raise the weights ahead of a person; return the box of changed cells."""

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
-from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
+from trolley.messages.request_params import FollowPerson, Nothing, SendGoal, StartTour, WhichGoal
 from trolley.requests import Request
 from trolley.runtime.service import Service
 from trolley_viz.editing.goal_queue import MAX_STOPS, GoalQueue
@@ -17,7 +17,7 @@ from trolley_viz.sentences import DRIVING, UNDER_WAY, Tell, refusal
 
 TRIP_GOALS = "tour-"
 """The prefix of the ids of a trip's goals."""
-SENDING = (requests.GOAL_SEND, requests.TOUR_START)
+SENDING = (requests.GOAL_SEND, requests.GOAL_FOLLOW, requests.TOUR_START)
 """The requests that set a robot off."""
 
 
@@ -67,6 +67,15 @@ class RobotActions:
         for place in current_places(self._view()):
             if place.name == name:
                 self.line_up(is_added=self.goal_queue.add_place(name, place.pose))
+
+    def follow_person(self, point: tuple[float, float] | None = None) -> None:
+        """Follow whoever is at a point of the world [m], or else the nearest person ahead."""
+        params = FollowPerson(
+            id=self._service.new_id(),
+            point=point,
+            frame=None if point is None else self._view().placement.world,
+        )
+        self.ask(requests.GOAL_FOLLOW, params, "The robot follows nobody")
 
     def steer(self, action: str) -> None:
         """Do "Pause", "Continue" or "Cancel" to what is under way: the trip, or else the goal."""

@@ -87,6 +87,12 @@ class Touching:
             self._actions.send_goal(goal, FLOOR_TITLE)
         self.close()
 
+    def follow(self) -> None:
+        """Follow whoever stands there."""
+        if self.touched is not None:
+            self._actions.follow_person((self.touched.x, self.touched.y))
+            self.close()
+
     def save(self, name: str) -> None:
         """Save it as a place, facing the way that the robot would come."""
         one = self.touched

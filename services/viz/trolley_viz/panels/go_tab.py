@@ -40,10 +40,12 @@ class GoTab:
             self._point = gui.add_button(POINT_GOAL, icon="map-pin", colour="green")
             self._set = gui.add_button(POINT_POSE, icon="current-location", colour="teal")
             find = gui.add_button("Find position", icon="search")
+            self._follow = gui.add_button("Follow somebody", icon="walk")
             self._undo = gui.add_button("Undo", icon="arrow-back-up")
         self._point.on_press(lambda: aiming.toggle(GO_TO))
         self._set.on_press(lambda: aiming.toggle(SET_POSE))
         find.on_press(actions.find)
+        self._follow.on_press(actions.follow_person)
         self._undo.on_press(actions.history.undo)
         with session.folder("Several places in a row"):
             self._goal_queue = GoalQueuePanel(gui, actions, aiming)
@@ -64,7 +66,7 @@ class GoTab:
         self._tours_title.visible = bool(stored)
         can_tour = can_go and "tour" not in view.silent
         self._tours.show({one.name: "" for one in stored}, driven, can=can_tour)
-        self._point.disabled = not can_go
+        self._point.disabled = self._follow.disabled = not can_go
         self._point.label = LEAVE if self._aiming.armed == GO_TO else POINT_GOAL
         self._set.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
         show_undo(self._undo, self._actions.history)

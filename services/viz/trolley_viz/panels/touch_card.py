@@ -54,6 +54,7 @@ class TouchCard:
                 self._edit = gui.add_button("Edit", icon="pencil")
                 self._pose = gui.add_button("The robot is here", icon="current-location")
                 self._show = gui.add_button("Show this robot", icon="robot", colour="teal")
+                self._follow_person = gui.add_button("Follow who is here", icon="walk")
                 self._closer = gui.add_button("Look closer", icon="zoom-in")
         self._go.on_press(self._touching.go)
         self._save.on_press(lambda: self._touching.save(self._name.value))
@@ -61,6 +62,7 @@ class TouchCard:
         self._edit.on_press(self._open_editor)
         self._pose.on_press(self._touching.set_pose)
         self._show.on_press(self._follow)
+        self._follow_person.on_press(self._touching.follow)
         self._closer.on_press(self._look_closer)
 
     def update(self, view: View) -> None:
@@ -79,6 +81,8 @@ class TouchCard:
         self._about.content = note(self._words(view, one))
         self._go.visible = self._tour.visible = is_here
         self._go.disabled = not view.can_go
+        self._follow_person.visible = one.what == "floor"
+        self._follow_person.disabled = not view.can_go
         self._name.visible = self._save.visible = self._pose.visible = one.what == "floor"
         self._edit.visible = one.what in ("place", "zone")
         self._show.visible = is_other
