@@ -62,7 +62,7 @@ def warm_up() -> None:
     navigator.costmaps(now_ns)
     context = navigator.costmap_manager.require_context()
     context.costmap.obstacle_layer.forget_around(1.0, 1.0, 0.5)
-    walker = TrackedPerson(np.array([[1.0, 1.0], [1.1, 1.0]]), np.array([0.5, 0.0]))
+    walker = TrackedPerson(np.array([[1.0, 1.0], [1.1, 1.0]]), np.ones(2), np.array([0.5, 0.0]))
     context.costmap.obstacle_layer.remove_people(person_discs([walker]))
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid

@@ -23,7 +23,7 @@ HERE = Pose2D(0.0, 0.0, 0.0)
 def mover(x: float, y: float, vx: float, vy: float) -> list[TrackedPerson]:
     """One thing of 0.2 m."""
     points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])
-    return [TrackedPerson(points, np.array([vx, vy]))]
+    return [TrackedPerson(points, np.array([x, y]), np.array([vx, vy]))]
 
 
 def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
