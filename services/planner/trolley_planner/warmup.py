@@ -30,7 +30,7 @@ from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.people import TrackedPerson, person_discs
+from trolley_planner.people import PeopleTracker, TrackedPerson, person_discs
 
 CELLS = 60
 EDGE_M = 0.05
@@ -71,6 +71,7 @@ def warm_up() -> None:
     Passages(context.costmap.static_distance_m, EDGE_M, 0.4)
     _squeeze()
     _pursue(context)
+    _watch()
 
 
 def _squeeze() -> None:
@@ -93,6 +94,19 @@ def _pursue(context: PlanningContext) -> None:
     pursuit, target = PurePursuit(PlannerConfig()), Target(2.0, 2.0, 0.1, goes_on=False)
     for place in (Pose2D(0.8, 0.8, 0.0), Pose2D(0.2, 0.2, 0.0)):
         pursuit.command(Motion(place, Twist2D.zero()), context.local_costmap, limits, target, 0.05)
+
+
+def _watch() -> None:
+    """Track somebody with two legs who walks by."""
+    tracker, no_walls = PeopleTracker(), np.full((CELLS, CELLS), 9.0, dtype=np.float32)
+    angles = np.radians(np.arange(0.0, 90.0))
+    for step in range(8):
+        ranges = np.full(len(angles), 2.0)
+        for first in (20 + 4 * step, 30 + 4 * step):
+            ranges[first : first + 4] = 1.0
+        corner = np.full(len(angles), 0.2)
+        beams = [corner, corner, np.cos(angles), np.sin(angles), ranges, ranges]
+        tracker.update(step * 100_000_000, np.column_stack(beams), no_walls, EDGE_M)
 
 
 def _navigator() -> Navigator:
