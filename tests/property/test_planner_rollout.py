@@ -78,8 +78,8 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
         wanted = float(controls[step, 0]), float(controls[step, 1])
         v, w = followed(v, w, wanted, limits, allowed)
         controls[step] = v, w
-        x, y, *turned = moved(x, y, tuple(turned), (v, w), limits.dt)
-        place, turned = (x, y), tuple(turned)
+        x, y, cos, sin = moved(x, y, turned, (v, w), limits.dt)
+        place, turned = (x, y), (cos, sin)
         clearance = clearance_turned(field, body, place, turned, enough)
         near = 0.0
         if len(field.walkers) + len(field.robots):

@@ -307,7 +307,10 @@ def _motion(track: Floats) -> tuple[Floats, float] | None:
     """
     if track[0, 0] > -TRACKING.least_ago_s:
         return None
-    velocity, noise_m, squares = _line(track[track[:, 0] >= -TRACKING.track_s])
+    lately = track[track[:, 0] >= -TRACKING.track_s]
+    if len(lately) < TRACKING.least_points:
+        return None  # only the newest scan is new enough
+    velocity, noise_m, squares = _line(lately)
     if track[0, 0] < -TRACKING.track_s:
         longer = _line(track)
         if longer[1] < TRACKING.straight * max(noise_m, TRACKING.track_noise_m):

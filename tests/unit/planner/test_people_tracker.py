@@ -250,3 +250,10 @@ def test_who_walks_straight_away_is_seen_to_walk(speed: float, has_legs: bool) -
     assert sum(len(people) == 1 for people in late) >= 0.8 * len(late)
     speeds = [float(people[0].velocity[0]) for people in late if people]
     assert abs(np.mean(speeds) - speed) < 0.35 * speed
+
+
+def test_a_pause_of_the_lidar_leaves_no_velocity_to_measure() -> None:
+    watch = PeopleTracker()
+    for stamp_ns, y in ((0, 5.0), (100_000_000, 5.05), (800_000_000, 5.1)):
+        found = watch.update(stamp_ns, beams_to([(5.8, y, 0.15)]), NO_WALLS, EDGE_M)
+        assert all(np.isfinite(one.velocity).all() for one in found)

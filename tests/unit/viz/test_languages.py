@@ -33,7 +33,7 @@ from trolley_viz.pages.known import state_lines
 from trolley_viz.pages.language import in_language
 from trolley_viz.panels.markup import card, details, numbered, row, table
 from trolley_viz.panels.trip import progress
-from trolley_viz.sentences import StatusLine, mapping_line, result_line
+from trolley_viz.sentences import StatusLine, goal_line, mapping_line, result_line
 from trolley_viz.server.messages import Press, Said, Told
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import PAGE
@@ -94,11 +94,12 @@ def every_state() -> Iterator[RobotState]:
     for mode, reason, source in product(values_of(BaseState, "mode"), REASONS, (None, "teleop")):
         base = BaseState(stamp_ns=1, mode=mode, reason=reason, source=source)
         yield RobotState(**known, base=base, goal=idle)
+    person: dict[str, Any] = {"person": (3.0, 1.0)}
     for state, reason, pose, more in product(
         values_of(GoalStatus, "state"),
         REASONS,
         (None, KITCHEN.pose, Pose2D(9.0, 9.0, 0.0)),
-        (dict[str, Any](), far, {"person": (3.0, 1.0)}),
+        ({}, far, person),
     ):
         goal = GoalStatus(stamp_ns=1, id="a", state=state, reason=reason, pose=pose, **more)
         yield RobotState(**known, goal=goal)
@@ -308,7 +309,7 @@ def is_ambiguous(name: str) -> bool:
     """Whether a name is what the page says where there is none, or a sentence behind another."""
     return (
         re.fullmatch(
-            r"stop \S+|(the goal|a point|its stop|the stop)|(the place|a place|a point) on the map",
+            r"stop \S+|(the goal|the person|a point|its stop|the stop)|(the place|a place|a point) on the map",
             name,
         )
         or re.search(r"\. [A-Z]\S* ", name)
@@ -337,7 +338,7 @@ def test_names_stay_in_sentences(name: str) -> None:
     for state in ("planning", "driving", "recovering", "paused", "arrived", "failed"):
         goal = GoalStatus(stamp_ns=1, id="a", state=state, reason="blocked", pose=pose)  # type: ignore[arg-type]
         known = RobotState(goal=goal, places=places, has_map=False)
-        for line in (situation(known), *state_lines(known)):
+        for line in (situation(known), goal_line(goal, places)):
             if name in line.headline:
                 assert name in words.text(line.headline), line.headline
 

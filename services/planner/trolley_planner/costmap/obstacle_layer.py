@@ -165,9 +165,8 @@ class ObstacleLayer:
         for name, array in other.grid._asdict().items():
             if name != "dirty":
                 getattr(self.grid, name)[mine] = array[theirs]
-        self.grid.points[mine] += np.array([cols, rows], np.float32) * np.float32(
-            self._resolution_m
-        )
+        corner_m = np.array([cols, rows], np.float32) * np.float32(self._resolution_m)
+        self.grid.points[mine] += corner_m
         self._scan_number = other._scan_number
         self._recent_ns = other._recent_ns.copy()
         self.looks_all_round = other.looks_all_round
