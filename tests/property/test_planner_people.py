@@ -1,6 +1,7 @@
 """How near the robot comes to who walks: the compiled loops beside slow plain ones."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from hypothesis import given, settings
@@ -15,6 +16,7 @@ from trolley_planner.control.proximity import (
     PROXIMITY,
     disc_gap,
     people_proximity_cost,
+    standing_cost,
     would_meet_people,
 )
 from trolley_planner.costmap.footprint import Footprint
@@ -33,8 +35,9 @@ walking = st.tuples(
     st.floats(-1.5, 1.5),
     st.floats(-1.5, 1.5),
     st.floats(0.2, 0.4),
+    st.floats(0.02, 0.15),
 )
-crowds = st.lists(walking, max_size=4).map(lambda found: np.array(found).reshape(-1, 5))
+crowds = st.lists(walking, max_size=4).map(lambda found: np.array(found).reshape(-1, 6))
 
 
 def plain_gap(pose: Pose2D, x: float, y: float, radius: float) -> float:
@@ -70,6 +73,13 @@ def is_to_blame(pose: Pose2D, v: float, x: float, y: float) -> bool:
     return abs(v) >= PROXIMITY.standing_mps and cosine > PROXIMITY.leaving
 
 
+def plain_cost(gap: float, v: float) -> float:
+    """Of one person: being near, and, the faster the more, touching."""
+    near = min(max(1.0 - gap / PROXIMITY.near_m, 0.0), PROXIMITY.most_cost)
+    deep = max(PROXIMITY.touch_m - gap, 0.0)
+    return near**2 + PROXIMITY.touch * deep**2 * (1.0 + PROXIMITY.moving * abs(v))
+
+
 @settings(max_examples=300)
 @given(crowds, poses, st.sampled_from([-0.2, 0.0, 0.3]), st.floats(0.0, 3.0))
 def test_company_counts_everybody_where_they_are_then(
@@ -78,24 +88,19 @@ def test_company_counts_everybody_where_they_are_then(
     body = BODY.edge_points, BODY.inscribed_m, BODY.circumscribed_m
     found = people_proximity_cost(crowd, body, (pose.x, pose.y), facing(pose), v, time_s)
     low, high, hits, may_hit = 0.0, 0.0, False, False
-    for x, y, vx, vy, radius in crowd:
+    for x, y, vx, vy, radius, growth in crowd:
         there = x + time_s * vx, y + time_s * vy
-        gap = plain_gap(
-            pose, *there, radius + min(PROXIMITY.spread_mps * time_s, PROXIMITY.most_spread_m)
-        )
+        gap = plain_gap(pose, *there, radius + min(growth * time_s, PROXIMITY.most_spread_m))
         blamed = time_s <= PROXIMITY.sure_s and is_to_blame(pose, v, *there)
         may_hit |= blamed and gap < PROXIMITY.meet_m
         hits |= blamed and -radius < gap < PROXIMITY.meet_m - COARSE_M
-        near, nearer = (
-            min(max(1.0 - one / PROXIMITY.near_m, 0.0), PROXIMITY.most_cost) ** 2
-            for one in (gap + COARSE_M, gap)
-        )
+        near, nearer = (plain_cost(one, v) for one in (gap + COARSE_M, gap))
         low, high = low + near, high + nearer
     assert not hits or found == math.inf
     assert may_hit or found < math.inf
     # Within the outline a gap is counted from the circle in it, or from the edge.
     if found < math.inf and all(
-        plain_gap(pose, x + time_s * vx, y + time_s * vy, 0.0) > 0.0 for x, y, vx, vy, _ in crowd
+        plain_gap(pose, x + time_s * vx, y + time_s * vy, 0.0) > 0.0 for x, y, vx, vy, *_ in crowd
     ):
         assert low - 1e-6 <= found <= high + 1e-6
 
@@ -116,7 +121,7 @@ def test_braking_for_somebody_is_seen_in_time(
             w *= slower / speed
             speed = slower
         pose = integrate_twist(pose, Twist2D(speed, 0.0, w), 0.05)
-        for x, y, vx, vy, radius in crowd:
+        for x, y, vx, vy, radius, _ in crowd:
             for time_s in (0.0, 0.05 * step):
                 there = x + time_s * vx, y + time_s * vy
                 gap = plain_gap(pose, *there, radius)
@@ -128,9 +133,30 @@ def test_braking_for_somebody_is_seen_in_time(
 
 
 def test_who_stands_or_leaves_meets_nobody() -> None:
-    ahead = np.array([[0.5, 0.0, -1.0, 0.0, 0.25]])
-    behind = np.array([[-0.45, 0.0, 1.0, 0.0, 0.25]])
+    ahead = np.array([[0.5, 0.0, -1.0, 0.0, 0.25, 0.1]])
+    behind = np.array([[-0.45, 0.0, 1.0, 0.0, 0.25, 0.1]])
     assert would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), ahead, BODY, 0.9, 0.15)
     assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.0, 1.0]), ahead, BODY, 0.9, 0.15)
     assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), behind, BODY, 0.9, 0.15)
     assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), NOBODY, BODY, 0.9, 0.15)
+
+
+def standing_at(x: float, y: float, walker: list[float]) -> float:
+    body = BODY.edge_points, BODY.inscribed_m, BODY.circumscribed_m
+    return standing_cost(np.array([walker]), body, (x, y), (1.0, 0.0), 2.4)
+
+
+def test_standing_is_no_excuse_for_being_in_the_way() -> None:
+    comes = [5.0, 0.0, -0.8, 0.0, 0.25, 0.05]
+    in_the_way = standing_at(0.0, 0.0, comes)
+    assert in_the_way > 2.0
+    costs = [standing_at(0.0, -0.1 * tenth, comes) for tenth in range(12)]
+    # Each decimetre aside is worth something, until nobody is touched.
+    assert all(nearer > farther for nearer, farther in pairwise(costs[:8]))
+    assert costs[-1] == 0.0
+    # To the right is a little better than to the left: so do people decide.
+    assert standing_at(0.0, -0.3, comes) < standing_at(0.0, 0.3, comes)
+    # Putting it off is not worth much, and who walks away costs nothing.
+    assert standing_at(-0.6, 0.0, comes) > 0.75 * in_the_way
+    assert standing_at(0.0, 0.0, [5.0, 0.0, 0.8, 0.0, 0.25, 0.05]) == 0.0
+    assert standing_at(0.0, 0.0, [5.0, 0.0, 0.0, 0.0, 0.25, 0.05]) == 0.0

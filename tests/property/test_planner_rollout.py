@@ -13,7 +13,7 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap.kernels import interpolate
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
-from trolley_planner.control.proximity import proximity_cost
+from trolley_planner.control.proximity import proximity_cost, standing_cost
 from trolley_planner.control.rollout import (
     CRITICS,
     ROLLOUT,
@@ -78,8 +78,8 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
         wanted = float(controls[step, 0]), float(controls[step, 1])
         v, w = followed(v, w, wanted, limits, allowed)
         controls[step] = v, w
-        x, y, *turned = moved(x, y, tuple(turned), (v, w), limits.dt)
-        place, turned = (x, y), tuple(turned)
+        x, y, cos, sin = moved(x, y, turned, (v, w), limits.dt)
+        place, turned = (x, y), (cos, sin)
         clearance = clearance_turned(field, body, place, turned, enough)
         near = 0.0
         if len(field.walkers) + len(field.robots):
@@ -92,6 +92,8 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
         if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius**2:
             left = (steps - 1 - step) * limits.dt
             return cost - (left * limits.max_speed if target.goes_on else 0.0)
+    near = standing_cost(field.walkers, walked, (x, y), turned, steps * limits.dt)
+    cost += CRITICS.proximity * near
     return cost + terminal_cost(field, (x, y), turned, target)
 
 

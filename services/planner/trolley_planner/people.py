@@ -20,7 +20,7 @@ from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 class PeopleTrackerParams(NamedTuple):
     """Who counts as moving; found by hand in simulated drives among people."""
 
-    sight_m: float = 3.5
+    sight_m: float = 6.0
     """Only echoes this near to the lidar are tracked,"""
     wall_m: float = 0.12
     """and none this near to a wall of the map."""
@@ -46,6 +46,8 @@ class PeopleTrackerParams(NamedTuple):
     """and at most this old."""
     track_s: float = 0.6
     """A velocity is measured over this time: legs swing."""
+    straight: float = 1.2
+    """It is measured over `left_s` if the track scatters no more than this many times as much."""
     track_noise_m: float = 0.03
     """Places of a track err by this much at least, whatever its own scatter says."""
     left_s: float = 1.2
@@ -60,8 +62,11 @@ class PeopleTrackerParams(NamedTuple):
     """and faster two different things."""
     astray_m: float = 0.3
     """A person with a known velocity is looked for this near to where it leads."""
-    depth_m: float = 0.06
-    """The lidar sees one side of a person, who is larger by this much"""
+    depth: float = 0.4
+    """The lidar sees one side of a body or a leg: the middle lies this share of its width behind
+    the middle of what is seen (pi / 8 for a round one)."""
+    depth_m: float = 0.03
+    """A person is larger than what is seen by this much"""
     body_m: float = 0.22
     """and no smaller than this."""
     least_points: int = 2
@@ -81,6 +86,8 @@ class TrackedPerson(NamedTuple):
 
     points: Floats
     """(n, 2) where the lidar sees it [m]."""
+    place: Floats
+    """(2,) its middle [m]."""
     velocity: Floats
     """(2,) [m/s]."""
     velocity_std: float = 0.1
@@ -93,9 +100,9 @@ def person_discs(people: Sequence[TrackedPerson]) -> Floats:
     """Return people as discs: (n, 5) x, y [m], velocity [m/s], radius [m]."""
     discs = np.empty((len(people), 5))
     for index, person in enumerate(people):
-        middle = person.points.mean(axis=0)
-        spread = float(np.hypot(*(person.points - middle).T).max())
-        discs[index] = *middle, *person.velocity, max(spread + TRACKING.depth_m, TRACKING.body_m)
+        spread = float(np.hypot(*(person.points - person.place).T).max())
+        radius = max(spread + TRACKING.depth_m, TRACKING.body_m)
+        discs[index] = *person.place, *person.velocity, radius
     return discs
 
 
@@ -114,6 +121,15 @@ class Track(NamedTuple):
     """Whether it was seen to move."""
 
 
+class _Segment(NamedTuple):
+    """Echoes beside each other that are no larger than a person."""
+
+    points: Floats
+    """(k, 2) [m]."""
+    place: Floats
+    """(2,) its middle, which the lidar does not see [m]."""
+
+
 class _View(NamedTuple):
     """What is kept of a scan."""
 
@@ -124,10 +140,11 @@ class _View(NamedTuple):
     """(n,) of the beams, rising [rad]."""
     clear_m: Floats
     """(n,) how far all beams about each saw that it was free."""
-    segments: list[Floats]
-    """(k, 2) points of each segment that is not on the map."""
+    segments: list[_Segment]
+    """What is not on the map."""
     tracks: list[Floats]
-    """(m, 3) for each segment where it was, oldest first: time since `stamp_ns` [s], x, y."""
+    """(m, 5) for each segment where it was, oldest first: time since `stamp_ns` [s], its middle,
+    and the middle of what was seen of it."""
     origins: list[int]
     """Index of each segment in the scan before, -1 if it is new."""
     numbers: list[int]
@@ -185,10 +202,10 @@ class PeopleTracker:
             return []
         view = self._views[-1]
         found: list[Track] = []
-        for number, points, person in zip(view.numbers, view.segments, self._seen, strict=True):
+        for number, segment, person in zip(view.numbers, view.segments, self._seen, strict=True):
             velocity = np.zeros(2) if person is None else person.velocity
-            place = points.mean(axis=0)
-            found.append(Track(number, place, _size(points), velocity, person is not None))
+            size_m = _size(segment.points)
+            found.append(Track(number, segment.place, size_m, velocity, person is not None))
         return found
 
     def _found(self) -> list[TrackedPerson]:
@@ -205,10 +222,9 @@ class PeopleTracker:
         hidden: list[tuple[int, TrackedPerson]] = []
         for since_ns, before in self._hidden + lost:
             person = _extrapolated(before, view.stamp_ns - last_ns)
-            middle = person.points.mean(axis=0)
+            middle = person.place
             is_back = any(
-                math.dist(middle, segment.mean(axis=0)) < TRACKING.astray_m
-                for segment in view.segments
+                math.dist(middle, segment.place) < TRACKING.astray_m for segment in view.segments
             )
             is_gone = view.stamp_ns - since_ns > TRACKING.hidden_s * 1e9
             if not is_back and not is_gone and not _was_free(view, middle[None])[0]:
@@ -217,7 +233,8 @@ class PeopleTracker:
 
 
 def _extrapolated(person: TrackedPerson, time_ns: int) -> TrackedPerson:
-    return person._replace(points=person.points + time_ns * 1e-9 * person.velocity)
+    moved = time_ns * 1e-9 * person.velocity
+    return person._replace(points=person.points + moved, place=person.place + moved)
 
 
 def _is_comparable(view: _View, stamp_ns: int) -> bool:
@@ -234,29 +251,30 @@ def _view_of(
     """Return what is kept of a scan."""
     angles, clear_m, loose = take_apart(beams, wall_distance_m, edge_m)
     origin = beams[:, [X, Y]].mean(axis=0)
-    segments = _segments(loose)
+    segments = _segments(loose, origin)
     tracks, origins = _tracks(stamp_ns, segments, last)
     numbers = [-1] * len(segments)
     return _View(stamp_ns, origin, angles, clear_m, segments, tracks, origins, numbers)
 
 
 def _tracks(
-    stamp_ns: int, segments: list[Floats], last: _View | None
+    stamp_ns: int, segments: list[_Segment], last: _View | None
 ) -> tuple[list[Floats], list[int]]:
     """Return the track of each segment, and which one of the last scan it continues."""
-    here = np.array([[0.0, *segment.mean(axis=0)] for segment in segments]).reshape(-1, 1, 3)
+    rows = [[0.0, *segment.place, *segment.points.mean(axis=0)] for segment in segments]
+    here = np.array(rows).reshape(-1, 1, 5)
     tracks, origins = list(here), [-1] * len(segments)
     if last is None or not segments or not last.tracks:
         return tracks, origins
     elapsed_s = (stamp_ns - last.stamp_ns) * 1e-9
     motions = [_motion(track) for track in last.tracks]
-    expected = np.array([track[-1, 1:] for track in last.tracks])
+    expected = np.array([track[-1, 1:3] for track in last.tracks])
     expected += elapsed_s * np.array([[0.0, 0.0] if one is None else one[0] for one in motions])
     known = [one is not None for one in motions]
     reach = np.where(known, TRACKING.astray_m, TRACKING.fastest_mps * elapsed_s)
-    lengths = np.hypot(*np.moveaxis(here[:, 0, 1:] - expected[:, None], -1, 0))
+    lengths = np.hypot(*np.moveaxis(here[:, 0, 1:3] - expected[:, None], -1, 0))
     for origin, index in _assigned(np.where(lengths <= reach[:, None], lengths, np.inf)):
-        before = last.tracks[origin] - (elapsed_s, 0.0, 0.0)
+        before = last.tracks[origin] - (elapsed_s, 0.0, 0.0, 0.0, 0.0)
         tracks[index] = np.concatenate([before[before[:, 0] >= -TRACKING.left_s], here[index]])
         origins[index] = origin
     return tracks, origins
@@ -284,57 +302,86 @@ def _assigned(lengths: Floats) -> list[tuple[int, int]]:
 def _motion(track: Floats) -> tuple[Floats, float] | None:
     """Return the velocity along a track and its standard deviation, None if it is too short.
 
-    A straight line is fitted; what the track strays from it says how sure its slope is.
+    A straight line is fitted, over a longer time where the track was straight for that long; what
+    the track strays from it says how sure its slope is.
     """
     if track[0, 0] > -TRACKING.least_ago_s:
         return None
     lately = track[track[:, 0] >= -TRACKING.track_s]
-    times = lately[:, 0] - lately[:, 0].mean()
-    squares = float(times @ times)
-    if squares == 0.0:
+    if len(lately) < TRACKING.least_points:
         return None  # only the newest scan is new enough
-    velocity = times @ lately[:, 1:] / squares
-    astray = lately[:, 1:] - lately[:, 1:].mean(axis=0) - times[:, None] * velocity
-    noise_m = math.sqrt(float((astray * astray).sum()) / (2.0 * max(len(lately) - 2, 1)))
+    velocity, noise_m, squares = _line(lately)
+    if track[0, 0] < -TRACKING.track_s:
+        longer = _line(track)
+        if longer[1] < TRACKING.straight * max(noise_m, TRACKING.track_noise_m):
+            velocity, noise_m, squares = longer
     return velocity, max(noise_m, TRACKING.track_noise_m) / math.sqrt(squares)
 
 
-def _segments(points: Floats) -> list[Floats]:
-    """Return points (n, 2) in the order of the beams as segments (k, 2) of a person's size."""
+def _line(track: Floats) -> tuple[Floats, float, float]:
+    """Return slope, scatter [m] and the sum of squared times [s^2] of a line through a track."""
+    times = track[:, 0] - track[:, 0].mean()
+    squares = float(times @ times)
+    places = track[:, 1:3]
+    velocity = times @ places / squares
+    astray = places - places.mean(axis=0) - times[:, None] * velocity
+    return velocity, math.sqrt(float((astray * astray).sum()) / (2.0 * len(track))), squares
+
+
+def _segments(points: Floats, origin: Floats) -> list[_Segment]:
+    """Return points (n, 2) in the order of the beams as segments of a person's size.
+
+    Args:
+        points: of the scan.
+        origin: (2,) of the beams.
+    """
     if len(points) < TRACKING.least_points:
         return []
     gaps = np.hypot(*np.diff(points, axis=0).T)
-    segments = np.split(points, np.flatnonzero(gaps > TRACKING.gap_m) + 1)
+    pieces = np.split(points, np.flatnonzero(gaps > TRACKING.gap_m) + 1)
     # The scan begins and ends in the middle of something.
-    if len(segments) > 1 and math.dist(segments[0][0], segments[-1][-1]) <= TRACKING.gap_m:
-        segments[0] = np.concatenate([segments.pop(), segments[0]])
-    return [
-        segment for segment in _with_both_legs(segments) if _size(segment) <= TRACKING.largest_m
-    ]
+    if len(pieces) > 1 and math.dist(pieces[0][0], pieces[-1][-1]) <= TRACKING.gap_m:
+        pieces[0] = np.concatenate([pieces.pop(), pieces[0]])
+    found: list[_Segment] = []
+    for parts in _with_both_legs(pieces):
+        together = np.concatenate(parts)
+        if _size(together) <= TRACKING.largest_m:
+            middles = [_middle(part, origin) for part in parts]
+            found.append(_Segment(together, np.mean(middles, axis=0)))
+    return found
 
 
-def _with_both_legs(segments: list[Floats]) -> list[Floats]:
-    """Return segments, joining those that may be the two legs of one person."""
-    joined: list[Floats] = []
+def _middle(part: Floats, origin: Floats) -> Floats:
+    """Return the middle (2,) of what is seen from one side: it lies behind the points (k, 2)."""
+    centre = part.mean(axis=0)
+    away = centre - origin
+    away /= max(float(np.hypot(*away)), 1e-6)
+    beside = (part - centre) @ np.array([-away[1], away[0]])
+    return centre + TRACKING.depth * float(np.ptp(beside)) * away
+
+
+def _with_both_legs(pieces: list[Floats]) -> list[list[Floats]]:
+    """Return the parts of each segment: pieces that may be the two legs of one person together."""
+    joined: list[list[Floats]] = []
     legs: list[int] = []
-    for segment in segments:
-        if _size(segment) > TRACKING.leg_m:
-            joined.append(segment)
+    for piece in pieces:
+        if _size(piece) > TRACKING.leg_m:
+            joined.append([piece])
             continue
         # Between two legs something farther away may be seen.
         for index in reversed(legs):
-            other = joined[index]
+            other = joined[index][0]
             # Most are far from each other: two of their points show that at little cost.
-            if math.dist(other[0], segment[0]) > TRACKING.pair_m:
+            if math.dist(other[0], piece[0]) > TRACKING.pair_m:
                 continue
-            both = np.concatenate([other, segment])
-            if _size(both) <= TRACKING.pair_m and _gap(other, segment) <= TRACKING.stride_m:
-                joined[index] = both
+            both = np.concatenate([other, piece])
+            if _size(both) <= TRACKING.pair_m and _gap(other, piece) <= TRACKING.stride_m:
+                joined[index].append(piece)
                 legs.remove(index)
                 break
         else:
             legs.append(len(joined))
-            joined.append(segment)
+            joined.append([piece])
     return joined
 
 
@@ -350,12 +397,12 @@ def _size(points: Floats) -> float:
 
 
 def _person(
-    segment: Floats, track: Floats, view: _View, earlier: list[_View] | None
+    segment: _Segment, track: Floats, view: _View, earlier: list[_View] | None
 ) -> TrackedPerson | None:
     """Return a segment as a person; None if it stands, or may have been hidden before.
 
     Args:
-        segment: (k, 2) its points.
+        segment: where it is.
         track: where it has been.
         view: the scan that shows it.
         earlier: scans to compare with; None for what is known to move.
@@ -364,21 +411,22 @@ def _person(
     slowest = TRACKING.lingering_mps if earlier is None else TRACKING.slowest_mps
     if motion is None or math.hypot(*motion[0].tolist()) < slowest:
         return None
-    if earlier is not None and not (_came(segment, earlier) or _left(track, view)):
+    if earlier is not None and not (_came(segment.points, earlier) or _left(track, view)):
         return None
-    return TrackedPerson(segment, *motion)
+    return TrackedPerson(*segment, *motion)
 
 
-def _came(segment: Floats, earlier: list[_View]) -> bool:
-    """Say whether a segment stands where earlier beams passed."""
-    least = max(TRACKING.least_points, TRACKING.least_share * len(segment))
-    return any(np.count_nonzero(_was_free(before, segment)) >= least for before in earlier)
+def _came(points: Floats, earlier: list[_View]) -> bool:
+    """Say whether points (n, 2) stand where earlier beams passed."""
+    least = max(TRACKING.least_points, TRACKING.least_share * len(points))
+    return any(np.count_nonzero(_was_free(before, points)) >= least for before in earlier)
 
 
 def _left(track: Floats, view: _View) -> bool:
     """Say whether beams pass now where a track was: who walks away hides where they go."""
-    before = track[track[:, 0] <= -TRACKING.least_ago_s, 1:]
-    return len(before) > 0 and bool(_was_free(view, before).any())
+    before = track[track[:, 0] <= -TRACKING.least_ago_s, 3:]
+    # One alone may have lain on an edge that beams graze.
+    return int(np.count_nonzero(_was_free(view, before))) >= TRACKING.least_points
 
 
 def _was_free(view: _View, points: Floats) -> NDArray[np.bool_]:
@@ -463,11 +511,13 @@ def were_passed(
 
 SAME_M = 0.15
 """A person tracked this near to where a robot says it is, is that robot."""
+GROWTH_MPS = 0.02, 0.15
+"""People are taken for discs that grow this fast at least and at most [m/s]."""
 MAX_AGE_S = 0.5
 """Nobody is extrapolated for longer than this after the last scan."""
 ROBOT_DT_S = 0.1
 """Time between two places of what robots say of where they will be."""
-NOBODY = np.empty((0, 5))
+NOBODY = np.empty((0, 6))
 """Nobody walks."""
 NO_ROBOTS = np.empty((0, 1, 3))
 """No other robot drives."""
@@ -490,7 +540,9 @@ class MovingObstacles:
     ) -> None:
         """Track people through a new scan; see `PeopleTracker.update`."""
         self.people = self._tracker.update(now_ns, beams, wall_distance_m, resolution_m)
-        self._walkers, self._scanned_ns = person_discs(self.people), now_ns
+        growth = np.clip([one.velocity_std for one in self.people], *GROWTH_MPS)
+        self._walkers = np.column_stack([person_discs(self.people), growth])
+        self._scanned_ns = now_ns
 
     @property
     def tracks(self) -> list[Track]:
@@ -513,7 +565,7 @@ class MovingObstacles:
         self.people, self._walkers = [], NOBODY
 
     def walkers_at(self, now_ns: int) -> Floats:
-        """Return the discs (n, 5) of people where they are now; see `Field.walkers`."""
+        """Return the discs (n, 6) of people where they are now; see `Field.walkers`."""
         walkers = self._walkers[~self._are_robots(self._walkers)]
         age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MAX_AGE_S)
         walkers[:, :2] += age_s * walkers[:, 2:4]
@@ -526,7 +578,7 @@ class MovingObstacles:
         return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
 
     def _are_robots(self, walkers: Floats) -> NDArray[np.bool_]:
-        """Say of discs (n, 5) whether each is a robot, which knows better where it will be."""
+        """Say of discs (n, 6) whether each is a robot, which knows better where it will be."""
         gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
         near = self._robots[None, :, 0, 2] + SAME_M
         return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))

@@ -31,7 +31,7 @@ from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.pose_search import Task
-from trolley_planner.people import TrackedPerson, person_discs, were_passed
+from trolley_planner.people import PeopleTracker, TrackedPerson, person_discs, were_passed
 
 CELLS = 60
 EDGE_M = 0.05
@@ -63,7 +63,7 @@ def warm_up() -> None:
     navigator.costmaps(now_ns)
     context = navigator.costmap_manager.require_context()
     context.costmap.obstacle_layer.forget_around(1.0, 1.0, 0.5)
-    walker = TrackedPerson(np.array([[1.0, 1.0], [1.1, 1.0]]), np.array([0.5, 0.0]))
+    walker = TrackedPerson(np.array([[1.0, 1.0], [1.1, 1.0]]), np.ones(2), np.array([0.5, 0.0]))
     context.costmap.obstacle_layer.remove_people(person_discs([walker]))
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid
@@ -74,6 +74,7 @@ def warm_up() -> None:
     _squeeze()
     _pursue(context)
     _maneuver(context)
+    _watch()
 
 
 def _squeeze() -> None:
@@ -104,6 +105,19 @@ def _pursue(context: PlanningContext) -> None:
     pursuit, target = PurePursuit(PlannerConfig()), Target(2.0, 2.0, 0.1, goes_on=False)
     for place in (Pose2D(0.8, 0.8, 0.0), Pose2D(0.2, 0.2, 0.0)):
         pursuit.command(Motion(place, Twist2D.zero()), context.local_costmap, limits, target, 0.05)
+
+
+def _watch() -> None:
+    """Track somebody with two legs who walks by."""
+    tracker, no_walls = PeopleTracker(), np.full((CELLS, CELLS), 9.0, dtype=np.float32)
+    angles = np.radians(np.arange(0.0, 90.0))
+    for step in range(8):
+        ranges = np.full(len(angles), 2.0)
+        for first in (20 + 4 * step, 30 + 4 * step):
+            ranges[first : first + 4] = 1.0
+        corner = np.full(len(angles), 0.2)
+        beams = [corner, corner, np.cos(angles), np.sin(angles), ranges, ranges]
+        tracker.update(step * 100_000_000, np.column_stack(beams), no_walls, EDGE_M)
 
 
 def _navigator() -> Navigator:

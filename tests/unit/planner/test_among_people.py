@@ -21,15 +21,19 @@ pytestmark = pytest.mark.drives
 
 
 class Meeting:
-    """A robot that drives along y = 3 from x = 1 to x = 6.5, and one person."""
+    """A robot that drives along y = 3 from x = 1, and one person."""
 
     def __init__(
-        self, ride, controller: Literal["mppi", "pursuit"], room: GridMap | None = None
+        self,
+        ride,
+        controller: Literal["mppi", "pursuit"],
+        room: GridMap | None = None,
+        goal_x: float = 6.5,
     ) -> None:
         self._room = self._shown = room or empty_room()
         self.world = Flatland(self._room, Pose2D(1.0, 3.0, 0.0))
         self.drive = ride(self.world, PlannerConfig(controller=controller))
-        self.drive.send(Pose2D(6.5, 3.0, 0.0))
+        self.drive.send(Pose2D(goal_x, 3.0, 0.0))
         self.drive.step(40)
         self.poses: list[Pose2D] = []
         self.speeds: list[float] = []
@@ -105,3 +109,61 @@ def test_waits_for_who_stands_in_a_door_and_goes_on(ride) -> None:
     assert meeting.world.pose.x < 4.0
     meeting.walk(0.1, None)
     assert meeting.arrives()
+
+
+def corridor(width_m: float) -> GridMap:
+    """A corridor along y = 3."""
+    room, aside_m = empty_room(12.0, 6.0), 2.9 - 0.5 * width_m
+    below = with_block(room, 0.1, 0.1, 11.8, aside_m)
+    return with_block(below, 0.1, 5.9 - aside_m, 11.8, aside_m)
+
+
+class Person:
+    """Somebody 0.3 m wide who comes along a corridor at 0.8 m/s; polite ones see the robot."""
+
+    def __init__(self, meeting: Meeting, y: float, room_m: float) -> None:
+        self._meeting = meeting
+        self._least_y, self._most_y = 3.0 - room_m, 3.0 + room_m
+        self.x, self.y, self.held_s = 11.0, y, 0.0
+        self.is_polite = False
+
+    def __call__(self, time_s: float) -> tuple[float, float]:
+        pose = self._meeting.world.pose
+        ahead, beside = self.x - pose.x, self.y - pose.y
+        if self.is_polite and 0.0 < ahead < 2.0 and abs(beside) < 0.55:
+            # They go to the side that is nearer, to their right if it is neither.
+            sense = 1.0 if beside > -0.03 else -1.0
+            self.y = min(max(self.y + sense * 0.5 * STEP_S, self._least_y), self._most_y)
+        touches = abs(ahead) < 0.32 and abs(beside) < 0.28
+        if touches and ahead > 0.0:
+            self.held_s += STEP_S
+        else:
+            self.x = max(self.x - 0.8 * STEP_S, 0.5)
+        return self.x, self.y
+
+
+@pytest.mark.parametrize(("width_m", "y"), [(1.4, 3.0), (1.6, 3.0), (1.6, 2.9), (2.0, 3.1)])
+def test_keeps_to_its_side_when_somebody_comes_who_does_not_see_it(
+    ride, width_m: float, y: float
+) -> None:
+    meeting = Meeting(ride, "mppi", corridor(width_m), 9.0)
+    person = Person(meeting, y, 0.0)
+    meeting.walk(30.0, person)
+    assert meeting.arrives(1.0)
+    assert person.held_s == 0.0
+    # It shows early which side it takes: well before they meet it is on its way there.
+    meets = next(i for i, pose in enumerate(meeting.poses) if pose.x > 10.5 - 0.8 * i * STEP_S)
+    early = meeting.poses[meets - round(1.5 / STEP_S)]
+    assert abs(early.y - 3.0) > 0.08
+
+
+@pytest.mark.parametrize("width_m", [1.2, 1.6])
+def test_passes_a_polite_person_without_delay(ride, width_m: float) -> None:
+    meeting = Meeting(ride, "mppi", corridor(width_m), 9.0)
+    person = Person(meeting, 3.0, 0.5 * width_m - 0.2)
+    person.is_polite = True
+    meeting.walk(30.0, person)
+    assert meeting.arrives(1.0)
+    assert person.held_s == 0.0
+    # Alone it takes 18 s.
+    assert len(meeting.poses) * STEP_S < 1.3 * 18.0

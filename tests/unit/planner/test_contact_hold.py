@@ -23,7 +23,7 @@ HERE = Pose2D(0.0, 0.0, 0.0)
 def mover(x: float, y: float, vx: float, vy: float) -> list[TrackedPerson]:
     """One thing of 0.2 m."""
     points: NDArray[np.float64] = np.array([[x, y - 0.1], [x, y], [x, y + 0.1]])
-    return [TrackedPerson(points, np.array([vx, vy]))]
+    return [TrackedPerson(points, np.array([x, y]), np.array([vx, vy]))]
 
 
 def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
@@ -105,3 +105,12 @@ def test_the_robot_stands_while_somebody_leans_on_it(ride) -> None:
     world.set_truth(room)
     assert drive.until_over().state == "arrived"
     assert world.touches == 0
+
+
+def test_a_wall_beside_it_is_nobody_who_touches_it() -> None:
+    watch = touched()
+    beside_a_wall = echoes_at([(0.0, -0.15), (0.1, -0.15), (0.6, 0.0)])
+    for tenth in range(8):
+        now_ns = tenth * SECOND_NS // 10
+        watch.update(now_ns, beside_a_wall, mover(0.5, 0.15, -0.8, 0.0), HERE)
+        assert not watch.must_stand(now_ns)

@@ -77,9 +77,8 @@ class Controller(Protocol):
 
 
 def limits_here(limits: Limits, local_costmap: LocalCostmap, pose: Pose2D) -> Limits:
-    """Return the limits at a place: nobody backs into what was never seen, or among people."""
-    is_clear = local_costmap.sees_behind(pose) and len(local_costmap.field.walkers) == 0
-    return limits if is_clear else limits._replace(max_reverse=0.0)
+    """Return the limits at a place: nobody backs into what was never seen."""
+    return limits if local_costmap.sees_behind(pose) else limits._replace(max_reverse=0.0)
 
 
 def safe_command(

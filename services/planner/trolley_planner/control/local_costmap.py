@@ -122,8 +122,8 @@ class LocalCostmap:
     def is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         """Say whether somebody walks, or another robot drives, this near to a place [m]."""
         now = self._robots[:, 0]
-        moving = np.concatenate([self._walkers[:, [0, 1, 4]], now]) if len(now) else self._walkers
-        away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, -1]
+        moving = np.concatenate([self._walkers[:, [0, 1, 4]], now])
+        away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, 2]
         return bool((away < within_m).any())
 
     def update(self, x: float, y: float, is_tight: bool = False) -> None:
@@ -147,7 +147,8 @@ class LocalCostmap:
         centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
         self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
         room_m = self._coarse_m.reshape(-1)[self._robot_cell]
-        is_narrow = is_tight or room_m < self._narrow_m
+        # A robot that stepped aside for somebody is near a wall, too, and in no hurry.
+        is_narrow = is_tight or (room_m < self._narrow_m and not self._costmap.moving.people)
         self._price_of_path = LOCAL.narrow_factor if is_narrow else 1.0
         soften_disc(
             self._weights,

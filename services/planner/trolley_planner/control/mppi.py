@@ -59,11 +59,23 @@ class MppiParams(NamedTuple):
 
 
 MPPI = MppiParams()
+STRAIGHT = (0.0, 0.0, 1.0)
 DESCENTS = np.array(
-    [(ahead, share, 0.0) for ahead in (0.2, 0.35, 0.6) for share in (0.45, 1.0)]
-    + [(0.35, 1.0, backwards_s) for backwards_s in (0.5, 1.0, 1.5)]
+    [(ahead, share, 0.0, *STRAIGHT) for ahead in (0.2, 0.35, 0.6) for share in (0.45, 1.0)]
+    + [(0.35, 1.0, backwards_s, *STRAIGHT) for backwards_s in (0.5, 1.0, 1.5)]
 )
-"""Descents of the cost-to-go: lookahead [m], share of the speed, time backwards at first [s]."""
+"""Descents of the cost-to-go: lookahead [m], share of the speed, time backwards at first [s]; then
+how far beside the way down it heads at first [rad], for how long [s], and the share of the speed
+that it drives with after that."""
+ASIDE = np.array(
+    [
+        (0.35, 1.0, 0.0, side * aside_rad, aside_s, then)
+        for side in (-1.0, 1.0)
+        for aside_rad, aside_s in ((0.5, 0.8), (0.5, 1.4), (0.5, 2.0), (0.9, 0.8), (0.9, 1.4))
+        for then in (0.0, 1.0)
+    ]
+)
+"""The same, aside: they are tried while people walk, whom random samples pass too late."""
 PRIMITIVES = np.array(
     [
         (0.0, 0.0),
@@ -256,13 +268,16 @@ def best_plain_into(
     out_controls: NDArray[np.float64], start: NDArray[np.float64], scene: Scene
 ) -> float:
     """Write the cheapest of the descents and primitives (steps, 2); return its cost."""
-    trials = np.empty((DESCENTS.shape[0] + PRIMITIVES.shape[0], *out_controls.shape))
+    num_plain = DESCENTS.shape[0] + PRIMITIVES.shape[0]
+    num_aside = ASIDE.shape[0] if scene.field.walkers.shape[0] > 0 else 0
+    trials = np.empty((num_plain + num_aside, *out_controls.shape))
     for index in range(trials.shape[0]):
         if index < DESCENTS.shape[0]:
-            manner = (DESCENTS[index, 0], DESCENTS[index, 1], DESCENTS[index, 2])
-            descend_into(trials[index], start, scene, manner)
-        else:
+            descend_into(trials[index], start, scene, DESCENTS[index])
+        elif index < num_plain:
             trials[index] = PRIMITIVES[index - DESCENTS.shape[0]]
+        else:
+            descend_into(trials[index], start, scene, ASIDE[index - num_plain])
     costs = np.empty(trials.shape[0])
     rollouts_into(costs, trials, start, scene)
     best = np.argmin(costs)
@@ -275,7 +290,7 @@ def descend_into(
     out_controls: NDArray[np.float64],
     start: NDArray[np.float64],
     scene: Scene,
-    manner: tuple[float, float, float],
+    manner: NDArray[np.float64],
 ) -> None:
     """Write the commands (steps, 2) that follow the cost-to-go downhill.
 
@@ -285,10 +300,11 @@ def descend_into(
         out_controls: (steps, 2), overwritten.
         start: (5,) state.
         scene: what rollouts need.
-        manner: a row of `DESCENTS`.
+        manner: (6,) a row of `DESCENTS`.
     """
     field, body, limits = scene.field, scene.body, scene.limits
-    lookahead_m, share, backwards_s = manner
+    lookahead_m, share, backwards_s = manner[0], manner[1], manner[2]
+    aside_rad, aside_s = manner[3], manner[4]
     state = start.copy()
     for step in range(out_controls.shape[0]):
         clearance = clearance_at(field, body, state[0], state[1], state[2], limits.caution_m)
@@ -298,6 +314,10 @@ def descend_into(
         wanted_v, wanted_w = 0.0, 0.0
         if distance > 0.5 * field.coarse_m:
             error = wrapped(math.atan2(y - state[1], x - state[0]) - state[2])
+            if aside_s > 0.0 and step * limits.dt < aside_s:
+                error += aside_rad
+            elif aside_s > 0.0:
+                share = manner[5]
             wanted_w = MPPI.descent_turn_gain * error
             if abs(error) < MPPI.turn_in_place_rad:
                 wanted_v = share * allowed * math.cos(error) ** 2

@@ -1,8 +1,9 @@
 """Proximity to people and other robots along the robot's motion.
 
-A person is a disc that keeps its velocity and grows with time. Other robots are a few discs each,
-with a place for every `ROBOT_DT_S` from now on; they may come some way short of where they mean to
-be. A state is x, y, yaw, v, w; everything is in frame `grid` [m].
+A person is a disc that keeps its velocity and grows with time, the faster the less sure it is.
+Other robots are a few discs each, with a place for every `ROBOT_DT_S` from now on; they may come
+some way short of where they mean to be. A state is x, y, yaw, v, w; everything is in frame `grid`
+[m].
 
 Source:
     Fiorini, Shiller, Motion Planning in Dynamic Environments Using Velocity Obstacles (1998): what
@@ -24,10 +25,9 @@ from trolley_planner.people import ROBOT_DT_S
 class ProximityParams(NamedTuple):
     """How close is too close to people and other robots; all by hand."""
 
-    spread_mps: float = 0.1
-    """A person's disc grows this fast: the farther ahead, the less sure where they will be,"""
     most_spread_m: float = 0.15
-    """by this much at most [m]."""
+    """A person's disc grows with time, as fast as their velocity is unsure, by this much at most
+    [m]."""
     robot_spread_mps: float = 0.05
     """The same for a robot, which does what it says but for the error of its pose,"""
     robot_most_spread_m: float = 0.1
@@ -42,6 +42,21 @@ class ProximityParams(NamedTuple):
     """A robot slower than this cannot run into anybody [m/s],"""
     leaving: float = -0.5
     """nor can one that drives away from them: cosine of the angle between."""
+    touch_m: float = 0.18
+    """Gaps smaller than this [m]"""
+    touch: float = 120.0
+    """cost this much more, per square metre of what is missing: it is in the way [1/m^2]."""
+    moving: float = 3.0
+    """Touching somebody costs this much more per speed of the robot [s/m]."""
+    stand_s: float = 6.0
+    """A rollout ends with the robot standing there for this long [s]:"""
+    pass_s: float = 0.7
+    """who comes in that time is taken to be there for so long [s],"""
+    right_m: float = 0.02
+    """whoever walks is taken to keep this much to their right by then [m], and more the less sure
+    it is: of two sides that seem as good, the robot chooses the one that people expect it to,"""
+    sure_later_s: float = 8.0
+    """and counts the less the later they come: 1/e after this time [s]."""
     brake_dt_s: float = 0.05
     """Time step of the braking check [s]."""
     longest_brake_s: float = 10.0
@@ -99,10 +114,12 @@ def people_proximity_cost(
     v: float,
     time_s: float,
 ) -> float:
-    """Return the cost of being near people: 0 far away, 1 touching; infinite for a collision.
+    """Return the cost of being near people: 0 far away, more than 1 touching.
+
+    It is infinite for a collision that the robot is to blame for.
 
     Args:
-        walkers: (n, 5) see `Field.walkers`.
+        walkers: (n, 6) see `Field.walkers`.
         body: points of the outline (n, 2), inscribed and circumscribed radius.
         place: of the robot then.
         turned: cosine and sine of its heading.
@@ -110,12 +127,11 @@ def people_proximity_cost(
         time_s: from now.
     """
     outline, inscribed, circumscribed = body
-    spread = min(PROXIMITY.spread_mps * time_s, PROXIMITY.most_spread_m)
     total = 0.0
     for index in range(walkers.shape[0]):
         away_x = walkers[index, 0] + time_s * walkers[index, 2] - place[0]
         away_y = walkers[index, 1] + time_s * walkers[index, 3] - place[1]
-        radius = walkers[index, 4] + spread
+        radius = walkers[index, 4] + min(walkers[index, 5] * time_s, PROXIMITY.most_spread_m)
         reach = radius + PROXIMITY.near_m + circumscribed
         if away_x * away_x + away_y * away_y >= reach * reach:
             continue
@@ -126,7 +142,47 @@ def people_proximity_cost(
         if gap < PROXIMITY.near_m:
             near = min(1.0 - gap / PROXIMITY.near_m, PROXIMITY.most_cost)
             total += near * near
+        if gap < PROXIMITY.touch_m:
+            # Not limited: the less of the robot is in the way, the better.
+            deep_m = PROXIMITY.touch_m - gap
+            total += PROXIMITY.touch * deep_m * deep_m * (1.0 + PROXIMITY.moving * abs(v))
     return total
+
+
+@kernel
+def standing_cost(
+    walkers: NDArray[np.float64],
+    body: tuple[NDArray[np.float64], float, float],
+    place: tuple[float, float],
+    turned: tuple[float, float],
+    time_s: float,
+) -> float:
+    """Return the cost of standing from some time on where people come along, as seconds near them.
+
+    Standing is no excuse for being in the way. Each counts once, where they come nearest.
+
+    Args:
+        walkers: (n, 6) see `Field.walkers`.
+        body: points of the outline (n, 2), inscribed and circumscribed radius.
+        place: of the robot.
+        turned: cosine and sine of its heading.
+        time_s: from now, when it comes to stand there.
+    """
+    total = 0.0
+    for index in range(walkers.shape[0]):
+        vx, vy = walkers[index, 2], walkers[index, 3]
+        squared = vx * vx + vy * vy
+        if squared == 0.0:
+            continue
+        away_x = walkers[index, 0] + time_s * vx - place[0]
+        away_y = walkers[index, 1] + time_s * vy - place[1]
+        later = min(max(-(away_x * vx + away_y * vy) / squared, 0.0), PROXIMITY.stand_s)
+        right = (PROXIMITY.right_m + walkers[index, 5] * later) / math.sqrt(squared)
+        there = place[0] - right * vy, place[1] + right * vx
+        one = walkers[index : index + 1]
+        near = people_proximity_cost(one, body, there, turned, 0.0, time_s + later)
+        total += near * math.exp(-later / PROXIMITY.sure_later_s)
+    return total * PROXIMITY.pass_s
 
 
 @kernel
@@ -191,7 +247,7 @@ def would_meet_people(
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
-        walkers: (n, 5) see `Field.walkers`.
+        walkers: (n, 6) see `Field.walkers`.
         body: the outline.
         deceleration: of the robot [m/s^2].
         delay_s: until it brakes.
@@ -262,7 +318,7 @@ def proximity_cost(
     """Return the cost of being near people and other robots.
 
     Args:
-        walkers: (n, 5) see `Field.walkers`.
+        walkers: (n, 6) see `Field.walkers`.
         robots: (n, steps, 3) see `Field.robots`.
         body: points of the outline (n, 2), inscribed and circumscribed radius.
         then: place, cosine and sine of the heading, and the time from now [s].
@@ -282,7 +338,7 @@ def discs_in_reach(
     """Return discs (n, 3) x, y, radius [m] outside all of which `proximity_cost` is 0.
 
     Args:
-        walkers: (n, 5) see `Field.walkers`.
+        walkers: (n, 6) see `Field.walkers`.
         robots: (n, steps, 3) see `Field.robots`.
         circumscribed_m: radius of the robot.
         time_s: from now.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
 from trolley_planner.control.look_ups import LookUps, look_up, make_look_ups
-from trolley_planner.control.proximity import discs_in_reach, proximity_cost
+from trolley_planner.control.proximity import discs_in_reach, proximity_cost, standing_cost
 from trolley_planner.costmap.footprint import (
     FEW_DO_M,
     Body,
@@ -363,6 +363,8 @@ def rollouts_into(
             look_for_others(lanes, count, (step + 1) * limits.dt, scene)
             add_step_costs(lanes, count, limits.dt)
             count = end_lanes(out_costs, lanes, count, (step, steps), floor, scene)
+        if field.walkers.shape[0] > 0:
+            add_standing_costs(lanes, count, steps * limits.dt, scene)
         for lane in range(count):
             place, turned = (lanes.x[lane], lanes.y[lane]), (lanes.cos[lane], lanes.sin[lane])
             end = terminal_cost(field, place, turned, scene.target)
@@ -534,6 +536,16 @@ def add_step_costs(lanes: Lanes, count: int, dt: float) -> None:
     for lane in range(count):
         now, then = (v[lane], w[lane]), (old_v[lane], old_w[lane])
         cost[lane] += step_cost(now, then, clearance[lane], dt)
+
+
+@kernel
+def add_standing_costs(lanes: Lanes, count: int, time_s: float, scene: Scene) -> None:
+    """Add what it costs to stand where each lane ends while people come along."""
+    body = scene.body.few_points, scene.body.inscribed_m, scene.body.circumscribed_m
+    for lane in range(count):
+        place, turned = (lanes.x[lane], lanes.y[lane]), (lanes.cos[lane], lanes.sin[lane])
+        near = standing_cost(scene.field.walkers, body, place, turned, time_s)
+        lanes.cost[lane] += CRITICS.proximity * near
 
 
 @kernel

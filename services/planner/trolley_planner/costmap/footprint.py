@@ -44,7 +44,8 @@ class Field(NamedTuple):
     cell_m: float
     """Edge of a cell of the costmap."""
     walkers: NDArray[np.float64] = NOBODY
-    """(n, 5) people: x, y now [m], velocity [m/s], radius [m]; they are not in the distances."""
+    """(n, 6) people: x, y now [m], velocity [m/s], radius [m], its growth [m/s]; they are not in
+    the distances."""
     robots: NDArray[np.float64] = NO_ROBOTS
     """(n, steps, 3) discs of other robots that drive: x, y, radius [m], 0.1 s apart from now on."""
 

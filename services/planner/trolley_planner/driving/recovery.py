@@ -119,7 +119,9 @@ class ContactParams:
     came_m: float = 0.4
     """Whoever moved this near to the outline"""
     lately_s: float = 1.0
-    """within this time is taken to be who touches it now."""
+    """within this time is taken to be who touches it now,"""
+    same_m: float = 0.3
+    """if what touches it is this near to where they were, and not a wall beside the robot."""
 
 
 CONTACT = ContactParams()
@@ -140,6 +142,7 @@ class ContactHold:
         self._footprint = footprint
         self._patience_ns = round(patience_s * 1e9)
         self._came_ns: int | None = None
+        self._came = np.empty((0, 2))
         self._since_ns: int | None = None
         self._is_touched = False
 
@@ -154,11 +157,12 @@ class ContactHold:
             people: who moves according to it, in `grid`.
             pose: of the robot, in `grid`.
         """
-        if any(self._is_within(CONTACT.came_m, person.points, pose) for person in people):
-            self._came_ns = now_ns
+        came = [one.points for one in people if self._is_within(CONTACT.came_m, one.points, pose)]
+        if came:
+            self._came_ns, self._came = now_ns, np.concatenate(came)
         seen = beams[beams[:, ECHO] > 0.0]
         points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
-        self._is_touched = self._is_within(CONTACT.touch_m, points, pose)
+        self._is_touched = self._is_within(CONTACT.touch_m, self._of_who_came(points), pose)
         if not self._is_touched:
             self._since_ns = None
         elif self._since_ns is None and self._has_come(now_ns):
@@ -168,6 +172,14 @@ class ContactHold:
         """Say whether the robot had better stand."""
         since_ns = self._since_ns
         return since_ns is not None and now_ns - since_ns < self._patience_ns
+
+    def _of_who_came(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return those of some points (n, 2) in `grid` where somebody came to the robot."""
+        if len(self._came) == 0:
+            return self._came
+        first, last = self._came.min(axis=0), self._came.max(axis=0)
+        near = points >= first - CONTACT.same_m
+        return points[(near & (points <= last + CONTACT.same_m)).all(axis=1)]
 
     def _has_come(self, now_ns: int) -> bool:
         return self._came_ns is not None and now_ns - self._came_ns < CONTACT.lately_s * 1e9
