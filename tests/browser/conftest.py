@@ -58,6 +58,10 @@ SLOW_FRAMES = """(() => {
   };
   window.cancelAnimationFrame = (number) => waiting.delete(number);
 })()"""
+# What is pressed counts from when the page hears of it: without a graphics card it is busy for
+# seconds, and what is pressed earlier than 2 s ago is refused.
+PROMPT = """Object.defineProperty(Event.prototype, "timeStamp",
+  { configurable: true, get: () => performance.now() })"""
 
 
 class Shown:
@@ -156,6 +160,7 @@ def open_page(browser: Browser, width: int, height: int, **options: Any) -> Page
     """A page of a context of its own, patient and drawn seldom."""
     page = browser.new_page(viewport={"width": width, "height": height}, **options)
     page.add_init_script(SLOW_FRAMES)
+    page.add_init_script(PROMPT)
     page.set_default_timeout(PATIENCE_MS)
     return page
 

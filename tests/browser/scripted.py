@@ -19,6 +19,9 @@ from trolley_viz.server.web_server import BUILD, WebServer, close_scene, open_sc
 
 from .conftest import open_page
 
+NOW_MS = 1e6
+"""The viewer's time, which stands still."""
+
 
 @dataclass
 class Viewer:
@@ -31,7 +34,7 @@ class Viewer:
     def greet(self) -> None:
         """Open the newest line, and tell nothing yet."""
         hello = Hello(protocol=PROTOCOL, build=BUILD, may_drive=True)
-        self.lines[-1].send(Told(hello=hello, beat_ms=1000.0))
+        self.lines[-1].send(Told(hello=hello, beat_ms=NOW_MS))
 
     def tell(self, *names: str) -> list[int]:
         """Tell everything anew, with a button for each name; return their numbers."""
@@ -56,7 +59,7 @@ class Viewer:
         """Let the page know all the time that it lives."""
         while not is_over.wait(0.3):
             for line in self.lines[-1:]:
-                line.send(Told(beat_ms=1000.0))
+                line.send(Told(beat_ms=NOW_MS))
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 from support.waiting import wait_until
 
-from .scripted import Viewer, page_of, scripted_viewer
+from .scripted import NOW_MS, Viewer, page_of, scripted_viewer
 
 pytestmark = pytest.mark.browser
 
@@ -65,3 +65,19 @@ def test_stop_does_not_wait_for_what_the_viewer_has_to_tell(page: Page, viewer: 
     page.locator("#stop").click()
     wait_until(lambda: any(said.stop is not None for _, said in viewer.said), "Stop arrives")
     assert len(viewer.lines) == known
+
+
+def test_a_press_counts_from_when_the_finger_came_down(page: Page, viewer: Viewer) -> None:
+    viewer.greet()
+    viewer.tell("start")
+    start = page.get_by_role("button", name="start")
+    expect(start).to_be_visible()
+    # As if the page had been busy for three seconds.
+    page.evaluate(
+        """Object.defineProperty(Event.prototype, "timeStamp",
+          { get: () => performance.now() - 3000 })"""
+    )
+    start.click()
+    wait_until(lambda: bool(viewer.pressed()), "the press arrives")
+    (press,) = [said.press for _, said in viewer.said if said.press is not None]
+    assert press.at_ms < NOW_MS - 2000.0
