@@ -75,6 +75,7 @@ def test_a_goal_beside_something_is_met_within_its_tolerance(ride) -> None:
     assert world.touches == 0
 
 
+@pytest.mark.slow
 def test_a_goal_that_something_stands_on_fails_with_a_reason(ride) -> None:
     world = Flatland(empty_room(), Pose2D(3.0, 3.0, 0.0))
     world.set_truth(with_block(empty_room(), 4.8, 2.8, 0.4, 0.4))

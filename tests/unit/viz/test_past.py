@@ -304,6 +304,7 @@ def test_what_went_wrong_is_listed_and_leads_there(stage: "Stage") -> None:
     assert not browser.state.is_stopped  # that is what is, not what was
 
 
+@pytest.mark.slow
 def test_who_looked_away_for_long_goes_on_with_what_is_still_there(stage: "Stage") -> None:
     stage.browse()
     stage.runtime.run(20.0)
