@@ -328,14 +328,7 @@ class Navigator:
             return known
         check_ready(self.inputs, now_ns)
         now = now_ns or 0
-        validated, context = self._validate(params, new_id, now)
-        if self.board.is_active:
-            self._end("canceled", codes.REPLACED, now)
-        self.board.begin(validated.goal)
-        self.board.set("planning", "", now)
-        self._following = None
-        self._set_off(validated, context, now)
-        return self.status(now)
+        return self._take(*self._validate(params, new_id, now), None, now)
 
     def follow(self, params: FollowPerson, new_id: str, now_ns: int | None) -> GoalStatus:
         """Begin to follow a person, in place of the goal before.
@@ -362,14 +355,7 @@ class Navigator:
         following = Following(person, here, params.distance, now)
         place = following.place_behind(now)
         goal = Goal(params.id or new_id, place, (), BEHIND, params.speed, now)
-        validated = validate(goal, context, here, self._config)
-        if self.board.is_active:
-            self._end("canceled", codes.REPLACED, now)
-        self.board.begin(validated.goal)
-        self.board.set("planning", "", now)
-        self._following = following
-        self._set_off(validated, context, now)
-        return self.status(now)
+        return self._take(validate(goal, context, here, self._config), context, following, now)
 
     def preview(self, params: SendGoal, now_ns: int | None) -> Path:
         """Return the path to a goal with its times, without driving.
@@ -464,6 +450,22 @@ class Navigator:
             raise Refused(codes.NOT_LOCALIZED)
         self._rebuild_costmap(now_ns, goals)
         return self.costmap_manager.require_context(), here
+
+    def _take(
+        self,
+        validated: ValidatedGoal,
+        context: PlanningContext,
+        following: Following | None,
+        now_ns: int,
+    ) -> GoalStatus:
+        """Drive to a goal in place of the one before, behind a person if one is followed."""
+        if self.board.is_active:
+            self._end("canceled", codes.REPLACED, now_ns)
+        self.board.begin(validated.goal)
+        self.board.set("planning", "", now_ns)
+        self._following = following
+        self._set_off(validated, context, now_ns)
+        return self.status(now_ns)
 
     def _set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
         """Begin to drive along a first path."""

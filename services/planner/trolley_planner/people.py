@@ -145,6 +145,8 @@ class _View(NamedTuple):
     tracks: list[Floats]
     """(m, 5) for each segment where it was, oldest first: time since `stamp_ns` [s], its middle,
     and the middle of what was seen of it."""
+    motions: list[tuple[Floats, float] | None]
+    """Velocity along each track and its standard deviation [m/s], None if it is too short."""
     origins: list[int]
     """Index of each segment in the scan before, -1 if it is new."""
     numbers: list[int]
@@ -188,8 +190,8 @@ class PeopleTracker:
             known = None if last is None or origin < 0 else last.numbers[origin]
             view.numbers[index] = next(self._new_numbers) if known is None else known
         seen = [
-            _person(segment, track, view, None if origin >= 0 and self._seen[origin] else earlier)
-            for segment, track, origin in zip(view.segments, view.tracks, view.origins, strict=True)
+            _person(view, index, None if origin >= 0 and self._seen[origin] else earlier)
+            for index, origin in enumerate(view.origins)
         ]
         if last is not None:
             self._hidden = self._now_hidden(view, last.stamp_ns)
@@ -254,7 +256,8 @@ def _view_of(
     segments = _segments(loose, origin)
     tracks, origins = _tracks(stamp_ns, segments, last)
     numbers = [-1] * len(segments)
-    return _View(stamp_ns, origin, angles, clear_m, segments, tracks, origins, numbers)
+    motions = [_motion(track) for track in tracks]
+    return _View(stamp_ns, origin, angles, clear_m, segments, tracks, motions, origins, numbers)
 
 
 def _tracks(
@@ -267,10 +270,11 @@ def _tracks(
     if last is None or not segments or not last.tracks:
         return tracks, origins
     elapsed_s = (stamp_ns - last.stamp_ns) * 1e-9
-    motions = [_motion(track) for track in last.tracks]
     expected = np.array([track[-1, 1:3] for track in last.tracks])
-    expected += elapsed_s * np.array([[0.0, 0.0] if one is None else one[0] for one in motions])
-    known = [one is not None for one in motions]
+    expected += elapsed_s * np.array(
+        [[0.0, 0.0] if one is None else one[0] for one in last.motions]
+    )
+    known = [one is not None for one in last.motions]
     reach = np.where(known, TRACKING.astray_m, TRACKING.fastest_mps * elapsed_s)
     lengths = np.hypot(*np.moveaxis(here[:, 0, 1:3] - expected[:, None], -1, 0))
     for origin, index in _assigned(np.where(lengths <= reach[:, None], lengths, np.inf)):
@@ -396,24 +400,21 @@ def _size(points: Floats) -> float:
     return math.hypot(width, points[:, 1].max() - points[:, 1].min())
 
 
-def _person(
-    segment: _Segment, track: Floats, view: _View, earlier: list[_View] | None
-) -> TrackedPerson | None:
+def _person(view: _View, index: int, earlier: list[_View] | None) -> TrackedPerson | None:
     """Return a segment as a person; None if it stands, or may have been hidden before.
 
     Args:
-        segment: where it is.
-        track: where it has been.
         view: the scan that shows it.
+        index: of the segment.
         earlier: scans to compare with; None for what is known to move.
     """
-    motion = _motion(track)
+    segment, motion = view.segments[index], view.motions[index]
     slowest = TRACKING.lingering_mps if earlier is None else TRACKING.slowest_mps
     if motion is None or math.hypot(*motion[0].tolist()) < slowest:
         return None
-    if earlier is not None and not (_came(segment.points, earlier) or _left(track, view)):
-        return None
-    return TrackedPerson(*segment, *motion)
+    if earlier is None or _came(segment.points, earlier) or _left(view.tracks[index], view):
+        return TrackedPerson(*segment, *motion)
+    return None
 
 
 def _came(points: Floats, earlier: list[_View]) -> bool:

@@ -24,7 +24,7 @@ from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import Maneuver, PoseSearch, Task
+from trolley_planner.paths.pose_search import Maneuver, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -56,7 +56,7 @@ class PlanningContext:
         half = max(1.5, max_speed * config.horizon_s + footprint.circumscribed_m + WINDOW_MARGIN_M)
         self.local_costmap = LocalCostmap(self.costmap, footprint, config, half)
         self.half_m = half
-        self.pose_search = PoseSearch(footprint)
+        self.pose_search = self.planner.pose_search
         self._fine_grid = FineGrid(self.costmap, FINE.finest_m, SEEN_M + footprint.circumscribed_m)
         self.controller: Controller = (
             PurePursuit(config) if config.controller == "pursuit" else Mppi(config)
@@ -128,7 +128,7 @@ class PlanningContext:
         grid.update(first, size)
         rows, cols = (at + np.arange(2 * half) for at in first)
         known = self.local_costmap.is_known(*np.meshgrid(rows, cols, indexing="ij"))
-        unknown = (~known).astype(np.uint8).repeat(grid.parts, 0).repeat(grid.parts, 1)
+        unknown = grid.divided(~known)
         return self.pose_search.find(grid, unknown, np.zeros_like(unknown), task)
 
 
@@ -312,12 +312,13 @@ class CostmapManager:
             return False
         config, before = self._config, self.context
         edge = MANAGER.edge_share * config.odom_size_m
-        wanted = empty_grid(*_square_around([here, *goals], edge, config), config.odom_resolution_m)
+        centre, size_m = _square_around([here, *goals], edge, config)
         if before is not None and not is_new_robot:
-            is_needed = goals or before.grid.cols <= wanted.cols
+            is_needed = goals or before.grid.cols <= round(size_m / config.odom_resolution_m)
             if is_needed and all(_is_within(before, pose, edge) for pose in (here, *goals)):
                 return False
-        self.context = PlanningContext(wanted, footprint, config, self._speed(robot))
+        grid = empty_grid(centre, size_m, config.odom_resolution_m)
+        self.context = PlanningContext(grid, footprint, config, self._speed(robot))
         if before is not None:
             self.context.costmap.take_over(before.costmap)
         return True

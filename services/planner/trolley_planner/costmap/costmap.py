@@ -22,6 +22,7 @@ from trolley_planner.costmap.inflation import (
     CostmapLayers,
     compose_into,
     inflation_table,
+    measure_box,
     replace_mask,
     update_distances,
     weigh_into,
@@ -253,15 +254,11 @@ class Costmap:
         (rows, cols), low, high = self.shape, flipped.min(axis=0), flipped.max(axis=0)
         reach = math.ceil(self._reach_m / self.resolution_m)
         around = int(low[0]), int(high[0]), int(low[1]), int(high[1])
-        # Distances change within reach of what changed, by what is within reach of there.
-        write = _grown(around, reach, rows, cols)
-        read = _grown(around, 2 * reach, rows, cols)
-        mask = np.ascontiguousarray(self._stands[read[0] : read[1], read[2] : read[3]])
-        distance = distance_transform(mask, self.resolution_m, self._reach_m)
-        self.distance_m[write[0] : write[1], write[2] : write[3]] = distance[
-            write[0] - read[0] : write[1] - read[0], write[2] - read[2] : write[3] - read[2]
-        ]
-        return write
+        # Distances change within reach of what changed.
+        box = _grown(around, reach, rows, cols)
+        edge_m, reach_m = self.resolution_m, self._reach_m
+        measure_box(self.distance_m, self._stands, np.array(box), reach, edge_m, reach_m)
+        return box
 
     def _weigh(self, box: tuple[slice, slice]) -> None:
         """Bring the weights up to date in a box of cells."""

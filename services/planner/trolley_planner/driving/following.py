@@ -80,7 +80,7 @@ def pick_person(
         here: pose of the robot.
         point: near the person [m], None for the nearest ahead.
     """
-    people = [one for one in tracks if one.is_moving or one.size_m < FOLLOWING.most_size_m]
+    people = [one for one in tracks if _may_be_person(one)]
     if point is not None:
         near = [one for one in people if math.dist(one.place, point) < FOLLOWING.pick_m]
         return min(near, key=lambda one: math.dist(one.place, point), default=None)
@@ -207,8 +207,7 @@ class Following:
         near = [
             one
             for one in tracks
-            if math.dist(one.place, expected) < reach_m
-            and (one.is_moving or one.size_m < FOLLOWING.most_size_m)
+            if math.dist(one.place, expected) < reach_m and _may_be_person(one)
         ]
         return min(near, key=lambda one: math.dist(one.place, expected), default=None)
 
@@ -223,6 +222,10 @@ def tracks_in_frame(tracks: Sequence[Track], frame_T_grid: Pose2D) -> list[Track
         )
         for one in tracks
     ]
+
+
+def _may_be_person(one: Track) -> bool:
+    return one.is_moving or one.size_m < FOLLOWING.most_size_m
 
 
 def _bearing(here: Pose2D, place: NDArray[np.float64]) -> float:

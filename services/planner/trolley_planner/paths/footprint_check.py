@@ -70,13 +70,14 @@ class FootprintCheck:
 
     Args:
         costmap: what stands where, and the footprint.
+        pose_search: finds ways through where the footprint does not fit along a path.
     """
 
-    def __init__(self, costmap: Costmap) -> None:
+    def __init__(self, costmap: Costmap, pose_search: PoseSearch) -> None:
         self._costmap = costmap
         self._body = costmap.footprint.body
         self._edge_m = costmap.resolution_m
-        self._pose_search = PoseSearch(costmap.footprint)
+        self._pose_search = pose_search
         reach_m = costmap.footprint.circumscribed_m + CHECK.margin_m
         self._margin = math.ceil(reach_m / costmap.resolution_m)
         self._fine_grid = FineGrid(costmap, FINE.finest_m, reach_m)
@@ -172,7 +173,7 @@ class FootprintCheck:
         size = cells.max(axis=0) + self._margin + 1 - low
         has_seen = field.distance_m is not self._costmap.static_distance_m
         grid.update((int(low[0]), int(low[1])), (int(size[0]), int(size[1])), has_seen)
-        closed = self._in_fine_cells(_box_of(weights == LETHAL, low, size))
+        closed = grid.divided(_box_of(weights == LETHAL, low, size))
         unknown = np.zeros_like(closed)
         x, y = (float(value) for value in points[start])
         to_x, to_y = (float(value) for value in points[end])
@@ -191,10 +192,6 @@ class FootprintCheck:
             task = task._replace(any_heading=True)
             found = self._pose_search.find(grid, unknown, closed, task)
         return None if found is None else found.poses[1:, :2]
-
-    def _in_fine_cells(self, cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        parts = self._fine_grid.parts
-        return cells.astype(np.uint8).repeat(parts, 0).repeat(parts, 1)
 
     def _yaw(self, points: NDArray[np.float64], index: int) -> float:
         before = points[max(index - CHECK.around, 0)]

@@ -12,6 +12,7 @@ from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, s
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
 from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
 from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten
+from trolley_planner.paths.pose_search import PoseSearch
 
 Point = tuple[float, float]
 
@@ -62,7 +63,9 @@ class GlobalPlanner:
     def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
         self._cost_to_go = CostToGo(costmap.shape)
-        self._footprint_check = FootprintCheck(costmap)
+        self.pose_search = PoseSearch(costmap.footprint)
+        """Finds ways with headings; its memory is large, so all who plan here share it."""
+        self._footprint_check = FootprintCheck(costmap, self.pose_search)
         self.narrow: list[Point] = []
         """Where the last plan found that the footprint does not get through."""
 

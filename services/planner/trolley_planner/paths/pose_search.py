@@ -245,8 +245,6 @@ class PoseSearch:
         self._number = 0
         self.num_states = 0
         """States that the last search reached."""
-        self.is_proof = True
-        """Whether the last search, if it found nothing, has tried everything."""
 
     def find(
         self,
@@ -264,7 +262,6 @@ class PoseSearch:
             task: from where to where; there is no way to or from outside `grid`.
         """
         if not (grid.contains(task.x, task.y) and grid.contains(task.goal_x, task.goal_y)):
-            self.is_proof = True
             return None
         shape = self._shape(grid.fine_m, task.goal_yaw)
         corner = np.array([grid.x, grid.y])
@@ -274,7 +271,6 @@ class PoseSearch:
         self._number += 1
         ending, last = search_poses(self._memory, self._number, room, shape, (start, goal), task)
         self.num_states = int(self._memory.counts[0])
-        self.is_proof = ending != FULL
         if ending != FOUND:
             return None
         poses, motions = _traced(self._memory, last, shape)
