@@ -86,6 +86,7 @@ def test_a_get_ends_once_after_its_last_reply(bus: ZenohBus, other: ZenohBus) ->
             query.finish()
 
         other.serve("trolley/tester/three", answer)
+    wait_until_known(other, bus)
     told: list[int | None] = []
     bus.get(
         "trolley/tester/three",
@@ -132,6 +133,8 @@ def test_who_served_a_key_and_has_ended_is_not_waited_for(
     bus.serve(key, answer)
     with open_bus([router_endpoint], timeout_s=PATIENCE_S) as third:
         served = third.serve(key, answer)
+        for one in (bus, third):
+            wait_until_known(one, other)
         assert [reply.payload for reply in read(other, key)] == [b"x", b"x"]
         served.close()
     # One that waited would end with an error, after the time that it was given.
@@ -141,6 +144,7 @@ def test_who_served_a_key_and_has_ended_is_not_waited_for(
 def test_a_key_that_was_closed_is_served_again(bus: ZenohBus, other: ZenohBus) -> None:
     key = "trolley/tester/six"
     served = bus.serve(key, answer)
+    wait_until_known(bus, other)
     served.close()
     assert read(other, key) == []
     bus.serve(key, answer)
