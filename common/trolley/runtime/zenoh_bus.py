@@ -29,7 +29,7 @@ from trolley.topics import Qos
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
 
-MOST_WAITING = 1000
+MOST_ARRIVALS = 1000
 """Things that have arrived and that nobody has taken in."""
 
 SOCKET = "unixsock-stream/"
@@ -170,11 +170,11 @@ class _Caller:
     """Calls back with what arrives, one after another in its order, on one thread.
 
     The library itself would start a thread for each subscriber and each question. Where more waits
-    than `MOST_WAITING`, nothing more is received: a flood costs no memory.
+    than `MOST_ARRIVALS`, nothing more is received: a flood costs no memory.
     """
 
     def __init__(self) -> None:
-        self._waiting: queue.Queue[Callable[[], object] | None] = queue.Queue(MOST_WAITING)
+        self._waiting: queue.Queue[Callable[[], object] | None] = queue.Queue(MOST_ARRIVALS)
         threading.Thread(target=self._run, name="bus", daemon=True).start()
 
     def calls(
