@@ -25,7 +25,7 @@ from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clear
 from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import Maneuver, Task
+from trolley_planner.paths.pose_search import SEARCH, Maneuver, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -132,7 +132,7 @@ class PlanningContext:
         known = self.local_costmap.is_known(cells[0], cells[1], OBSTACLES.recent_s)
         unknown = grid.divided(~known)
         closed = np.zeros_like(unknown)
-        return self.pose_search.find(grid, unknown, closed, task)
+        return self.pose_search.find(grid, unknown, closed, task, SEARCH.driving)
 
 
 def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:
