@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.paths.cost_to_go import (
     TILE,
+    Coarse,
     Corridor,
     CostToGo,
     Terrain,
-    coarsen_weights_into,
     open_path,
     reload,
     retile,
+    retile_changes,
     rewind,
 )
 from trolley_planner.paths.path import polyline_cost, straighten
@@ -214,8 +215,16 @@ def test_a_tile_is_as_passable_as_its_best_line(seed, rows, cols, share) -> None
     rng = np.random.default_rng(seed)
     weights = rng.integers(4, 256, (rows, cols)).astype(np.uint8)
     weights[rng.random((rows, cols)) < share] = LETHAL
-    coarse = np.empty((-(-rows // TILE) + 2, -(-cols // TILE) + 2), np.uint8)
-    coarsen_weights_into(coarse, weights)
+    shape = -(-rows // TILE) + 2, -(-cols // TILE) + 2
+    tiles = Coarse(
+        np.zeros(shape, np.uint8),
+        np.zeros(math.prod(shape), np.int32),
+        make_queue(math.prod(shape)),
+        np.zeros((rows, cols), np.uint8),
+        np.ones(shape[0], np.uint8),
+    )
+    retile_changes(tiles, weights)
+    coarse = tiles.weights.copy()
     whole = np.zeros((TILE * coarse.shape[0], TILE * coarse.shape[1]), np.uint8)
     whole[TILE : TILE + rows, TILE : TILE + cols] = weights
     for row in range(coarse.shape[0]):
@@ -233,6 +242,16 @@ def test_a_tile_is_as_passable_as_its_best_line(seed, rows, cols, share) -> None
         weights,
         np.zeros((rows, cols), np.int32),
     )
-    again = np.zeros_like(coarse)
-    retile(again, corridor, len(corridor.tiles))
-    np.testing.assert_array_equal(again, coarse)
+    tiles.weights[1:-1, 1:-1] = 99
+    retile(tiles, corridor, len(corridor.tiles))
+    np.testing.assert_array_equal(tiles.weights[1:-1, 1:-1], coarse[1:-1, 1:-1])
+    # And it is made anew from the cells afterwards, as after any change of theirs.
+    retile_changes(tiles, weights)
+    np.testing.assert_array_equal(tiles.weights, coarse)
+    changed = weights.copy()
+    changed[rng.integers(rows), rng.integers(cols)] = 7
+    retile_changes(tiles, changed)
+    tiles.is_stale[:] = 1
+    kept = tiles.weights.copy()
+    retile_changes(tiles, changed)
+    np.testing.assert_array_equal(tiles.weights, kept)

@@ -111,6 +111,15 @@ def test_shortcuts_and_smoothing_make_no_path_dearer(seed, count) -> None:
     np.testing.assert_array_equal(path[[0, -1]], points[[0, -1]])
 
 
+def test_smoothing_leads_no_path_through_the_corner_of_a_lethal_cell() -> None:
+    weights = np.full((SIZE, SIZE), 4, np.uint8)
+    weights[5, 5] = 0
+    # Pulled straight, the point in the middle would come to lie in the corner at (6, 6).
+    path = np.array([[3.5, 6.5], [7.0, 7.0], [6.5, 3.5]])
+    smooth(path, weights, 6)
+    assert math.isfinite(polyline_cost(weights, path - 1e-9, math.inf))
+
+
 @given(st.lists(st.tuples(coordinate, coordinate), min_size=2, max_size=6), st.floats(0.05, 3.0))
 def test_a_divided_line_keeps_its_corners(corners, spacing) -> None:
     points = np.array(corners)

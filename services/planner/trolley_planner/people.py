@@ -311,25 +311,46 @@ def _motion(track: Floats) -> tuple[Floats, float] | None:
     """
     if track[0, 0] > -TRACKING.least_ago_s:
         return None
-    lately = track[track[:, 0] >= -TRACKING.track_s]
-    if len(lately) < TRACKING.least_points:
-        return None  # only the newest scan is new enough
-    velocity, noise_m, squares = _line(lately)
-    if track[0, 0] < -TRACKING.track_s:
-        longer = _line(track)
-        if longer[1] < TRACKING.straight * max(noise_m, TRACKING.track_noise_m):
-            velocity, noise_m, squares = longer
-    return velocity, max(noise_m, TRACKING.track_noise_m) / math.sqrt(squares)
+    vx, vy, std = fit_motion(track)
+    return None if math.isinf(std) else (np.array([vx, vy]), std)
 
 
-def _line(track: Floats) -> tuple[Floats, float, float]:
+@kernel
+def fit_motion(track: Floats) -> tuple[float, float, float]:
+    """Return the velocity along a track (n, 5) and its deviation, infinite if it is too short."""
+    count, lately = track.shape[0], 0
+    while lately < count and track[lately, 0] < -TRACKING.track_s:
+        lately += 1
+    if count - lately < TRACKING.least_points:
+        return 0.0, 0.0, math.inf  # only the newest scan is new enough
+    vx, vy, noise_m, squares = fit_line(track[lately:])
+    if lately > 0:
+        longer = fit_line(track)
+        if longer[2] < TRACKING.straight * max(noise_m, TRACKING.track_noise_m):
+            vx, vy, noise_m, squares = longer
+    return vx, vy, max(noise_m, TRACKING.track_noise_m) / math.sqrt(squares)
+
+
+@kernel
+def fit_line(track: Floats) -> tuple[float, float, float, float]:
     """Return slope, scatter [m] and the sum of squared times [s^2] of a line through a track."""
-    times = track[:, 0] - track[:, 0].mean()
-    squares = float(times @ times)
-    places = track[:, 1:3]
-    velocity = times @ places / squares
-    astray = places - places.mean(axis=0) - times[:, None] * velocity
-    return velocity, math.sqrt(float((astray * astray).sum()) / (2.0 * len(track))), squares
+    count = track.shape[0]
+    t, x, y = 0.0, 0.0, 0.0
+    for index in range(count):
+        t, x, y = t + track[index, 0], x + track[index, 1], y + track[index, 2]
+    t, x, y = t / count, x / count, y / count
+    squares, vx, vy = 0.0, 0.0, 0.0
+    for index in range(count):
+        since = track[index, 0] - t
+        squares += since * since
+        vx, vy = vx + since * track[index, 1], vy + since * track[index, 2]
+    vx, vy = vx / squares, vy / squares
+    astray = 0.0
+    for index in range(count):
+        since = track[index, 0] - t
+        dx, dy = track[index, 1] - x - since * vx, track[index, 2] - y - since * vy
+        astray += dx * dx + dy * dy
+    return vx, vy, math.sqrt(astray / (2.0 * count)), squares
 
 
 def _segments(points: Floats, origin: Floats) -> list[_Segment]:
@@ -351,17 +372,38 @@ def _segments(points: Floats, origin: Floats) -> list[_Segment]:
         together = np.concatenate(parts)
         if _size(together) <= TRACKING.largest_m:
             middles = [_middle(part, origin) for part in parts]
-            found.append(_Segment(together, np.mean(middles, axis=0)))
+            place = middles[0] if len(middles) == 1 else np.mean(middles, axis=0)
+            found.append(_Segment(together, place))
     return found
 
 
 def _middle(part: Floats, origin: Floats) -> Floats:
     """Return the middle (2,) of what is seen from one side: it lies behind the points (k, 2)."""
-    centre = part.mean(axis=0)
-    away = centre - origin
-    away /= max(float(np.hypot(*away)), 1e-6)
-    beside = (part - centre) @ np.array([-away[1], away[0]])
-    return centre + TRACKING.depth * float(np.ptp(beside)) * away
+    return np.array(middle_behind(part, origin))
+
+
+@kernel
+def centre_of(points: Floats) -> tuple[float, float]:
+    """Return the mean of points (n, 2)."""
+    count, x, y = points.shape[0], 0.0, 0.0
+    for index in range(count):
+        x, y = x + points[index, 0], y + points[index, 1]
+    return x / count, y / count
+
+
+@kernel
+def middle_behind(part: Floats, origin: Floats) -> tuple[float, float]:
+    """Return the same as two numbers."""
+    x, y = centre_of(part)
+    away_x, away_y = x - origin[0], y - origin[1]
+    length = max(math.hypot(away_x, away_y), 1e-6)
+    away_x, away_y = away_x / length, away_y / length
+    least, most = math.inf, -math.inf
+    for index in range(part.shape[0]):
+        beside = (part[index, 1] - y) * away_x - (part[index, 0] - x) * away_y
+        least, most = min(least, beside), max(most, beside)
+    behind = TRACKING.depth * (most - least)
+    return x + behind * away_x, y + behind * away_y
 
 
 def _with_both_legs(pieces: list[Floats]) -> list[list[Floats]]:

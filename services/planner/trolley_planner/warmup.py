@@ -26,9 +26,11 @@ from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
+from trolley_planner.paths.cost_to_go import CostToGo, Terrain
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.pose_search import Task
 from trolley_planner.people import PeopleTracker, TrackedPerson, person_discs, were_passed
@@ -72,6 +74,7 @@ def warm_up() -> None:
     context.planner.optimistic_weights()
     Passages(context.costmap.static_distance_m, EDGE_M, 0.4)
     _squeeze()
+    _detour()
     _pursue(context)
     _maneuver(context)
     _watch()
@@ -89,6 +92,17 @@ def _squeeze() -> None:
     way = (0.5, 0.8), [(2.2, 2.4)], costmap.weights, costmap.distance_m
     if planner.plan(*way) is None:
         planner.too_narrow(*way)
+
+
+def _detour() -> None:
+    """Search a path that costs more than the tiles that it passes promise."""
+    weights = np.zeros((40, 40), dtype=np.uint8)
+    weights[2:38, 10:18] = WEIGHT_UNIT
+    for row in range(6, 34, 8):
+        weights[row, 10:17] = weights[row + 4, 11:18] = LETHAL
+    places = np.array([[13.5, 3.5, 0.0], [13.5, 36.5, 0.0]])
+    distance_m = (weights != LETHAL).astype(np.float32)
+    CostToGo(weights.shape).cheapest_path(3 * 40 + 13, Terrain(weights, distance_m, places, 240))
 
 
 def _maneuver(context: PlanningContext) -> None:

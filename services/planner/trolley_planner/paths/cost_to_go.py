@@ -1,7 +1,6 @@
 """The cost-to-go of one target: searched coarsely first, then near the path only, and kept."""
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,29 +22,30 @@ from trolley_planner.paths.search import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class CorridorParams:
+class CorridorParams(NamedTuple):
     """How far around the coarse path cells are searched; by hand."""
 
     near_cells: int = 400
-    """Targets no farther away than this are searched along 16 directions, unless said
-    otherwise."""
+    """Paths to targets no farther away than this keep to 16 directions, unless said otherwise,"""
+    even_share: float = 0.6
+    """where at least this share of the tiles is free floor far from everything: there nothing but
+    the direction makes one path dearer than another. In houses it is a third, and paths along
+    8 directions cost no more (bench/planner/paths)."""
     reach_tiles: int = 1
     """The corridor is at least this much wider than the coarse path on either side,"""
-    wide_tiles: int = 60
+    wide_tiles: int = 20
     """and more where that is short: its length in tiles times the reach is at least this,"""
-    reach_most_tiles: int = 8
+    reach_most_tiles: int = 3
     """if the reach is no more than this."""
     slack_cells: int = 40
     """A search goes on this far beyond the robot, so that the result serves where it drives
     next."""
-    dearer: float = 1.002
+    more_attempts: int = 3
+    """After so many more coarse paths that lead through a wall all cells are searched."""
+    dearer: float = 1.05
     """The path may cost this many times what the coarse one promised, or all tiles that
-    promise better are searched, too;"""
-    far_dearer: float = 1.01
-    """the same for far targets, where that takes long,"""
-    far_cells: int = 2000
-    """which are those farther away than this."""
+    promise better are searched, too. Found by bench/planner/paths and replans: with 1.03 every
+    eighth first plan searches more, with 1.12 plans around new things cost 0.4 % more."""
     band_cells: int = 8
     """A tile may promise this much more and still be searched, since a promise is not
     exact."""
@@ -85,13 +85,29 @@ class Terrain(NamedTuple):
     """at this weight."""
 
 
+class Coarse(NamedTuple):
+    """The grid of tiles."""
+
+    weights: NDArray[np.uint8]
+    """(tile rows, tile cols) what it takes to cross each."""
+    cost: NDArray[np.int32]
+    """(tiles,) cost-to-go."""
+    queue: Queue
+    """What waits of the search for it."""
+    seen: NDArray[np.uint8]
+    """(rows, cols) the cells' weights that the tiles were made of,"""
+    is_stale: NDArray[np.uint8]
+    """(tile rows,) but for these rows of tiles: 1."""
+
+
 class CostToGo:
     """Cost-to-go of the newest target; changes far from the path leave it as it is.
 
     The coarse grid takes each tile for as passable as its best row or column. If it holds no
     path there is none. Otherwise the cells near its path are searched. If they hold a path that
-    costs more than promised, so are all tiles through which a cheaper one than that is promised;
-    if they hold none (as behind a wall thinner than a tile), all cells are.
+    costs more than promised, so are all tiles through which a cheaper one than that is promised.
+    If they hold none (as where a wall is thinner than a tile), the tile where the search ended is
+    closed and another coarse path followed; if that does not help, all cells are searched.
 
     Source:
         The promises guide the search as the costs of an abstraction do in Holte, Perez, Zimmer and
@@ -99,8 +115,8 @@ class CostToGo:
 
     Args:
         shape: rows and columns of the costmap.
-        near_cells: targets no farther away are searched for along 16 directions, others along 8:
-            their paths would take too long, and differ less.
+        near_cells: paths to targets no farther away may keep to 16 directions, others keep to 8:
+            they would take too long, and differ less.
     """
 
     def __init__(self, shape: tuple[int, int], near_cells: float = CORRIDOR.near_cells) -> None:
@@ -117,14 +133,15 @@ class CostToGo:
         )
         self._num_inside = 0
         self._queue = make_queue(num_cells)
-        self._coarse_weights = np.zeros(tiles, dtype=np.uint8)
-        self._coarse_cost = np.zeros(num_tiles, dtype=np.int32)
-        self._coarse_queue, self._back_queue = make_queue(num_tiles), make_queue(num_tiles)
-        self._seen = np.zeros(shape, dtype=np.uint8)
-        """(rows, cols) weights when all was looked for anew,"""
-        self._last = np.zeros(shape, dtype=np.uint8)
-        """and by which the corridor's were brought up to date."""
-        self._had_discs = False
+        self._coarse = Coarse(
+            np.zeros(tiles, dtype=np.uint8),
+            np.zeros(num_tiles, dtype=np.int32),
+            make_queue(num_tiles),
+            np.zeros(shape, dtype=np.uint8),
+            np.ones(tiles[0], dtype=np.uint8),
+        )
+        self._back_queue = make_queue(num_tiles)
+        self._path = np.empty(num_cells, dtype=np.int32)
         self._target: tuple[float, float] | None = None
         # All costs below these are final.
         self._final_cost = self._final_coarse = 0
@@ -169,28 +186,18 @@ class CostToGo:
     def _renewed(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the path by what is known, updated; None if it may not be the best."""
         corridor = self._corridor
-        has_discs = bool(terrain.discs[:, 2].any())
-        right = self._open_discs(terrain)
-        if has_discs or self._had_discs or not np.array_equal(self._last, terrain.weights):
-            if has_opened(self._seen, terrain.weights, corridor.is_inside):
-                return None
-            right = min(right, reload(corridor, self._num_inside, terrain))
-            self._last[:] = terrain.weights
-            self._had_discs = has_discs
-        is_same, right = right == UNREACHED, min(right, self._final_cost - 1)
+        if has_opened(self._coarse.seen, terrain.weights, corridor.is_inside):
+            return None
+        self._num_inside, right = open_discs(corridor, self._num_inside, terrain)
+        right = min(right, reload(corridor, self._num_inside, terrain))
+        right = min(right, self._final_cost - 1)
         if self._flat_weights[target] == LETHAL:
             return None
         self._final_cost = right + 1
         if self._flat_cost[start] > right:
             rewind(corridor, self._num_inside, self._queue, right)
             self._grow(np.empty((0, 2), dtype=np.int32), max(0, right - COSTLIEST_STEP), start)
-        # Where nothing changed, the way that was the best still is, but for where in its tile the
-        # robot is, of which the promise knows nothing.
-        spare = CORRIDOR.band_cells * COST_OF_CELL if is_same else 0
-        cells = self._descend(start, terrain.discs, spare)
-        if cells is None and self._flat_cost[start] != UNREACHED:
-            cells = self._widened(start, target, terrain)
-        return cells
+        return self._descend(start, terrain.discs)
 
     def _widened(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the path with all tiles in the corridor that promise a better one."""
@@ -207,48 +214,45 @@ class CostToGo:
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the path, searched anew; None if there is none."""
         self.searches += 1
-        corridor, cols = self._corridor, self._shape[1]
+        cols = self._shape[1]
         away = math.hypot(start % cols - target % cols, start // cols - target // cols)
-        dearer = CORRIDOR.dearer if away < CORRIDOR.far_cells else CORRIDOR.far_dearer
-        self._directions = 16 if away <= self._near_cells else 8
-        close(corridor, self._num_inside)
-        self._num_inside = 0
+        is_near = away <= self._near_cells
         self._has_all = False
-        self._seen[:] = self._last[:] = terrain.weights
-        self._had_discs = bool(terrain.discs[:, 2].any())
-        self._open_discs(terrain)
-        tiles = self._coarse_path(start, target, terrain)
-        if tiles is None:
-            return None
-        reach = min(
-            max(CORRIDOR.reach_tiles, CORRIDOR.wide_tiles // len(tiles)), CORRIDOR.reach_most_tiles
+        found = search_anew(
+            self._path,
+            self._corridor,
+            self._num_inside,
+            self._coarse,
+            self._queue,
+            terrain,
+            (start, target),
+            is_near,
         )
-        self._num_inside = open_path(corridor, self._num_inside, terrain.weights, tiles, reach)
-        self._promise = dearer
-        seeds = np.array([[target, 0]], dtype=np.int32)
-        clear_queue(self._queue)
-        self._grow(seeds, 0, start)
-        cells = self._descend(start, terrain.discs)
-        if cells is not None:
-            return cells
-        if self._flat_cost[start] != UNREACHED:
-            return self._widened(start, target, terrain)
+        count, self._num_inside, self._final_coarse, self._final_cost, self._directions = found
+        self._promise = CORRIDOR.dearer
+        if count < 0:
+            return None
+        if count > 0:
+            cells = self._kept(self._path[:count].copy(), terrain.discs)
+            return self._widened(start, target, terrain) if cells is None else cells
         self._open_all(terrain)
         clear_queue(self._queue)
-        self._grow(seeds, 0, start)
+        self._grow(np.array([[target, 0]], dtype=np.int32), 0, start)
         return self._descend(start, terrain.discs)
 
     def _open_better(self, start: int, weights: NDArray[np.uint8]) -> None:
         """Add all tiles to the corridor through which a cheaper path may lead."""
-        start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
-        flat, back_queue = self._coarse_weights.reshape(-1), self._back_queue
+        coarse, back_queue = self._coarse, self._back_queue
+        tile_cols = coarse.weights.shape[1]
+        start_tile = tile_of(start, self._shape[1], tile_cols)
+        flat = coarse.weights.reshape(-1)
         limit = (int(self._flat_cost[start]) + CORRIDOR.band_cells * COST_OF_CELL) // TILE
-        slack = max(limit - int(self._coarse_cost[start_tile]), CORRIDOR.band_cells * COST_OF_CELL)
+        slack = max(limit - int(coarse.cost[start_tile]), CORRIDOR.band_cells * COST_OF_CELL)
         none = np.empty((0, 2), dtype=np.int32)
         self._final_coarse = grow(
-            self._coarse_cost,
+            coarse.cost,
             flat,
-            self._coarse_queue,
+            coarse.queue,
             none,
             tile_cols,
             max(0, self._final_coarse - COSTLIEST_STEP),
@@ -256,7 +260,7 @@ class CostToGo:
             self._directions,
         )
         # What the path from the start to each tile may still cost: nothing beyond is searched.
-        left = np.maximum(limit + 1 - self._coarse_cost.astype(np.int64), 0).astype(np.int32)
+        left = np.maximum(limit + 1 - coarse.cost.astype(np.int64), 0).astype(np.int32)
         cost = left.copy()
         seed = np.array([[start_tile, 0]], dtype=np.int32)
         clear_queue(back_queue)
@@ -277,68 +281,49 @@ class CostToGo:
         corridor.cost[:, :] = UNREACHED
         self._has_all = True
 
-    def _coarse_path(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the tiles of the path over the coarse grid, None if there is none."""
-        coarsen_weights_into(self._coarse_weights, terrain.weights)
-        retile(self._coarse_weights, self._corridor, self._num_inside)
-        start_tile, tile_cols = self._tile(start), self._corridor.is_inside.shape[1]
-        flat = self._coarse_weights.reshape(-1)
-        self._final_coarse = cost_to_go_into(
-            self._coarse_cost,
-            flat,
-            self._coarse_queue,
-            np.array([[self._tile(target), 0]], dtype=np.int32),
-            tile_cols,
-            (start_tile, CORRIDOR.slack_cells * COST_OF_CELL // TILE),
-            self._directions,
-        )
-        if self._coarse_cost[start_tile] == UNREACHED:
+    def _descend(self, start: int, discs: NDArray[np.float64]) -> NDArray[np.int32] | None:
+        """Return the path from a cell by the known costs; None if a better one may be elsewhere."""
+        cost = self._flat_cost
+        if cost[start] == UNREACHED:
             return None
-        tiles = np.empty(self._coarse_cost.size, dtype=np.int32)
-        known = self._coarse_cost
-        count = descend_into(tiles, known, flat, start_tile, tile_cols, self._directions)
-        return tiles[:count]
+        count = descend_into(
+            self._path, cost, self._flat_weights, start, self._shape[1], self._directions
+        )
+        return self._kept(self._path[:count].copy(), discs)
 
-    def _descend(
-        self, start: int, discs: NDArray[np.float64], spare: int = 0
+    def _kept(
+        self, cells: NDArray[np.int32], discs: NDArray[np.float64]
     ) -> NDArray[np.int32] | None:
-        """Return the path from a cell by the known costs; None if a better one may be elsewhere.
+        """Return a path, None if a better one may be elsewhere.
 
         A path near the coarse one is compared with it, except for its ends inside the discs, where
         it may have to pay for squeezing out.
         """
-        cost = self._flat_cost
-        if cost[start] == UNREACHED:
-            return None
-        cells = np.empty(TILE * TILE * self._num_inside, dtype=np.int32)
-        flat, cols = self._flat_weights, self._shape[1]
-        count = descend_into(cells, cost, flat, start, cols, self._directions)
-        cells = cells[:count]
-        if self._has_all or self._ratio(cells, discs, spare) <= self._promise:
-            return cells
-        return None
+        is_good = self._has_all or self._ratio(cells, discs) <= self._promise
+        return cells if is_good else None
 
-    def _ratio(self, cells: NDArray[np.int32], discs: NDArray[np.float64], spare: int = 0) -> float:
-        """Return the cost of a path, less `spare`, relative to the promised one.
+    def _ratio(self, cells: NDArray[np.int32], discs: NDArray[np.float64]) -> float:
+        """Return the cost of a path relative to the promised one, infinite where that is unknown.
 
-        Infinite where that is not known.
+        Half a tile is not counted: the promise does not know where in their tiles the ends are.
         """
         skipped, left = _ends(discs)
         if len(cells) <= skipped + left:
             return 1.0
-        cost = self._flat_cost
+        cost, coarse = self._flat_cost, self._coarse
         first, last = int(cells[skipped]), int(cells[-1 - left])
-        coarse_first = int(self._coarse_cost[self._tile(first)])
+        cols, tile_cols = self._shape[1], coarse.weights.shape[1]
+        coarse_first = int(coarse.cost[tile_of(first, cols, tile_cols)])
         if coarse_first >= self._final_coarse:
             return math.inf
-        coarse = TILE * (coarse_first - int(self._coarse_cost[self._tile(last)]))
-        dearer = int(cost[first]) - int(cost[last]) - spare
-        return dearer / max(coarse, 1)
+        promised = TILE * (coarse_first - int(coarse.cost[tile_of(last, cols, tile_cols)]))
+        dearer = int(cost[first]) - int(cost[last]) - TILE // 2 * COST_OF_CELL
+        return dearer / max(promised, 1)
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
         """Continue the search in the corridor until some distance beyond the start."""
         self._final_cost = grow(
-            self._corridor.cost.reshape(-1),
+            self._flat_cost,
             self._flat_weights,
             self._queue,
             seeds,
@@ -348,25 +333,6 @@ class CostToGo:
             self._directions,
         )
 
-    def _open_discs(self, terrain: Terrain) -> int:
-        """Add the tiles under the discs; return up to which cost all costs are still right."""
-        right = UNREACHED
-        for x, y, radius in terrain.discs:
-            box = (
-                math.floor(y - radius) // TILE + 1,
-                math.floor(y + radius) // TILE + 1,
-                math.floor(x - radius) // TILE + 1,
-                math.floor(x + radius) // TILE + 1,
-            )
-            self._num_inside, least = open_box(self._corridor, self._num_inside, terrain, box)
-            right = min(right, least)
-        return right
-
-    def _tile(self, cell: int) -> int:
-        """Return the tile of a cell."""
-        row, col = divmod(cell, self._shape[1])
-        return (row // TILE + 1) * self._corridor.is_inside.shape[1] + col // TILE + 1
-
 
 def _ends(discs: NDArray[np.float64]) -> tuple[int, int]:
     """Return how many cells at the start and at the end of a path may lie inside the discs."""
@@ -374,45 +340,170 @@ def _ends(discs: NDArray[np.float64]) -> tuple[int, int]:
 
 
 @kernel
-def coarsen_weights_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8]) -> None:
-    """Write what it takes to cross each tile: the mean weight of its best row or column.
+def tile_of(cell: int, cols: int, tile_cols: int) -> int:
+    """Return the tile that a cell lies in."""
+    return (cell // cols // TILE + 1) * tile_cols + cell % cols // TILE + 1
+
+
+@kernel
+def search_anew(
+    out_path: NDArray[np.int32],
+    corridor: Corridor,
+    num_inside: int,
+    coarse: Coarse,
+    queue: Queue,
+    terrain: Terrain,
+    ends: tuple[int, int],
+    is_near: bool,
+) -> tuple[int, int, int, int, int]:
+    """Search the coarse grid for a path, and the cells near that.
+
+    Args:
+        out_path: (cells,) the path is written from index 0.
+        corridor: changed.
+        num_inside: how many tiles are inside.
+        coarse: changed.
+        queue: of the corridor's search, changed.
+        terrain: as it is now.
+        ends: start and target [cells].
+        is_near: whether the path may keep to 16 directions.
+
+    Returns:
+        How many cells the path has, 0 if there is none in the corridor, -1 if there is none at all;
+        how many tiles are inside; below what the costs over tiles, and those over cells are final;
+        to how many directions the path keeps.
+    """
+    start, target = ends
+    cols, tile_cols = terrain.weights.shape[1], coarse.weights.shape[1]
+    close(corridor, num_inside)
+    retile_changes(coarse, terrain.weights)
+    num_inside, _ = open_discs(corridor, 0, terrain)
+    retile(coarse, corridor, num_inside)
+    directions = 16 if is_near and even_share(coarse.weights) >= CORRIDOR.even_share else 8
+    seeds = np.zeros((1, 2), dtype=np.int32)
+    start_tile, seeds[0, 0] = tile_of(start, cols, tile_cols), tile_of(target, cols, tile_cols)
+    flat = coarse.weights.reshape(-1)
+    slack = CORRIDOR.slack_cells * COST_OF_CELL
+    cost, weights = corridor.cost.reshape(-1), corridor.weights.reshape(-1)
+    count, final, final_coarse = 0, 0, 0
+    for attempt in range(1 + CORRIDOR.more_attempts):
+        final_coarse = cost_to_go_into(
+            coarse.cost,
+            flat,
+            coarse.queue,
+            seeds,
+            tile_cols,
+            (start_tile, slack // TILE),
+            directions,
+        )
+        if coarse.cost[start_tile] == UNREACHED:
+            return 0 if attempt else -1, num_inside, final_coarse, final, directions
+        count = descend_into(out_path, coarse.cost, flat, start_tile, tile_cols, directions)
+        tiles = out_path[:count]
+        reach = max(CORRIDOR.reach_tiles, CORRIDOR.wide_tiles // count)
+        reach = min(reach, CORRIDOR.reach_most_tiles)
+        num_inside = open_path(corridor, num_inside, terrain.weights, tiles, reach)
+        fine_seeds = np.zeros((1, 2), dtype=np.int32)
+        fine_seeds[0, 0] = target
+        rewind(corridor, num_inside, queue, -1)
+        final = grow(cost, weights, queue, fine_seeds, cols, 0, (start, slack), directions)
+        if cost[start] != UNREACHED:
+            count = descend_into(out_path, cost, weights, start, cols, directions)
+            return count, num_inside, final_coarse, final, directions
+        block(coarse, corridor, tiles)
+    return 0, num_inside, final_coarse, final, directions
+
+
+@kernel
+def block(coarse: Coarse, corridor: Corridor, tiles: NDArray[np.int32]) -> None:
+    """Close the tile of a coarse path (n,) behind the last one that was reached from the target."""
+    rows, cols = corridor.weights.shape
+    tile_cols = coarse.weights.shape[1]
+    for index in range(tiles.shape[0] - 1, -1, -1):
+        tile_row, tile_col = tiles[index] // tile_cols, tiles[index] % tile_cols
+        is_reached = False
+        for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
+            for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
+                is_free = corridor.weights[row, col] != LETHAL
+                is_reached |= is_free and corridor.cost[row, col] != UNREACHED
+        if not is_reached:
+            coarse.weights[tile_row, tile_col] = LETHAL
+            coarse.is_stale[tile_row] = 1
+            return
+
+
+@kernel
+def even_share(weights: NDArray[np.uint8]) -> float:
+    """Return what share of the passable tiles (tile rows, tile cols) costs the least there is."""
+    flat = weights.reshape(-1)
+    even, passable = 0, 0
+    for tile in range(flat.shape[0]):
+        even += 1 if flat[tile] == WEIGHT_UNIT else 0
+        passable += 1 if flat[tile] != LETHAL else 0
+    return even / max(passable, 1)
+
+
+@kernel
+def retile_changes(coarse: Coarse, weights: NDArray[np.uint8]) -> None:
+    """Bring the tiles' weights up to date with those of the cells (rows, cols)."""
+    rows = weights.shape[0]
+    cols = weights.shape[1]
+    flat, flat_seen = weights.reshape(-1), coarse.seen.reshape(-1)
+    for tile_row in range(1, coarse.weights.shape[0] - 1):
+        first, last = (tile_row - 1) * TILE, min(tile_row * TILE, rows)
+        cells = slice(first * cols, last * cols)
+        if differs(flat_seen[cells], flat[cells]) or coarse.is_stale[tile_row] != 0:
+            flat_seen[cells] = flat[cells]
+            coarsen_row_into(coarse.weights[tile_row], weights[first:last])
+            coarse.is_stale[tile_row] = 0
+
+
+@kernel
+def differs(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+    """Say whether two stretches (n,) differ; without branches, so many cells at a time."""
+    difference = np.uint8(0)
+    for col in range(one.shape[0]):
+        difference = np.uint8(difference | np.uint8(one[col] ^ other[col]))
+    return difference != 0
+
+
+@kernel
+def coarsen_row_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8]) -> None:
+    """Write what it takes to cross each tile of a row: the mean weight of its best row or column.
 
     Where all of them are cut, its lowest weight; 0 where all cells are lethal.
 
     Args:
-        out_weights: (tile rows, tile cols), overwritten.
-        weights: (rows, cols).
+        out_weights: (tile cols,), overwritten.
+        weights: (up to TILE, cols) of its cells; what lies beyond is lethal.
     """
     rows, cols = weights.shape
-    out_weights[:, :] = LETHAL
-    tile_cols = out_weights.shape[1] - 2
+    tile_cols = out_weights.shape[0] - 2
     row_line = np.full(TILE * tile_cols, CUT, dtype=np.uint16)
-    columns = np.empty(TILE * tile_cols, dtype=np.uint16)
-    lowest = np.empty(TILE * tile_cols, dtype=np.uint16)
-    best = np.empty(tile_cols, dtype=np.uint16)
-    for tile_row in range(1, out_weights.shape[0] - 1):
-        best[:], columns[:], lowest[:] = CUT, 0, CUT
-        for row in range((tile_row - 1) * TILE, tile_row * TILE):
-            # Loops without branches over whole rows; what lies beyond the grid is lethal.
-            if row == rows:
-                columns[:] = CUT
-                break
-            for col in range(cols):
-                weight = weights[row, col]
-                row_line[col] = np.uint16(weight) + np.uint16(weight == 0) * np.uint16(CUT)
-            for col in range(TILE * tile_cols):
-                columns[col] += row_line[col]
-                lowest[col] = min(lowest[col], row_line[col])
-            for tile in range(tile_cols):
-                first = TILE * tile
-                total = row_line[first] + row_line[first + 1]
-                total += row_line[first + 2] + row_line[first + 3]
-                best[tile] = min(best[tile], np.uint16(total))
+    columns = np.zeros(TILE * tile_cols, dtype=np.uint16)
+    lowest = np.full(TILE * tile_cols, CUT, dtype=np.uint16)
+    best = np.full(tile_cols, CUT, dtype=np.uint16)
+    # Loops without branches over whole rows.
+    for row in range(rows):
+        for col in range(cols):
+            weight = weights[row, col]
+            row_line[col] = np.uint16(weight) + np.uint16(weight == 0) * np.uint16(CUT)
+        for col in range(TILE * tile_cols):
+            columns[col] += row_line[col]
+            lowest[col] = min(lowest[col], row_line[col])
         for tile in range(tile_cols):
-            least, line = np.uint16(CUT), best[tile]
-            for col in range(TILE * tile, TILE * (tile + 1)):
-                least, line = min(least, lowest[col]), min(line, columns[col])
-            out_weights[tile_row, tile + 1] = tile_weight(int(line), int(least))
+            first = TILE * tile
+            total = row_line[first] + row_line[first + 1]
+            total += row_line[first + 2] + row_line[first + 3]
+            best[tile] = min(best[tile], np.uint16(total))
+    if rows < TILE:
+        columns[:] = CUT
+    out_weights[0] = out_weights[-1] = LETHAL
+    for tile in range(tile_cols):
+        least, line = np.uint16(CUT), best[tile]
+        for col in range(TILE * tile, TILE * (tile + 1)):
+            least, line = min(least, lowest[col]), min(line, columns[col])
+        out_weights[tile + 1] = tile_weight(int(line), int(least))
 
 
 @kernel
@@ -494,6 +585,27 @@ def open_box(
                         corridor.cost[row, col] = UNREACHED
             least = min(least, load_tile(corridor, terrain, tile_row, tile_col))
     return num_tiles, least
+
+
+@kernel
+def open_discs(corridor: Corridor, num_tiles: int, terrain: Terrain) -> tuple[int, int]:
+    """Add all tiles under the discs to the corridor, and update those that are in it.
+
+    Returns:
+        How many are inside now, and up to which cost all costs are still right.
+    """
+    right = UNREACHED
+    for index in range(terrain.discs.shape[0]):
+        x, y, radius = terrain.discs[index, 0], terrain.discs[index, 1], terrain.discs[index, 2]
+        box = (
+            math.floor(y - radius) // TILE + 1,
+            math.floor(y + radius) // TILE + 1,
+            math.floor(x - radius) // TILE + 1,
+            math.floor(x + radius) // TILE + 1,
+        )
+        num_tiles, least = open_box(corridor, num_tiles, terrain, box)
+        right = min(right, least)
+    return num_tiles, right
 
 
 @kernel
@@ -613,11 +725,11 @@ def num_cheaper(seen: NDArray[np.uint8], weights: NDArray[np.uint8]) -> int:
 
 
 @kernel
-def retile(out_weights: NDArray[np.uint8], corridor: Corridor, num_tiles: int) -> None:
-    """Write the weights of the tiles inside, as in `coarsen_into`; they may differ from the grid's.
+def retile(coarse: Coarse, corridor: Corridor, num_tiles: int) -> None:
+    """Write the weights of the tiles inside, which may differ from the grid's.
 
     Args:
-        out_weights: (tile rows, tile cols), changed.
+        coarse: changed; the rows of these tiles will be made anew next time.
         corridor: up to date.
         num_tiles: inside.
     """
@@ -636,7 +748,8 @@ def retile(out_weights: NDArray[np.uint8], corridor: Corridor, num_tiles: int) -
                 row, col = (tile_row - 1) * TILE + part, (tile_col - 1) * TILE + step
                 along_col += cut_at(corridor.weights, row, col, rows, cols)
             line = min(line, min(along_row, along_col))
-        out_weights[tile_row, tile_col] = tile_weight(line, least)
+        coarse.weights[tile_row, tile_col] = tile_weight(line, least)
+        coarse.is_stale[tile_row] = 1
 
 
 @kernel

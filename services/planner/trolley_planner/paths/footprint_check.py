@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import wrap_angle
 from trolley.jit import kernel
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
@@ -122,23 +121,9 @@ class FootprintCheck:
         self, points: NDArray[np.float64], field: Field, done: int, yaws: Yaws
     ) -> tuple[int, int] | None:
         """Return the first and last point of the next stretch where the footprint does not fit."""
-        steps = np.diff(points, axis=0)
-        along = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
-        fits = np.ones(len(points), dtype=np.bool_)
-        check_into(fits, field, self._body, points, CHECK.around, CHECK.give_cells * self._edge_m)
-        fits |= (along < CHECK.start_m) | (along > along[-1] - CHECK.end_m)
-        # Nor where it would have to turn at an end, and has no room for that.
-        for index, yaw in zip((0, -1), yaws, strict=True):
-            if yaw is not None and not self._can_turn(points[index], field):
-                along_path = self._yaw(points, index % len(points))
-                fits[index] = abs(wrap_angle(yaw - along_path)) < CHECK.end_rad
-        fits[:done] = True
-        misfits = np.flatnonzero(~fits)
-        if misfits.size == 0:
-            return None
-        first = int(misfits[0])
-        after = np.flatnonzero(fits[first:])
-        return first, (first + int(after[0]) if len(after) else len(points)) - 1
+        known = [math.nan if yaw is None else yaw for yaw in yaws]
+        first, last = first_misfit(points, field, self._body, done, (known[0], known[1]))
+        return None if first < 0 else (first, last)
 
     def _turning_places(
         self, points: NDArray[np.float64], field: Field, first: int, last: int
@@ -146,16 +131,13 @@ class FootprintCheck:
         """Return the points before and behind a stretch between which to look for a passage."""
         lead = math.ceil(CHECK.lead_m / SPACING_M)
         start, end = max(first - 1, 0), min(last + 1, len(points) - 1)
-        while start > max(0, first - lead) and not self._can_turn(points[start], field):
+        while start > max(0, first - lead) and not can_turn(field, self._body, points[start]):
             start -= 1
-        while end < min(len(points) - 1, last + lead) and not self._can_turn(points[end], field):
+        while end < min(len(points) - 1, last + lead) and not can_turn(
+            field, self._body, points[end]
+        ):
             end += 1
         return start, end
-
-    def _can_turn(self, point: NDArray[np.float64], field: Field) -> bool:
-        """Say whether the robot can turn around at a point."""
-        row, col = int(point[1] / self._edge_m), int(point[0] / self._edge_m)
-        return float(field.distance_m[row, col]) > self._body.circumscribed_m + self._edge_m
 
     def _find_passage(
         self,
@@ -177,13 +159,13 @@ class FootprintCheck:
         unknown = np.zeros_like(closed)
         x, y = (float(value) for value in points[start])
         to_x, to_y = (float(value) for value in points[end])
-        yaw, to_yaw = self._yaw(points, start), self._yaw(points, end)
+        yaw, to_yaw = heading_along(points, start), heading_along(points, end)
         if start == 0 and yaws[0] is not None:
             yaw = yaws[0]
         is_end = end == len(points) - 1 and yaws[1] is not None
         if is_end and yaws[1] is not None:
             to_yaw = yaws[1]
-        any_heading = not is_end and self._can_turn(points[end], field)
+        any_heading = not is_end and can_turn(field, self._body, points[end])
         missed = (CHECK.exact_m, CHECK.exact_rad) if is_end else (CHECK.end_xy_m, CHECK.end_rad)
         ends = x, y, yaw, to_x, to_y, to_yaw
         task = Task(*ends, any_heading, *missed, CHECK.wanted_m)
@@ -192,11 +174,6 @@ class FootprintCheck:
             task = task._replace(any_heading=True)
             found = self._pose_search.find(grid, unknown, closed, task)
         return None if found is None else found.poses[1:, :2]
-
-    def _yaw(self, points: NDArray[np.float64], index: int) -> float:
-        before = points[max(index - CHECK.around, 0)]
-        after = points[min(index + CHECK.around, len(points) - 1)]
-        return math.atan2(float(after[1] - before[1]), float(after[0] - before[0]))
 
 
 def _box_of(
@@ -219,38 +196,87 @@ def fits(field: Field, body: Body, x: float, y: float, yaw: float, give_m: float
 
 
 @kernel
-def check_into(
-    out_fits: NDArray[np.bool_],
+def first_misfit(
+    points: NDArray[np.float64],
     field: Field,
     body: Body,
-    points: NDArray[np.float64],
-    around: int,
-    give_m: float,
-) -> None:
-    """Write at which points of a path the footprint fits, looking about along the path.
+    done: int,
+    yaws: tuple[float, float],
+) -> tuple[int, int]:
+    """Return the first and last point of the next stretch where the footprint does not fit.
+
+    At the ends of the path it fits where the robot can turn, or looks along the path.
 
     Args:
-        out_fits: (n,).
+        points: (n, 2).
         field: distances of the whole costmap.
         body: the outline.
-        points: (n, 2).
-        around: the heading is that from this many points before to this many points after.
-        give_m: see `fits`.
+        done: points before this one are not looked at.
+        yaws: of the robot at the start and at the end [rad], NaN where any will do.
+
+    Returns:
+        -1 and the last point if there is none.
     """
     last = points.shape[0] - 1
+    left_m, along_m, first = 0.0, 0.0, -1
+    for index in range(last):
+        left_m += step_m(points, index)
     for index in range(last + 1):
-        before, after = max(index - around, 0), min(index + around, last)
-        x, y = points[index, 0], points[index, 1]
-        row, col = math.floor(y / field.fine_m), math.floor(x / field.fine_m)
-        if field.distance_m[row, col] > body.circumscribed_m + 2.0 * field.fine_m:
-            out_fits[index] = True
-            continue
-        yaw = math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
-        out_fits[index] = (
-            fits(field, body, x, y, yaw, give_m)
-            or fits(field, body, x, y, yaw + CHECK.leeway_rad, give_m)
-            or fits(field, body, x, y, yaw - CHECK.leeway_rad, give_m)
+        fits_here = (
+            along_m < CHECK.start_m
+            or left_m < CHECK.end_m
+            or fits_along(points, index, field, body)
         )
+        if index == 0 or index == last:
+            yaw = yaws[0] if index == 0 else yaws[1]
+            if not math.isnan(yaw) and not can_turn(field, body, points[index]):
+                off = yaw - heading_along(points, index)
+                fits_here = math.cos(off) > math.cos(CHECK.end_rad)
+        if index >= done:
+            if not fits_here and first < 0:
+                first = index
+            if fits_here and first >= 0:
+                return first, index - 1
+        if index < last:
+            along_m += step_m(points, index)
+            left_m -= step_m(points, index)
+    return first, last
+
+
+@kernel
+def step_m(points: NDArray[np.float64], index: int) -> float:
+    """Return how far it is from a point of a path to the next [m]."""
+    dx, dy = points[index + 1, 0] - points[index, 0], points[index + 1, 1] - points[index, 1]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def heading_along(points: NDArray[np.float64], index: int) -> float:
+    """Return the heading at a point of a path (n, 2) [rad]."""
+    before, after = max(index - CHECK.around, 0), min(index + CHECK.around, points.shape[0] - 1)
+    return math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
+
+
+@kernel
+def can_turn(field: Field, body: Body, point: NDArray[np.float64]) -> bool:
+    """Say whether the robot can turn around at a point (2,)."""
+    row, col = math.floor(point[1] / field.fine_m), math.floor(point[0] / field.fine_m)
+    return bool(field.distance_m[row, col] > body.circumscribed_m + field.fine_m)
+
+
+@kernel
+def fits_along(points: NDArray[np.float64], index: int, field: Field, body: Body) -> bool:
+    """Say whether the footprint fits at a point of a path (n, 2), looking about along the path."""
+    x, y = points[index, 0], points[index, 1]
+    row, col = math.floor(y / field.fine_m), math.floor(x / field.fine_m)
+    if field.distance_m[row, col] > body.circumscribed_m + 2.0 * field.fine_m:
+        return True
+    yaw, give_m = heading_along(points, index), CHECK.give_cells * field.fine_m
+    return (
+        fits(field, body, x, y, yaw, give_m)
+        or fits(field, body, x, y, yaw + CHECK.leeway_rad, give_m)
+        or fits(field, body, x, y, yaw - CHECK.leeway_rad, give_m)
+    )
 
 
 @kernel
@@ -271,10 +297,8 @@ def tight_into(
         room: clearance with which a place is not tight; how far beside the path it counts, too [m].
     """
     room_m, aside_m = room
-    last = points.shape[0] - 1
-    for index in range(last + 1):
-        before, after = max(index - CHECK.around, 0), min(index + CHECK.around, last)
-        yaw = math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
+    for index in range(points.shape[0]):
+        yaw = heading_along(points, index)
         out_tight[index] = True
         for side in range(3):
             by = aside_m * (0.0 if side == 0 else 2.0 * side - 3.0)

@@ -11,7 +11,7 @@ from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
 from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
-from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten
+from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten, through_cells
 from trolley_planner.paths.pose_search import PoseSearch
 
 Point = tuple[float, float]
@@ -220,14 +220,14 @@ class GlobalPlanner:
         if start_cell is None or target_cell is None:
             return None
         scale = 1.0 / self._costmap.resolution_m
-        discs = (
-            np.array([[*start, PLANNING.start_escape_m], [*target, PLANNING.goal_escape_m]]) * scale
-        )
-        is_tight = weights.reshape(-1)[[start_cell, target_cell]] == LETHAL
-        found = None
+        places = start[0] * scale, start[1] * scale, target[0] * scale, target[1] * scale
+        reach = PLANNING.start_escape_m * scale, PLANNING.goal_escape_m * scale
+        is_tight = weights.item(start_cell) == LETHAL, weights.item(target_cell) == LETHAL
+        found, discs = None, np.empty((2, 3))
         # The robot squeezes through nothing where there is another path.
-        for reach in (is_tight, np.ones(2)):
-            discs[:, 2] = reach * (PLANNING.start_escape_m * scale, PLANNING.goal_escape_m * scale)
+        for open_start, open_target in (is_tight, (True, True)):
+            discs[0] = places[0], places[1], reach[0] * open_start
+            discs[1] = places[2], places[3], reach[1] * open_target
             found = self._cost_to_go.cheapest_path(
                 start_cell, Terrain(weights, distance_m, discs, PLANNING.escape_weight)
             )
@@ -236,11 +236,7 @@ class GlobalPlanner:
         if found is None:
             return None
         cells, cost = found
-        cols = self._costmap.shape[1]
-        points = np.stack([cells % cols, cells // cols], axis=1).astype(np.float64) + 0.5
-        if len(cells) == 1:
-            points = np.repeat(points, 2, axis=0)
-        points[0], points[-1] = discs[0, :2], discs[1, :2]
+        points = through_cells(cells, self._costmap.shape[1], places)
         metres = cost / COST_OF_CELL * self._costmap.resolution_m
         if math.isinf(polyline_cost(weights, points, math.inf)):
             weights = weights.copy()

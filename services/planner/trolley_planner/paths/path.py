@@ -8,6 +8,7 @@ Source:
 
 import math
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +42,12 @@ class PlannedPath:
         cls, legs: list[NDArray[np.float64]], cost: float, is_tight: bool = False
     ) -> "PlannedPath":
         """Make a path of legs (n, 2) [m], each of which begins where the one before ended."""
-        points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-        steps: NDArray[np.float64] = np.diff(points, axis=0)
-        lengths = np.hypot(steps[:, 0], steps[:, 1])
-        remaining = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
-        ends = np.cumsum([len(leg) - 1 for leg in legs])[:-1]
-        return cls(points, remaining, tuple(int(end) for end in ends), cost, is_tight)
+        points = legs[0]
+        if len(legs) > 1:
+            points = np.concatenate([points, *(leg[1:] for leg in legs[1:])])
+        remaining = lengths_left(points)
+        vias = tuple(accumulate(len(leg) - 1 for leg in legs[:-1]))
+        return cls(points, remaining, vias, cost, is_tight)
 
     @property
     def length_m(self) -> float:
@@ -77,18 +78,47 @@ class PlannedPath:
         return np.append(np.arctan2(steps[:, 1], steps[:, 0]), goal_yaw)
 
 
+@kernel
+def lengths_left(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the length of a polyline (n, 2) from each point on."""
+    left = np.zeros(points.shape[0])
+    for index in range(points.shape[0] - 2, -1, -1):
+        dx, dy = points[index + 1, 0] - points[index, 0], points[index + 1, 1] - points[index, 1]
+        left[index] = left[index + 1] + math.sqrt(dx * dx + dy * dy)
+    return left
+
+
 SAME_CELLS = 1e-6
 """Two borders that a line crosses within this distance are crossed in their corner."""
 STRAIGHT_CELLS = 0.02
 """Points that would move less than this stay where they are."""
-EVERY = 4
-"""Straight lines are tried to every fourth point only."""
-SHORTCUT_M, SHORTCUT_REACH = 0.4, 32
-"""Distance of the points [m] and over how many of them lines are tried."""
+SHORTCUT_M, SHORTCUT_REACH = 0.4, 128
+"""Distance of the points [m] and over how many of them a line is tried, then over half as many."""
 SMOOTHING = ((1.6, 6), (0.8, 6), (0.4, 6), (0.15, 6))
 """Distance of the points [m] and passes over them, one after the other."""
 
 
+@kernel
+def through_cells(
+    cells: NDArray[np.int32], cols: int, ends: tuple[float, float, float, float]
+) -> NDArray[np.float64]:
+    """Return points (n, 2) [cells] through the centres of flat cells, from one end to the other.
+
+    Args:
+        cells: (n,) flat.
+        cols: cells in a row.
+        ends: x, y of the start, in the first cell, and of the end, in the last one.
+    """
+    count = cells.shape[0]
+    points = np.empty((max(count, 2), 2))
+    for index in range(count):
+        points[index, 0], points[index, 1] = cells[index] % cols + 0.5, cells[index] // cols + 0.5
+    points[0, 0], points[0, 1] = ends[0], ends[1]
+    points[-1, 0], points[-1, 1] = ends[2], ends[3]
+    return points
+
+
+@kernel
 def straighten(
     points: NDArray[np.float64], weights: NDArray[np.uint8], cells_per_m: float
 ) -> NDArray[np.float64]:
@@ -124,7 +154,7 @@ def segment_cost(
         most: cost.
     """
     dx, dy = x2 - x1, y2 - y1
-    length = math.hypot(dx, dy)
+    length = math.sqrt(dx * dx + dy * dy)
     col, row = math.floor(x1), math.floor(y1)
     # Counted, since rounding may put the last border just before or behind the end of the line.
     cols_left, rows_left = abs(math.floor(x2) - col), abs(math.floor(y2) - row)
@@ -216,12 +246,15 @@ def shortcut_into(
     while anchor < count - 1:
         chosen = anchor + 1
         x1, y1 = points[anchor, 0], points[anchor, 1]
-        for index in range(min(count - 1, anchor + reach), anchor + 1, -EVERY):
+        span = reach
+        while span > 1:
+            index = min(count - 1, anchor + span)
             most = along[index] - along[anchor]
             line = segment_cost(weights, x1, y1, points[index, 0], points[index, 1], most)
-            if not math.isinf(line):
+            if line != math.inf:
                 chosen = index
                 break
+            span //= 2
         out_kept[kept] = chosen
         kept += 1
         anchor = chosen
@@ -247,13 +280,16 @@ def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int)
             new_x, new_y = 0.5 * x + 0.25 * (ax + bx), 0.5 * y + 0.25 * (ay + by)
             if abs(new_x - x) + abs(new_y - y) < STRAIGHT_CELLS:
                 continue
+            # A line may end in the corner of a lethal cell, but two of them would pass it.
+            if side_of_border(new_x, 0.0) != 0 and side_of_border(new_y, 0.0) != 0:
+                continue
             if costs[index - 1] < 0.0:
                 costs[index - 1] = segment_cost(weights, ax, ay, x, y, math.inf)
             if costs[index] < 0.0:
                 costs[index] = segment_cost(weights, x, y, bx, by, math.inf)
             most = costs[index - 1] + costs[index]
             first = segment_cost(weights, ax, ay, new_x, new_y, most)
-            if math.isinf(first):
+            if first == math.inf:
                 continue
             second = segment_cost(weights, new_x, new_y, bx, by, most - first)
             if first + second <= most:

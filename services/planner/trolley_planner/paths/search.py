@@ -164,9 +164,9 @@ def leap(  # noqa: C901 - in one piece for its speed, as `spread`
 ) -> None:
     """Offer the cells that a knight reaches from those of one bucket the path through them.
 
-    A knight passes through the cell beside it and the one across. It does not go past cells that
-    were reached before, since these reach what lies behind them by themselves. (That is exact where
-    weights do not differ by much.) The bucket itself stays as it is: no move ends in it.
+    A knight passes through the cell beside it and the one across. It leaps over even ground only,
+    where these weigh the same, and does not go past cells that were reached before, since these
+    reach what lies behind them by themselves. The bucket itself stays as it is: no move ends in it.
     """
     heads, cells, nexts = queue.heads, queue.cells, queue.nexts
     free, waiting = queue.state[FREE_ENTRY], queue.state[NUM_WAITING]
@@ -189,13 +189,13 @@ def leap(  # noqa: C901 - in one piece for its speed, as `spread`
             else:
                 forth, across_by = 1, cols
             beside = weights[cell + forth]
-            if beside == 0 or cost[cell + forth] < cost_here:
+            if beside != here or cost[cell + forth] < cost_here:
                 continue
             ends = here + np.int32(beside)
             for turn in range(2):
                 aside = across_by if turn == 0 else -across_by
                 across = weights[cell + forth + aside]
-                if across == 0 or cost[cell + forth + aside] < cost_here:
+                if across != here or cost[cell + forth + aside] < cost_here:
                     continue
                 other = cell + 2 * forth + aside
                 there = weights[other]
