@@ -11,6 +11,7 @@ import tempfile
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,8 @@ FAR_M, FAR_RAD = 0.5, math.radians(20.0)
 """An estimate further off than this is wrong [m, rad]."""
 MAPPED_SHARE = 0.5
 """Where a smaller share of the beams ends on what the map knows, the robot is off the map."""
+LONGEST_S = 600.0
+"""A drive that has not seen all of the house by then ends [s]."""
 AWAY_S = 2.0
 """Shorter excursions off the map do not count [s]."""
 
@@ -133,9 +136,13 @@ class Visits:
         self._area_m2 = area_m2
         self._keep = keep
 
-    def make(self, case: Case, seed: int) -> Visit:
-        """The second visit of the house that a seed draws."""
-        plan = plan_house(math.sqrt(self._area_m2) + 1.4, seed)
+    def make(self, case: Case, number: int) -> Visit:
+        """The second visit of one of the houses that have rooms to shut off."""
+        seed = -1
+        while number >= 0:
+            seed += 1
+            plan = plan_house(math.sqrt(self._area_m2) + 1.4, seed)
+            number -= bool(plan.doors and doors_to_close(plan, seed))
         if case.is_extended:
             plan = built_on(plan, np.random.default_rng(seed))
         closed = doors_to_close(plan, seed) if case.opens_doors else ()
@@ -170,7 +177,7 @@ class Visits:
 
     def _drive(self, house: House, seed: int) -> tuple[list[ScanInput], list[Pose2D]]:
         def make() -> dict[str, NDArray]:
-            made = list(drive(house, seed))
+            made = list(islice(drive(house, seed), round(LONGEST_S * house.spec.lidar.rate_hz)))
             return {
                 "stamps": np.array([scan.stamp_ns for scan, _ in made]),
                 "ranges": np.stack([scan.ranges for scan, _ in made]),

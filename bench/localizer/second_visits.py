@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from bench.harness.figures import at_most, recordings_folder, show, table
-from bench.harness.recorded import CREATE3, FREIBURG, FREIBURG_RAW, MAPS, Recording, read_recording
+from bench.harness.recorded import CREATE3, FREIBURG, MAPS, Recording, read_recording
 from bench.harness.second_visits import (
     CASES,
     Track,
@@ -113,7 +113,7 @@ def recorded(folder: Path, seeds: int, lates: list[int]) -> None:
     """Second visits out of recorded drives."""
     rows: list[list[str]] = []
     every: list[Track] = []
-    for fields in (FREIBURG, FREIBURG_RAW, CREATE3):
+    for fields in (FREIBURG, CREATE3):
         recording = read_recording(folder, *fields)
         grid = load_map(folder / MAPS[fields[0]])
         maps = {"cropped": cropped(grid, recording.reference_at(0))}
@@ -162,7 +162,7 @@ def main() -> None:
     """Visit and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--visits", type=int, default=2, help="of each case")
-    parser.add_argument("--area", type=float, default=60.0, help="of a house [m^2]")
+    parser.add_argument("--area", type=float, default=90.0, help="of a house [m^2]")
     parser.add_argument("--late", type=int, nargs="+", default=[0])
     parser.add_argument("--case", nargs="*", default=[], help="only cases whose names contain this")
     parser.add_argument("--only", choices=["simulated", "foreign", "recorded"])
