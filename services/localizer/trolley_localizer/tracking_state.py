@@ -18,8 +18,8 @@ class TrackingParams:
     """Time constant of the support: a person walking by is no reason to doubt [s]."""
     max_step_s: float = 0.3
     """Longest time between two scans that counts: a gap says nothing about the pose [s]."""
-    blind_s: float = 1.0
-    """After this long without seeing anything, the estimate is no longer sure [s]."""
+    silent_s: float = 1.0
+    """After this long without seeing anything that the map knows, the estimate is no longer sure [s]."""
     vouched_s: float = 10.0
     """A search that found nothing better vouches for a pose with little support this long [s]."""
     vouched_slack: float = 0.15
@@ -47,8 +47,10 @@ class Evidence:
     """Share of explained beams less contradictions, 0 ... 1."""
     spread_m: float
     """Spread of the hypotheses [m]."""
-    is_blind: bool
-    """Too few echoes to say anything."""
+    is_silent: bool
+    """Too few echoes, or too few where the map knows what is there, to say anything."""
+    is_open: bool = False
+    """Whether this is the right place is still to be proven."""
 
 
 class TrackingMonitor:
@@ -69,7 +71,7 @@ class TrackingMonitor:
         self._vouched_support = 0.0
         self._was_believed = False
         self._usual = 0.0
-        self._blind_s = 0.0
+        self._silent_s = 0.0
 
     @property
     def doubts(self) -> bool:
@@ -97,13 +99,13 @@ class TrackingMonitor:
         """
         step_s = min(max(elapsed_s, 0.0), PARAMS.max_step_s)
         self._vouched_s = max(0.0, self._vouched_s - step_s)
-        if evidence.is_blind:
-            self._blind_s += step_s
-            if self._blind_s > PARAMS.blind_s and self.state == "localized":
+        if evidence.is_silent:
+            self._silent_s += step_s
+            if self._silent_s > PARAMS.silent_s and self.state == "localized":
                 self._good_scans = 0
                 self.state = "unsure"
             return self.state
-        self._blind_s = 0.0
+        self._silent_s = 0.0
         self._weigh(evidence, step_s)
         return self._decide(evidence)
 
@@ -154,6 +156,8 @@ class TrackingMonitor:
             is_granted = narrow and self.support >= self._config.poor_support
             if not (self.state == "localized" and is_granted and self._doubt_s <= PARAMS.grace_s):
                 self.state = "unsure"
+        elif evidence.is_open:
+            self.state = "unsure"
         elif self.state != "localized" and self._good_scans >= PARAMS.scans_to_believe:
             self.state = "localized"
             self._was_believed = True

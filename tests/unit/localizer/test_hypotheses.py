@@ -19,6 +19,20 @@ STEP = Pose2D(0.2, 0.0, 0.0)
 SOFA = np.s_[90:104, 120:150]
 
 
+def score_of(value: float, through: float = 0.0, astray: float = 0.0) -> MatchScore:
+    """A score of which all beams end where the map knows what is there."""
+    return MatchScore(
+        match=value,
+        through=through,
+        astray=astray,
+        beyond=0.0,
+        known=1.0,
+        beams=300,
+        score=value,
+        known_score=value,
+    )
+
+
 class View:
     """A robot in the flat that drives straight on, seen by the scan of each step.
 
@@ -42,7 +56,7 @@ class View:
         return read_beams(scan, self.field.resolution, CONFIG.max_range_m)
 
     def place(self, pose: NDArray[np.float64], value: float) -> Place:
-        return Place(pose, MatchScore(value, 0.0, 0.0, 300, value))
+        return Place(pose, score_of(value))
 
 
 @pytest.fixture
@@ -51,9 +65,9 @@ def view(flat: GridMap) -> View:
 
 
 def test_beams_that_end_nowhere_behind_a_wall_count_most() -> None:
-    taken_away = MatchScore(0.85, 0.1, 0.0, 300, 0.85)
-    impossible = MatchScore(0.85, 0.0, 0.1, 300, 0.85)
-    unexplained = MatchScore(0.75, 0.0, 0.0, 300, 0.75)
+    taken_away = score_of(0.85, through=0.1)
+    impossible = score_of(0.85, astray=0.1)
+    unexplained = score_of(0.75)
     assert taken_away.value > unexplained.value > impossible.value
 
 

@@ -228,6 +228,20 @@ class PoseEstimator:
         self._aligned.predict(step)
         self._pending = self._pending @ step
 
+    def lead(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+        """Go on from where the scans have led without the map, with the covariance that they left.
+
+        Args:
+            pose: (3,) near the prediction.
+            covariance: (3, 3) of the pose.
+        """
+        self._aligned.reset(pose, covariance)
+        if self._has_moved():
+            self._filter.reset(pose, covariance)
+            self._pending = Pose2D.identity()
+            self._given_root = None
+            self.spread_m = self._filter.spread_m()
+
     def correct(self, beams: BeamSet, *, is_trusted: bool) -> None:
         """Correct the estimate by one scan.
 
@@ -235,6 +249,7 @@ class PoseEstimator:
             beams: of the scan.
             is_trusted: whether the estimate is believed so far.
         """
+        beams = self._matcher.on_known(self.pose, beams)
         seen = self._matcher.without_mirrored(self.pose, beams)
         points = seen.spread(self._config.refine_beams)
         if points.x.size == 0:
@@ -289,8 +304,9 @@ class PoseEstimator:
     def _try_around(self, view: ScanView, beams: BeamSet) -> None:
         """Try poses at random around the estimate and take the best if it fits better."""
         cells = 1.0 / self._field.resolution
-        deviations = [PARAMS.try_dev_m * cells, PARAMS.try_dev_m * cells, PARAMS.try_dev_rad]
-        root = np.diag(deviations) if self._given_root is None else self._given_root
+        deviations = np.sqrt(np.diag(self.covariance))
+        least = [PARAMS.try_dev_m * cells, PARAMS.try_dev_m * cells, PARAMS.try_dev_rad]
+        root = np.diag(np.maximum(deviations, least)) if self._given_root is None else self._given_root
         self._given_root = None
         few = beams.spread(self._config.num_beams, self._phase)
         best = self._filter.best_of(self.pose, root, few, PARAMS.num_tries)
