@@ -153,9 +153,7 @@ class Visits:
         if case.is_moved:
             plan = moved(plan, first.start, np.random.default_rng(seed + 1000))
         # Other people and other wheels than on the first visit.
-        second = inhabited(
-            plan.built(), seed + 1, case.lidar, case.odometry_error, 2, first.start
-        )
+        second = inhabited(plan.built(), seed + 1, case.lidar, case.odometry_error, 2, first.start)
         scans, truths = self._drive(second, seed + 1)
         if case.is_cropped:
             grid = cropped(grid, first.start)
@@ -376,9 +374,7 @@ class Track:
         return found
 
 
-def estimates(
-    localizer: Localizer, scans: list[ScanInput], late: int
-) -> Iterator[Estimate]:
+def estimates(localizer: Localizer, scans: list[ScanInput], late: int) -> Iterator[Estimate]:
     """Give the estimate after each scan; searches deliver so many scans late."""
     running: deque[tuple[int, SearchJob]] = deque()
     for k, scan in enumerate(scans):
@@ -412,9 +408,7 @@ def follow(visit: Visit, seed: int, late: int = 0, *, is_told: bool = True) -> T
             turned = angle_difference(estimate.map_T_base.yaw, visit.truths[k].yaw)
             error_rad[k] = abs(turned)
     stamps_s = np.array([scan.stamp_ns for scan in visit.scans]) * 1e-9
-    return Track(
-        stamps_s, error_m, error_rad, np.array(states), messages, visit.mapped_shares()
-    )
+    return Track(stamps_s, error_m, error_rad, np.array(states), messages, visit.mapped_shares())
 
 
 def way_m(truths: list[Pose2D]) -> NDArray[np.float64]:

@@ -60,6 +60,8 @@ class LocalizerParams:
     """Where less of the beams ends on what the map knows, the robot is off the map."""
     known_smoothing_s: float = 0.4
     """Time constant of that share [s]."""
+    trusted_m: float = 5.0
+    """A robot that comes back from further off the map must prove where it is [m]."""
     doubted_m: float = 5.0
     """A place that was proven and has been in doubt for this distance is no longer proven [m]."""
 
@@ -214,13 +216,16 @@ class Localizer:
         share = min(1.0, elapsed_s / PARAMS.known_smoothing_s)
         following.known += share * (known - following.known)
         if not following.is_off_map:
+            if following.off_m > PARAMS.trusted_m and following.proof is None:
+                following.proof = Proof(has_prior=True)
+                following.is_searched = True
             following.off_m = 0.0
             is_trusted = following.monitor.state == "localized"
             self._estimator.correct(beams, is_trusted=is_trusted)
         else:
             led = self._scans.align(self._estimator.pose, beams)
             if led is not None:
-                self._estimator.lead(*led)
+                self._estimator.lead(*led, beams)
         overlap = self._scans.overlap(
             beams, self._estimator.pose, self._estimator.covariance, elapsed_s
         )
@@ -241,7 +246,7 @@ class Localizer:
         proof = following.proof
         if proof is None or beams.is_blind or following.is_off_map:
             return
-        proof.add(score.value)
+        proof.add(score)
         if proof.is_right and following.is_searched and not following.rivals.exist:
             following.proof = None
             following.is_proven = True

@@ -63,6 +63,9 @@ class PoseEstimatorParams:
     try_dev_m: float = 0.25
     try_dev_rad: float = 0.15
     """How many poses are tried, and how far around: standard deviations [m, rad]."""
+    back_support: float = 0.65
+    """A pose close by from which the map explains so much of a scan is taken by a robot that is
+    off the map: what speaks for a place more than against it (`ProofParams.between`)."""
     score_slack: float = 0.01
     """Alignment may lower the score by this: the odometry has a say, too."""
     usual_smoothing: float = 0.05
@@ -228,15 +231,27 @@ class PoseEstimator:
         self._aligned.predict(step)
         self._pending = self._pending @ step
 
-    def lead(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+    def lead(
+        self, pose: NDArray[np.float64], covariance: NDArray[np.float64], beams: BeamSet
+    ) -> None:
         """Go on from where the scans have led without the map, with the covariance that they left.
 
         Args:
             pose: (3,) near the prediction.
             covariance: (3, 3) of the pose.
+            beams: of the scan; if the map explains it from close by, the robot is there.
         """
         self._aligned.reset(pose, covariance)
         if self._has_moved():
+            few = beams.spread(self._config.num_beams, self._phase)
+            best = self._filter.best_of(pose, self._root_of_tries(), few, PARAMS.num_tries)
+            found, information = self._aligned.align(
+                best, beams.spread(self._config.refine_beams), is_free=True
+            )
+            is_back = self._matcher.score(found, beams).value >= PARAMS.back_support
+            if is_back and self._matcher.may_stand(found):
+                self._aligned.accept(found, information, is_free=True)
+                pose, covariance = self.pose, self.covariance
             self._filter.reset(pose, covariance)
             self._pending = Pose2D.identity()
             self._given_root = None
@@ -303,14 +318,17 @@ class PoseEstimator:
 
     def _try_around(self, view: ScanView, beams: BeamSet) -> None:
         """Try poses at random around the estimate and take the best if it fits better."""
-        cells = 1.0 / self._field.resolution
-        deviations = np.sqrt(np.diag(self.covariance))
-        least = [PARAMS.try_dev_m * cells, PARAMS.try_dev_m * cells, PARAMS.try_dev_rad]
-        root = np.diag(np.maximum(deviations, least)) if self._given_root is None else self._given_root
+        root = self._root_of_tries() if self._given_root is None else self._given_root
         self._given_root = None
         few = beams.spread(self._config.num_beams, self._phase)
         best = self._filter.best_of(self.pose, root, few, PARAMS.num_tries)
         self._offer(best, view, beams, PARAMS.try_lead)
+
+    def _root_of_tries(self) -> NDArray[np.float64]:
+        """Return how far around poses are tried: as far as the estimate may be off, or a slip."""
+        cells = 1.0 / self._field.resolution
+        least = [PARAMS.try_dev_m * cells, PARAMS.try_dev_m * cells, PARAMS.try_dev_rad]
+        return np.diag(np.maximum(np.sqrt(np.diag(self.covariance)), least))
 
     def _offer(
         self, start: NDArray[np.float64], view: ScanView, beams: BeamSet, lead: float

@@ -82,9 +82,11 @@ class Proof:
     Args:
         total: support summed over the views so far.
         views: how many there were.
+        has_prior: the odometry has led here: the unknown does not count against the place.
     """
 
-    def __init__(self, total: float = 0.0, views: int = 0) -> None:
+    def __init__(self, total: float = 0.0, views: int = 0, *, has_prior: bool = False) -> None:
+        self._has_prior = has_prior
         self._sum = total - PROOF.between * views
         self._views = views
         self._since_view = Pose2D.identity()
@@ -94,7 +96,7 @@ class Proof:
         """Note an odometry step [m, m, rad]."""
         self._since_view = self._since_view @ step
 
-    def add(self, support: float) -> None:
+    def add(self, score: MatchScore) -> None:
         """Take what a scan says for the place into account, if it is a new view."""
         since = self._since_view
         way_m = math.hypot(since.x, since.y)
@@ -102,7 +104,10 @@ class Proof:
             return
         self._views += 1
         self._driven_m += way_m
-        self._sum += support - PROOF.between
+        if self._has_prior:
+            self._sum += score.known * (score.tracked - PROOF.between)
+        else:
+            self._sum += score.value - PROOF.between
         self._since_view = Pose2D.identity()
 
     @property
