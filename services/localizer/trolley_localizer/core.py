@@ -20,7 +20,7 @@ from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.estimate import CandidatePose, Estimate
 from trolley_localizer.filter.pose_estimator import PoseEstimator
 from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
-from trolley_localizer.matching.hypotheses import Hypotheses, Hypothesis, Proof, Rivals
+from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Hypothesis, Proof, Rivals
 from trolley_localizer.matching.likelihood_field import build_field, make_lines, sane_covariance
 from trolley_localizer.matching.map_matcher import (
     FRONT_END,
@@ -30,7 +30,7 @@ from trolley_localizer.matching.map_matcher import (
     read_beams,
 )
 from trolley_localizer.matching.scan_to_scan import PARAMS as SCANS
-from trolley_localizer.matching.scan_to_scan import ScanToScan
+from trolley_localizer.matching.scan_to_scan import LedPose, ScanToScan
 from trolley_localizer.tracking_state import Evidence, TrackingMonitor, TrackingState
 
 
@@ -58,6 +58,8 @@ class LocalizerParams:
     """A turn by 1 rad counts as much as driving this far [m]."""
     least_known: float = 0.5
     """Where less of the beams ends on what the map knows, the robot is off the map."""
+    search_known: float = 0.8
+    """A search asks too much of the true place where less of the beams does."""
     known_smoothing_s: float = 0.4
     """Time constant of that share [s]."""
     trusted_m: float = 5.0
@@ -92,6 +94,8 @@ class Following:
     proof: Proof | None = None
     """Must come out before the estimate is believed: it was found without a prior, or the robot may
     have been carried off."""
+    is_found: bool = False
+    """It was found by a search: the odometry has not led to it."""
     is_searched: bool = False
     """Whether the whole map has been searched since the proof began."""
     driven_m: float = 0.0
@@ -160,12 +164,14 @@ class Localizer:
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
         self._schedule.since_s += motion.elapsed_s
-        self._predict(motion.step)
+        led = self._led_by_scans(motion.step, beams)
+        step = motion.step if led is None else self._step_to(led.pose)
+        self._predict(step)
         if isinstance(self._state, Searching):
             self._settle(self._state, beams)
         if isinstance(self._state, Searching):
             return self._unknown_pose(self._state, scan, beams, "searching")
-        self._correct(self._state, beams, motion.elapsed_s)
+        self._correct(self._state, beams, led, motion.elapsed_s)
         score, classes = self._matcher.classify(self._estimator.pose, beams)
         following = self._compare_rivals(self._state, beams, score)
         self._prove(following, score, beams)
@@ -173,12 +179,30 @@ class Localizer:
         is_open = following.proof is not None
         evidence = Evidence(score.tracked, self._estimator.spread_m, is_silent, is_open)
         state = following.monitor.update(evidence, motion.elapsed_s)
-        if state == "lost" or (following.proof is not None and following.proof.is_wrong):
+        if state == "lost" or self._is_disproven(following):
             return self._unknown_pose(self._begin_search(), scan, beams, "lost")
-        self._doubt(following, motion.step, is_silent=is_silent)
+        self._doubt(following, step, is_silent=is_silent)
         if state == "localized" and not beams.is_blind:
             self._watch_map(scan, beams, classes)
         return self._known_pose(following, scan, beams, score, classes)
+
+    def _led_by_scans(self, step: Pose2D, beams: BeamSet) -> LedPose | None:
+        """Return where the scans lead; None where the odometry may be believed, or nothing leads.
+
+        On the map the odometry is believed as long as the scans agree with it.
+        """
+        if not isinstance(self._state, Following) or beams.is_blind:
+            return None
+        predicted = self._carried(self._estimator.pose, step)
+        if not self._state.is_off_map:
+            agreement = self._scans.agreement(beams, predicted)
+            if agreement is None or agreement >= SCANS.usual_overlap:
+                return None
+        return self._scans.align(predicted, beams)
+
+    def _step_to(self, pose: NDArray[np.float64]) -> Pose2D:
+        """Return the step [m, m, rad] from the estimate to a pose in cells."""
+        return self.field.to_map(self._estimator.pose).inverse() @ self.field.to_map(pose)
 
     def _predict(self, step: Pose2D) -> None:
         """Carry all that is followed through one odometry step."""
@@ -208,29 +232,31 @@ class Localizer:
             # What stands out by now may not be among the places found from where it began.
             self._schedule.is_wanted = not places.is_plausible or places.is_stale
 
-    def _correct(self, following: Following, beams: BeamSet, elapsed_s: float) -> None:
-        """Align the estimate with the scan: with the map, or off the map with an earlier scan."""
+    def _correct(
+        self, following: Following, beams: BeamSet, led: LedPose | None, elapsed_s: float
+    ) -> None:
+        """Align the estimate with the map; off the map take it from where the scans lead."""
         if beams.is_blind:
             return
         known = self._matcher.known_share(self._estimator.pose, beams)
         share = min(1.0, elapsed_s / PARAMS.known_smoothing_s)
         following.known += share * (known - following.known)
         if not following.is_off_map:
-            if following.off_m > PARAMS.trusted_m and following.proof is None:
-                following.proof = Proof(has_prior=True)
-                following.is_searched = True
-            following.off_m = 0.0
+            self._come_back(following)
             is_trusted = following.monitor.state == "localized"
             self._estimator.correct(beams, is_trusted=is_trusted)
-        else:
-            led = self._scans.align(self._estimator.pose, beams)
-            if led is not None:
-                self._estimator.lead(*led, beams)
-        overlap = self._scans.overlap(
-            beams, self._estimator.pose, self._estimator.covariance, elapsed_s
-        )
-        if overlap is not None and overlap < SCANS.least_overlap:
+        elif led is not None:
+            self._estimator.lead(led.pose, led.covariance, beams)
+        estimator = self._estimator
+        if self._scans.follow(beams, estimator.pose, estimator.covariance, elapsed_s):
             self._break(following)
+
+    def _come_back(self, following: Following) -> None:
+        """Note that the robot is on the map; from far off it, it must prove where it is."""
+        if following.off_m > PARAMS.trusted_m and following.proof is None:
+            following.proof = Proof(has_prior=True)
+            following.is_proven = following.is_searched = False
+        following.off_m = 0.0
 
     def _break(self, following: Following) -> None:
         """Note that the robot may have been carried off: the odometry's word is worth nothing."""
@@ -248,7 +274,7 @@ class Localizer:
             return
         proof.add(score)
         if proof.is_right and following.is_searched and not following.rivals.exist:
-            following.proof = None
+            following.proof, following.is_found = None, False
             following.is_proven = True
             following.monitor.vouch(score.tracked)
 
@@ -265,11 +291,25 @@ class Localizer:
             self._confirm(following, score.value)
         return following
 
+    def _is_disproven(self, following: Following) -> bool:
+        """Say whether the place that was to be proven is given up.
+
+        One that a search has found is at the first sign. One to which the odometry has led may
+        have somebody in front of it for a moment.
+        """
+        proof = following.proof
+        if proof is None or not following.is_searched:
+            return False
+        return proof.is_overdue or (proof.is_against and following.is_found)
+
     def _doubt(self, following: Following, step: Pose2D, *, is_silent: bool) -> None:
         """Have the whole map searched again if the estimate has been in doubt for a while."""
         monitor = following.monitor
         if is_silent:
             return
+        is_due = following.proof is not None and not following.is_searched
+        if is_due and following.known >= PARAMS.search_known:
+            self._schedule.is_wanted = True
         if monitor.doubts and self._schedule.since_s > self._config.search_again_s:
             rivals = following.rivals
             self._schedule.is_wanted = not rivals.exist or rivals.is_stale
@@ -478,7 +518,7 @@ class Localizer:
         best = max((p.support.value for p in elsewhere), default=0.0)
         if following.is_proven and best > value:
             return  # A jump needs a reason, and the robot has driven on without a break.
-        if best > value + self._config.search_margin and best >= self._config.good_support:
+        if best > value + self._config.search_margin and best >= PROOF.between:
             self._state = self._searching(places, has_result=True)
             self._schedule.is_wanted = False
             return
@@ -536,7 +576,7 @@ class Localizer:
         """Follow a place that stands out from all others; driving on must prove it."""
         following = self._follow(winner.pose, self._found_covariance())
         following.proof = Proof(winner.total, views)
-        following.is_searched = True
+        following.is_found = following.is_searched = True
         return following
 
     def _found_covariance(self) -> NDArray[np.float64]:

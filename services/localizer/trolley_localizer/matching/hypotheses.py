@@ -116,9 +116,14 @@ class Proof:
         return self._sum >= PROOF.bound
 
     @property
-    def is_wrong(self) -> bool:
-        """Whether they speak against it, or have not decided for long."""
-        return self._sum <= -PROOF.bound or (not self.is_right and self._driven_m > PROOF.most_m)
+    def is_against(self) -> bool:
+        """Whether the views speak against the place."""
+        return self._sum <= -PROOF.bound
+
+    @property
+    def is_overdue(self) -> bool:
+        """Whether it should have come out by now."""
+        return not self.is_right and self._driven_m > PROOF.most_m
 
 
 @dataclass(slots=True)

@@ -36,6 +36,8 @@ class ScanToScanParams:
     least_overlap: float = 0.7
     """Two scans that agree less than this were not taken on one drive. Where the robot drives on
     the map or off it they agree in 0.97 of the beams, and in 0.05 to 0.6 where it was carried."""
+    usual_overlap: float = 0.95
+    """Where the wheels' step lets two scans agree less, the wheels slip: the scans' own holds."""
     renew_m: float = 0.3
     renew_rad: float = 0.3
     renew_s: float = 5.0
@@ -60,6 +62,16 @@ class ScanToScanParams:
 
 
 PARAMS = ScanToScanParams()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LedPose:
+    """Where two scans say that the robot has gone."""
+
+    pose: NDArray[np.float64]
+    """(3,) x, y [cells], yaw [rad] in `grid`."""
+    covariance: NDArray[np.float64]
+    """(3, 3) of the pose."""
 
 
 class EarlierScan:
@@ -132,47 +144,59 @@ class ScanToScan:
         """Begin anew with the next scan."""
         self._earlier = None
 
-    def overlap(
+    def agreement(self, beams: BeamSet, pose: NDArray[np.float64]) -> float | None:
+        """Return the share of beams in which a scan and the earlier one agree, if it can be said.
+
+        Args:
+            beams: of the scan.
+            pose: where it is believed to have been taken (3,) [cells, rad].
+        """
+        earlier = self._earlier
+        if earlier is None:
+            return None
+        here = EarlierScan(beams, pose, earlier.covariance, self._resolution)
+        relation = earlier.pose.inverse() @ here.pose
+        agree, conflict = earlier.compare(here.ends, relation)
+        agree_back, conflict_back = here.compare(earlier.ends, relation.inverse())
+        compared = agree + agree_back + conflict + conflict_back
+        if compared < PARAMS.least_compared:
+            return None
+        return (agree + agree_back) / compared
+
+    def follow(
         self,
         beams: BeamSet,
         pose: NDArray[np.float64],
         covariance: NDArray[np.float64],
         elapsed_s: float,
-    ) -> float | None:
-        """Return the share of beams in which two scans agree, None if it cannot be said.
+    ) -> bool:
+        """Take a scan into account; returns whether it does not go on where the earlier one was.
 
         Args:
-            beams: of the newer one.
-            pose: where it is believed to have been taken (3,) [cells, rad].
+            beams: of the scan.
+            pose: where it was taken by the estimate (3,) [cells, rad].
             covariance: (3, 3) of the pose.
             elapsed_s: since the scan before [s].
         """
         self._since_s += elapsed_s
-        here = EarlierScan(beams, pose, covariance, self._resolution)
-        if self._earlier is None:
-            self._earlier, self._since_s = here, 0.0
-            return None
-        relation = self._earlier.pose.inverse() @ Pose2D.from_array(pose)
-        agree, conflict = self._earlier.compare(here.ends, relation)
-        agree_back, conflict_back = here.compare(self._earlier.ends, relation.inverse())
-        compared = agree + agree_back + conflict + conflict_back
-        found = None
-        if compared >= PARAMS.least_compared:
-            found = (agree + agree_back) / compared
-        moved_m = math.hypot(relation.x, relation.y) * self._resolution
-        if (
-            moved_m > PARAMS.renew_m
+        agreement = self.agreement(beams, pose)
+        is_break = agreement is not None and agreement < PARAMS.least_overlap
+        if self._earlier is None or is_break or self._is_far(self._earlier, pose):
+            self._earlier = EarlierScan(beams, pose, covariance, self._resolution)
+            self._since_s = 0.0
+        return is_break
+
+    def _is_far(self, earlier: EarlierScan, pose: NDArray[np.float64]) -> bool:
+        """Say whether a newer scan should take the place of the earlier one."""
+        relation = earlier.pose.inverse() @ Pose2D.from_array(pose)
+        return (
+            math.hypot(relation.x, relation.y) * self._resolution > PARAMS.renew_m
             or abs(math.remainder(relation.yaw, 2.0 * math.pi)) > PARAMS.renew_rad
             or self._since_s > PARAMS.renew_s
-            or (found is not None and found < PARAMS.least_overlap)
-        ):
-            self._earlier, self._since_s = here, 0.0
-        return found
+        )
 
-    def align(
-        self, pose: NDArray[np.float64], beams: BeamSet
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return a pose and its covariance (3, 3), aligned with the earlier scan.
+    def align(self, pose: NDArray[np.float64], beams: BeamSet) -> LedPose | None:
+        """Align a pose with the earlier scan.
 
         Args:
             pose: where the odometry says that the scan was taken (3,) [cells, rad].
@@ -203,4 +227,4 @@ class ScanToScan:
         cos, sin = math.cos(earlier.pose.yaw), math.sin(earlier.pose.yaw)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         carried = move_covariance(earlier.covariance, earlier.pose, relation)
-        return (earlier.pose @ relation).as_array(), carried + turn @ own @ turn.T
+        return LedPose((earlier.pose @ relation).as_array(), carried + turn @ own @ turn.T)
