@@ -1,6 +1,6 @@
 """Is the localizer honest where the map ends? Second visits of houses, and foreign maps.
 
-    python -m bench.localizer.second_visits [--visits 2] [--area 60] [--late 0] [--keep DIR] [--full]
+    python -m bench.localizer.second_visits [--visits 2] [--late 0] [--keep DIR] [--full]
 
 Each seed draws a house of one storey. A simulated robot drives through it once and the project's
 mapper maps it; then another robot drives through all of it again, on the map of the first drive,
@@ -31,7 +31,6 @@ from bench.harness.second_visits import (
     way_m,
 )
 
-from trolley.geometry import Pose2D
 from trolley.gridmap import UNKNOWN, GridMap, load_map
 
 HEADS = ["visit", "drives", "min", "off map %", "wrong but sure %", "worst", "sure %",

@@ -64,8 +64,6 @@ class LocalizerParams:
     """Time constant of that share [s]."""
     trusted_m: float = 5.0
     """A robot that comes back from further off the map must prove where it is [m]."""
-    doubted_m: float = 5.0
-    """A place that was proven and has been in doubt for this distance is no longer proven [m]."""
 
 
 PARAMS = LocalizerParams()
@@ -100,8 +98,6 @@ class Following:
     """Whether the whole map has been searched since the proof began."""
     driven_m: float = 0.0
     """Distance driven with this estimate, with turns counted in [m]."""
-    doubted_m: float = 0.0
-    """The part of it driven in doubt since it was last believed [m]."""
     known: float = 1.0
     """Share of beams that end on what the map knows, smoothed."""
     off_m: float = 0.0
@@ -165,8 +161,7 @@ class Localizer:
         self._last, self._beams = scan, beams
         self._schedule.since_s += motion.elapsed_s
         led = self._led_by_scans(motion.step, beams)
-        step = motion.step if led is None else self._step_to(led.pose)
-        self._predict(step)
+        self._predict(motion.step if led is None else self._step_to(led.pose))
         if isinstance(self._state, Searching):
             self._settle(self._state, beams)
         if isinstance(self._state, Searching):
@@ -181,7 +176,7 @@ class Localizer:
         state = following.monitor.update(evidence, motion.elapsed_s)
         if state == "lost" or self._is_disproven(following):
             return self._unknown_pose(self._begin_search(), scan, beams, "lost")
-        self._doubt(following, step, is_silent=is_silent)
+        self._doubt(following, is_silent=is_silent)
         if state == "localized" and not beams.is_blind:
             self._watch_map(scan, beams, classes)
         return self._known_pose(following, scan, beams, score, classes)
@@ -262,7 +257,6 @@ class Localizer:
         """Note that the robot may have been carried off: the odometry's word is worth nothing."""
         following.is_proven = following.is_searched = False
         following.proof = Proof()
-        following.doubted_m = 0.0
         following.rivals = Rivals(self.field, self._matcher, self._config)
         self._schedule.is_wanted = True
         self._schedule.is_void = self._schedule.is_running
@@ -302,22 +296,16 @@ class Localizer:
             return False
         return proof.is_overdue or (proof.is_against and following.is_found)
 
-    def _doubt(self, following: Following, step: Pose2D, *, is_silent: bool) -> None:
+    def _doubt(self, following: Following, *, is_silent: bool) -> None:
         """Have the whole map searched again if the estimate has been in doubt for a while."""
-        monitor = following.monitor
-        if is_silent:
+        proof, schedule = following.proof, self._schedule
+        was_led_here = proof is None or proof.has_prior
+        if is_silent or (was_led_here and following.known < PARAMS.search_known):
             return
-        is_due = following.proof is not None and not following.is_searched
-        if is_due and following.known >= PARAMS.search_known:
-            self._schedule.is_wanted = True
-        if monitor.doubts and self._schedule.since_s > self._config.search_again_s:
-            rivals = following.rivals
-            self._schedule.is_wanted = not rivals.exist or rivals.is_stale
-        following.doubted_m += math.hypot(step.x, step.y)
-        if monitor.state == "localized":
-            following.doubted_m = 0.0
-        elif following.is_proven and following.doubted_m > PARAMS.doubted_m:
-            self._break(following)
+        if proof is not None and not following.is_searched:
+            schedule.is_wanted = True
+        elif following.monitor.doubts and schedule.since_s > self._config.search_again_s:
+            schedule.is_wanted = not following.rivals.exist or following.rivals.is_stale
 
     def _watch_map(self, scan: ScanInput, beams: BeamSet, classes: NDArray[np.uint8]) -> None:
         """Look for mirrors that are not on the map, and for changes, from a pose believed in."""

@@ -19,7 +19,7 @@ class TrackingParams:
     max_step_s: float = 0.3
     """Longest time between two scans that counts: a gap says nothing about the pose [s]."""
     silent_s: float = 1.0
-    """After this long without seeing anything that the map knows, the estimate is no longer sure [s]."""
+    """After this long without seeing anything that the map knows, it is no longer sure [s]."""
     vouched_s: float = 10.0
     """A search that found nothing better vouches for a pose with little support this long [s]."""
     vouched_slack: float = 0.15

@@ -86,7 +86,7 @@ class Proof:
     """
 
     def __init__(self, total: float = 0.0, views: int = 0, *, has_prior: bool = False) -> None:
-        self._has_prior = has_prior
+        self.has_prior = has_prior
         self._sum = total - PROOF.between * views
         self._views = views
         self._since_view = Pose2D.identity()
@@ -104,7 +104,7 @@ class Proof:
             return
         self._views += 1
         self._driven_m += way_m
-        if self._has_prior:
+        if self.has_prior:
             self._sum += score.known * (score.tracked - PROOF.between)
         else:
             self._sum += score.value - PROOF.between
