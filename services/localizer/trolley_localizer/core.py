@@ -172,7 +172,8 @@ class Localizer:
         self._prove(following, score, beams)
         is_silent = beams.is_blind or following.is_off_map
         is_open = following.proof is not None
-        evidence = Evidence(score.tracked, self._estimator.spread_m, is_silent, is_open)
+        spread_m, known = self._estimator.spread_m, score.known
+        evidence = Evidence(score.tracked, spread_m, is_silent, is_open, known)
         state = following.monitor.update(evidence, motion.elapsed_s)
         if state == "lost" or self._is_disproven(following):
             return self._unknown_pose(self._begin_search(), scan, beams, "lost")

@@ -51,6 +51,13 @@ class Evidence:
     """Too few echoes, or too few where the map knows what is there, to say anything."""
     is_open: bool = False
     """Whether this is the right place is still to be proven."""
+    known: float = 1.0
+    """Share of the beams that end where the map knows what is there."""
+
+    @property
+    def uncontradicted(self) -> float:
+        """Share of all beams that do not speak against the estimate, 0 ... 1."""
+        return 1.0 - self.known * (1.0 - self.support)
 
 
 class TrackingMonitor:
@@ -63,6 +70,7 @@ class TrackingMonitor:
         self._config = config
         self.state: TrackingState = "unsure"
         self.support = 0.0
+        self._uncontradicted = 0.0
         self._scans = 0
         self._good_scans = 0
         self._poor_s = 0.0
@@ -115,6 +123,7 @@ class TrackingMonitor:
         share = min(1.0, step_s / PARAMS.smoothing_s) if self._scans > 0 else 1.0
         self._scans += 1
         self.support += share * (evidence.support - self.support)
+        self._uncontradicted += share * (evidence.uncontradicted - self._uncontradicted)
         if evidence.support >= self._wanted:
             self._good_scans += 1
         elif evidence.support < config.poor_support:
@@ -126,7 +135,7 @@ class TrackingMonitor:
         self._doubt_s = self._doubt_s + step_s if is_doubtful else 0.0
         if self.state == "localized" and not is_doubtful:
             self._usual += min(1.0, step_s / PARAMS.usual_s) * (self.support - self._usual)
-        self._poor_s = self._poor_s + step_s if self.support < self._least else 0.0
+        self._poor_s = self._poor_s + step_s if self._uncontradicted < self._least else 0.0
 
     @property
     def _least(self) -> float:
