@@ -19,6 +19,8 @@ from trolley_localizer.changes.change_detector import Change, ChangeDetector
 from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.estimate import CandidatePose, Estimate
 from trolley_localizer.filter.pose_estimator import PoseEstimator
+from trolley_localizer.filter.scan_to_scan import PARAMS as SCANS
+from trolley_localizer.filter.scan_to_scan import LedPose, ScanToScan
 from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
 from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Hypothesis, Proof, Rivals
 from trolley_localizer.matching.likelihood_field import build_field, make_lines, sane_covariance
@@ -29,8 +31,6 @@ from trolley_localizer.matching.map_matcher import (
     MatchScore,
     read_beams,
 )
-from trolley_localizer.matching.scan_to_scan import PARAMS as SCANS
-from trolley_localizer.matching.scan_to_scan import LedPose, ScanToScan
 from trolley_localizer.tracking_state import Evidence, TrackingMonitor, TrackingState
 
 

@@ -8,7 +8,7 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
-from trolley_localizer.matching.hypotheses import Hypotheses, Rivals
+from trolley_localizer.matching.hypotheses import Hypotheses, Proof, Rivals
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
 
@@ -140,3 +140,28 @@ def test_the_right_place_is_found_from_half_a_metre_away(view: View) -> None:
     places = places_around(off, view.field, view.beams(), view.matcher)
     best = max(places, key=lambda place: place.support.value)
     assert view.field.to_map(best.pose).distance_to(view.pose) < 0.05
+
+
+def test_a_well_supported_place_is_proven_at_once_a_middling_one_by_driving_on() -> None:
+    proof = Proof()
+    proof.add(score_of(0.85))
+    assert proof.is_right
+    proof = Proof()
+    proof.add(score_of(0.72))
+    assert not proof.is_right
+    proof.add(score_of(0.72))
+    assert not proof.is_right, "the same view again says nothing more"
+    for _ in range(2):
+        proof.predict(STEP)
+        proof.add(score_of(0.72))
+    assert proof.is_right
+
+
+def test_what_fits_on_foreign_maps_is_dropped_within_two_metres() -> None:
+    for support in (0.47, 0.6, 0.66):
+        proof = Proof()
+        for _ in range(12):
+            proof.predict(STEP)
+            proof.add(score_of(support))
+        assert not proof.is_right
+        assert proof.is_against or proof.is_overdue
