@@ -1,6 +1,7 @@
 """Houses of any size, drawn at random, and what a lidar sees in them."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,21 +15,52 @@ WALL_CELLS = 2
 DOOR_M = 0.9
 
 
+Rect = tuple[int, int, int, int]
+"""First row, row behind the last, first column, column behind the last [cells]."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a house consists of.
+
+    Attributes:
+        walls: (rows, cols) a map's values, doors open, nothing in the rooms.
+        doors: openings in the walls.
+        furniture: pieces on the floor.
+    """
+
+    walls: NDArray[np.int8]
+    doors: tuple[Rect, ...]
+    furniture: tuple[Rect, ...]
+
+    def built(self, closed: tuple[Rect, ...] = ()) -> GridMap:
+        """The house with some of its doors closed."""
+        cells = self.walls.copy()
+        for r0, r1, c0, c1 in (*self.furniture, *closed):
+            cells[r0:r1, c0:c1] = OCCUPIED
+        return GridMap("house", RESOLUTION, Pose2D(0.0, 0.0, 0.0), cells)
+
+
 def draw_house(size_m: float, seed: int) -> GridMap:
     """A square house of rooms with doors and furniture; its surroundings are unknown."""
+    return plan_house(size_m, seed).built()
+
+
+def plan_house(size_m: float, seed: int) -> Plan:
+    """What `draw_house` draws, part by part."""
     rng = np.random.default_rng(seed)
     count = round(size_m / RESOLUTION)
     cells = np.full((count, count), UNKNOWN, np.int8)
     margin = 10
     cells[margin:-margin, margin:-margin] = OCCUPIED
     inner = margin + WALL_CELLS
-    _divide(cells, (inner, count - inner, inner, count - inner), rng)
-    _furnish(cells, rng)
-    return GridMap("house", RESOLUTION, Pose2D(0.0, 0.0, 0.0), cells)
+    doors: list[Rect] = []
+    _divide(cells, (inner, count - inner, inner, count - inner), doors, rng)
+    return Plan(cells, tuple(doors), tuple(_furnish(cells.copy(), rng)))
 
 
 def _divide(
-    cells: NDArray[np.int8], room: tuple[int, int, int, int], rng: np.random.Generator
+    cells: NDArray[np.int8], room: Rect, doors: list[Rect], rng: np.random.Generator
 ) -> None:
     """Cut a room in two until the pieces have the size of rooms, a door in each wall."""
     r0, r1, c0, c1 = room
@@ -43,27 +75,31 @@ def _divide(
         cut = int(rng.integers(r0 + least, r1 - least))
         at = int(rng.integers(c0 + 2, c1 - door - 2))
         parts = ((r0, cut, c0, c1), (cut + WALL_CELLS, r1, c0, c1))
-        wall, opening = np.s_[cut : cut + WALL_CELLS, c0:c1], np.s_[cut : cut + 2, at : at + door]
+        wall, opening = (cut, cut + WALL_CELLS, c0, c1), (cut, cut + WALL_CELLS, at, at + door)
     else:
         cut = int(rng.integers(c0 + least, c1 - least))
         at = int(rng.integers(r0 + 2, r1 - door - 2))
         parts = ((r0, r1, c0, cut), (r0, r1, cut + WALL_CELLS, c1))
-        wall, opening = np.s_[r0:r1, cut : cut + WALL_CELLS], np.s_[at : at + door, cut : cut + 2]
+        wall, opening = (r0, r1, cut, cut + WALL_CELLS), (at, at + door, cut, cut + WALL_CELLS)
     for part in parts:
-        _divide(cells, part, rng)
-    cells[wall] = OCCUPIED
-    cells[opening] = FREE
+        _divide(cells, part, doors, rng)
+    cells[wall[0] : wall[1], wall[2] : wall[3]] = OCCUPIED
+    cells[opening[0] : opening[1], opening[2] : opening[3]] = FREE
+    doors.append(opening)
 
 
-def _furnish(cells: NDArray[np.int8], rng: np.random.Generator) -> None:
-    """Put about one piece of furniture on each 8 m^2."""
+def _furnish(cells: NDArray[np.int8], rng: np.random.Generator) -> list[Rect]:
+    """Put about one piece of furniture on each 8 m^2; returns the pieces."""
     count = cells.shape[0]
+    pieces: list[Rect] = []
     for _ in range(round((count * RESOLUTION) ** 2 / 8.0)):
         row, col = rng.integers(0, count - 20, 2)
         size = rng.integers(6, 30, 2)
         piece = cells[row : row + size[0], col : col + size[1]]
         if np.all(piece == FREE):
             piece[:] = OCCUPIED
+            pieces.append((int(row), int(row + size[0]), int(col), int(col + size[1])))
+    return pieces
 
 
 def free_poses(

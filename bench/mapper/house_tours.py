@@ -48,7 +48,20 @@ def make_house(
     area_m2: float, seed: int, lidar: LidarSpec, odometry_error: float, num_people: int
 ) -> House:
     """Draw a house of about this area; the error is a share of distances and turns."""
-    grid = draw_house(math.sqrt(area_m2) + 1.4, seed)
+    return inhabited(
+        draw_house(math.sqrt(area_m2) + 1.4, seed), seed, lidar, odometry_error, num_people
+    )
+
+
+def inhabited(
+    grid: GridMap,
+    seed: int,
+    lidar: LidarSpec,
+    odometry_error: float,
+    num_people: int,
+    start: Pose2D | None = None,
+) -> House:
+    """Put a robot and people into a house; the robot begins where it is told, or anywhere."""
     rng = np.random.default_rng(seed)
     clearance = distance_transform(1 - grid.free_mask(), grid.resolution)
     regions, _ = ndimage.label(clearance > CLEARANCE_M)
@@ -58,7 +71,7 @@ def make_house(
     free = GridMap(
         grid.name, grid.resolution, grid.origin, np.where(reachable, 0, 100).astype(np.int8)
     )
-    start = free_poses(free, 0.05, 1, rng)[0]
+    start = start or free_poses(free, 0.05, 1, rng)[0]
     sign = 1.0 if seed % 2 else -1.0
     wheels = Wheels(
         left_scale=1.0 + odometry_error * sign,

@@ -19,8 +19,10 @@ from trolley_localizer.changes.change_detector import Change, ChangeDetector
 from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.estimate import CandidatePose, Estimate
 from trolley_localizer.filter.pose_estimator import PoseEstimator
+from trolley_localizer.filter.scan_to_scan import PARAMS as SCANS
+from trolley_localizer.filter.scan_to_scan import LedPose, ScanToScan
 from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
-from trolley_localizer.matching.hypotheses import Hypotheses, Hypothesis, Rivals
+from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Hypothesis, Proof, Rivals
 from trolley_localizer.matching.likelihood_field import build_field, make_lines, sane_covariance
 from trolley_localizer.matching.map_matcher import (
     FRONT_END,
@@ -54,6 +56,14 @@ class LocalizerParams:
     """A given pose that the map does not explain well is believed only after this distance [m]."""
     turn_counts_m: float = 0.3
     """A turn by 1 rad counts as much as driving this far [m]."""
+    least_known: float = 0.5
+    """Where less of the beams ends on what the map knows, the robot is off the map."""
+    search_known: float = 0.8
+    """A search asks too much of the true place where less of the beams does."""
+    known_smoothing_s: float = 0.4
+    """Time constant of that share [s]."""
+    trusted_m: float = 5.0
+    """A robot that comes back from further off the map must prove where it is [m]."""
 
 
 PARAMS = LocalizerParams()
@@ -79,8 +89,24 @@ class Following:
     """Other places that may be the right one."""
     is_proven: bool = False
     """Whether no other place explained the scans as well."""
+    proof: Proof | None = None
+    """Must come out before the estimate is believed: it was found without a prior, or the robot may
+    have been carried off."""
+    is_found: bool = False
+    """It was found by a search: the odometry has not led to it."""
+    is_searched: bool = False
+    """Whether the whole map has been searched since the proof began."""
     driven_m: float = 0.0
     """Distance driven with this estimate, with turns counted in [m]."""
+    known: float = 1.0
+    """Share of beams that end on what the map knows, smoothed."""
+    off_m: float = 0.0
+    """Distance driven off the map since it ended [m]."""
+
+    @property
+    def is_off_map(self) -> bool:
+        """Whether the map does not know what most beams end on."""
+        return self.known < PARAMS.least_known
 
 
 @dataclass(slots=True)
@@ -89,6 +115,8 @@ class SearchSchedule:
 
     is_wanted: bool = True
     is_running: bool = False
+    is_void: bool = False
+    """The one that runs began before the robot was carried off or put elsewhere."""
     since_s: float = math.inf
     """Robot time since the last search began [s]."""
 
@@ -112,6 +140,7 @@ class Localizer:
         self._search_map = SearchMap(self.field)
         self._matcher = MapMatcher(self.field, make_lines(self.field, mirrors), config)
         self._estimator = PoseEstimator(self.field, self._matcher, config, seed)
+        self._scans = ScanToScan(self.field.resolution)
         self._mirrors = MirrorDetector(self.field)
         self.changes = ChangeDetector(self.field, config) if config.propose_changes else None
         self._state: Searching | Following = self._searching([])
@@ -131,22 +160,45 @@ class Localizer:
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
         self._schedule.since_s += motion.elapsed_s
-        self._predict(motion.step)
+        led = self._led_by_scans(motion.step, beams)
+        self._predict(motion.step if led is None else self._step_to(led.pose))
         if isinstance(self._state, Searching):
             self._settle(self._state, beams)
         if isinstance(self._state, Searching):
             return self._unknown_pose(self._state, scan, beams, "searching")
-        self._correct(self._state, beams)
+        self._correct(self._state, beams, led, motion.elapsed_s)
         score, classes = self._matcher.classify(self._estimator.pose, beams)
         following = self._compare_rivals(self._state, beams, score)
-        evidence = Evidence(score.value, self._estimator.spread_m, beams.is_blind)
+        self._prove(following, score, beams)
+        is_silent = beams.is_blind or following.is_off_map
+        is_open = following.proof is not None
+        spread_m, known = self._estimator.spread_m, score.known
+        evidence = Evidence(score.tracked, spread_m, is_silent, is_open, known)
         state = following.monitor.update(evidence, motion.elapsed_s)
-        if state == "lost":
+        if state == "lost" or self._is_disproven(following):
             return self._unknown_pose(self._begin_search(), scan, beams, "lost")
-        self._doubt(following)
+        self._doubt(following, is_silent=is_silent)
         if state == "localized" and not beams.is_blind:
             self._watch_map(scan, beams, classes)
         return self._known_pose(following, scan, beams, score, classes)
+
+    def _led_by_scans(self, step: Pose2D, beams: BeamSet) -> LedPose | None:
+        """Return where the scans lead; None where the odometry may be believed, or nothing leads.
+
+        On the map the odometry is believed as long as the scans agree with it.
+        """
+        if not isinstance(self._state, Following) or beams.is_blind:
+            return None
+        predicted = self._carried(self._estimator.pose, step)
+        if not self._state.is_off_map:
+            agreement = self._scans.agreement(beams, predicted)
+            if agreement is None or agreement >= SCANS.usual_overlap:
+                return None
+        return self._scans.align(predicted, beams)
+
+    def _step_to(self, pose: NDArray[np.float64]) -> Pose2D:
+        """Return the step [m, m, rad] from the estimate to a pose in cells."""
+        return self.field.to_map(self._estimator.pose).inverse() @ self.field.to_map(pose)
 
     def _predict(self, step: Pose2D) -> None:
         """Carry all that is followed through one odometry step."""
@@ -158,6 +210,10 @@ class Localizer:
                 rivals.predict(step)
                 turned_m = PARAMS.turn_counts_m * abs(step.yaw)
                 following.driven_m += math.hypot(step.x, step.y) + turned_m
+                if following.proof is not None:
+                    following.proof.predict(step)
+                if following.is_off_map:
+                    following.off_m += math.hypot(step.x, step.y)
 
     def _settle(self, searching: Searching, beams: BeamSet) -> None:
         """Correct the places of the last search, and follow one if it stands out."""
@@ -167,16 +223,55 @@ class Localizer:
         places.update(beams)
         winner = places.winner()
         if winner is not None:
-            self._follow_winner(winner)
+            self._follow_winner(winner, places.views)
         elif searching.has_result and self._schedule.since_s > self._config.search_again_s:
             # What stands out by now may not be among the places found from where it began.
             self._schedule.is_wanted = not places.is_plausible or places.is_stale
 
-    def _correct(self, following: Following, beams: BeamSet) -> None:
-        """Align the estimate with the scan."""
-        if not beams.is_blind:
+    def _correct(
+        self, following: Following, beams: BeamSet, led: LedPose | None, elapsed_s: float
+    ) -> None:
+        """Align the estimate with the map; off the map take it from where the scans lead."""
+        if beams.is_blind:
+            return
+        known = self._matcher.known_share(self._estimator.pose, beams)
+        share = min(1.0, elapsed_s / PARAMS.known_smoothing_s)
+        following.known += share * (known - following.known)
+        if not following.is_off_map:
+            self._come_back(following)
             is_trusted = following.monitor.state == "localized"
             self._estimator.correct(beams, is_trusted=is_trusted)
+        elif led is not None:
+            self._estimator.lead(led.pose, led.covariance, beams)
+        estimator = self._estimator
+        if self._scans.follow(beams, estimator.pose, estimator.covariance, elapsed_s):
+            self._break(following)
+
+    def _come_back(self, following: Following) -> None:
+        """Note that the robot is on the map; from far off it, it must prove where it is."""
+        if following.off_m > PARAMS.trusted_m and following.proof is None:
+            following.proof = Proof(has_prior=True)
+            following.is_proven = following.is_searched = False
+        following.off_m = 0.0
+
+    def _break(self, following: Following) -> None:
+        """Note that the robot may have been carried off: the odometry's word is worth nothing."""
+        following.is_proven = following.is_searched = False
+        following.proof = Proof()
+        following.rivals = Rivals(self.field, self._matcher, self._config)
+        self._schedule.is_wanted = True
+        self._schedule.is_void = self._schedule.is_running
+
+    def _prove(self, following: Following, score: MatchScore, beams: BeamSet) -> None:
+        """Take what the scan says for a place without a prior into account."""
+        proof = following.proof
+        if proof is None or beams.is_blind or following.is_off_map:
+            return
+        proof.add(score)
+        if proof.is_right and following.is_searched and not following.rivals.exist:
+            following.proof, following.is_found = None, False
+            following.is_proven = True
+            following.monitor.vouch(score.tracked)
 
     def _compare_rivals(self, following: Following, beams: BeamSet, score: MatchScore) -> Following:
         """Compare the estimate with the places followed beside it; return what is followed now."""
@@ -186,16 +281,32 @@ class Localizer:
         rivals.update(beams, self._estimator.pose, self._preferred(following, score))
         winner = rivals.winner()
         if winner is not None:
-            return self._follow_winner(winner)
+            return self._follow_winner(winner, rivals.views)
         if not rivals.exist:
             self._confirm(following, score.value)
         return following
 
-    def _doubt(self, following: Following) -> None:
+    def _is_disproven(self, following: Following) -> bool:
+        """Say whether the place that was to be proven is given up.
+
+        One that a search has found is at the first sign. One to which the odometry has led may
+        have somebody in front of it for a moment.
+        """
+        proof = following.proof
+        if proof is None or not following.is_searched:
+            return False
+        return proof.is_overdue or (proof.is_against and following.is_found)
+
+    def _doubt(self, following: Following, *, is_silent: bool) -> None:
         """Have the whole map searched again if the estimate has been in doubt for a while."""
-        if following.monitor.doubts and self._schedule.since_s > self._config.search_again_s:
-            rivals = following.rivals
-            self._schedule.is_wanted = not rivals.exist or rivals.is_stale
+        proof, schedule = following.proof, self._schedule
+        was_led_here = proof is None or proof.has_prior
+        if is_silent or (was_led_here and following.known < PARAMS.search_known):
+            return
+        if proof is not None and not following.is_searched:
+            schedule.is_wanted = True
+        elif following.monitor.doubts and schedule.since_s > self._config.search_again_s:
+            schedule.is_wanted = not following.rivals.exist or following.rivals.is_stale
 
     def _watch_map(self, scan: ScanInput, beams: BeamSet, classes: NDArray[np.uint8]) -> None:
         """Look for mirrors that are not on the map, and for changes, from a pose believed in."""
@@ -227,15 +338,20 @@ class Localizer:
             match=score.match,
             spread=self._estimator.spread_m,
             beam_classes=classes,
-            message=self._why_unsure(following.monitor, beams),
+            message=self._why_unsure(following, beams),
         )
 
-    def _why_unsure(self, monitor: TrackingMonitor, beams: BeamSet) -> str:
+    def _why_unsure(self, following: Following, beams: BeamSet) -> str:
         """Say in one sentence why the state is not `localized`."""
+        monitor = following.monitor
         if beams.is_blind:
             return "the lidar sees too little to check the pose"
         if monitor.state == "localized":
             return ""
+        if following.is_off_map:
+            return f"off the map since {following.off_m:.0f} m"
+        if following.proof is not None:
+            return "driving on will show whether it is here"
         if self._estimator.spread_m > self._config.max_spread_m:
             return "the hypotheses lie far apart"
         if monitor.support < self._config.good_support:
@@ -359,8 +475,8 @@ class Localizer:
     def finish(self, job: SearchJob) -> None:
         """Take the outcome of a search into account."""
         self._schedule.is_running = False
-        if self._last is None:
-            self._schedule.is_wanted = True
+        if self._last is None or self._schedule.is_void:
+            self._schedule.is_wanted, self._schedule.is_void = True, False
             return
         step = job.odom_T_base.inverse() @ self._last.odom_T_base
         places = [Place(self._carried(place.pose, step), place.support) for place in job.places]
@@ -385,10 +501,13 @@ class Localizer:
         resolution = self.field.resolution
         elsewhere = [p for p in places if not is_near(p.pose, followed, resolution)]
         here = [p for p in places if is_near(p.pose, followed, resolution)]
+        following.is_searched = True
         own = max([score, *(p.support for p in here)], key=lambda one: one.value)
         value = self._preferred(following, own)
         best = max((p.support.value for p in elsewhere), default=0.0)
-        if best > value + self._config.search_margin and best >= self._config.good_support:
+        if following.is_proven and best > value:
+            return  # A jump needs a reason, and the robot has driven on without a break.
+        if best > value + self._config.search_margin and best >= PROOF.between:
             self._state = self._searching(places, has_result=True)
             self._schedule.is_wanted = False
             return
@@ -396,7 +515,9 @@ class Localizer:
             self._estimator.reset(here[0].pose, self._found_covariance())
         rivals = following.rivals
         rivals.start(elsewhere, value)
-        if not rivals.exist or (following.is_proven and rivals.lead <= 0.0):
+        if following.is_proven:
+            rivals.clear()
+        if not rivals.exist:
             self._confirm(following, own.value)
 
     def _preferred(self, following: Following, score: MatchScore) -> float:
@@ -407,6 +528,8 @@ class Localizer:
 
     def _confirm(self, following: Following, support: float) -> None:
         """Note that no place explains the scans as well as the estimate."""
+        if following.proof is not None:
+            return
         if support < self._config.good_support and following.driven_m < PARAMS.tried_m:
             return
         following.is_proven = True
@@ -433,14 +556,16 @@ class Localizer:
         rivals = Rivals(self.field, self._matcher, self._config)
         following = Following(TrackingMonitor(self._config), rivals)
         self._state = following
+        self._scans.forget()
         self._schedule.is_wanted = False
+        self._schedule.is_void = self._schedule.is_running
         return following
 
-    def _follow_winner(self, winner: Hypothesis) -> Following:
-        """Follow a place that stands out from all others."""
+    def _follow_winner(self, winner: Hypothesis, views: int) -> Following:
+        """Follow a place that stands out from all others; driving on must prove it."""
         following = self._follow(winner.pose, self._found_covariance())
-        following.is_proven = True
-        following.monitor.vouch(winner.latest)
+        following.proof = Proof(winner.total, views)
+        following.is_found = following.is_searched = True
         return following
 
     def _found_covariance(self) -> NDArray[np.float64]:

@@ -18,8 +18,8 @@ class TrackingParams:
     """Time constant of the support: a person walking by is no reason to doubt [s]."""
     max_step_s: float = 0.3
     """Longest time between two scans that counts: a gap says nothing about the pose [s]."""
-    blind_s: float = 1.0
-    """After this long without seeing anything, the estimate is no longer sure [s]."""
+    silent_s: float = 1.0
+    """After this long without seeing anything that the map knows, it is no longer sure [s]."""
     vouched_s: float = 10.0
     """A search that found nothing better vouches for a pose with little support this long [s]."""
     vouched_slack: float = 0.15
@@ -47,8 +47,17 @@ class Evidence:
     """Share of explained beams less contradictions, 0 ... 1."""
     spread_m: float
     """Spread of the hypotheses [m]."""
-    is_blind: bool
-    """Too few echoes to say anything."""
+    is_silent: bool
+    """Too few echoes, or too few where the map knows what is there, to say anything."""
+    is_open: bool = False
+    """Whether this is the right place is still to be proven."""
+    known: float = 1.0
+    """Share of the beams that end where the map knows what is there."""
+
+    @property
+    def uncontradicted(self) -> float:
+        """Share of all beams that do not speak against the estimate, 0 ... 1."""
+        return 1.0 - self.known * (1.0 - self.support)
 
 
 class TrackingMonitor:
@@ -61,6 +70,7 @@ class TrackingMonitor:
         self._config = config
         self.state: TrackingState = "unsure"
         self.support = 0.0
+        self._uncontradicted = 0.0
         self._scans = 0
         self._good_scans = 0
         self._poor_s = 0.0
@@ -69,7 +79,7 @@ class TrackingMonitor:
         self._vouched_support = 0.0
         self._was_believed = False
         self._usual = 0.0
-        self._blind_s = 0.0
+        self._silent_s = 0.0
 
     @property
     def doubts(self) -> bool:
@@ -97,13 +107,13 @@ class TrackingMonitor:
         """
         step_s = min(max(elapsed_s, 0.0), PARAMS.max_step_s)
         self._vouched_s = max(0.0, self._vouched_s - step_s)
-        if evidence.is_blind:
-            self._blind_s += step_s
-            if self._blind_s > PARAMS.blind_s and self.state == "localized":
+        if evidence.is_silent:
+            self._silent_s += step_s
+            if self._silent_s > PARAMS.silent_s and self.state == "localized":
                 self._good_scans = 0
                 self.state = "unsure"
             return self.state
-        self._blind_s = 0.0
+        self._silent_s = 0.0
         self._weigh(evidence, step_s)
         return self._decide(evidence)
 
@@ -113,6 +123,7 @@ class TrackingMonitor:
         share = min(1.0, step_s / PARAMS.smoothing_s) if self._scans > 0 else 1.0
         self._scans += 1
         self.support += share * (evidence.support - self.support)
+        self._uncontradicted += share * (evidence.uncontradicted - self._uncontradicted)
         if evidence.support >= self._wanted:
             self._good_scans += 1
         elif evidence.support < config.poor_support:
@@ -124,7 +135,7 @@ class TrackingMonitor:
         self._doubt_s = self._doubt_s + step_s if is_doubtful else 0.0
         if self.state == "localized" and not is_doubtful:
             self._usual += min(1.0, step_s / PARAMS.usual_s) * (self.support - self._usual)
-        self._poor_s = self._poor_s + step_s if self.support < self._least else 0.0
+        self._poor_s = self._poor_s + step_s if self._uncontradicted < self._least else 0.0
 
     @property
     def _least(self) -> float:
@@ -154,6 +165,8 @@ class TrackingMonitor:
             is_granted = narrow and self.support >= self._config.poor_support
             if not (self.state == "localized" and is_granted and self._doubt_s <= PARAMS.grace_s):
                 self.state = "unsure"
+        elif evidence.is_open:
+            self.state = "unsure"
         elif self.state != "localized" and self._good_scans >= PARAMS.scans_to_believe:
             self.state = "localized"
             self._was_believed = True

@@ -8,7 +8,7 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
-from trolley_localizer.matching.hypotheses import Hypotheses, Rivals
+from trolley_localizer.matching.hypotheses import Hypotheses, Proof, Rivals
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
 
@@ -17,6 +17,20 @@ from .conftest import at, make_scan
 CONFIG = LocalizerConfig()
 STEP = Pose2D(0.2, 0.0, 0.0)
 SOFA = np.s_[90:104, 120:150]
+
+
+def score_of(value: float, through: float = 0.0, astray: float = 0.0) -> MatchScore:
+    """A score of which all beams end where the map knows what is there."""
+    return MatchScore(
+        match=value,
+        through=through,
+        astray=astray,
+        beyond=0.0,
+        known=1.0,
+        beams=300,
+        score=value,
+        known_score=value,
+    )
 
 
 class View:
@@ -42,7 +56,7 @@ class View:
         return read_beams(scan, self.field.resolution, CONFIG.max_range_m)
 
     def place(self, pose: NDArray[np.float64], value: float) -> Place:
-        return Place(pose, MatchScore(value, 0.0, 0.0, 300, value))
+        return Place(pose, score_of(value))
 
 
 @pytest.fixture
@@ -51,9 +65,9 @@ def view(flat: GridMap) -> View:
 
 
 def test_beams_that_end_nowhere_behind_a_wall_count_most() -> None:
-    taken_away = MatchScore(0.85, 0.1, 0.0, 300, 0.85)
-    impossible = MatchScore(0.85, 0.0, 0.1, 300, 0.85)
-    unexplained = MatchScore(0.75, 0.0, 0.0, 300, 0.75)
+    taken_away = score_of(0.85, through=0.1)
+    impossible = score_of(0.85, astray=0.1)
+    unexplained = score_of(0.75)
     assert taken_away.value > unexplained.value > impossible.value
 
 
@@ -126,3 +140,28 @@ def test_the_right_place_is_found_from_half_a_metre_away(view: View) -> None:
     places = places_around(off, view.field, view.beams(), view.matcher)
     best = max(places, key=lambda place: place.support.value)
     assert view.field.to_map(best.pose).distance_to(view.pose) < 0.05
+
+
+def test_a_well_supported_place_is_proven_at_once_a_middling_one_by_driving_on() -> None:
+    proof = Proof()
+    proof.add(score_of(0.85))
+    assert proof.is_right
+    proof = Proof()
+    proof.add(score_of(0.72))
+    assert not proof.is_right
+    proof.add(score_of(0.72))
+    assert not proof.is_right, "the same view again says nothing more"
+    for _ in range(2):
+        proof.predict(STEP)
+        proof.add(score_of(0.72))
+    assert proof.is_right
+
+
+def test_what_fits_on_foreign_maps_is_dropped_within_two_metres() -> None:
+    for support in (0.47, 0.6, 0.66):
+        proof = Proof()
+        for _ in range(12):
+            proof.predict(STEP)
+            proof.add(score_of(support))
+        assert not proof.is_right
+        assert proof.is_against or proof.is_overdue

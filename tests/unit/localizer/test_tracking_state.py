@@ -85,3 +85,18 @@ def test_what_was_believed_stays_so_while_it_is_checked(monitor: TrackingMonitor
     assert watch(monitor, 0.55, 1.2) == "localized"
     assert monitor.doubts
     assert watch(monitor, 0.55, 1.0) == "unsure"
+
+
+def test_where_the_map_knows_little_little_speaks_against_the_estimate(
+    monitor: TrackingMonitor,
+) -> None:
+    watch(monitor, 0.9, 1.0)
+    for _ in range(50):
+        state = monitor.update(Evidence(0.1, 0.05, False, known=0.6), 0.1)
+    assert state == "unsure"
+
+
+def test_what_is_to_be_proven_is_not_believed(monitor: TrackingMonitor) -> None:
+    for _ in range(20):
+        state = monitor.update(Evidence(0.95, 0.05, False, is_open=True), 0.1)
+    assert state == "unsure"

@@ -63,6 +63,11 @@ class PoseEstimatorParams:
     try_dev_m: float = 0.25
     try_dev_rad: float = 0.15
     """How many poses are tried, and how far around: standard deviations [m, rad]."""
+    back_support: float = 0.65
+    """A pose close by from which the map explains so much of a scan is taken by a robot that is
+    off the map: what speaks for a place more than against it (`ProofParams.between`)."""
+    back_farness: float = 0.5
+    """... unless it is farther away than this share of what is far."""
     score_slack: float = 0.01
     """Alignment may lower the score by this: the odometry has a say, too."""
     usual_smoothing: float = 0.05
@@ -171,6 +176,8 @@ class ScanView:
     """Mean robust score of the estimate, 0 ... 1."""
     drift: tuple[float, float]
     """How far off the odometry may have led the estimate [cells, rad]."""
+    is_trusted: bool
+    """Whether the estimate is believed so far."""
 
 
 class PoseEstimator:
@@ -228,6 +235,33 @@ class PoseEstimator:
         self._aligned.predict(step)
         self._pending = self._pending @ step
 
+    def lead(
+        self, pose: NDArray[np.float64], covariance: NDArray[np.float64], beams: BeamSet
+    ) -> None:
+        """Go on from where the scans have led without the map, with the covariance that they left.
+
+        Args:
+            pose: (3,) near the prediction.
+            covariance: (3, 3) of the pose.
+            beams: of the scan; if the map explains it from close by, the robot is there.
+        """
+        self._aligned.reset(pose, covariance)
+        if self._has_moved():
+            few = beams.spread(self._config.num_beams, self._phase)
+            best = self._filter.best_of(pose, self._root_of_tries(), few, PARAMS.num_tries)
+            found, information = self._aligned.align(
+                best, beams.spread(self._config.refine_beams), is_free=True
+            )
+            is_back = self._matcher.score(found, beams).value >= PARAMS.back_support
+            is_near = self._farness(found, self._possible_drift()) <= PARAMS.back_farness
+            if is_back and is_near and self._matcher.may_stand(found):
+                self._aligned.accept(found, information, is_free=True)
+                pose, covariance = self.pose, self.covariance
+            self._filter.reset(pose, covariance)
+            self._pending = Pose2D.identity()
+            self._given_root = None
+            self.spread_m = self._filter.spread_m()
+
     def correct(self, beams: BeamSet, *, is_trusted: bool) -> None:
         """Correct the estimate by one scan.
 
@@ -235,15 +269,16 @@ class PoseEstimator:
             beams: of the scan.
             is_trusted: whether the estimate is believed so far.
         """
+        beams = self._matcher.on_known(self.pose, beams)
         seen = self._matcher.without_mirrored(self.pose, beams)
         points = seen.spread(self._config.refine_beams)
         if points.x.size == 0:
             return
-        view = ScanView(seen, points, 0.0, self._possible_drift())
+        view = ScanView(seen, points, 0.0, self._possible_drift(), is_trusted)
         self._align(view)
         if self._has_moved():
-            self._update_filter(view, beams, is_trusted=is_trusted)
-        elif self._is_doubtful(view, is_trusted=is_trusted):
+            self._update_filter(view, beams)
+        elif self._is_doubtful(view):
             self._try_around(view, beams)
         self._usual_score += PARAMS.usual_smoothing * (view.score - self._usual_score)
 
@@ -266,12 +301,12 @@ class PoseEstimator:
             or abs(self._pending.yaw) >= self._config.update_turn_rad
         )
 
-    def _update_filter(self, view: ScanView, beams: BeamSet, *, is_trusted: bool) -> None:
+    def _update_filter(self, view: ScanView, beams: BeamSet) -> None:
         """Run a cycle of the particle filter; change over to its best place if that fits better."""
 
         def refine(cluster: NDArray[np.float64]) -> NDArray[np.float64]:
             self._offer(cluster, view, view.beams, PARAMS.cluster_lead)
-            if self._is_doubtful(view, is_trusted=is_trusted):
+            if self._is_doubtful(view):
                 self._try_around(view, beams)
             return self.pose
 
@@ -281,20 +316,24 @@ class PoseEstimator:
         self._filter.update(step, points, refine)
         self.spread_m = self._filter.spread_m()
 
-    def _is_doubtful(self, view: ScanView, *, is_trusted: bool) -> bool:
+    def _is_doubtful(self, view: ScanView) -> bool:
         """Say whether the scan may well fit better close by."""
         has_dropped = view.score < self._usual_score - PARAMS.score_drop
-        return self._given_root is not None or has_dropped or not is_trusted
+        return self._given_root is not None or has_dropped or not view.is_trusted
 
     def _try_around(self, view: ScanView, beams: BeamSet) -> None:
         """Try poses at random around the estimate and take the best if it fits better."""
-        cells = 1.0 / self._field.resolution
-        deviations = [PARAMS.try_dev_m * cells, PARAMS.try_dev_m * cells, PARAMS.try_dev_rad]
-        root = np.diag(deviations) if self._given_root is None else self._given_root
+        root = self._root_of_tries() if self._given_root is None else self._given_root
         self._given_root = None
         few = beams.spread(self._config.num_beams, self._phase)
         best = self._filter.best_of(self.pose, root, few, PARAMS.num_tries)
         self._offer(best, view, beams, PARAMS.try_lead)
+
+    def _root_of_tries(self) -> NDArray[np.float64]:
+        """Return how far around poses are tried: as far as the estimate may be off, or a slip."""
+        cells = 1.0 / self._field.resolution
+        least = [PARAMS.try_dev_m * cells, PARAMS.try_dev_m * cells, PARAMS.try_dev_rad]
+        return np.diag(np.maximum(np.sqrt(np.diag(self.covariance)), least))
 
     def _offer(
         self, start: NDArray[np.float64], view: ScanView, beams: BeamSet, lead: float
@@ -302,7 +341,10 @@ class PoseEstimator:
         """Align another pose and take it if the scan supports it clearly better."""
         pose, information = self._aligned.align(start, view.points, is_free=True)
         score = self._aligned.score(pose, view.points)
-        lead += PARAMS.far_lead * self._farness(pose, view)
+        farness = self._farness(pose, view.drift)
+        if view.is_trusted and farness >= 1.0:
+            return  # A jump needs a reason.
+        lead += PARAMS.far_lead * farness
         if score <= view.score + lead or not self._matcher.may_stand(pose):
             return
         rival = self._matcher.score(pose, beams).value
@@ -318,10 +360,10 @@ class PoseEstimator:
         across = math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
         return 2.0 * across, 2.0 * math.sqrt(float(self.covariance[2, 2]))
 
-    def _farness(self, pose: NDArray[np.float64], view: ScanView) -> float:
+    def _farness(self, pose: NDArray[np.float64], drift: tuple[float, float]) -> float:
         """Say how far a pose lies from the estimate: 0 is here, 1 too far for a small slip."""
         shift = pose - self.pose
-        away = math.hypot(shift[0], shift[1]) - view.drift[0]
-        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) - view.drift[1]
+        away = math.hypot(shift[0], shift[1]) - drift[0]
+        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) - drift[1]
         share = max(away * self._field.resolution / PARAMS.far_m, turned / PARAMS.far_rad)
         return min(max(share, 0.0), 1.0)

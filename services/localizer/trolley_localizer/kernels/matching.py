@@ -109,6 +109,33 @@ def score_pose(
     return total / max(points.x.size, 1)
 
 
+@kernel
+def mark_known(
+    out_is_known: NDArray[np.uint8],
+    known: NDArray[np.uint8],
+    points: Points,
+    pose: NDArray[np.float64],
+) -> int:
+    """Mark the beams that end where the map knows what is there; returns how many.
+
+    Args:
+        out_is_known: (n,), overwritten.
+        known: (rows + 2, cols + 2), with a ring of one cell.
+        points: (n,) end points in `base_link` [cells].
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+    """
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    count = 0
+    for j in range(points.x.size):
+        col = pose[0] + cos * points.x[j] - sin * points.y[j] + 1.0
+        row = pose[1] + sin * points.x[j] + cos * points.y[j] + 1.0
+        is_inside = 0.0 <= row < known.shape[0] and 0.0 <= col < known.shape[1]
+        out_is_known[j] = known[int(row), int(col)] if is_inside else 0
+        count += out_is_known[j]
+    return count
+
+
 EXPLAINED = 0
 NOT_ON_MAP = 1
 BEHIND_MIRROR = 2
@@ -258,9 +285,10 @@ def count_through(
     start: Points,
     classes: NDArray[np.uint8],
     field: NDArray[np.float32],
+    known: NDArray[np.uint8],
     margin: float,
     every: int,
-) -> tuple[int, int, int]:
+) -> tuple[int, int, int, int]:
     """Count the beams that ought to have ended at a nearer wall of the map.
 
     Args:
@@ -269,17 +297,19 @@ def count_through(
         start: (n,) where the laser was in `base_link` [cells].
         classes: (n,) EXPLAINED or NOT_ON_MAP; other beams are left out.
         field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        known: (rows + 2, cols + 2) where the map knows what is there.
         margin: a wall within this distance of the end does not count [cells].
         every: only every n-th beam is looked at.
 
     Returns:
-        How many went through a wall and end at one, how many went through a wall and end at none,
-        and how many were looked at.
+        How many went through a wall and end at one, on free floor, and where nothing is known; and
+        how many were looked at.
     """
     cos = math.cos(pose[2])
     sin = math.sin(pose[2])
     through = 0
     astray = 0
+    beyond = 0
     looked_at = 0
     for i in range(0, end.x.size, every):
         if classes[i] >= BEHIND_MIRROR:
@@ -295,11 +325,16 @@ def count_through(
             field, from_x, from_y, math.cos(heading), math.sin(heading), length - margin
         )
         if ahead < math.inf:
+            col = pose[0] + cos * end.x[i] - sin * end.y[i] + 1.0
+            row = pose[1] + sin * end.x[i] + cos * end.y[i] + 1.0
+            is_inside = 0.0 <= row < known.shape[0] and 0.0 <= col < known.shape[1]
             if classes[i] == EXPLAINED:
                 through += 1
-            else:
+            elif is_inside and known[int(row), int(col)] != 0:
                 astray += 1
-    return through, astray, looked_at
+            else:
+                beyond += 1
+    return through, astray, beyond, looked_at
 
 
 _MAX_SHIFT = 2.0

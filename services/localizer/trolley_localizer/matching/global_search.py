@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.scanning import Points
 from trolley_localizer.kernels import search as kernels
-from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.likelihood_field import LikelihoodField, floor_of
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore
 
 
@@ -84,10 +84,7 @@ def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
     inner = field.distance[1:-1, 1:-1]
     cells = np.rint(255.0 * np.exp(np.float32(-0.5 / sigma**2) * inner * inner)).astype(np.uint8)
     pyramid.score[: sizes[0]] = cells.ravel()
-    free = field.grid.free_mask()
-    if not free.any():
-        free = (field.grid.occupied_mask() == 0).astype(np.uint8)
-    pyramid.free[: sizes[0]] = free.ravel()
+    pyramid.free[: sizes[0]] = floor_of(field.grid).ravel()
     blocks = cells.ravel().copy()
     for level in range(1, levels):
         kernels.reduce_level(pyramid, blocks, level)

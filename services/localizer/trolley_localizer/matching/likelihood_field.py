@@ -33,12 +33,15 @@ class LikelihoodField:
         score: (rows + 2, cols + 2) uint16, log likelihood of an end point; 0 is that of a random
             one, 65535 that of one on a wall.
         log_range: log likelihood between the two.
+        known: (rows + 2, cols + 2) uint8, 1 where the map knows whether a beam may end there: its
+            walls, what is too near to them to be told apart, and free floor.
     """
 
     grid: GridMap
     distance: NDArray[np.float32]
     score: NDArray[np.uint16]
     log_range: float
+    known: NDArray[np.uint8]
 
     @property
     def resolution(self) -> float:
@@ -97,7 +100,18 @@ def build_field(grid: GridMap, config: LocalizerConfig) -> LikelihoodField:
     for row in range(0, distance.shape[0], 256):
         part = distance[row : row + 256]
         score[row : row + 256] = scores[np.rint(part * part).astype(np.int32)]
-    return LikelihoodField(grid, distance, score, log_range)
+    known = (distance <= config.explained_within_m / grid.resolution).astype(np.uint8)
+    known[1:-1, 1:-1] |= floor_of(grid)
+    return LikelihoodField(grid, distance, score, log_range, known)
+
+
+def floor_of(grid: GridMap) -> NDArray[np.uint8]:
+    """Return 1 (rows, cols) where the floor is free: all between the walls of a map of walls only.
+
+    A map without a wall and without free floor knows nothing.
+    """
+    free, walls = grid.free_mask(), grid.occupied_mask()
+    return free if free.any() or not walls.any() else (walls == 0).astype(np.uint8)
 
 
 def make_lines(field: LikelihoodField, polylines: Sequence[NDArray[np.float64]]) -> Lines:

@@ -107,19 +107,36 @@ class MatchScore:
     through: float
     """Share of beams that went through a wall of the map and end at another, 0 ... 1."""
     astray: float
-    """Share of beams that went through a wall of the map and end at none, 0 ... 1."""
+    """Share of beams that went through a wall of the map and end on free floor, 0 ... 1."""
+    beyond: float
+    """Share of beams that went through a wall of the map and end where it knows nothing."""
+    known: float
+    """Share of beams that end where the map knows what is there, 0 ... 1."""
     beams: int
     """How many beams were looked at."""
     score: float
     """Mean robust score of end points, 0 ... 1; finer than `match`."""
+    known_score: float
+    """The same of those that end where the map knows what is there."""
 
     @property
     def value(self) -> float:
-        """The score less the contradictions, 0 ... 1."""
-        return max(
-            0.0,
-            self.score - PARAMS.through_weight * self.through - PARAMS.astray_weight * self.astray,
-        )
+        """What speaks for the pose of a robot that may be anywhere, 0 ... 1.
+
+        The score less the contradictions. The unknown proves nothing.
+        """
+        lost = PARAMS.astray_weight * (self.astray + self.beyond)
+        return max(0.0, self.score - PARAMS.through_weight * self.through - lost)
+
+    @property
+    def tracked(self) -> float:
+        """What speaks for a pose to which the odometry has led, 0 ... 1.
+
+        The unknown counts neither for nor against it: a beam through a wall that ends there went
+        through a door that was shut.
+        """
+        gone = PARAMS.through_weight * (self.through + self.beyond)
+        return max(0.0, self.known_score - gone - PARAMS.astray_weight * self.astray)
 
 
 class MapMatcher:
@@ -167,23 +184,57 @@ class MapMatcher:
             classes, pose, seen.end, self._field.distance, self._config.explained_within_m * cells
         )
         if looked_at == 0:
-            return MatchScore(0.0, 0.0, 0.0, 0, 0.0), classes
+            return MatchScore(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0.0), classes
         every = max(1, seen.used.size // PARAMS.num_cast)
-        through, astray, cast = kernels.count_through(
+        through, astray, beyond, cast = kernels.count_through(
             pose,
             seen.end,
             seen.start,
             classes,
             self._field.distance,
+            self._field.known,
             self._config.through_margin_m * cells,
             every,
         )
-        score = score_pose(
-            self._field.distance, seen.spread(PARAMS.num_cast * 2), pose, PARAMS.narrow_m * cells
-        )
+        points = seen.spread(PARAMS.num_cast * 2)
+        score = score_pose(self._field.distance, points, pose, PARAMS.narrow_m * cells)
+        known_points = self._known(pose, points)
+        known_score = score_pose(self._field.distance, known_points, pose, PARAMS.narrow_m * cells)
         cast = max(cast, 1)
-        support = MatchScore(explained / looked_at, through / cast, astray / cast, looked_at, score)
+        support = MatchScore(
+            match=explained / looked_at,
+            through=through / cast,
+            astray=astray / cast,
+            beyond=beyond / cast,
+            known=known_points.x.size / max(points.x.size, 1),
+            beams=looked_at,
+            score=score,
+            known_score=known_score,
+        )
         return support, classes
+
+    def _known(self, pose: NDArray[np.float64], points: Points) -> Points:
+        """Return the end points at which the map knows what is there."""
+        is_known = np.empty(points.x.size, np.uint8)
+        if kernels.mark_known(is_known, self._field.known, points, pose) == is_known.size:
+            return points
+        chosen = is_known != 0
+        return Points(points.x[chosen], points.y[chosen])
+
+    def on_known(self, pose: NDArray[np.float64], beams: BeamSet) -> BeamSet:
+        """Leave out the beams that end where the map knows nothing."""
+        points = beams.points(beams.used)
+        is_known = np.empty(points.x.size, np.uint8)
+        if kernels.mark_known(is_known, self._field.known, points, pose) == is_known.size:
+            return beams
+        return beams.only(beams.classes, beams.used[is_known != 0])
+
+    def known_share(self, pose: NDArray[np.float64], beams: BeamSet) -> float:
+        """Return the share of beams that end where the map knows what is there, 0 ... 1."""
+        points = beams.spread(PARAMS.num_cast)
+        is_known = np.empty(points.x.size, np.uint8)
+        count = kernels.mark_known(is_known, self._field.known, points, pose)
+        return count / max(points.x.size, 1)
 
     def align(
         self,

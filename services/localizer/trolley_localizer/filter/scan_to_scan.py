@@ -1,0 +1,230 @@
+"""Two scans compared with each other, without the map.
+
+They tell a robot that has driven on, be it off the map, from one that was carried elsewhere; and
+they lead the robot on where the map ends, better than the wheels alone.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley.gridmap import distance_transform
+from trolley.scanning import Points
+from trolley_localizer.filter.motion_model import move_covariance
+from trolley_localizer.kernels.matching import refine_pose
+from trolley_localizer.kernels.overlap import compare_with_view, draw_view
+from trolley_localizer.matching.map_matcher import BeamSet
+
+
+@dataclass(frozen=True, slots=True)
+class ScanToScanParams:
+    """How scans are compared. Set by hand, unless it says otherwise."""
+
+    num_bins: int = 360
+    """Directions of a view."""
+    reach_bins: int = 2
+    """Directions that differ by so many bins are the same: headings err, walls are met askew."""
+    slack_m: float = 0.15
+    slack_share: float = 0.02
+    """By how much distances may differ [m], and by what share."""
+    least_compared: int = 30
+    """Fewer beams than this say nothing."""
+    least_overlap: float = 0.7
+    """Two scans that agree less than this were not taken on one drive. Where the robot drives on
+    the map or off it they agree in 0.97 of the beams, and in 0.05 to 0.6 where it was carried."""
+    usual_overlap: float = 0.95
+    """Where the wheels' step lets two scans agree less, the wheels slip: the scans' own holds."""
+    renew_m: float = 0.3
+    renew_rad: float = 0.3
+    renew_s: float = 5.0
+    """After so far [m, rad] or so long [s], a new scan takes the place of the earlier one."""
+    field_m: float = 10.0
+    """How far around the robot scans are aligned with each other [m]."""
+    wall_m: float = 0.5
+    """Farther from an echo there is nothing to be aligned with [m]."""
+    widths_m: tuple[float, ...] = (0.25, 0.1)
+    """Widths of Welsch's function, one after the other [m]."""
+    max_steps: int = 8
+    """Gauss-Newton steps at each."""
+    odom_dev_m: float = 0.05
+    odom_dev_rad: float = 0.03
+    """How far the wheels may be off between two scans [m, rad]."""
+    beam_dev_m: float = 0.05
+    independent_beams: float = 60.0
+    """Deviation of one beam [m], and as how many a scan counts."""
+    floor_m: float = 0.01
+    floor_rad: float = 0.004
+    """Aligned scans are off by this at least [m, rad]."""
+
+
+PARAMS = ScanToScanParams()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LedPose:
+    """Where two scans say that the robot has gone."""
+
+    pose: NDArray[np.float64]
+    """(3,) x, y [cells], yaw [rad] in `grid`."""
+    covariance: NDArray[np.float64]
+    """(3, 3) of the pose."""
+
+
+class EarlierScan:
+    """A scan that later ones are compared with.
+
+    Args:
+        beams: of the scan.
+        pose: where it was taken (3,) x, y [cells], yaw [rad] in `grid`.
+        covariance: (3, 3) of the pose.
+        resolution: cell edge [m].
+    """
+
+    def __init__(
+        self,
+        beams: BeamSet,
+        pose: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        resolution: float,
+    ) -> None:
+        self.pose = Pose2D.from_array(pose)
+        self.covariance = covariance.copy()
+        self.ends = beams.points(beams.used)
+        self._resolution = resolution
+        self._laser = np.array([beams.start.x.mean(), beams.start.y.mean()])
+        self._near = np.empty(PARAMS.num_bins)
+        self._far = np.empty(PARAMS.num_bins)
+        draw_view(self._near, self._far, self.ends, self._laser)
+
+    def compare(self, ends: Points, relation: Pose2D) -> tuple[int, int]:
+        """Count the echoes of another scan that agree with this one, and those that do not.
+
+        Args:
+            ends: in `base_link` of the other [cells].
+            relation: pose of the other seen from this one [cells, rad].
+        """
+        slack = np.array([PARAMS.slack_m / self._resolution, PARAMS.slack_share])
+        return compare_with_view(
+            self._near,
+            self._far,
+            self._laser,
+            ends,
+            relation.as_array(),
+            PARAMS.reach_bins,
+            slack,
+        )
+
+    @cached_property
+    def field(self) -> NDArray[np.float32]:
+        """Distance to the nearest echo [cells], with a ring, the robot in the middle."""
+        half = math.ceil(PARAMS.field_m / self._resolution)
+        rows, cols = (np.floor(part).astype(np.int64) + half for part in (self.ends.y, self.ends.x))
+        inside = (rows >= 0) & (rows < 2 * half) & (cols >= 0) & (cols < 2 * half)
+        echoes = np.zeros((2 * half, 2 * half), np.uint8)
+        echoes[rows[inside], cols[inside]] = 1
+        far = PARAMS.wall_m / self._resolution
+        field = np.full((2 * half + 2, 2 * half + 2), far, np.float32)
+        field[1:-1, 1:-1] = distance_transform(echoes, 1.0, far)
+        return field
+
+
+class ScanToScan:
+    """Compares each scan with an earlier one of the same drive."""
+
+    def __init__(self, resolution: float) -> None:
+        self._resolution = resolution
+        self._earlier: EarlierScan | None = None
+        self._since_s = 0.0
+
+    def forget(self) -> None:
+        """Begin anew with the next scan."""
+        self._earlier = None
+
+    def agreement(self, beams: BeamSet, pose: NDArray[np.float64]) -> float | None:
+        """Return the share of beams in which a scan and the earlier one agree, if it can be said.
+
+        Args:
+            beams: of the scan.
+            pose: where it is believed to have been taken (3,) [cells, rad].
+        """
+        earlier = self._earlier
+        if earlier is None:
+            return None
+        here = EarlierScan(beams, pose, earlier.covariance, self._resolution)
+        relation = earlier.pose.inverse() @ here.pose
+        agree, conflict = earlier.compare(here.ends, relation)
+        agree_back, conflict_back = here.compare(earlier.ends, relation.inverse())
+        compared = agree + agree_back + conflict + conflict_back
+        if compared < PARAMS.least_compared:
+            return None
+        return (agree + agree_back) / compared
+
+    def follow(
+        self,
+        beams: BeamSet,
+        pose: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        elapsed_s: float,
+    ) -> bool:
+        """Take a scan into account; returns whether it does not go on where the earlier one was.
+
+        Args:
+            beams: of the scan.
+            pose: where it was taken by the estimate (3,) [cells, rad].
+            covariance: (3, 3) of the pose.
+            elapsed_s: since the scan before [s].
+        """
+        self._since_s += elapsed_s
+        agreement = self.agreement(beams, pose)
+        is_break = agreement is not None and agreement < PARAMS.least_overlap
+        if self._earlier is None or is_break or self._is_far(self._earlier, pose):
+            self._earlier = EarlierScan(beams, pose, covariance, self._resolution)
+            self._since_s = 0.0
+        return is_break
+
+    def _is_far(self, earlier: EarlierScan, pose: NDArray[np.float64]) -> bool:
+        """Say whether a newer scan should take the place of the earlier one."""
+        relation = earlier.pose.inverse() @ Pose2D.from_array(pose)
+        return (
+            math.hypot(relation.x, relation.y) * self._resolution > PARAMS.renew_m
+            or abs(math.remainder(relation.yaw, 2.0 * math.pi)) > PARAMS.renew_rad
+            or self._since_s > PARAMS.renew_s
+        )
+
+    def align(self, pose: NDArray[np.float64], beams: BeamSet) -> LedPose | None:
+        """Align a pose with the earlier scan.
+
+        Args:
+            pose: where the odometry says that the scan was taken (3,) [cells, rad].
+            beams: of the scan.
+        """
+        earlier, cells = self._earlier, 1.0 / self._resolution
+        if earlier is None:
+            return None
+        points = beams.points(beams.used)
+        middle = float(math.ceil(PARAMS.field_m * cells))
+        start = (earlier.pose.inverse() @ Pose2D.from_array(pose)).as_array()
+        start[:2] += middle
+        moved, information = start.copy(), np.zeros((3, 3))
+        devs = np.array([PARAMS.odom_dev_m * cells, PARAMS.odom_dev_m * cells, PARAMS.odom_dev_rad])
+        prior = np.diag(devs**-2)
+        share = min(PARAMS.independent_beams, points.x.size) / max(points.x.size, 1)
+        gain = share / (PARAMS.beam_dev_m * cells) ** 2
+        for width_m in PARAMS.widths_m:
+            tuning = np.array([width_m * cells, gain])
+            refine_pose(
+                moved, information, earlier.field, points, start, prior, tuning, PARAMS.max_steps
+            )
+        if not np.isfinite(moved).all():
+            moved = start
+        relation = Pose2D(float(moved[0]) - middle, float(moved[1]) - middle, float(moved[2]))
+        floor = np.array([PARAMS.floor_m * cells, PARAMS.floor_m * cells, PARAMS.floor_rad])
+        own = np.linalg.inv(prior + information) + np.diag(floor**2)
+        cos, sin = math.cos(earlier.pose.yaw), math.sin(earlier.pose.yaw)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        carried = move_covariance(earlier.covariance, earlier.pose, relation)
+        return LedPose((earlier.pose @ relation).as_array(), carried + turn @ own @ turn.T)
