@@ -25,9 +25,9 @@ class PeopleTrackerParams(NamedTuple):
     wall_m: float = 0.12
     """and none this near to a wall of the map."""
     gap_m: float = 0.03
-    """Echoes beside each other are one segment with gaps up to this, and what the outermost beams"""
+    """Echoes beside each other are one segment with gaps up to this, and what the outermost"""
     round_m: float = 0.15
-    """on something round of this radius are apart."""
+    """beams on something round of this radius are apart."""
     edge_m: float = 0.3
     """An echo alone, no farther than this beside"""
     body_points: int = 4

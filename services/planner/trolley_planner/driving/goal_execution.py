@@ -93,6 +93,8 @@ class GoalExecution:
         config: of the planner.
         path: the first plan, in `grid`.
         now_ns: robot time.
+        hurries: it drives out of people's way, by a plan that knows when they come: it heeds them
+            only where it would drive into them.
     """
 
     def __init__(
@@ -102,8 +104,10 @@ class GoalExecution:
         config: PlannerConfig,
         path: PlannedPath,
         now_ns: int,
+        hurries: bool = False,
     ) -> None:
         self.goal = goal
+        self._hurries = hurries
         self.context = context
         self.goal_grid = context.costmap.to_grid(goal.pose)
         vias = [context.costmap.to_grid(via) for via in goal.vias]
@@ -179,7 +183,11 @@ class GoalExecution:
         if self._waits_at_goal(now):
             return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         approach, route = self._goal_approach, self.route
-        if self._maneuvering.is_active:
+        if self._is_in_the_way(now):
+            self._maneuvering.stop()
+            approach.let_go()
+            twist = self._control(now, makes_room=True)
+        elif self._maneuvering.is_active:
             twist = self._maneuver(now)
         elif not route.vias_left and approach.takes_over(now.steady, route.remaining_m(now.steady)):
             twist = self._approach_goal(now)
@@ -199,6 +207,10 @@ class GoalExecution:
             self.context.controller.reset()
         return twist
 
+    def _is_in_the_way(self, now: ControlInput) -> bool:
+        """Say whether somebody comes to where the robot is, and it has not made room already."""
+        return not self._hurries and self.context.local_costmap.is_anyone_coming(now.motion.pose)
+
     def _approach_goal(self, now: ControlInput) -> Twist2D:
         """Return the velocity of the goal approach."""
         twist = self._goal_approach.command(now)
@@ -206,8 +218,13 @@ class GoalExecution:
             self.outcome = "arrived"
         return twist
 
-    def _control(self, now: ControlInput) -> Twist2D:
-        """Return the velocity of the controller, made safe."""
+    def _control(self, now: ControlInput, makes_room: bool = False) -> Twist2D:
+        """Return the velocity of the controller, made safe.
+
+        Args:
+            now: what the robot does.
+            makes_room: the goal is no place to stay: somebody comes to where the robot is.
+        """
         context, limits = self.context, now.limits
         stretch = self.route.stretch(1.5 * context.half_m)
         target = Target(
@@ -216,15 +233,19 @@ class GoalExecution:
             0.5 * self.goal.tolerances.xy if stretch.is_goal else PASS_M,
             not stretch.is_goal,
         )
+        if makes_room and stretch.is_goal:
+            target = target._replace(radius=0.0)
         if self.route.is_tight_here:
             limits = limits._replace(clearance_m=min(TIGHT_CLEARANCE_M, limits.clearance_m))
-        found = context.controller.command(
-            now.motion, context.local_costmap, limits, target, now.elapsed_s
-        )
+        local_costmap = context.local_costmap
+        if self._hurries:
+            local_costmap.leave_people_out()
+        found = context.controller.command(now.motion, local_costmap, limits, target, now.elapsed_s)
+        local_costmap.update_moving(now.now_ns)
         if found is None:
             return Twist2D.zero()
         closer_m = ROLLOUT.same_clearance_m
-        return safe_command(now.motion, found, context.local_costmap, limits, closer_m)
+        return safe_command(now.motion, found, local_costmap, limits, closer_m)
 
     # What is known of it.
 
