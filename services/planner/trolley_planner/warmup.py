@@ -27,6 +27,7 @@ from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.social_layer import SocialLayer
+from trolley_planner.driving.stepping_aside import Coming
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
@@ -74,6 +75,7 @@ def warm_up() -> None:
     _squeeze()
     _pursue(context)
     _maneuver(context)
+    _make_room(context)
     _watch()
 
 
@@ -97,6 +99,13 @@ def _maneuver(context: PlanningContext) -> None:
     context.find_way(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
     context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
     context.can_turn_by(Pose2D(0.8, 0.8, 0.0), 1.0, 0.02)
+
+
+def _make_room(context: PlanningContext) -> None:
+    """Look where nobody comes."""
+    pose = Pose2D(0.8, 0.8, 0.0)
+    Coming(context, pose, 0.2).arrivals(pose, 0.5)
+    context.local_costmap.is_anyone_coming(pose)
 
 
 def _pursue(context: PlanningContext) -> None:

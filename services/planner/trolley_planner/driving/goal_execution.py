@@ -152,7 +152,7 @@ class GoalExecution:
         self._has_path = local_costmap.compute_cost_to_go(
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
-        if self.recovery.current is None:
+        if self.recovery.current is None and not self._hurries:
             self._maneuvering.update(pose, self.route, self._goal_approach, now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:

@@ -45,8 +45,8 @@ class AsideParams(NamedTuple):
     """all along this much of the route before that place,"""
     behind_m: float = 0.5
     """and this much behind it."""
-    keep_m: float = 0.08
-    """Left between them and the robot that waits."""
+    keep_m: float = 0.12
+    """Left between them and the robot that waits; it looks for another place if there is none."""
     moves_m: float = 0.3
     """A place no farther than this from the one before is the same."""
     pace: float = 0.85
@@ -176,7 +176,7 @@ class SteppingAside:
 
     def _still_does(self, driven: GoalExecution, motion: Motion, speed: float) -> bool:
         """Say whether the place that it drives to is in nobody's way."""
-        coming = Coming(driven.context, motion.pose, _spread_m(driven.context))
+        coming = Coming(driven.context, motion.pose, driven.context.footprint.circumscribed_m)
         arrival = coming.arrivals(motion.pose, speed)
         cell = coming.cell_of(*self._place)
         return cell is not None and math.isinf(coming.closes_s[cell]) and arrival[cell] < math.inf
@@ -269,11 +269,6 @@ class Coming:
         return self._is_free & np.isinf(self.closes_s)
 
 
-def _spread_m(context: PlanningContext) -> float:
-    """Return the radius in which a robot that waits may look anywhere."""
-    return context.footprint.circumscribed_m + ASIDE.keep_m
-
-
 def find_refuge(
     driven: GoalExecution, pose: Pose2D, speed: float, now_ns: int
 ) -> tuple[tuple[float, float], float] | None:
@@ -303,7 +298,8 @@ def find_refuge(
     behind = meeting + round(ASIDE.behind_m / SPACING_M)
     if slim.has_room_beside(points[before : behind + 1 : 4]):
         return None  # the controller passes them there
-    wide = Coming(context, pose, _spread_m(context))
+    # A robot that waits may look anywhere.
+    wide = Coming(context, pose, context.footprint.circumscribed_m + ASIDE.keep_m)
     arrival = wide.arrivals(pose, speed)
     refuge_rows, refuge_cols = np.nonzero(wide.is_refuge & np.isfinite(arrival))
     if len(refuge_rows) == 0:
