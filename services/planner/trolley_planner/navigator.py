@@ -27,9 +27,9 @@ from trolley_planner.driving.following import BEHIND, Following, pick_person, tr
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.route import seconds_along, timed_poses
 from trolley_planner.driving.spin_to_localize import SpinToLocalize
-from trolley_planner.driving.stepping_aside import SENTENCE, SteppingAside
 from trolley_planner.fleet.giving_way import GivingWay
 from trolley_planner.fleet.neighbours import Neighbours
+from trolley_planner.fleet.stepping_aside import SENTENCE, SteppingAside
 from trolley_planner.goals import (
     Goal,
     StatusBoard,

@@ -27,8 +27,8 @@ from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.social_layer import SocialLayer
-from trolley_planner.driving.stepping_aside import Coming
 from trolley_planner.fleet.right_of_way import Passages
+from trolley_planner.fleet.stepping_aside import Coming
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.pose_search import Task

@@ -29,7 +29,7 @@ from trolley_planner.driving.recovery import (
     free_turn,
 )
 from trolley_planner.driving.route import PASS_M, PathTimer, Route
-from trolley_planner.goals import Goal
+from trolley_planner.goals import Goal, Tolerances
 from trolley_planner.paths.path import PlannedPath
 
 
@@ -469,3 +469,30 @@ class GoalExecution:
         ahead = self.route.path.points[self.route.path.ahead(self.route.index, 0.5)]
         bearing = math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x)
         return wrap_angle(bearing - pose.yaw)
+
+
+def execution_to(
+    place: tuple[float, float], driven: GoalExecution, config: PlannerConfig, here: Pose2D,
+    tolerances: Tolerances, now_ns: int, hurries: bool = False,
+) -> GoalExecution | None:  # fmt: skip
+    """Return how a place beside the way of a goal is driven to, None if no path leads there.
+
+    Args:
+        place: x, y in `grid` [m].
+        driven: how the goal itself is driven to.
+        config: of the planner.
+        here: where the robot is, in `grid`.
+        tolerances: how near is near enough.
+        now_ns: robot time.
+        hurries: see `GoalExecution`.
+    """
+    context = driven.context
+    costmap = context.costmap
+    costmap.refresh()
+    start, weights = (here.x, here.y), costmap.weights
+    path = context.planner.plan(start, [place], weights, costmap.distance_m)
+    if path is None:
+        return None
+    pose = costmap.frame_T_grid @ Pose2D(*place, 0.0)
+    goal = Goal(driven.goal.id, pose, (), tolerances, driven.goal.speed, now_ns)
+    return GoalExecution(goal, context, config, path, now_ns, hurries)

@@ -9,8 +9,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change
-from trolley_planner.driving.goal_execution import GoalExecution
-from trolley_planner.driving.stepping_aside import execution_to
+from trolley_planner.driving.goal_execution import GoalExecution, execution_to
 from trolley_planner.fleet.neighbours import Neighbour, moved_into
 from trolley_planner.fleet.right_of_way import (
     RIGHT_OF_WAY,

@@ -19,8 +19,9 @@ from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.driving.goal_execution import GoalExecution
-from trolley_planner.goals import Goal, Tolerances
+from trolley_planner.driving.goal_execution import GoalExecution, execution_to
+from trolley_planner.fleet.right_of_way import Passages
+from trolley_planner.goals import Tolerances
 from trolley_planner.paths.heap import sift_up, take_first
 from trolley_planner.paths.path import SPACING_M
 from trolley_planner.sensing.beams import wrapped
@@ -39,8 +40,14 @@ class AsideParams(NamedTuple):
     """Time between two of their places."""
     wall_m: float = 0.2
     """Their middle keeps this far from walls."""
+    person_m: float = 0.25
+    """Radius of a person: where a robot fits on both sides of them"""
+    narrow_m: float = 1.5
+    """along so much of the route before and behind where they meet, the controller passes."""
+    beside_m: float = 0.05
+    """Elsewhere it does where it fits beside who comes with this to spare:"""
     room_m: float = 0.5
-    """Free floor beside the route, as near as this to where they meet, is room to pass"""
+    """free floor beside the route, as near as this to where they meet, is room to pass"""
     before_m: float = 1.0
     """all along this much of the route before that place,"""
     behind_m: float = 0.5
@@ -74,33 +81,6 @@ SENTENCE = "Somebody comes where two do not fit side by side; the robot makes ro
 Floats = NDArray[np.float64]
 
 
-def execution_to(
-    place: tuple[float, float], driven: GoalExecution, config: PlannerConfig, here: Pose2D,
-    tolerances: Tolerances, now_ns: int, hurries: bool = False,
-) -> GoalExecution | None:  # fmt: skip
-    """Return how a place beside the way of a goal is driven to, None if no path leads there.
-
-    Args:
-        place: x, y in `grid` [m].
-        driven: how the goal itself is driven to.
-        config: of the planner.
-        here: where the robot is, in `grid`.
-        tolerances: how near is near enough.
-        now_ns: robot time.
-        hurries: see `GoalExecution`.
-    """
-    context = driven.context
-    costmap = context.costmap
-    costmap.refresh()
-    start, weights = (here.x, here.y), costmap.weights
-    path = context.planner.plan(start, [place], weights, costmap.distance_m)
-    if path is None:
-        return None
-    pose = costmap.frame_T_grid @ Pose2D(*place, 0.0)
-    goal = Goal(driven.goal.id, pose, (), tolerances, driven.goal.speed, now_ns)
-    return GoalExecution(goal, context, config, path, now_ns, hurries)
-
-
 class SteppingAside:
     """Decides whether to make room for people, and drives to where there is some.
 
@@ -110,6 +90,7 @@ class SteppingAside:
 
     def __init__(self, config: PlannerConfig) -> None:
         self._config = config
+        self._passages: tuple[NDArray[np.float32], Passages] | None = None
         self._execution: GoalExecution | None = None
         self._place = (0.0, 0.0)
         self._since_ns: int | None = None
@@ -146,7 +127,7 @@ class SteppingAside:
             return
         self._looked_ns = now_ns
         driven.route.update_position(motion.pose)
-        found = find_refuge(driven, motion.pose, speed, now_ns)
+        found = find_refuge(driven, motion.pose, speed, self._passages_of(driven.context), now_ns)
         if found is not None:
             self._came_ns = now_ns
             place, passed_s = found
@@ -163,6 +144,15 @@ class SteppingAside:
                 aside.update(motion, now_ns)
             self._until_ns = max(self._until_ns, now_ns + round(1e9 * (passed_s + ASIDE.late_s)))
         self._resume_when_passed(now_ns)
+
+    def _passages_of(self, context: PlanningContext) -> Passages:
+        """Return where on the map this robot does not fit beside a person in the middle."""
+        walls_m, known = context.costmap.static_distance_m, self._passages
+        if known is None or known[0] is not walls_m:
+            half_m = ASIDE.person_m + 2.0 * context.footprint.inscribed_m
+            passages = Passages(walls_m, context.costmap.resolution_m, half_m)
+            known = self._passages = walls_m, passages
+        return known[1]
 
     def _resume_when_passed(self, now_ns: int) -> None:
         if self._since_ns is None:
@@ -270,7 +260,7 @@ class Coming:
 
 
 def find_refuge(
-    driven: GoalExecution, pose: Pose2D, speed: float, now_ns: int
+    driven: GoalExecution, pose: Pose2D, speed: float, passages: Passages, now_ns: int
 ) -> tuple[tuple[float, float], float] | None:
     """Return where to make room, and when people have passed there [s]; None if nobody must pass.
 
@@ -278,6 +268,7 @@ def find_refuge(
         driven: how the goal is driven to.
         pose: of the robot in `grid`.
         speed: that it may have [m/s].
+        passages: where the two do not fit side by side.
         now_ns: robot time.
     """
     context, route = driven.context, driven.route
@@ -286,7 +277,7 @@ def find_refuge(
         return None
     last = route.path.ahead(route.index, ASIDE.ahead_m)
     points = route.path.points[route.index : last + 1]
-    slim = Coming(context, pose, context.footprint.inscribed_m)
+    slim = Coming(context, pose, context.footprint.inscribed_m + ASIDE.beside_m)
     rows, cols = slim.cells_of(points)
     pace = max(ASIDE.pace * speed, 0.05)
     times_s = SPACING_M * np.arange(len(rows)) / pace
@@ -296,7 +287,9 @@ def find_refuge(
     meeting = int(meets[0])
     before = max(meeting - round(ASIDE.before_m / SPACING_M), 0)
     behind = meeting + round(ASIDE.behind_m / SPACING_M)
-    if slim.has_room_beside(points[before : behind + 1 : 4]):
+    near = round(ASIDE.narrow_m / SPACING_M)
+    is_narrow = passages.hold(points[max(meeting - near, 0) : meeting + near + 1]).any()
+    if not is_narrow or slim.has_room_beside(points[before : behind + 1 : 4]):
         return None  # the controller passes them there
     # A robot that waits may look anywhere.
     wide = Coming(context, pose, context.footprint.circumscribed_m + ASIDE.keep_m)
