@@ -38,7 +38,6 @@ from trolley_planner.service import PlannerService
 
 START = Pose2D(1.5, 2.0, 0.0)
 GOALS = (Pose2D(7.5, 2.0, 0.0), Pose2D(6.0, 1.0, 2.0), Pose2D(1.5, 2.0, 0.5))
-TOLERANCE_M, TOLERANCE_DEG = 0.05, 3.0
 WOBBLE_M, NEAR_M, LIMIT_S, SETTLE_S = 0.01, 0.3, 90.0, 1.0
 PARTS = ("wheels", "motors", "lidar")
 ENDED = ("arrived", "failed", "canceled")

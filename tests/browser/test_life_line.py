@@ -52,7 +52,8 @@ PRESS_STOP = """() => {
     const wasInert = ["panel", "map"].every((id) => document.getElementById(id).inert);
     const { disabled } = document.getElementById("resume");
     document.getElementById("stop").click();
-    await new Promise((done) => setTimeout(done, 600));
+    while (!text("stop-line") && document.body.dataset.line === "lost")
+      await new Promise((done) => setTimeout(done, 10));
     return { wasInert, disabled, title: text("lost-title"), said: text("lost-said"),
       does: text("lost-does"), stop: text("stop-line") };
   }

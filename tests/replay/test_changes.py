@@ -87,6 +87,7 @@ def is_in(change: MapChange, box: tuple[float, float, float, float]) -> bool:
     return is_inside and float((high - low).max()) >= 0.5 * max(x1 - x0, y1 - y0)
 
 
+@pytest.mark.slow
 def test_moved_furniture_is_proposed_and_decided_on(moved_room: Room) -> None:
     room, ask = moved_room, moved_room.lockstep.ask
     assert room.proposed == {}

@@ -44,6 +44,7 @@ def test_freiburg_is_followed_whatever_the_seed(recordings: Path, seed: int) -> 
     check(drive(recordings, FREIBURG, seed), 0.06, 0.13)
 
 
+@pytest.mark.slow
 def test_freiburg_is_followed_though_reversing_looks_like_driving_on(recordings: Path) -> None:
     result = drive(recordings, FREIBURG_RAW, 0)
     assert result.far_share <= 0.02
@@ -55,7 +56,7 @@ def test_create3_is_followed_among_people_and_moved_furniture(recordings: Path, 
     check(drive(recordings, CREATE3, seed), 0.06, 0.13)
 
 
-@pytest.mark.parametrize("names", [FREIBURG, CREATE3])
+@pytest.mark.parametrize("names", [pytest.param(FREIBURG, marks=pytest.mark.slow), CREATE3])
 def test_without_a_start_the_place_is_found(recordings: Path, names: tuple[str, str, str]) -> None:
     recording = read_recording(recordings, *names)
     result = follow(recording, recordings / MAPS[names[0]], 0, None)

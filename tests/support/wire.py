@@ -28,7 +28,7 @@ def health_of(bus: ZenohBus, service: str) -> Health | None:
 
 
 def wait_for_service(bus: ZenohBus, service: str) -> Health:
-    """Until the service answers, which it does after the 1.5 s of the clash rule."""
+    """Until the service answers, which it does once the clash rule is settled."""
 
     def healthy() -> Health | None:
         health = health_of(bus, service)

@@ -22,6 +22,10 @@ ASK_S = 1.0
 """How long an older process may take to answer."""
 ASK_AGAIN_S = 2.0
 """Who shows a token and does not answer is asked again after this long."""
+SHOWN_S = 0.5
+"""How long the router may take to say who shows a token; then it is asked again."""
+TOLD_S = 1.5
+"""One that starts waits at most this long for the router to say it."""
 ANSWER_S = 5.0
 """One that starts waits this long for those that show a token to answer for it."""
 
@@ -88,15 +92,28 @@ class Elders:
         self._shown: dict[Run, float] = {}
         """Those that show a token, and since when (local monotonic time)."""
         self._answered: set[str] = set()
+        self._are_all_known = False
+        """Whether the router has told of all that were there before this process."""
+        self._known_by_s = time.monotonic() + TOLD_S
         self._ask_at_s = 0.0
         self._key = topics.HEALTH.key(robot, label)
         self._early = bus.serve(self._key, self._answer)
+        self._tokens = topics.ALIVE.key(robot, label, "*")
         bus.declare_token(topics.ALIVE.key(robot, label, str(run)))
-        bus.watch_tokens(topics.ALIVE.key(robot, label, "*"), self._see)
+        bus.watch_tokens(self._tokens, self._see)
 
     def serves(self) -> None:
         """Note that the service itself answers for its health from now on."""
         self._early.close()
+
+    def look(self) -> None:
+        """Ask the router who shows a token, until it has answered once; waits for the answer."""
+        if self._are_all_known:
+            return
+        began_s = time.monotonic()
+        for key in self._bus.alive(self._tokens, SHOWN_S):
+            self._see(key, True)
+        self._are_all_known = time.monotonic() - began_s < SHOWN_S
 
     def ask(self) -> None:
         """Ask those that show a token for their run, where that is due; never waits."""
@@ -116,6 +133,8 @@ class Elders:
     def is_settled(self) -> bool:
         """Whether everybody who shows a token has answered for it, or has had the time to."""
         now_s = time.monotonic()
+        if not self._are_all_known and now_s < self._known_by_s:
+            return False
         with self._lock:
             return "" in self._answered or all(
                 str(run) in self._answered or now_s - since_s > ANSWER_S

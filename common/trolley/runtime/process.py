@@ -31,7 +31,6 @@ from trolley.sanitize import fit
 from trolley.security.host_keys import KeysError, keys_for
 
 EXIT_CRASHED, EXIT_CONFIG, EXIT_CLASH = 1, 2, 3
-CLASH_WAIT_S = 1.5
 POLL_S = 0.05
 ROUTER_PATIENCE_S = 30.0
 LONGEST_WAIT_S = 1.0
@@ -157,12 +156,13 @@ class ServiceProcess:
 
     def _serve(self, bus: ZenohBus) -> int:
         elders = Elders(bus, self._robot, self._label, self._run, self._wake)
-        end_s = time.monotonic() + CLASH_WAIT_S
-        while time.monotonic() < end_s or not elders.is_settled():
+        elders.look()
+        while not elders.is_settled():
             if self._should_stop:
                 return 0
             elders.ask()
             time.sleep(POLL_S)
+            elders.look()
         if elders.oldest() is not None:
             return self._give_way(elders.oldest())
         host = ProcessHost(self._robot, self._log, self._wake)

@@ -186,7 +186,10 @@ def test_a_cloth_over_the_lidar_is_no_view(
 DROP_OUTS = "[lidar]\ndrop_out = 0.03\ninvalid = 0.03\n"
 
 
-@pytest.mark.parametrize("view", [2.0 * math.pi, 1.5 * math.pi, math.pi])
+@pytest.mark.parametrize(
+    "view",
+    [*(pytest.param(turns * math.pi, marks=pytest.mark.slow) for turns in (2.0, 1.5)), math.pi],
+)
 def test_a_lidar_with_ordinary_drop_outs_raises_no_alarm(make_rig: MakeRig, view: float) -> None:
     beams = round(180 * view / (2.0 * math.pi))
     rig = make_rig(errors=f"{DROP_OUTS}field_of_view = {view}\nbeams = {beams}\nrate_hz = 6.0\n")

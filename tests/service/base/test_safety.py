@@ -156,7 +156,7 @@ def test_it_stops_five_centimetres_before_a_wall(rig: Rig) -> None:
     assert rig.state.mode == "ok"
 
 
-@pytest.mark.parametrize("delay_s", [0.1, 0.3])
+@pytest.mark.parametrize("delay_s", [pytest.param(0.1, marks=pytest.mark.slow), 0.3])
 def test_motors_that_follow_late_stop_before_the_wall_as_well(
     make_rig: MakeRig, delay_s: float
 ) -> None:

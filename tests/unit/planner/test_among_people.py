@@ -142,7 +142,15 @@ class Person:
         return self.x, self.y
 
 
-@pytest.mark.parametrize(("width_m", "y"), [(1.4, 3.0), (1.6, 3.0), (1.6, 2.9), (2.0, 3.1)])
+@pytest.mark.parametrize(
+    ("width_m", "y"),
+    [
+        pytest.param(1.4, 3.0, marks=pytest.mark.slow),
+        pytest.param(1.6, 3.0, marks=pytest.mark.slow),
+        (1.6, 2.9),
+        pytest.param(2.0, 3.1, marks=pytest.mark.slow),
+    ],
+)
 def test_keeps_to_its_side_when_somebody_comes_who_does_not_see_it(
     ride, width_m: float, y: float
 ) -> None:
@@ -157,7 +165,7 @@ def test_keeps_to_its_side_when_somebody_comes_who_does_not_see_it(
     assert abs(early.y - 3.0) > 0.08
 
 
-@pytest.mark.parametrize("width_m", [1.2, 1.6])
+@pytest.mark.parametrize("width_m", [1.2, pytest.param(1.6, marks=pytest.mark.slow)])
 def test_passes_a_polite_person_without_delay(ride, width_m: float) -> None:
     meeting = Meeting(ride, "mppi", corridor(width_m), 9.0)
     person = Person(meeting, 3.0, 0.5 * width_m - 0.2)

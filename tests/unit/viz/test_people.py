@@ -295,13 +295,13 @@ def test_a_name_with_markup_is_shown_as_it_was_typed(stage: "Stage") -> None:
 
 def test_the_page_shows_who_is_there_and_how(stage: "Stage") -> None:
     stage.browse(0, ANN)
-    stage.runtime.run(180.0)
+    stage.runtime.run(60.0)
     guest = stage.browse(1, GUEST)
     stage.browse(2)
     stage.page(1).session.follow("kart")
     stage.runtime.run(1.5)
     said = page_of(stage).within("People").text()
-    assert "Chrome on Android This page. Drives. Open for 3 min. Follows Trolley." in said
+    assert "Chrome on Android This page. Drives. Open for 1 min. Follows Trolley." in said
     assert "Safari on iPhone Looks only. Just opened. Follows kart." in said
     assert "a browser Drives." in said
     theirs = page_of(stage, 1).within("People").text()

@@ -171,7 +171,6 @@ const MAKERS = {
         text.translate = !look.is_name;
         grip.hidden = !look.can_move;
         if (look.can_move) element.setAttribute("aria-keyshortcuts", "Alt+ArrowUp Alt+ArrowDown");
-        element.title = look.hint || "";
         element.dataset.colour = look.colour || "grey";
         if (element.parentElement?.matches(".bar, .strip")) element.title = look.label;
         element.disabled = Boolean(look.is_disabled);

@@ -7,6 +7,8 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from trolley_viz.graphics.shapes import is_near
+
 FIELD_OF_VIEW = math.radians(42.0)
 ELEVATION = math.radians(66.0)
 FROM_ABOVE = math.radians(89.7)
@@ -130,4 +132,4 @@ def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:
     A page that is slow to start goes there after it has been told where to look.
     """
     starts = (stand(one, INITIAL_ASPECT)[0] for one in (bounds, UNKNOWN_MAP))
-    return any(np.allclose(client.camera.position, start, atol=1e-3) for start in starts)
+    return any(is_near(client.camera.position, start) for start in starts)

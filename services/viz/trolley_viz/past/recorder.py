@@ -32,7 +32,7 @@ from trolley.topics import Topic
 from trolley_viz.past.record import LATELY, TRIP, Failure, Record
 from trolley_viz.robots.past_trips import has_failed
 from trolley_viz.robots.placement import poses_between, seen_from
-from trolley_viz.robots.silence import AWAITED, SILENT_NS
+from trolley_viz.robots.silence import SILENT_NS, SilentServices
 from trolley_viz.robots.streams import Streams
 from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, result_line
 from trolley_viz.situation import RobotState, situation
@@ -111,8 +111,9 @@ class Recorder:
         self._epoch: int = 0
         """The run of the robot's base."""
         self._estimate: PoseEstimate | None = None
-        self._alive = dict.fromkeys(AWAITED, service.monotonic_ns)
-        """When each service answered last, or was first awaited [ns]."""
+        self._silence = SilentServices(HEALTH_PERIOD_NS + SILENT_NS)
+        self._health: dict[str, Health] = {}
+        """What each service answered last."""
         self._health_due_ns = 0
         self._last_result: StopResult | None = None
         self._scanned_ns = 0
@@ -185,13 +186,9 @@ class Recorder:
             trip=trip,
             tour=None if trip is None else trip.tour,
             places=[] if saved is None else saved.poses,
-            silent=self._silent(),
+            silent=self._silence.update(self._health, self._service.monotonic_ns),
             mapping=streams.latest(topics.MAPPING),
         )
-
-    def _silent(self) -> frozenset[str]:
-        now_ns, patience_ns = self._service.monotonic_ns, HEALTH_PERIOD_NS + SILENT_NS
-        return frozenset(name for name, at in self._alive.items() if now_ns - at > patience_ns)
 
     def _aim(self) -> Pose2D | None:
         goal = self._streams.latest(topics.GOAL)
@@ -199,8 +196,7 @@ class Recorder:
         return goal.pose if is_shown and goal is not None else None
 
     def _take_health(self, found: dict[tuple[str, ...], Health]) -> None:
-        for (name,) in found:
-            self._alive[name] = self._service.monotonic_ns
+        self._health.update((name, health) for (name,), health in found.items())
 
     # Where it is and what it sees.
     def _take_pose(self, found: dict[tuple[str, ...], PoseEstimate]) -> None:

@@ -11,9 +11,14 @@ AWAITED: tuple[str, ...] = ("localizer", "planner")
 
 
 class SilentServices:
-    """Watches the services of one robot."""
+    """Watches the services of one robot.
 
-    def __init__(self) -> None:
+    Args:
+        patience_ns: who has said nothing of its health for longer is silent.
+    """
+
+    def __init__(self, patience_ns: int = SILENT_NS) -> None:
+        self._patience_ns = patience_ns
         self._newest: dict[str, tuple[Health | None, int]] = {}
         """By service, and since when it is the newest (local monotonic [ns])."""
 
@@ -26,5 +31,7 @@ class SilentServices:
             if before is not health:
                 self._newest[name] = (health, now_ns)
         return frozenset(
-            name for name, (_, since_ns) in self._newest.items() if now_ns - since_ns > SILENT_NS
+            name
+            for name, (_, since_ns) in self._newest.items()
+            if now_ns - since_ns > self._patience_ns
         )
