@@ -57,7 +57,7 @@ class ProximityParams(NamedTuple):
     it is: of two sides that seem as good, the robot chooses the one that people expect it to,"""
     sure_later_s: float = 8.0
     """and counts the less the later they come: 1/e after this time [s]."""
-    comes_s: float = 2.5
+    comes_s: float = 1.5
     """Who gets nearer than `touch_m` within this time comes to where the robot is [s]."""
     brake_dt_s: float = 0.05
     """Time step of the braking check [s]."""

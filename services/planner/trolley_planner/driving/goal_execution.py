@@ -183,7 +183,9 @@ class GoalExecution:
         if self._waits_at_goal(now):
             return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         approach, route = self._goal_approach, self.route
-        if self._is_in_the_way(now):
+        if self._hurries:
+            twist = self._hurry(now)
+        elif self._is_in_the_way(now):
             self._maneuvering.stop()
             approach.let_go()
             twist = self._control(now, makes_room=True)
@@ -208,8 +210,14 @@ class GoalExecution:
         return twist
 
     def _is_in_the_way(self, now: ControlInput) -> bool:
-        """Say whether somebody comes to where the robot is, and it has not made room already."""
-        return not self._hurries and self.context.local_costmap.is_anyone_coming(now.motion.pose)
+        """Say whether somebody comes to where the robot is."""
+        return self.context.local_costmap.is_anyone_coming(now.motion.pose)
+
+    def _hurry(self, now: ControlInput) -> Twist2D:
+        """Return the velocity out of people's way: near the place is good enough."""
+        if now.motion.pose.distance_to(self.goal_grid) < self.goal.tolerances.xy:
+            self.outcome = "arrived"
+        return self._control(now)
 
     def _approach_goal(self, now: ControlInput) -> Twist2D:
         """Return the velocity of the goal approach."""

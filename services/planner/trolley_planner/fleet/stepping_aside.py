@@ -76,7 +76,7 @@ class AsideParams(NamedTuple):
 
 
 ASIDE = AsideParams()
-TOLERANCES = Tolerances(0.08, math.pi)
+TOLERANCES = Tolerances(0.12, math.pi)
 SENTENCE = "Somebody comes where two do not fit side by side; the robot makes room."
 Floats = NDArray[np.float64]
 
