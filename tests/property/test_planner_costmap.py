@@ -44,6 +44,7 @@ def full_layer(seed: int) -> ObstacleGrid:
         seen_ticks=np.zeros(shape, dtype=np.int32),
         points=points.astype(np.float32),
         observed=np.zeros(shape, dtype=np.int32),
+        stood_ticks=np.zeros(shape, dtype=np.int32),
         touched=np.zeros((*shape, 2), dtype=np.int32),
         dirty=np.array([99, -1, 99, -1], dtype=np.int64),
     )
@@ -155,7 +156,7 @@ def test_what_was_seen_inside_the_outline_is_forgotten(
     corners = np.array([(3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0), (3.0, -2.0)])
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     polygon = corners @ turn.T + (x, y)
-    clear_inside_robot(layer, polygon, 0.1, 1)
+    clear_inside_robot(layer, polygon, 0.1, (1, 1))
     for row in range(ROWS):
         for col in range(COLS):
             point = layer.points[row, col].astype(np.float64) / 0.1

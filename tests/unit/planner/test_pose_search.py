@@ -89,3 +89,13 @@ def test_a_goal_two_centimetres_beside_a_wall_is_reached_along_it(ride) -> None:
     assert drive.until_over(40.0).state == "arrived"
     assert drive.world.pose.distance_to(goal) <= 0.06
     assert drive.world.touches == 0
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1])
+def test_a_way_ends_at_its_goal_however_its_heading_is_counted(turns: int) -> None:
+    for index in range(12):
+        goal = Pose2D(5.0, 3.6, 0.5 * index + 2.0 * math.pi * turns)
+        way = search(two_rooms(0.5), HOBBY, (Pose2D(2.6, 2.3, 3.0 - index), goal))
+        assert way is not None
+        assert math.dist(way.poses[-1, :2], (goal.x, goal.y)) <= 0.03
+        assert abs(math.remainder(way.poses[-1, 2] - goal.yaw, 2.0 * math.pi)) <= 0.051

@@ -22,9 +22,10 @@ from trolley_planner.control.rollout import zone_speed
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
+from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import Maneuver, Task
+from trolley_planner.paths.pose_search import SEARCH, Maneuver, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -127,9 +128,11 @@ class PlanningContext:
         first, size = (row - half, col - half), (2 * half, 2 * half)
         grid.update(first, size)
         rows, cols = (at + np.arange(2 * half) for at in first)
-        known = self.local_costmap.is_known(*np.meshgrid(rows, cols, indexing="ij"))
+        cells = np.meshgrid(rows, cols, indexing="ij")
+        known = self.local_costmap.is_known(cells[0], cells[1], OBSTACLES.recent_s)
         unknown = grid.divided(~known)
-        return self.pose_search.find(grid, unknown, np.zeros_like(unknown), task)
+        closed = np.zeros_like(unknown)
+        return self.pose_search.find(grid, unknown, closed, task, SEARCH.driving)
 
 
 def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:

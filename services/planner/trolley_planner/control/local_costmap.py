@@ -23,6 +23,7 @@ from trolley_planner.costmap.inflation import (
     soften_disc,
     weigh_into,
 )
+from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.people import NO_ROBOTS, NOBODY
 
@@ -226,10 +227,18 @@ class LocalCostmap:
         """
         cells = np.floor(pose.transform_points(self._behind) / self._costmap.resolution_m)
         cols, rows = cells.astype(np.int64).T
-        return bool(self.is_known(rows, cols).all())
+        return bool(self.is_known(rows, cols, OBSTACLES.kept_s).all())
 
-    def is_known(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Say of cells of the costmap, also outside it, whether the robot may back into them."""
+    def is_known(
+        self, rows: NDArray[np.int64], cols: NDArray[np.int64], within_s: float
+    ) -> NDArray[np.bool_]:
+        """Say of cells of the costmap, also outside it, whether the robot may back into them.
+
+        Args:
+            rows: of the cells.
+            cols: of the cells.
+            within_s: what was seen so lately counts where the lidar does not look now.
+        """
         costmap = self._costmap
         shape, flat = rows.shape, (rows.reshape(-1), cols.reshape(-1))
         rows, cols = (
@@ -237,7 +246,7 @@ class LocalCostmap:
         )
         layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
-        return (known | layer.is_known_free(rows, cols)).reshape(shape)
+        return (known | layer.is_known_free(rows, cols, within_s)).reshape(shape)
 
     @property
     def cost_of_metre(self) -> float:

@@ -48,8 +48,13 @@ class ObstacleParams(NamedTuple):
     all_round_rad: float = 1.95 * math.pi
     """A lidar that covers less does not look all round."""
     recent_s: float = 15.0
-    """What such a lidar saw free is free for this long out of its view; `base` lets nobody drive
-    there 15 s later (`memory_s` of its observed space): at its creep that is 1.5 m."""
+    """What such a lidar saw free is free for this long out of its view,"""
+    kept_s: float = 27.0
+    """and to the end of what was begun in time for this long: at `base`'s creep that is 1.2 m. A
+    little later `base` lets nobody drive there (`memory_s` of its observed space)."""
+    stood_s: float = 100.0
+    """Where the robot stood is free out of its view for this long: it leaves a dead end as it came;
+    `base` lets it for 20 s more (`trail_s` of its observed space)."""
 
 
 OBSTACLES = ObstacleParams()
@@ -69,6 +74,8 @@ class ObstacleGrid(NamedTuple):
     observed: NDArray[np.int32]
     """(rows, cols) number of the scan in which a beam last passed, or over which the robot stood;
     0 = never."""
+    stood_ticks: NDArray[np.int32]
+    """(rows, cols) robot time when the robot last stood there, in `OBSTACLES.tick_s`; 0 = never."""
     touched: NDArray[np.int32]
     """(rows, cols, 2) number of the scan that last saw through, and that last marked."""
     dirty: NDArray[np.int64]
@@ -91,7 +98,8 @@ class ObstacleLayer:
         self._resolution_m = resolution_m
         self._config = config
         self._scan_number = 0
-        self._recent_ns: deque[int] = deque()
+        self._now_ticks = 0
+        self._scans_ns: deque[int] = deque()
         self.looks_all_round = True
         """Whether the lidar of the newest scan does."""
         self.grid = ObstacleGrid(
@@ -100,6 +108,7 @@ class ObstacleLayer:
             seen_ticks=np.zeros(shape, dtype=np.int32),
             points=np.zeros((*shape, 2), dtype=np.float32),
             observed=np.zeros(shape, dtype=np.int32),
+            stood_ticks=np.zeros(shape, dtype=np.int32),
             touched=np.zeros((*shape, 2), dtype=np.int32),
             dirty=np.array(NOTHING_DIRTY, dtype=np.int64),
         )
@@ -143,14 +152,15 @@ class ObstacleLayer:
         cut_at_lines(beams, segments, config.mirror_tolerance_m)
         trace_beams(self.grid, walls, beams, self._resolution_m, self._scan_number)
         body_cells = sweep.end.transform_points(sweep.body_laser) / self._resolution_m
-        clear_inside_robot(self.grid, body_cells, self._resolution_m, self._scan_number)
+        self._now_ticks = ticks(now_ns)
+        now = self._scan_number, self._now_ticks
+        clear_inside_robot(self.grid, body_cells, self._resolution_m, now)
         limits = (
             self._resolution_m,
             config.mark_range_m,
             OBSTACLES.explained_cells * self._resolution_m,
         )
-        now_ticks = ticks(now_ns)
-        mark_echoes(self.grid, wall_distance_m, beams, limits, self._scan_number, now_ticks)
+        mark_echoes(self.grid, wall_distance_m, beams, limits, *now)
         self.beams = self.static_beams = beams
 
     def take_over(self, other: "ObstacleLayer", rows: int, cols: int) -> None:
@@ -167,8 +177,8 @@ class ObstacleLayer:
                 getattr(self.grid, name)[mine] = array[theirs]
         corner_m = np.array([cols, rows], np.float32) * np.float32(self._resolution_m)
         self.grid.points[mine] += corner_m
-        self._scan_number = other._scan_number
-        self._recent_ns = other._recent_ns.copy()
+        self._scan_number, self._now_ticks = other._scan_number, other._now_ticks
+        self._scans_ns = other._scans_ns.copy()
         self.looks_all_round = other.looks_all_round
         self.mark_all_dirty()
 
@@ -183,21 +193,33 @@ class ObstacleLayer:
             lift_echoes(self.static_beams, walkers)
             lift_cells(self.grid, walkers, self._resolution_m, self._scan_number)
 
-    def is_known_free(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Say of cells (n,) whether the lidar saw them, and lately where it does not look.
+    def is_known_free(
+        self, rows: NDArray[np.int64], cols: NDArray[np.int64], within_s: float
+    ) -> NDArray[np.bool_]:
+        """Say of cells (n,) whether the lidar saw them, and where it does not look, lately.
 
-        Beside an echo no beam passes: there a neighbouring cell will do.
+        Beside an echo no beam passes: there a neighbouring cell will do. Where the robot itself
+        stood it may go back for longer.
+
+        Args:
+            rows: of the cells.
+            cols: of the cells.
+            within_s: what counts as lately, at most `OBSTACLES.kept_s`.
         """
-        observed = self.grid.observed
+        observed, stood_ticks = self.grid.observed, self.grid.stood_ticks
         if self.looks_all_round:
             return observed[rows, cols] != 0
         last_row, last_col = observed.shape[0] - 1, observed.shape[1] - 1
         around = np.array([-1, 0, 1])
         near_rows = np.clip(rows[:, None, None] + around[:, None], 0, last_row)
         near_cols = np.clip(cols[:, None, None] + around, 0, last_col)
-        oldest = self._scan_number - len(self._recent_ns) + 1
+        since_ns = self._scans_ns[-1] - within_s * 1e9 if self._scans_ns else 0.0
+        num_recent = sum(time_ns >= since_ns for time_ns in self._scans_ns)
+        oldest = self._scan_number - num_recent + 1
         newest = observed[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
-        return newest >= oldest
+        stood = stood_ticks[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
+        stood_since = self._now_ticks - OBSTACLES.stood_s / OBSTACLES.tick_s
+        return (newest >= oldest) | (stood > max(stood_since, 0.0))
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""
@@ -224,10 +246,10 @@ class ObstacleLayer:
         self.grid.dirty[:] = (0, rows - 1, 0, cols - 1)
 
     def _note_time(self, now_ns: int) -> None:
-        """Note when this scan was made, and drop those that are no longer recent."""
-        times = self._recent_ns
+        """Note when this scan was made, and drop those that no longer matter."""
+        times = self._scans_ns
         times.append(now_ns)
-        while now_ns - times[0] > OBSTACLES.recent_s * 1e9:
+        while now_ns - times[0] > OBSTACLES.kept_s * 1e9:
             times.popleft()
 
     def pop_dirty(self) -> tuple[int, int, int, int] | None:
@@ -469,13 +491,13 @@ def clear_inside_robot(
     grid: ObstacleGrid,
     polygon_cells: NDArray[np.float64],
     resolution_m: float,
-    scan_number: int,
+    now: tuple[int, int],
 ) -> None:
     """Forget every obstacle whose last echo lay inside a polygon (n, 2) [cells], and know it free.
 
     Nothing else can be where the robot is; a lidar that does not look all around would never see
     that what it once saw there is gone, nor the place that the robot set off from, and would not
-    let it back up to there.
+    let it back up to there. `now` is the number of the scan and its time, in `OBSTACLES.tick_s`.
     """
     rows, cols = grid.evidence.shape
     for row in range(
@@ -489,7 +511,7 @@ def clear_inside_robot(
             if inside_polygon(polygon_cells, col + 0.5, row + 0.5):
                 if grid.observed[row, col] == 0:
                     mark_dirty(grid.dirty, row, col)
-                grid.observed[row, col] = scan_number
+                grid.observed[row, col], grid.stood_ticks[row, col] = now
             if grid.evidence[row, col] == 0:
                 continue
             x = grid.points[row, col, 0] / resolution_m

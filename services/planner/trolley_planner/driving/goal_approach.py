@@ -22,6 +22,8 @@ class AlignmentParams:
     """Slower commands than this"""
     least_radps: float = 0.12
     """or this do not move a real robot."""
+    speed_gain: float = 2.2
+    """Speed per distance that is left [1/s]."""
     turn_gain: float = 3.0
     """Turn rate per heading error [1/s]."""
     face_rad: float = 0.35
@@ -100,7 +102,10 @@ class FinalAlignment:
             return Twist2D(0.0, 0.0, turn_rate(bearing, limits))
         braking = math.sqrt(limits.deceleration * distance)
         highest = limits.max_speed if direction > 0.0 else limits.max_reverse
-        speed = max(min(braking, 1.5 * distance + 0.02, highest), min(ALIGNMENT.least_mps, highest))
+        speed = max(
+            min(braking, ALIGNMENT.speed_gain * distance + 0.02, highest),
+            min(ALIGNMENT.least_mps, highest),
+        )
         # Very near, the bearing is mostly noise.
         steer = ALIGNMENT.turn_gain * bearing * min(1.0, distance / 0.08)
         return Twist2D(direction * speed, 0.0, _clipped(steer, limits.max_turn))
@@ -128,7 +133,9 @@ class ApproachParams:
     turn_as_m: float = 0.3
     """A turn by one radian that is left at the goal counts as this distance."""
     goal_clearance_m: float = 0.005
-    """At a tight goal at least this clearance is left."""
+    """At a tight goal at least this clearance is left;"""
+    beside_m: float = 0.02
+    """beside one with less, the nearest place with this."""
     window_edge_m: float = 0.6
     """The goal is checked once it lies this far inside the local costmap."""
 
@@ -174,6 +181,13 @@ class GoalApproach:
         xy, offset = self._tolerances.xy, self.aim.distance_to(self._goal)
         return Tolerances(max(xy - offset, 0.3 * xy), self._tolerances.yaw)
 
+    def is_there(self, pose: Pose2D) -> bool:
+        """Say whether a pose is within the tolerances of the goal."""
+        if pose.distance_to(self._goal) > self._tolerances.xy:
+            return False
+        turn = abs(wrap_angle(pose.yaw - self._goal.yaw))
+        return self._tolerances.any_heading or turn <= self._tolerances.yaw
+
     def let_go(self) -> None:
         """Leave driving to the controller again."""
         self._alignment = None
@@ -194,7 +208,7 @@ class GoalApproach:
         is_far = pose.distance_to(self._goal) > self._context.half_m - APPROACH.window_edge_m
         if is_far:
             return False
-        enough = self._config.clearance_m + 0.01
+        enough = APPROACH.beside_m
         self.is_occupied = False
         if self._context.seen_clearance(self.aim, enough) >= APPROACH.goal_clearance_m:
             return False

@@ -202,7 +202,7 @@ class GoalExecution:
 
     def _maneuver(self, now: ControlInput) -> Twist2D:
         """Return the velocity along a way with headings."""
-        twist = self._maneuvering.command(now)
+        twist = self._maneuvering.command(now, self._goal_approach)
         if self._maneuvering.has_arrived:
             self.outcome = "arrived"
         elif not self._maneuvering.is_active:

@@ -36,18 +36,26 @@ class ManeuverParams:
     """A turn on the spot is tight with less room than this."""
     begin_m: float = 0.5
     """A way is searched once a tight place is this near,"""
+    begin_goal_m: float = 1.5
+    """or a goal with little room,"""
     beyond_m: float = 0.25
     """to where the footprint has been out of it for this long."""
+    least_m: float = 0.9
+    """It leads at least this far along the path,"""
     reach_m: float = 1.6
-    """It leads at most this far along the path;"""
+    """and at most this far;"""
     go_on_m: float = 0.5
-    """the next one is searched this far before its end."""
+    """the next one is searched this far before its end,"""
+    farther_m: float = 0.25
+    """if that leads this much farther along the path."""
     half_m: float = 2.4
     """It keeps within this distance of the robot, along both axes."""
     loose_m: float = 0.1
     """The place at which a way ends on the path may be missed by this much,"""
     loose_rad: float = 0.2
-    """and the heading there by this."""
+    """and the heading there by this,"""
+    free_rad: float = 0.9
+    """or by this where it can turn."""
     begin_people_m: float = 0.8
     """No way is begun while somebody moves this near to the robot,"""
     stand_people_m: float = 0.3
@@ -64,10 +72,14 @@ class ManeuverParams:
     """An error beside the way decays over this distance."""
     ahead_m: float = 0.05
     """The bend of the way is taken this far ahead: commands take their time."""
-    strayed_m: float = 0.1
+    strayed_m: float = 0.05
     """A robot this far beside its way needs another."""
-    strayed_rad: float = 0.5
+    strayed_rad: float = 0.25
     """The same of its heading."""
+    aside_rad: float = 0.5
+    """A robot that looks so far past its path must turn before it drives along."""
+    bend_ahead_m: float = 0.3
+    """Before a bend it slows down from this far on: it cannot begin to turn at once."""
     creep_mps: float = 0.04
     """Speed at the end of a line."""
     arrived_m: float = 0.008
@@ -134,20 +146,17 @@ class Maneuvering:
         self.is_tight_ahead = needed is not None
         if self._follower is not None:
             self._check_way(pose, route, aim)
-        goes_on = self._follower is not None and (
-            self._to_goal or self._follower.left_m > MANEUVER.go_on_m
-        )
-        if needed is None or goes_on or self._must_rest(now_ns):
+        if needed is None or self._goes_on(route, needed) or self._must_rest(now_ns):
             return
         if self._is_anyone_near(pose, MANEUVER.begin_people_m):
             return  # The controller knows how to pass people.
         self._searched_ns = now_ns
         found = self._search(pose, route, aim, needed)
         if found is not None:
-            self._follower = WayFollower(found)
+            self._follower = WayFollower(found, 0.0 if self._to_goal else self._rest_m)
             self._num_blocked, self._searched_ns = 0, None
 
-    def command(self, now: ControlInput) -> Twist2D:
+    def command(self, now: ControlInput, approach: GoalApproach) -> Twist2D:
         """Return the velocity along the way; it may be over then."""
         follower, context = self._follower, self._context
         if follower is None:
@@ -162,23 +171,38 @@ class Maneuvering:
         limits = limits._replace(max_speed=speed, max_reverse=min(speed, limits.max_reverse))
         wanted = follower.command(Motion(now.steady, now.motion.twist), limits)
         if wanted is None:
-            self._end(now)
+            self._end(now, approach)
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
-        if self._is_anyone_near(pose, MANEUVER.stand_people_m):
-            wanted = Twist2D.zero()
+        is_blind = wanted.vx < 0.0 and not local_costmap.sees_behind(pose)
+        if is_blind or self._is_anyone_near(pose, MANEUVER.stand_people_m):
+            wanted = Twist2D.zero()  # All of it: turning alone leads off the way.
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
         safe = safe_command(now.motion, wanted, local_costmap, limits, TIGHT_CLEARANCE_M)
         if follower.is_stalled(safe, now.elapsed_s):
             self.stop()
         return safe
 
-    def _end(self, now: ControlInput) -> None:
+    def _end(self, now: ControlInput, approach: GoalApproach) -> None:
         """Note that the way is over: the robot has arrived if it led to the goal, and stands."""
         twist = now.motion.twist
         if not self._to_goal:
             self.stop()
         elif abs(twist.vx) < 0.02 and abs(twist.wz) < 0.05:
-            self.has_arrived = True
+            self.has_arrived = approach.is_there(now.steady)
+            if not self.has_arrived:
+                self.stop()
+
+    def _goes_on(self, route: Route, needed: int) -> bool:
+        """Say whether the way that is followed is long, or leads as far as is needed."""
+        follower = self._follower
+        if follower is None:
+            return False
+        if self._to_goal or follower.left_m > MANEUVER.go_on_m:
+            return True
+        points, left_m = route.path.points, route.path.remaining_m
+        off = np.hypot(*(points[route.index :] - (follower.end.x, follower.end.y)).T)
+        end = route.index + int(np.argmin(off))
+        return float(left_m[end] - left_m[needed]) < MANEUVER.farther_m
 
     def _is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         within_m += self._context.footprint.circumscribed_m
@@ -205,12 +229,12 @@ class Maneuvering:
         near = bool((is_tight & (along < MANEUVER.begin_m)).any())
         if is_goal and self._is_tight_goal(pose, points, aim):
             is_tight[-1] = True
-            near |= float(along[-1]) < 2.0 * MANEUVER.begin_m
+            near |= float(along[-1]) < MANEUVER.begin_goal_m
         if not near and not self._must_turn_in_little_room(pose, points):
             return None
         tight = np.flatnonzero(is_tight)
         end = path.ahead(first + int(tight[-1]) if len(tight) else first, MANEUVER.beyond_m)
-        return min(max(end, path.ahead(first, MANEUVER.begin_m)), last)
+        return min(end, last)
 
     def _is_tight_goal(self, pose: Pose2D, points: NDArray[np.float64], aim: Pose2D) -> bool:
         """Say whether there is little room at the goal: to stand there, or to turn."""
@@ -232,13 +256,16 @@ class Maneuvering:
         if math.dist((pose.x, pose.y), (float(ahead[0]), float(ahead[1]))) < 0.1:
             return False
         turn = wrap_angle(math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x) - pose.yaw)
-        return abs(turn) > MANEUVER.strayed_rad and not self._context.can_turn_by(
+        return abs(turn) > MANEUVER.aside_rad and not self._context.can_turn_by(
             pose, turn, MANEUVER.turn_room_m
         )
 
     def _search(self, pose: Pose2D, route: Route, aim: Pose2D, until: int) -> Maneuver | None:
-        """Return a way to a point of the path, or to the goal if that is its last one."""
+        """Return a way to a point of the path or beyond, or to the goal if that is near."""
         path, tolerances = route.path, self._tolerances
+        until = max(until, path.ahead(route.index, MANEUVER.least_m))
+        if route.vias_left:
+            until = min(until, path.vias[0])
         self._to_goal = until == len(path.points) - 1 and not route.vias_left
         self._rest_m = float(path.remaining_m[until])
         wanted_m = self._config.clearance_m + 0.02
@@ -251,8 +278,10 @@ class Maneuvering:
         before = path.points[max(until - 4, 0)]
         yaw = math.atan2(y - float(before[1]), x - float(before[0]))
         ends = pose.x, pose.y, pose.yaw, x, y, yaw
+        is_free = self._context.can_turn_by(Pose2D(x, y, yaw), 2.0 * math.pi, wanted_m)
+        missed = MANEUVER.loose_m, MANEUVER.free_rad if is_free else MANEUVER.loose_rad
         for any_heading in (False, True):
-            task = Task(*ends, any_heading, MANEUVER.loose_m, MANEUVER.loose_rad, wanted_m)
+            task = Task(*ends, any_heading, *missed, wanted_m)
             found = self._context.find_way(task, MANEUVER.half_m)
             if found is not None:
                 return found
@@ -281,9 +310,11 @@ class WayFollower:
 
     Args:
         maneuver: the way, in the frame of the poses given later.
+        onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
+            the way.
     """
 
-    def __init__(self, maneuver: Maneuver) -> None:
+    def __init__(self, maneuver: Maneuver, onward_m: float = 0.0) -> None:
         self._poses, self._motions = maneuver.poses, maneuver.motions
         steps: NDArray[np.float64] = np.diff(self._poses, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
@@ -291,6 +322,7 @@ class WayFollower:
         self._along: NDArray[np.float64] = np.append(0.0, np.cumsum(lengths))
         left = lengths + MANEUVER.turn_as_m * turns
         self._left: NDArray[np.float64] = np.append(np.cumsum(left[::-1])[::-1], 0.0)
+        self._onward_m = onward_m
         self._index = 0
         self._run_end = self._end_of_run(0)
         self._yaw: float | None = None
@@ -345,7 +377,7 @@ class WayFollower:
             self._index = self._run_end
             self._run_end = self._end_of_run(self._index)
             self._yaw = None
-        return None
+        return self._turn(pose, limits) if self._onward_m == 0.0 else None
 
     def _end_of_run(self, first: int) -> int:
         """Return the last pose that is reached by the same motion as the one after `first`."""
@@ -383,11 +415,28 @@ class WayFollower:
         decay = MANEUVER.track_m
         bend = self._bend() - sense * aside / decay**2 - 2.0 * off / decay
         speed = limits.max_speed if sense > 0 else limits.max_reverse
-        speed = min(speed, limits.max_turn / max(abs(bend), 1e-3))
+        speed = min(speed, limits.max_turn / max(abs(bend), 1e-3), self._bend_speed(limits))
         rest = max(left, 0.0) if along < 2.0 * decay else along
+        if sense > 0 and self._run_end == len(self._poses) - 1:
+            rest += self._onward_m
         braking = math.sqrt(limits.deceleration * rest)
         speed = min(speed, max(braking, MANEUVER.creep_mps))
         return Twist2D(sense * speed, 0.0, bend * speed)
+
+    def _bend_speed(self, limits: Limits) -> float:
+        """Return the speed from which the robot can slow down for the bends right ahead [m/s]."""
+        reach_m = float(self._along[self._index]) + MANEUVER.bend_ahead_m
+        end = min(int(np.searchsorted(self._along, reach_m)), self._run_end)
+        if end - self._index < 2:
+            return math.inf
+        part = slice(self._index, end + 1)
+        along = self._along[part]
+        turns = np.abs(np.diff(self._poses[part, 2])) / np.maximum(np.diff(along), 1e-3)
+        # Two neighbours are half a bend each: headings come in steps.
+        bends = 0.5 * (turns[1:] + turns[:-1])
+        there = 0.5 * limits.max_turn / np.maximum(bends, 1e-3)
+        before_m = along[1:-1] - along[0]
+        return float(np.sqrt(there**2 + 2.0 * limits.deceleration * before_m).min())
 
     def _bend(self) -> float:
         """Return how the heading changes along the way a little ahead [rad/m]."""

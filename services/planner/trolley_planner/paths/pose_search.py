@@ -5,7 +5,12 @@ backs, decide whether it gets through. States are a cell, one of 64 headings and
 the exact point at which the cell was reached first, so that straight lines stay straight. Moves are
 short lines and arcs, both ways, and turns on the spot. Where there is room for a full turn one
 state stands for all headings: in open floor that leaves a search of the place alone. From states
-near the goal a direct drive is tried as well: turn, straight line, turn.
+near the goal a direct drive is tried as well: turn, straight line, turn, or one curve.
+
+What the rest of a way costs at least is known well where it is narrow: in cells of 5 cm the
+footprint is tried in all headings, so the toll of a door counts from far away. It is searched first
+with two fine cells of clearance, then with one, then with none: what is measured errs, and so do
+wheels.
 
 The footprint is rasterised for each heading as spans of cells in a row. With counts of what stands
 in each row before each column two look-ups say whether a span is free, its inside included.
@@ -13,8 +18,8 @@ in each row before each column two look-ups say whether a span is free, its insi
 Source:
     Dolgov, Thrun, Montemerlo, Diebel, Path Planning for Autonomous Vehicles in Unknown
     Semi-structured Environments (2010): exact points in cells, the cost-to-go of the place alone as
-    a heuristic, and direct drives to the goal. Deviation: turns on the spot take the place of
-    Reeds and Shepp's curves.
+    a heuristic, and direct drives to the goal. Deviations: turns on the spot take the place of
+    Reeds and Shepp's curves; what headings cost at least is bounded, not looked up in a table.
 """
 
 import math
@@ -51,18 +56,22 @@ class PoseSearchParams(NamedTuple):
     near: float = 2.0
     """A metre costs this much more where the footprint has less room than is wanted."""
     beside: float = 6.0
-    """and this much more where it comes right beside something:"""
+    """this much more where it comes right beside something:"""
     beside_m: float = 0.026
-    """nearer than this, two fine cells. So the robot keeps to the middle of a door."""
+    """nearer than this, two fine cells;"""
+    touching: float = 12.0
+    """and this much more where it all but touches:"""
+    touching_m: float = 0.016
+    """nearer than this, one fine cell. So the robot keeps to the middle of a door, and straight."""
     reverse: float = 0.4
     """A metre backwards costs this much more, as in the rollouts."""
     turn_m: float = 0.25
     """A turn on the spot by one radian costs as much as this many metres."""
-    arc_m: float = 0.05
+    arc_m: float = 0.1
     """The same for a turn while driving: straight lines are easier to follow."""
-    switch_m: float = 0.15
+    switch_m: float = 0.2
     """So does a change between forwards and backwards,"""
-    halt_m: float = 0.05
+    halt_m: float = 0.12
     """and one between driving and turning."""
     direct_m: float = 1.5
     """A direct drive is tried from states this near to the goal [m],"""
@@ -71,9 +80,11 @@ class PoseSearchParams(NamedTuple):
     octile: float = 0.9239
     """A straight line is at least this share of the shortest path along 8 directions: cosine of
     22.5 degrees."""
-    greed: float = 2.0
+    greed: float = 2.5
     """The rest of the way counts this much: the way found costs at most this much more than the
-    cheapest, and is found far sooner."""
+    cheapest, and is found far sooner;"""
+    last_greed: float = 3.0
+    """where there is no clearance, this much."""
     heuristic_m: float = 0.05
     """Edge of the cells of the heuristic, about."""
     bend_radius_m: float = 0.3
@@ -82,8 +93,12 @@ class PoseSearchParams(NamedTuple):
     """and replace at most so many states,"""
     bend_every: int = 3
     """every third of which is tried as their end."""
-    states: int = 2**20
-    """States that can be remembered, a power of two: 28 MB if all are touched,"""
+    states: int = 2**18
+    """States that can be remembered, a power of two: 24 MB with the heap,"""
+    soon: int = 4000
+    """A way with more clearance is looked for among this many states,"""
+    driving: int = 10000
+    """and any way, where the robot waits for it, among this many."""
     fill: float = 0.75
     """this share of which is used before the search ends without an answer."""
 
@@ -94,6 +109,8 @@ FORWARDS, BACKWARDS, TURNING, AT_START = 1, -1, 0, 2
 GOAL_KEY = 2**62
 """Stands for the goal itself, at the end of a direct drive."""
 NONE = -1
+BLOCKED, NEAR, BESIDE, NEXT_TO, UNSEEN = range(5)
+"""Which cells are counted; see `Room`."""
 FOUND, NOT_FOUND, FULL = 0, 1, 2
 """How a search ends; a full memory proves nothing."""
 
@@ -140,6 +157,8 @@ class Room(NamedTuple):
     """(rows, cols + 1) the same of cells that are nearer to something than is wanted."""
     beside: NDArray[np.uint16]
     """(rows, cols + 1) the same of cells right beside something."""
+    touching: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells next to something."""
     unknown: NDArray[np.uint16]
     """(rows, cols + 1) the same of cells that the robot must not back into."""
     distance_m: NDArray[np.float32]
@@ -153,6 +172,14 @@ class Room(NamedTuple):
     """Edge of a larger cell."""
     wanted_m: float
     """Clearance from which on nothing costs more."""
+    goal: tuple[float, float, float]
+    """x, y, yaw of the goal,"""
+    missed_m: float
+    """how far it may be missed,"""
+    any_heading: bool
+    """and whether any heading will do there."""
+    greed: float
+    """How much the rest of the way counts."""
 
 
 class Shape(NamedTuple):
@@ -252,6 +279,7 @@ class PoseSearch:
         unknown: NDArray[np.uint8],
         closed: NDArray[np.uint8],
         task: Task,
+        most: int = SEARCH.states,
     ) -> Maneuver | None:
         """Return the cheapest way that was found from pose to pose, None if there is none.
 
@@ -260,31 +288,88 @@ class PoseSearch:
             unknown: (rows, cols) of `grid`, set where the robot must not back into.
             closed: (rows, cols) of `grid`, set where its origin must not be.
             task: from where to where; there is no way to or from outside `grid`.
+            most: states after which it gives up.
         """
         if not (grid.contains(task.x, task.y) and grid.contains(task.goal_x, task.goal_y)):
             return None
         shape = self._shape(grid.fine_m, task.goal_yaw)
         corner = np.array([grid.x, grid.y])
-        room = self._room(grid, unknown, closed, task)
+        room, weights = self._room(grid, unknown, closed, task, shape)
         start = task.x - grid.x, task.y - grid.y, task.yaw
         goal = task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw
-        self._number += 1
-        ending, last = search_poses(self._memory, self._number, room, shape, (start, goal), task)
-        self.num_states = int(self._memory.counts[0])
-        if ending != FOUND:
+        ends = start, goal
+        room, last = self._search(room, weights, shape, ends, task, most)
+        if last == NONE:
             return None
         poses, motions = _traced(self._memory, last, shape)
-        poses[0] = start
         if int(self._memory.keys[last]) == GOAL_KEY:
             state = float(poses[-1, 0]), float(poses[-1, 1]), float(poses[-1, 2])
-            drive = direct_drive(room, shape, (state, goal), task, int(motions[-1]), math.inf)
-            more, kinds = _driven(state, goal, drive)
+            before = int(motions[-1])
+            drive = direct_drive(room, shape, (state, goal), task, before, math.inf)
+            cost, sense = direct_bend(room, shape, (state, goal), task, before, drive.cost)
+            if cost < math.inf:
+                more, kinds = _bent(state, goal, sense)
+            else:
+                more, kinds = _driven(state, goal, drive)
             poses, motions = np.concatenate([poses, more]), np.concatenate([motions, kinds])
+        poses[0] = start  # Which lies between two headings; the search begins at one.
         poses[:, 2] = np.unwrap(poses[:, 2])
         poses, motions = _smoothed(poses, motions, room, shape)
         motions[0] = motions[1] if len(motions) > 1 else TURNING
         poses[:, :2] += corner
         return Maneuver(poses, motions)
+
+    def _search(
+        self,
+        room: Room,
+        weights: NDArray[np.uint8],
+        shape: Shape,
+        ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+        task: Task,
+        most: int,
+    ) -> tuple[Room, int]:
+        """Search with as much clearance as a way is soon found with, in the end with none.
+
+        Returns:
+            The room with what then counts as blocked; the last state, NONE if there is no way.
+        """
+        self.num_states = 0
+        goal = ends[1]
+        goal_cell = tuple(math.floor(goal[axis] / room.coarse_m) + 1 for axis in (1, 0))
+        start_cell = tuple(math.floor(ends[0][axis] / room.coarse_m) + 1 for axis in (1, 0))
+        heading = heading_of(shape, goal[2])
+        dearest = 1.0 + SEARCH.near
+        for blocked in (room.beside, room.touching):
+            dearest_weight = round(dearest * WEIGHT_UNIT)
+            dearest += SEARCH.beside
+            fits = task.any_heading or is_free(blocked, shape, room.fine_m, goal[:2], heading)
+            if not fits:
+                continue
+            passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
+            to_go_m = _to_go(passable, (goal_cell[0], goal_cell[1]), room.coarse_m)
+            if not math.isfinite(to_go_m[start_cell]):
+                continue
+            roomy = room._replace(blocked=blocked, to_go_m=to_go_m, greed=SEARCH.greed)
+            found, last = self._search_once(roomy, shape, ends, task, SEARCH.soon)
+            if found == FOUND:
+                return roomy, last
+        found, last = self._search_once(room, shape, ends, task, most)
+        return room, last if found == FOUND else NONE
+
+    def _search_once(
+        self,
+        room: Room,
+        shape: Shape,
+        ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+        task: Task,
+        most: int,
+    ) -> tuple[int, int]:
+        """Search in a room, reaching so many states at most; return how it ended, and the last."""
+        self._number += 1
+        most = min(most, int(SEARCH.fill * self._memory.keys.shape[0]))
+        found = search_poses(self._memory, self._number, room, shape, ends, task, most)
+        self.num_states += int(self._memory.counts[0])
+        return found
 
     def _shape(self, fine_m: float, yaw: float) -> Shape:
         """Return the footprint for headings one of which is nearly this one."""
@@ -296,45 +381,60 @@ class PoseSearch:
         return self._shapes[key]
 
     def _room(
-        self, grid: FineGrid, unknown: NDArray[np.uint8], closed: NDArray[np.uint8], task: Task
-    ) -> Room:
-        """Return the look-ups of a search."""
+        self,
+        grid: FineGrid,
+        unknown: NDArray[np.uint8],
+        closed: NDArray[np.uint8],
+        task: Task,
+        shape: Shape,
+    ) -> tuple[Room, NDArray[np.uint8]]:
+        """Return the look-ups of a search, and what a metre costs in the larger cells."""
+        fine_rows, fine_cols = grid.mask.shape
+        own = Pose2D(task.x - grid.x, task.y - grid.y, task.yaw)
+        outline = own.transform_points(self._footprint.polygon) / grid.fine_m
+        counts = np.empty((5, fine_rows, fine_cols + 1), dtype=np.uint16)
+        count_into(counts, (grid.mask, grid.distance_m, unknown), outline, task.wanted_m)
         group = max(1, round(SEARCH.heuristic_m / grid.fine_m))
         edge = group * grid.fine_m
-        fine_rows, fine_cols = grid.mask.shape
         rows, cols = -(-fine_rows // group) + 2, -(-fine_cols // group) + 2
         weights = np.zeros((rows, cols), dtype=np.uint8)
-        inscribed_m = self._footprint.inscribed_m
-        radii = inscribed_m, inscribed_m + task.wanted_m
-        passable_into(weights, grid.distance_m, closed, radii, group)
+        radii = self._footprint.inscribed_m, self._footprint.circumscribed_m, task.wanted_m
+        parity = heading_of(shape, task.goal_yaw) % 2
+        cells = group, grid.fine_m
+        weigh_into(weights, counts, shape, grid.distance_m, closed, radii, cells, parity)
         row, col = (
             math.floor((place - corner) / edge) + 1
             for place, corner in ((task.goal_y, grid.y), (task.goal_x, grid.x))
         )
         weights[row, col] = WEIGHT_UNIT
-        costs = np.empty(rows * cols, dtype=np.int32)
-        seeds = np.array([[row * cols + col, 0]], dtype=np.int32)
-        flat, queue = weights.reshape(-1), make_queue(rows * cols)
-        cost_to_go_into(costs, flat, queue, seeds, cols, (-1, 0), 8)
-        metres = SEARCH.octile * edge / (2 * STEP * WEIGHT_UNIT)
-        to_go_m = np.where(costs == UNREACHED, np.inf, metres * costs).astype(np.float32)
-        own = Pose2D(task.x - grid.x, task.y - grid.y, task.yaw)
-        outline = own.transform_points(self._footprint.polygon) / grid.fine_m
-        counts = np.empty((4, fine_rows, fine_cols + 1), dtype=np.uint16)
-        layers = grid.mask, grid.distance_m, unknown
-        count_into(counts, layers, outline, task.wanted_m)
-        to_go_m = to_go_m.reshape(rows, cols)
         return Room(
-            counts[0],
-            counts[1],
-            counts[2],
-            counts[3],
+            counts[BLOCKED],
+            counts[NEAR],
+            counts[BESIDE],
+            counts[NEXT_TO],
+            counts[UNSEEN],
             grid.distance_m,
-            to_go_m,
+            _to_go(weights, (row, col), edge),
             grid.fine_m,
             edge,
             task.wanted_m,
-        )
+            (task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw),
+            task.xy_m,
+            task.any_heading,
+            SEARCH.last_greed,
+        ), weights
+
+
+def _to_go(weights: NDArray[np.uint8], goal: tuple[int, int], edge_m: float) -> NDArray[np.float32]:
+    """Return the cost-to-go [m] (rows, cols) of the place alone to a cell, row and column."""
+    rows, cols = weights.shape
+    costs = np.empty(rows * cols, dtype=np.int32)
+    seeds = np.array([[goal[0] * cols + goal[1], 0]], dtype=np.int32)
+    flat, queue = weights.reshape(-1), make_queue(rows * cols)
+    cost_to_go_into(costs, flat, queue, seeds, cols, (-1, 0), 8)
+    metres = SEARCH.octile * edge_m / (2 * STEP * WEIGHT_UNIT)
+    to_go_m = np.where(costs == UNREACHED, np.inf, metres * costs).astype(np.float32)
+    return to_go_m.reshape(rows, cols)
 
 
 def rasterised(footprint: Footprint, fine_m: float, first_yaw: float) -> Shape:
@@ -409,6 +509,17 @@ def _driven(
     return np.column_stack([np.concatenate(part) for part in (xs, ys, yaws)]), motions
 
 
+def _bent(
+    state: tuple[float, float, float], goal: tuple[float, float, float], sense: int
+) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+    """Return the poses (n, 3) of a curve to the goal without its first, and how each is reached."""
+    first, last = np.array(state), np.array(goal)
+    last[2] = first[2] + wrapped(last[2] - first[2])
+    curve = np.empty((bend_count(first, last), 3))
+    bend_into(curve, first, last, sense)
+    return curve, np.full(len(curve), sense, dtype=np.int8)
+
+
 def _smoothed(
     poses: NDArray[np.float64], motions: NDArray[np.int8], room: Room, shape: Shape
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
@@ -452,7 +563,8 @@ def way_costs_into(
         place = poses[index, 0], poses[index, 1]
         price = price_of(room, shape, place, heading_of(shape, poses[index, 2]), motion)
         # The way is free; beside the search's headings it may look otherwise.
-        price = min(price, 1.0 + SEARCH.near + SEARCH.beside + SEARCH.reverse)
+        most = 1.0 + SEARCH.near + SEARCH.beside + SEARCH.touching + SEARCH.reverse
+        price = min(price, most)
         change = 0.0 if index == 1 else change_cost(before, motion)
         out_costs[index] = out_costs[index - 1] + price * length + change
 
@@ -501,6 +613,29 @@ def bend_into(
 
 
 @kernel
+def bend_cost(
+    curve: NDArray[np.float64],
+    first: NDArray[np.float64],
+    sense: int,
+    room: Room,
+    shape: Shape,
+    most: float,
+) -> float:
+    """Return what a curve (n, 3) from a pose costs [m], +inf if that is not less than `most`."""
+    total = 0.0
+    x, y, yaw = first[0], first[1], first[2]
+    for index in range(curve.shape[0]):
+        place, heading = (curve[index, 0], curve[index, 1]), heading_of(shape, curve[index, 2])
+        length = math.hypot(place[0] - x, place[1] - y)
+        turn = abs(curve[index, 2] - yaw)
+        total += price_of(room, shape, place, heading, sense) * (length + SEARCH.arc_m * turn)
+        x, y, yaw = curve[index, 0], curve[index, 1], curve[index, 2]
+        if total >= most:
+            return math.inf
+    return total
+
+
+@kernel
 def longest_bend(
     poses: NDArray[np.float64],
     costs: NDArray[np.float64],
@@ -523,17 +658,8 @@ def longest_bend(
             continue
         if bend_into(curve[:count], poses[first], poses[end], sense) > 1.0 / SEARCH.bend_radius_m:
             continue
-        total = 0.0
-        x, y, yaw = poses[first, 0], poses[first, 1], poses[first, 2]
-        for index in range(count):
-            place, heading = (curve[index, 0], curve[index, 1]), heading_of(shape, curve[index, 2])
-            length = math.hypot(place[0] - x, place[1] - y)
-            turn = abs(curve[index, 2] - yaw)
-            total += price_of(room, shape, place, heading, sense) * (length + SEARCH.arc_m * turn)
-            x, y, yaw = curve[index, 0], curve[index, 1], curve[index, 2]
-            if total > costs[end] - costs[first]:
-                break
-        if total <= costs[end] - costs[first] + 1e-9:
+        most = costs[end] - costs[first] + 1e-9
+        if bend_cost(curve[:count], poses[first], sense, room, shape, most) < most:
             return end, sense
     return first + 1, TURNING
 
@@ -602,10 +728,10 @@ def count_into(
     outline: NDArray[np.float64],
     wanted_m: float,
 ) -> None:
-    """Write how many cells of each row, before each column, are blocked, near, beside and unknown.
+    """Write how many cells of each row, before each column, are of each kind.
 
     Args:
-        out_counts: (4, rows, cols + 1), overwritten; see `Room`.
+        out_counts: (5, rows, cols + 1), overwritten; see `Room`.
         layers: (rows, cols) each: set where something stands; distance to the nearest of that; set
             where nothing is known.
         outline: (n, 2) of the robot [cells]: nothing stands where it is.
@@ -614,17 +740,21 @@ def count_into(
     mask, distance_m, unknown = layers
     rows, cols = mask.shape
     for row in range(rows):
-        blocked, near = np.uint16(0), np.uint16(0)
-        beside, unseen = np.uint16(0), np.uint16(0)
+        blocked, near, beside = np.uint16(0), np.uint16(0), np.uint16(0)
+        next_to, unseen = np.uint16(0), np.uint16(0)
         for col in range(cols):
-            out_counts[0, row, col], out_counts[1, row, col] = blocked, near
-            out_counts[2, row, col], out_counts[3, row, col] = beside, unseen
+            out_counts[BLOCKED, row, col], out_counts[NEAR, row, col] = blocked, near
+            out_counts[BESIDE, row, col], out_counts[NEXT_TO, row, col] = beside, next_to
+            out_counts[UNSEEN, row, col] = unseen
+            away = distance_m[row, col]
             blocked += np.uint16(mask[row, col] != 0)
-            near += np.uint16(distance_m[row, col] < wanted_m)
-            beside += np.uint16(distance_m[row, col] < SEARCH.beside_m)
+            near += np.uint16(away < wanted_m)
+            beside += np.uint16(away < SEARCH.beside_m)
+            next_to += np.uint16(away < SEARCH.touching_m)
             unseen += np.uint16(unknown[row, col] != 0)
-        out_counts[0, row, cols], out_counts[1, row, cols] = blocked, near
-        out_counts[2, row, cols], out_counts[3, row, cols] = beside, unseen
+        out_counts[BLOCKED, row, cols], out_counts[NEAR, row, cols] = blocked, near
+        out_counts[BESIDE, row, cols], out_counts[NEXT_TO, row, cols] = beside, next_to
+        out_counts[UNSEEN, row, cols] = unseen
     first_row = max(math.floor(outline[:, 1].min()) - 1, 0)
     first_col = max(math.floor(outline[:, 0].min()) - 1, 0)
     last_col = min(math.ceil(outline[:, 0].max()) + 1, cols)
@@ -635,38 +765,74 @@ def count_into(
             x, y = col + 0.5, row + 0.5
             if stands and (inside_polygon(outline, x, y) or is_near_edge(outline, x, y, 1.0)):
                 taken += np.uint16(1)
-            out_counts[0, row, col + 1] -= taken
+            out_counts[BLOCKED, row, col + 1] -= taken
 
 
 @kernel
-def passable_into(
+def weigh_into(
     out_weights: NDArray[np.uint8],
+    counts: NDArray[np.uint16],
+    shape: Shape,
     distance_m: NDArray[np.float32],
     closed: NDArray[np.uint8],
-    radii: tuple[float, float],
-    group: int,
+    radii: tuple[float, float, float],
+    cells: tuple[int, float],
+    parity: int,
 ) -> None:
-    """Write what a metre costs at least in larger cells in some part of which the origin may be.
+    """Write what a metre costs about at least in larger cells, whatever the heading.
 
     Args:
-        out_weights: (rows, cols) with a rim of one cell, zero before.
+        out_weights: (rows, cols) with a rim of one cell, zero before: the origin must not be there.
+        counts: (5, fine rows, fine cols + 1) see `Room`.
+        shape: the footprint.
         distance_m: (fine rows, fine cols).
         closed: (fine rows, fine cols) set where the origin must not be.
-        radii: the footprint's inscribed one; the same and the clearance that is wanted [m].
-        group: fine cells in the edge of a larger cell.
+        radii: the footprint's inscribed and circumscribed one; the clearance that is wanted [m].
+        cells: fine ones in the edge of a larger one; edge of a fine one [m].
+        parity: the headings that are tried are even, 0, or odd, 1.
     """
-    near = int((1.0 + SEARCH.near) * WEIGHT_UNIT)
+    inscribed_m, circumscribed_m, wanted_m = radii
+    group, fine_m = cells
     rows, cols = distance_m.shape
+    kinds = (NEAR, BESIDE, NEXT_TO)
+    needed_m = (wanted_m, SEARCH.beside_m, SEARCH.touching_m)
+    more = (SEARCH.near, SEARCH.beside, SEARCH.touching)
     for row in range(out_weights.shape[0] - 2):
         for col in range(out_weights.shape[1] - 2):
-            # Between centres of cells: what stands, and the origin, may be half a cell nearer.
-            farthest = np.float32(0.0)
+            best_row, best_col, farthest = 0, 0, np.float32(-1.0)
             for fine_row in range(row * group, min((row + 1) * group, rows)):
                 for fine_col in range(col * group, min((col + 1) * group, cols)):
-                    if closed[fine_row, fine_col] == 0:
-                        farthest = max(farthest, distance_m[fine_row, fine_col])
-            if farthest >= radii[0]:
-                out_weights[row + 1, col + 1] = WEIGHT_UNIT if farthest >= radii[1] else near
+                    away = distance_m[fine_row, fine_col]
+                    if away > farthest and closed[fine_row, fine_col] == 0:
+                        best_row, best_col, farthest = fine_row, fine_col, away
+            # Between centres of cells: what stands, and the origin, may be half a cell nearer.
+            if farthest < inscribed_m:
+                continue
+            place = (best_col + 0.5) * fine_m, (best_row + 0.5) * fine_m
+            price = 1.0
+            for level in range(len(kinds)):
+                if farthest > circumscribed_m + needed_m[level] or (
+                    farthest >= inscribed_m + needed_m[level]
+                    and fits_somehow(counts[kinds[level]], shape, fine_m, place, parity)
+                ):
+                    break
+                price += more[level]
+            out_weights[row + 1, col + 1] = int(price * WEIGHT_UNIT)
+
+
+@kernel
+def fits_somehow(
+    counts: NDArray[np.uint16],
+    shape: Shape,
+    fine_m: float,
+    place: tuple[float, float],
+    parity: int,
+) -> bool:
+    """Say whether the footprint covers no counted cell at a place in one of every other heading."""
+    for heading in range(parity, HEADINGS, 2):
+        if is_free(counts, shape, fine_m, place, heading):
+            return True
+    return False
 
 
 @kernel
@@ -732,6 +898,8 @@ def price_of(
         price += SEARCH.near
         if not is_free(room.beside, shape, room.fine_m, place, heading):
             price += SEARCH.beside
+            if not is_free(room.touching, shape, room.fine_m, place, heading):
+                price += SEARCH.touching
     return price
 
 
@@ -774,6 +942,15 @@ def cheaper_turn(
 
 
 @kernel
+def last_turn(task: Task, turn: float) -> float:
+    """Return by how much to turn at the goal, to half of what may be missed [rad]."""
+    turn = wrapped(turn)
+    if task.any_heading or abs(turn) <= task.yaw_rad:
+        return 0.0
+    return turn - math.copysign(0.5 * task.yaw_rad, turn)
+
+
+@kernel
 def direct_drive(
     room: Room,
     shape: Shape,
@@ -795,9 +972,8 @@ def direct_drive(
     (x, y, yaw), (goal_x, goal_y, goal_yaw) = ends
     length = math.hypot(goal_x - x, goal_y - y)
     best = Drive(most, 0.0, 0.0, 0.0)
-    if length < SEARCH.cell_m:
-        turn = 0.0 if task.any_heading else wrapped(goal_yaw - yaw)
-        cost, turn = cheaper_turn(room, shape, (x, y), yaw, turn)
+    if length <= task.xy_m:
+        cost, turn = cheaper_turn(room, shape, (x, y), yaw, last_turn(task, goal_yaw - yaw))
         cost += change_cost(before, TURNING)
         return Drive(cost if cost < most else math.inf, 0.0, 0.0, turn)
     bearing = math.atan2(goal_y - y, goal_x - x)
@@ -806,8 +982,7 @@ def direct_drive(
         facing = bearing if motion == FORWARDS else bearing + math.pi
         heading = heading_of(shape, facing)
         turns = abs(wrapped(facing - yaw))
-        if not task.any_heading:
-            turns += abs(wrapped(goal_yaw - facing))
+        turns += abs(last_turn(task, goal_yaw - facing))
         if length + SEARCH.turn_m * turns >= best.cost:
             continue
         cost = 0.0
@@ -822,22 +997,74 @@ def direct_drive(
         price, first = cheaper_turn(room, shape, (x, y), yaw, wrapped(facing - yaw))
         cost += price + change_cost(before, motion if abs(first) < 0.01 else TURNING)
         cost += SEARCH.halt_m if abs(first) >= 0.01 else 0.0
-        last = 0.0
-        if not task.any_heading:
-            price, last = cheaper_turn(
-                room, shape, (goal_x, goal_y), facing, wrapped(goal_yaw - facing)
-            )
-            cost += price + (SEARCH.halt_m if abs(last) >= 0.01 else 0.0)
+        last = last_turn(task, goal_yaw - facing)
+        if last != 0.0:
+            price, last = cheaper_turn(room, shape, (goal_x, goal_y), facing, last)
+            cost += price + SEARCH.halt_m
         if cost < best.cost:
             best = Drive(cost, first, length * motion, last)
     return best if best.length != 0.0 else Drive(math.inf, 0.0, 0.0, 0.0)
 
 
 @kernel
-def to_go(room: Room, place: tuple[float, float]) -> float:
-    """Return what the rest of the way costs at least [m], +inf where the origin must not be."""
+def direct_bend(
+    room: Room,
+    shape: Shape,
+    ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+    task: Task,
+    before: int,
+    most: float,
+) -> tuple[float, int]:
+    """Return what a curve between two poses costs [m], +inf if there is none, and its sense.
+
+    Args:
+        room: where it is.
+        shape: the footprint.
+        ends: x, y, yaw of start and goal, from the corner.
+        task: says whether the goal's heading matters.
+        before: how the robot came to the start.
+        most: it must cost less than this [m].
+    """
+    first, last = np.array(ends[0]), np.array(ends[1])
+    last[2] = first[2] + wrapped(last[2] - first[2])
+    ahead = (last[0] - first[0]) * math.cos(first[2]) + (last[1] - first[1]) * math.sin(first[2])
+    sense = FORWARDS if ahead > 0.0 else BACKWARDS
+    count = bend_count(first, last)
+    most -= change_cost(before, sense)
+    if task.any_heading or count < 2 or count * SEARCH.cell_m > most + SEARCH.cell_m:
+        return math.inf, sense
+    curve = np.empty((count, 3))
+    if bend_into(curve, first, last, sense) > 1.0 / SEARCH.bend_radius_m:
+        return math.inf, sense
+    cost = bend_cost(curve, first, sense, room, shape, most)
+    return cost + change_cost(before, sense), sense
+
+
+@kernel
+def to_go(room: Room, place: tuple[float, float], yaw: float) -> float:
+    """Return what the rest of the way costs at least [m], +inf where the origin must not be.
+
+    Somewhere on any way without a change of direction the robot looks along the line from its start
+    to its end, or away from it: so much it turns at least.
+    """
     row, col = math.floor(place[1] / room.coarse_m) + 1, math.floor(place[0] / room.coarse_m) + 1
-    return max(0.0, room.to_go_m[row, col] - room.coarse_m)
+    rest_m = float(room.to_go_m[row, col])
+    if rest_m == math.inf:
+        return math.inf
+    dx, dy = room.goal[0] - place[0], room.goal[1] - place[1]
+    length = math.hypot(dx, dy)
+    bearing = math.atan2(dy, dx) if length > SEARCH.cell_m else yaw
+    ahead, back = abs(wrapped(bearing - yaw)), abs(wrapped(bearing + math.pi - yaw))
+    least = ahead if length > SEARCH.cell_m else 0.0
+    if not room.any_heading:
+        ahead += abs(wrapped(room.goal[2] - bearing))
+        back += abs(wrapped(room.goal[2] - bearing - math.pi))
+        least = abs(wrapped(room.goal[2] - yaw))
+    turning = SEARCH.arc_m * ahead
+    if length > SEARCH.cell_m:
+        turning = min(turning, SEARCH.arc_m * back + SEARCH.reverse * length)
+        turning = min(turning, SEARCH.arc_m * least + SEARCH.switch_m)
+    return max(rest_m - room.coarse_m, length - room.missed_m, 0.0) + turning
 
 
 @kernel
@@ -925,7 +1152,7 @@ def begin(
         turn = abs(wrapped(start[2] - shape.first_yaw - heading * TURN_RAD))
         cost = SEARCH.turn_m * turn
         reached = Reached(key, start[0], start[1], heading, cost, NONE, AT_START)
-        remember(memory, number, reached, cost + to_go(room, place))
+        remember(memory, number, reached, cost + to_go(room, place, start[2]))
 
 
 @kernel
@@ -938,7 +1165,7 @@ def offer_direct_drive(
     goal: tuple[float, float, float],
     task: Task,
 ) -> bool:
-    """Keep the direct drive from a state to the goal if it is cheaper; False if there is no room.
+    """Keep the direct drive or curve to the goal if it is cheaper; False if there is no room.
 
     Args:
         memory: changed in place.
@@ -955,9 +1182,10 @@ def offer_direct_drive(
     yaw = shape.first_yaw + memory.headings[state] * TURN_RAD
     here = float(memory.places[state, 0]), float(memory.places[state, 1]), yaw
     drive = direct_drive(room, shape, (here, goal), task, motion, most)
-    if drive.cost == math.inf:
+    bend, _ = direct_bend(room, shape, (here, goal), task, motion, min(most, drive.cost))
+    if drive.cost == math.inf and bend == math.inf:
         return True
-    through = cost + drive.cost
+    through = cost + min(drive.cost, bend)
     reached = Reached(GOAL_KEY, goal[0], goal[1], 0, through, state, motion)
     return remember(memory, number, reached, through)
 
@@ -1025,7 +1253,7 @@ def expand(memory: Memory, number: int, room: Room, shape: Shape, state: int, co
     for which in range(0, num_moves, 4 if is_inside else 1):
         motion, turn, place = move_from(here, yaw, which, heading, turns_freely)
         next_heading = (heading + turn) % HEADINGS
-        rest = to_go(room, place)
+        rest = to_go(room, place, shape.first_yaw + next_heading * TURN_RAD)
         is_spare = motion == BACKWARDS or next_heading % 4 != 0
         if rest == math.inf or (
             turns_freely and is_spare and not is_inside and can_turn(room, shape, place, 0.0)
@@ -1038,12 +1266,14 @@ def expand(memory: Memory, number: int, room: Room, shape: Shape, state: int, co
         if is_known and (memory.closed[slot] != 0 or memory.costs[slot] <= through):
             continue
         price = price_of(room, shape, place, next_heading, motion)
-        length = SEARCH.turn_m * TURN_RAD if motion == TURNING else SEARCH.move_m
+        length = SEARCH.turn_m * TURN_RAD
+        if motion != TURNING:
+            length = SEARCH.move_m + (0.0 if turns_freely else SEARCH.arc_m * TURN_RAD * abs(turn))
         through += (price - 1.0) * length
         if price == math.inf or (is_known and memory.costs[slot] <= through):
             continue
         reached = Reached(key, place[0], place[1], next_heading, through, state, motion)
-        if not remember(memory, number, reached, through + SEARCH.greed * rest):
+        if not remember(memory, number, reached, through + room.greed * rest):
             return False
     return True
 
@@ -1056,6 +1286,7 @@ def search_poses(
     shape: Shape,
     ends: tuple[tuple[float, float, float], tuple[float, float, float]],
     task: Task,
+    most: int,
 ) -> tuple[int, int]:
     """Search from pose to pose; return how it ended, and the last state.
 
@@ -1066,6 +1297,7 @@ def search_poses(
         shape: the footprint.
         ends: x, y, yaw of start and goal, from the corner.
         task: what counts as the goal.
+        most: states that it may reach.
     """
     start, goal = ends
     cols = math.ceil(room.blocked.shape[1] * room.fine_m / SEARCH.cell_m)
@@ -1089,6 +1321,7 @@ def search_poses(
             is_due = num_near % SEARCH.direct_every == 1 or away < 2.0 * SEARCH.move_m
             if is_due and not offer_direct_drive(memory, number, room, shape, state, goal, task):
                 return FULL, NONE
-        if not expand(memory, number, room, shape, state, cols):
+        is_full = memory.counts[0] >= most
+        if is_full or not expand(memory, number, room, shape, state, cols):
             return FULL, NONE
     return NOT_FOUND, NONE

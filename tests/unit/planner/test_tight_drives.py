@@ -1,0 +1,147 @@
+"""Driving where there is little room: half a view, doors, walls, and what is odd about them."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from support.all_poses import box
+from support.flatland import BEAMS, Flatland, empty_room, scan_message, two_rooms, with_block
+
+from trolley import codes
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
+from trolley.gridmap import GridMap
+from trolley.messages import Scan
+from trolley_planner.control.controller import Motion, limited_change, limits_of
+from trolley_planner.driving.maneuvering import WayFollower
+from trolley_planner.paths.pose_search import FORWARDS, Maneuver
+
+HOBBY = box(0.35, 0.30, 0.175)
+ARM = box(0.65, 0.30, 0.175)
+"""Reaches 0.3 m farther ahead of its wheels than the first."""
+
+
+class HalfBlind(Flatland):
+    """The lidar sees half a circle, ahead."""
+
+    def scan(self, stamp_ns: int) -> Scan:
+        around = np.roll(self.ranges(), BEAMS // 4)[: BEAMS // 2 + 1].copy()
+        ahead = {"angle_min": -0.5 * math.pi, "angle_increment": 2.0 * math.pi / BEAMS}
+        return msgspec.structs.replace(scan_message(around, stamp_ns), **ahead)
+
+
+def lane(width_m: float) -> GridMap:
+    """A room, and a dead end to its right along y = 3."""
+    below = with_block(empty_room(), 4.5, 0.1, 3.4, 2.9 - width_m / 2.0)
+    return with_block(below, 4.5, 3.0 + width_m / 2.0, 3.4, 2.9 - width_m / 2.0)
+
+
+@pytest.mark.drives
+def test_half_blind_it_leaves_a_dead_end_as_it_came_however_long_it_stood_there(ride) -> None:
+    world = HalfBlind(
+        lane(0.4), Pose2D(3.0, 3.0, 0.0), footprint=HOBBY, base_T_laser=Pose2D(0.05, 0.0, 0.0)
+    )
+    drive = ride(world)
+    drive.send(Pose2D(5.5, 3.0, 0.0))
+    assert drive.until_over(30.0).state == "arrived"
+    drive.step(20 * 30)
+    drive.send(Pose2D(2.5, 3.4, 1.0))
+    status = drive.until_over(60.0)
+    assert status.state == "arrived"
+    assert status.recoveries == 0
+    assert world.touches == 0
+
+
+@pytest.mark.drives
+def test_what_reaches_far_ahead_of_the_wheels_comes_through_a_door(ride) -> None:
+    drive = ride(Flatland(two_rooms(0.45), Pose2D(2.6, 2.0, 2.0), footprint=ARM))
+    drive.send(Pose2D(5.5, 3.6, 0.5))
+    status = drive.until_over(40.0)
+    assert (status.state, status.recoveries) == ("arrived", 0)
+    assert drive.world.touches == 0
+
+
+@pytest.mark.drives
+@pytest.mark.parametrize("yaw", [0.0, math.pi])
+def test_a_goal_in_a_door_is_driven_to_and_left(ride, yaw: float) -> None:
+    drive = ride(Flatland(two_rooms(0.5), Pose2D(2.6, 2.2, 0.5), footprint=HOBBY))
+    goal = Pose2D(4.0, 3.0, yaw)
+    drive.send(goal)
+    assert drive.until_over(40.0).state == "arrived"
+    assert drive.world.pose.distance_to(goal) < 0.06
+    drive.send(Pose2D(5.5, 3.6, 0.5))
+    assert drive.until_over(40.0).state == "arrived"
+    assert drive.world.touches == 0
+
+
+@pytest.mark.drives
+def test_a_goal_that_furniture_was_moved_onto_is_not_driven_to_and_named(ride) -> None:
+    start, goal = Pose2D(3.0, 3.0, 0.0), Pose2D(5.5, 3.0, 0.0)
+    moved = with_block(empty_room(), 5.2, 2.7, 0.6, 0.6)
+    drive = ride(Flatland(empty_room(), start, truth=moved, footprint=HOBBY))
+    drive.send(goal)
+    status = drive.until_over(120.0)
+    assert (status.state, status.reason) == ("failed", codes.BLOCKED)
+    assert "on the goal" in status.message
+    assert drive.world.touches == 0
+
+
+@pytest.mark.drives
+def test_beside_furniture_that_was_moved_the_nearest_free_place_will_do(ride) -> None:
+    start, goal = Pose2D(3.0, 3.0, 0.0), Pose2D(5.5, 3.0, 0.0)
+    moved = with_block(empty_room(), 5.6, 2.7, 0.6, 0.6)
+    drive = ride(Flatland(empty_room(), start, truth=moved, footprint=HOBBY))
+    drive.send(goal, xy_tolerance=0.4)
+    assert drive.until_over(60.0).state == "arrived"
+    assert drive.world.pose.distance_to(goal) <= 0.4
+    assert drive.world.touches == 0
+
+
+@pytest.mark.drives
+def test_a_door_that_closes_on_the_robot_hits_nothing_and_lets_it_out(ride) -> None:
+    world = Flatland(two_rooms(0.6), Pose2D(2.6, 3.0, 0.0), footprint=HOBBY)
+    drive = ride(world)
+    drive.send(Pose2D(5.5, 3.0, 0.0))
+    while world.pose.x < 3.85:
+        drive.step()
+    # It swings against the robot's side, and stays ajar.
+    world.set_truth(with_block(two_rooms(0.6), 3.95, 3.2, 0.5, 0.1))
+    status = drive.until_over(60.0)
+    assert status.state == "arrived"
+    assert world.touches == 0
+
+
+@pytest.mark.drives
+def test_it_comes_to_stand_beside_a_wall_as_it_was_asked_to(ride) -> None:
+    for x, yaw in ((5.0, 0.0), (4.0, math.pi)):
+        goal = Pose2D(x, 0.1 + 0.15 + 0.03, yaw)
+        drive = ride(Flatland(empty_room(), Pose2D(4.4, 1.3, 2.0), footprint=HOBBY))
+        drive.send(goal, xy_tolerance=0.04, yaw_tolerance=0.05)
+        assert drive.until_over(40.0).state == "arrived"
+        assert drive.world.pose.distance_to(goal) <= 0.045
+        assert abs(angle_difference(drive.world.pose.yaw, goal.yaw)) <= 0.055
+        assert drive.world.touches == 0
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(delay: int) -> None:
+    step_m, dt_s = 0.02, 0.05
+    bends = np.repeat([0.0, 1.0 / 0.3, -1.0 / 0.3, 0.0], [20, 18, 18, 15])
+    yaw = np.append(0.0, np.cumsum(bends * step_m))
+    middle = 0.5 * (yaw[1:] + yaw[:-1])
+    x, y = (np.append(0.0, np.cumsum(step_m * part(middle))) for part in (np.cos, np.sin))
+    motions = np.full(len(yaw), FORWARDS, dtype=np.int8)
+    follower = WayFollower(Maneuver(np.stack([x, y, yaw], axis=1), motions))
+    limits = limits_of(PlannerConfig(), speed=0.5, turn=1.5, deceleration=1.0)
+    pose, worst = Pose2D(0.0, 0.0, 0.0), 0.0
+    commands = [Twist2D(0.5, 0.0, 0.0)] * (delay + 1)
+    for _ in range(300):
+        wanted = follower.command(Motion(pose, commands[-1]), limits)
+        if wanted is None:
+            break
+        commands.append(limited_change(commands[-1], wanted, limits, dt_s))
+        pose = integrate_twist(pose, commands[-1 - delay], dt_s)
+        worst = max(worst, float(np.hypot(x - pose.x, y - pose.y).min()))
+    assert pose.distance_to(follower.end) < 0.03
+    assert worst < 0.03
