@@ -22,13 +22,14 @@ from trolley.messages.request_params import FollowPerson, SendGoal, WhichGoal
 from trolley_planner import wire
 from trolley_planner.context.motion_state import ControlInput, MotionState
 from trolley_planner.context.planning_context import CostmapManager, PlanningContext
-from trolley_planner.control.controller import limited_change, safe_command
+from trolley_planner.control.controller import Motion, limited_change, safe_command
 from trolley_planner.driving.following import BEHIND, Following, pick_person, tracks_in_frame
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.route import seconds_along, timed_poses
 from trolley_planner.driving.spin_to_localize import SpinToLocalize
 from trolley_planner.fleet.giving_way import GivingWay
 from trolley_planner.fleet.neighbours import Neighbours
+from trolley_planner.fleet.stepping_aside import SENTENCE, SteppingAside
 from trolley_planner.goals import (
     Goal,
     StatusBoard,
@@ -74,6 +75,7 @@ class Navigator:
         """Whom the current goal is behind, None if it stays where it is."""
         self._motion_state = MotionState(config, self.inputs, self.costmap_manager)
         self._giving_way = GivingWay(config)
+        self._stepping_aside = SteppingAside(config)
         self._spin_to_localize = SpinToLocalize(config)
         self._set_off_ns = 0
         self._over_ns: int | None = None
@@ -112,9 +114,19 @@ class Navigator:
             return False
         if self._is_driving:
             self._giving_way.decide(self.neighbours.own_name, self.execution, motion, now_ns)
-        if not self._giving_way.update(motion, now_ns):
-            self.execution.update(motion, now_ns)
+            self._make_room(self.execution, motion, now_ns)
+        if self._giving_way.update(motion, now_ns) or self._stepping_aside.update(motion, now_ns):
+            return True
+        self.execution.update(motion, now_ns)
         return True
+
+    def _make_room(self, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
+        """Decide whether to step aside for people; behind a person who is followed it does not."""
+        if self._giving_way.wait is not None or self._following is not None:
+            self._stepping_aside.forget()
+            return
+        speed = self._motion_state.limits(execution.goal.speed).max_speed
+        self._stepping_aside.decide(execution, motion, speed, now_ns)
 
     def command(self, now_ns: int) -> Twist2D | None:
         """Return the velocity to command now, None for silence."""
@@ -136,6 +148,8 @@ class Navigator:
         self.costmap_manager.update_position(self.inputs.base_pose())
         if self._giving_way.wait is not None:
             self._giving_way.maintain(self.execution.context, now)
+        elif self._stepping_aside.is_active:
+            self._stepping_aside.maintain(now)
         else:
             self._keep_behind(self.execution, now_ns)
             self.execution.replan_if_due(now)
@@ -177,6 +191,9 @@ class Navigator:
             return Twist2D.zero()
         if self._giving_way.wait is not None:
             return self._give_way(now)
+        if self._stepping_aside.is_active:
+            self._report("recovering", codes.WAITING, now_ns, SENTENCE)
+            return self._stepping_aside.command(now)
         if self._following is not None:
             return self._follow(self._following, execution, now)
         return self._execute(execution, now)
@@ -206,7 +223,7 @@ class Navigator:
 
     def _execute(self, execution: GoalExecution, now: ControlInput) -> Twist2D:
         """Return the velocity of the goal's execution, and report how it goes."""
-        waited_ns = self._giving_way.pop_waited_ns()
+        waited_ns = self._giving_way.pop_waited_ns() + self._stepping_aside.pop_waited_ns()
         if waited_ns > 0:
             execution.resume_after_wait(waited_ns)
         twist = execution.command(now)
@@ -474,6 +491,7 @@ class Navigator:
         )
         self._set_off_ns = now_ns
         self._giving_way.forget()
+        self._stepping_aside.forget()
         self._blind = None
         self._over_ns = None
         self._trouble_since_ns = None
@@ -515,6 +533,7 @@ class Navigator:
                 validated.goal, context, self._config, validated.path, now_ns
             )
             self._giving_way.forget()
+            self._stepping_aside.forget()
 
     # What is reported.
 

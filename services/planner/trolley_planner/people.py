@@ -24,10 +24,16 @@ class PeopleTrackerParams(NamedTuple):
     """Only echoes this near to the lidar are tracked,"""
     wall_m: float = 0.12
     """and none this near to a wall of the map."""
-    gap_m: float = 0.3
-    """Echoes with gaps up to this are one segment,"""
-    largest_m: float = 1.0
-    """if it is not larger than this."""
+    gap_m: float = 0.03
+    """Echoes beside each other are one segment with gaps up to this, and what the outermost"""
+    round_m: float = 0.15
+    """beams on something round of this radius are apart."""
+    edge_m: float = 0.3
+    """An echo alone, no farther than this beside"""
+    body_points: int = 4
+    """a segment of so many, is the edge of it and says nothing."""
+    largest_m: float = 1.25
+    """Segments are no larger than this: the diagonal of half a circle of 1 m, seen askew."""
     leg_m: float = 0.25
     """Two segments no larger than this, a leg,"""
     stride_m: float = 0.5
@@ -140,17 +146,42 @@ class _View(NamedTuple):
     """(n,) of the beams, rising [rad]."""
     clear_m: Floats
     """(n,) how far all beams about each saw that it was free."""
-    segments: list[_Segment]
-    """What is not on the map."""
-    tracks: list[Floats]
-    """(m, 5) for each segment where it was, oldest first: time since `stamp_ns` [s], its middle,
-    and the middle of what was seen of it."""
-    motions: list[tuple[Floats, float] | None]
-    """Velocity along each track and its standard deviation [m/s], None if it is too short."""
-    origins: list[int]
-    """Index of each segment in the scan before, -1 if it is new."""
-    numbers: list[int]
-    """By which each is known for as long as it is tracked; filled in by the tracker."""
+
+
+class _Trail(NamedTuple):
+    """A segment through some scans, up to the last one that shows it."""
+
+    number: int
+    """By which it is known for as long as it is tracked."""
+    seen_ns: int
+    """When it was seen last."""
+    segment: _Segment
+    """As it was seen last."""
+    track: Floats
+    """(m, 5) where it was, oldest first: time since `seen_ns` [s], its middle, and the middle of
+    what was seen of it."""
+    motion: tuple[Floats, float] | None
+    """Velocity along the track and its standard deviation [m/s], None if it is too short."""
+    person: TrackedPerson | None
+    """Who it is; None if it stands, or may have been hidden before."""
+
+    def expected(self, stamp_ns: int) -> Floats:
+        """Return where its middle (2,) must be by now."""
+        here = self.track[-1, 1:3]
+        return here if self.motion is None else here + self.motion[0] * self._elapsed_s(stamp_ns)
+
+    def reach_m(self, stamp_ns: int) -> float:
+        """Return how far from there it is looked for."""
+        elapsed_s = self._elapsed_s(stamp_ns)
+        return TRACKING.fastest_mps * elapsed_s if self.motion is None else TRACKING.astray_m
+
+    def lately(self, stamp_ns: int) -> Floats:
+        """Return the rows of the track that matter still, their times since a stamp."""
+        track = self.track - (self._elapsed_s(stamp_ns), 0.0, 0.0, 0.0, 0.0)
+        return track[track[:, 0] >= -TRACKING.left_s]
+
+    def _elapsed_s(self, stamp_ns: int) -> float:
+        return (stamp_ns - self.seen_ns) * 1e-9
 
 
 class PeopleTracker:
@@ -159,13 +190,12 @@ class PeopleTracker:
     def __init__(self) -> None:
         self._views: deque[_View] = deque(maxlen=8)
         self._new_numbers = itertools.count()
-        self._seen: list[TrackedPerson | None] = []
-        self._hidden: list[tuple[int, TrackedPerson]] = []
+        self._trails: list[_Trail] = []
 
     def reset(self) -> None:
         """Forget all scans, as after a jump of the pose."""
         self._views.clear()
-        self._seen, self._hidden = [], []
+        self._trails = []
 
     def update(
         self, stamp_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
@@ -182,106 +212,90 @@ class PeopleTracker:
             return []
         last = self._views[-1] if self._views else None
         if last is not None and abs(stamp_ns - last.stamp_ns) < TRACKING.pause_s * 1e9:
-            return [_extrapolated(person, stamp_ns - last.stamp_ns) for person in self._found()]
-        view = _view_of(stamp_ns, beams, wall_distance_m, edge_m, last)
+            return self._people(stamp_ns)
+        angles, clear_m, loose = take_apart(beams, wall_distance_m, edge_m)
+        view = _View(stamp_ns, beams[:, [X, Y]].mean(axis=0), angles, clear_m)
         earlier = [one for one in self._views if _is_comparable(one, stamp_ns)]
         self._views.append(view)
-        for index, origin in enumerate(view.origins):
-            known = None if last is None or origin < 0 else last.numbers[origin]
-            view.numbers[index] = next(self._new_numbers) if known is None else known
-        seen = [
-            _person(view, index, None if origin >= 0 and self._seen[origin] else earlier)
-            for index, origin in enumerate(view.origins)
-        ]
-        if last is not None:
-            self._hidden = self._now_hidden(view, last.stamp_ns)
-        self._seen = seen
-        return self._found()
+        spread = max(float(angles[-1] - angles[0]), 1e-3)
+        segments = _segments(loose, view.origin, spread / (len(angles) - 1))
+        before = _origins(segments, self._trails, stamp_ns)
+        hidden = self._now_hidden(segments, set(before), view)
+        self._trails = [
+            self._trail(segment, None if origin < 0 else self._trails[origin], view, earlier)
+            for segment, origin in zip(segments, before, strict=True)
+        ] + hidden
+        return self._people(stamp_ns)
 
     def tracks(self) -> list[Track]:
         """Return what the newest scan shows of a person's size, who stands as well."""
-        if not self._views:
-            return []
-        view = self._views[-1]
         found: list[Track] = []
-        for number, segment, person in zip(view.numbers, view.segments, self._seen, strict=True):
-            velocity = np.zeros(2) if person is None else person.velocity
-            size_m = _size(segment.points)
-            found.append(Track(number, segment.place, size_m, velocity, person is not None))
+        for trail in self._trails:
+            if trail.seen_ns == self._views[-1].stamp_ns:
+                person, (points, place) = trail.person, trail.segment
+                velocity = np.zeros(2) if person is None else person.velocity
+                size_m = _size(points)
+                found.append(Track(trail.number, place, size_m, velocity, person is not None))
         return found
 
-    def _found(self) -> list[TrackedPerson]:
-        seen = [person for person in self._seen if person is not None]
-        return seen + [person for _, person in self._hidden]
-
-    def _now_hidden(self, view: _View, last_ns: int) -> list[tuple[int, TrackedPerson]]:
-        """Return people where the newest scan does not look, and since when."""
-        lost = [
-            (last_ns, person)
-            for index, person in enumerate(self._seen)
-            if person is not None and index not in view.origins
+    def _people(self, stamp_ns: int) -> list[TrackedPerson]:
+        """Return everybody, where they are by now."""
+        newest_ns = self._views[-1].stamp_ns
+        return [
+            _extrapolated(one.person, stamp_ns - one.seen_ns, one.seen_ns == newest_ns)
+            for one in self._trails
+            if one.person is not None
         ]
-        hidden: list[tuple[int, TrackedPerson]] = []
-        for since_ns, before in self._hidden + lost:
-            person = _extrapolated(before, view.stamp_ns - last_ns)
-            middle = person.place
-            is_back = any(
-                math.dist(middle, segment.place) < TRACKING.astray_m for segment in view.segments
-            )
-            is_gone = view.stamp_ns - since_ns > TRACKING.hidden_s * 1e9
-            if not is_back and not is_gone and not _was_free(view, middle[None])[0]:
-                hidden.append((since_ns, person._replace(is_seen=False)))
+
+    def _trail(
+        self, segment: _Segment, before: _Trail | None, view: _View, earlier: list[_View]
+    ) -> _Trail:
+        """Return the trail of a segment, which goes on from one before."""
+        here = np.array([[0.0, *segment.place, *segment.points.mean(axis=0)]])
+        if before is None:
+            number, track, is_known = next(self._new_numbers), here, False
+        else:
+            number, is_known = before.number, before.person is not None
+            track = np.concatenate([before.lately(view.stamp_ns), here])
+        motion = _motion(track)
+        person = _person(segment, track, motion, view, None if is_known else earlier)
+        return _Trail(number, view.stamp_ns, segment, track, motion, person)
+
+    def _now_hidden(self, segments: list[_Segment], taken: set[int], view: _View) -> list[_Trail]:
+        """Return the trails of people where the newest scan does not look."""
+        hidden: list[_Trail] = []
+        for index, trail in enumerate(self._trails):
+            if trail.person is None or index in taken:
+                continue
+            middle = trail.expected(view.stamp_ns)
+            is_gone = view.stamp_ns - trail.seen_ns > TRACKING.hidden_s * 1e9
+            if not is_gone and not _was_free(view, middle[None])[0]:
+                hidden.append(trail)
         return hidden
 
 
-def _extrapolated(person: TrackedPerson, time_ns: int) -> TrackedPerson:
+def _extrapolated(person: TrackedPerson, time_ns: int, is_seen: bool) -> TrackedPerson:
     moved = time_ns * 1e-9 * person.velocity
-    return person._replace(points=person.points + moved, place=person.place + moved)
+    points, place = person.points + moved, person.place + moved
+    return person._replace(points=points, place=place, is_seen=is_seen)
 
 
 def _is_comparable(view: _View, stamp_ns: int) -> bool:
     return TRACKING.least_ago_s <= (stamp_ns - view.stamp_ns) * 1e-9 <= TRACKING.most_ago_s
 
 
-def _view_of(
-    stamp_ns: int,
-    beams: Floats,
-    wall_distance_m: NDArray[np.float32],
-    edge_m: float,
-    last: _View | None,
-) -> _View:
-    """Return what is kept of a scan."""
-    angles, clear_m, loose = take_apart(beams, wall_distance_m, edge_m)
-    origin = beams[:, [X, Y]].mean(axis=0)
-    segments = _segments(loose, origin)
-    tracks, origins = _tracks(stamp_ns, segments, last)
-    numbers = [-1] * len(segments)
-    motions = [_motion(track) for track in tracks]
-    return _View(stamp_ns, origin, angles, clear_m, segments, tracks, motions, origins, numbers)
-
-
-def _tracks(
-    stamp_ns: int, segments: list[_Segment], last: _View | None
-) -> tuple[list[Floats], list[int]]:
-    """Return the track of each segment, and which one of the last scan it continues."""
-    rows = [[0.0, *segment.place, *segment.points.mean(axis=0)] for segment in segments]
-    here = np.array(rows).reshape(-1, 1, 5)
-    tracks, origins = list(here), [-1] * len(segments)
-    if last is None or not segments or not last.tracks:
-        return tracks, origins
-    elapsed_s = (stamp_ns - last.stamp_ns) * 1e-9
-    expected = np.array([track[-1, 1:3] for track in last.tracks])
-    expected += elapsed_s * np.array(
-        [[0.0, 0.0] if one is None else one[0] for one in last.motions]
-    )
-    known = [one is not None for one in last.motions]
-    reach = np.where(known, TRACKING.astray_m, TRACKING.fastest_mps * elapsed_s)
-    lengths = np.hypot(*np.moveaxis(here[:, 0, 1:3] - expected[:, None], -1, 0))
-    for origin, index in _assigned(np.where(lengths <= reach[:, None], lengths, np.inf)):
-        before = last.tracks[origin] - (elapsed_s, 0.0, 0.0, 0.0, 0.0)
-        tracks[index] = np.concatenate([before[before[:, 0] >= -TRACKING.left_s], here[index]])
+def _origins(segments: list[_Segment], trails: list[_Trail], stamp_ns: int) -> list[int]:
+    """Return the index of the trail that each segment continues, -1 if it is new."""
+    origins = [-1] * len(segments)
+    if not segments or not trails:
+        return origins
+    places = np.array([segment.place for segment in segments])
+    expected = np.array([trail.expected(stamp_ns) for trail in trails])
+    reach = np.array([[trail.reach_m(stamp_ns)] for trail in trails])
+    lengths = np.hypot(*np.moveaxis(places - expected[:, None], -1, 0))
+    for origin, index in _assigned(np.where(lengths <= reach, lengths, np.inf)):
         origins[index] = origin
-    return tracks, origins
+    return origins
 
 
 def _assigned(lengths: Floats) -> list[tuple[int, int]]:
@@ -353,28 +367,45 @@ def fit_line(track: Floats) -> tuple[float, float, float, float]:
     return vx, vy, math.sqrt(astray / (2.0 * count)), squares
 
 
-def _segments(points: Floats, origin: Floats) -> list[_Segment]:
+def _segments(points: Floats, origin: Floats, step_rad: float) -> list[_Segment]:
     """Return points (n, 2) in the order of the beams as segments of a person's size.
 
     Args:
         points: of the scan.
         origin: (2,) of the beams.
+        step_rad: angle between two beams.
     """
     if len(points) < TRACKING.least_points:
         return []
-    gaps = np.hypot(*np.diff(points, axis=0).T)
-    pieces = np.split(points, np.flatnonzero(gaps > TRACKING.gap_m) + 1)
+    gaps = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
+    apart_m = step_rad * np.hypot(*(points - origin).T)
+    joins = gaps <= TRACKING.gap_m + np.sqrt(2.0 * TRACKING.round_m * apart_m)
+    pieces = np.split(points, np.flatnonzero(~joins[1:]) + 1)
     # The scan begins and ends in the middle of something.
-    if len(pieces) > 1 and math.dist(pieces[0][0], pieces[-1][-1]) <= TRACKING.gap_m:
+    if len(pieces) > 1 and joins[0]:
         pieces[0] = np.concatenate([pieces.pop(), pieces[0]])
     found: list[_Segment] = []
-    for parts in _with_both_legs(pieces):
+    for parts in _with_both_legs(_without_edges(pieces)):
         together = np.concatenate(parts)
         if _size(together) <= TRACKING.largest_m:
             middles = [_middle(part, origin) for part in parts]
             place = middles[0] if len(middles) == 1 else np.mean(middles, axis=0)
             found.append(_Segment(together, place))
     return found
+
+
+def _without_edges(pieces: list[Floats]) -> list[Floats]:
+    """Return pieces without single echoes from the edge of the piece before or behind."""
+    kept: list[Floats] = []
+    for index, piece in enumerate(pieces):
+        beside = pieces[max(index - 1, 0)], pieces[(index + 1) % len(pieces)]
+        is_edge = len(piece) == 1 and any(
+            len(other) >= TRACKING.body_points and _gap(piece, other) <= TRACKING.edge_m
+            for other in beside
+        )
+        if not is_edge:
+            kept.append(piece)
+    return kept
 
 
 def _middle(part: Floats, origin: Floats) -> Floats:
@@ -442,19 +473,26 @@ def _size(points: Floats) -> float:
     return math.hypot(width, points[:, 1].max() - points[:, 1].min())
 
 
-def _person(view: _View, index: int, earlier: list[_View] | None) -> TrackedPerson | None:
+def _person(
+    segment: _Segment,
+    track: Floats,
+    motion: tuple[Floats, float] | None,
+    view: _View,
+    earlier: list[_View] | None,
+) -> TrackedPerson | None:
     """Return a segment as a person; None if it stands, or may have been hidden before.
 
     Args:
-        view: the scan that shows it.
-        index: of the segment.
+        segment: of the newest scan.
+        track: where it was.
+        motion: along it.
+        view: the newest scan.
         earlier: scans to compare with; None for what is known to move.
     """
-    segment, motion = view.segments[index], view.motions[index]
     slowest = TRACKING.lingering_mps if earlier is None else TRACKING.slowest_mps
     if motion is None or math.hypot(*motion[0].tolist()) < slowest:
         return None
-    if earlier is None or _came(segment.points, earlier) or _left(view.tracks[index], view):
+    if earlier is None or _came(segment.points, earlier) or _left(track, view):
         return TrackedPerson(*segment, *motion)
     return None
 

@@ -29,6 +29,7 @@ from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
+from trolley_planner.fleet.stepping_aside import Coming
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.cost_to_go import CostToGo, Terrain
 from trolley_planner.paths.global_planner import GlobalPlanner
@@ -77,6 +78,7 @@ def warm_up() -> None:
     _detour()
     _pursue(context)
     _maneuver(context)
+    _make_room(context)
     _watch()
 
 
@@ -111,6 +113,13 @@ def _maneuver(context: PlanningContext) -> None:
     context.find_way(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
     context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
     context.can_turn_by(Pose2D(0.8, 0.8, 0.0), 1.0, 0.02)
+
+
+def _make_room(context: PlanningContext) -> None:
+    """Look where nobody comes."""
+    pose = Pose2D(0.8, 0.8, 0.0)
+    Coming(context, pose, 0.2).arrivals(pose, 0.5)
+    context.local_costmap.is_anyone_coming(pose)
 
 
 def _pursue(context: PlanningContext) -> None:

@@ -10,7 +10,7 @@ from support.flatland import Flatland, empty_room, two_rooms, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import GridMap
+from trolley.gridmap import FREE, GridMap
 
 STEP_S = 0.05
 CONTROLLERS = ["mppi", "pursuit"]
@@ -175,3 +175,20 @@ def test_passes_a_polite_person_without_delay(ride, width_m: float) -> None:
     assert person.held_s == 0.0
     # Alone it takes 18 s.
     assert len(meeting.poses) * STEP_S < 1.3 * 18.0
+
+
+@pytest.mark.parametrize("niche_x", [3.4, None])
+def test_makes_room_where_two_do_not_fit_side_by_side(ride, niche_x: float | None) -> None:
+    """It waits in a niche, or in the room behind it, until who comes has passed."""
+    grid = corridor(0.7)
+    cells = grid.cells.copy()
+    edge = grid.resolution
+    cells[round(1.2 / edge) : round(4.8 / edge), 2 : round(2.0 / edge)] = FREE  # a room
+    if niche_x is not None:
+        niche = slice(round(niche_x / edge), round((niche_x + 0.7) / edge))
+        cells[round(3.3 / edge) : round(4.0 / edge), niche] = FREE
+    meeting = Meeting(ride, "mppi", GridMap(grid.name, edge, grid.origin, cells), 10.0)
+    person = Person(meeting, 3.0, 0.0)
+    meeting.walk(60.0, person)
+    assert person.held_s == 0.0
+    assert meeting.arrives(1.0)

@@ -154,14 +154,14 @@ EDGE_M = 0.05
 
 
 def beams_to(
-    circles: list[tuple[float, float, float]], shown_to: float = 7.0
+    circles: list[tuple[float, float, float]], shown_to: float = 7.0, wall_m: float = 2.0
 ) -> NDArray[np.float64]:
-    """Beams from (5, 5) that meet circles (x, y, radius), or end in a wall all round 2 m away.
+    """Beams from (5, 5) that meet circles (x, y, radius), or end in a wall all round.
 
     Those at angles above `shown_to` are left out, as by a lidar that does not look there.
     """
     ways = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
-    ranges = np.full(len(ANGLES), 2.0)
+    ranges = np.full(len(ANGLES), wall_m)
     for x, y, radius in circles:
         along = ways @ (x - 5.0, y - 5.0)
         beside = (x - 5.0) ** 2 + (y - 5.0) ** 2 - along**2
@@ -250,6 +250,50 @@ def test_who_walks_straight_away_is_seen_to_walk(speed: float, has_legs: bool) -
     assert sum(len(people) == 1 for people in late) >= 0.8 * len(late)
     speeds = [float(people[0].velocity[0]) for people in late if people]
     assert abs(np.mean(speeds) - speed) < 0.35 * speed
+
+
+def test_something_a_metre_wide_is_tracked_from_every_side() -> None:
+    for bearing in (0.0, 0.4, 0.785, 1.2):
+        watch, found = PeopleTracker(), []
+        for step in range(6):
+            away = 3.0 - 0.1 * step
+            x, y = 5.0 + away * math.cos(bearing), 5.0 + away * math.sin(bearing)
+            beams = beams_to([(x, y, 0.5)], wall_m=4.0)
+            found = watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M)
+        (mover,) = found
+        assert math.hypot(*mover.velocity) == pytest.approx(1.0, abs=0.15)
+        assert person_discs(found)[0, 4] == pytest.approx(0.5, abs=0.08)
+
+
+def test_two_people_shoulder_to_shoulder_are_two() -> None:
+    watch, found = PeopleTracker(), []
+    for step in range(6):
+        x = 8.0 - 0.1 * step
+        beams = beams_to([(x, 4.75, 0.2), (x, 5.3, 0.2)], wall_m=4.0)
+        found = watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M)
+    assert len(found) == 2
+    for person in found:
+        np.testing.assert_allclose(person.velocity, [-1.0, 0.0], atol=0.15)
+
+
+def test_who_comes_out_from_behind_somebody_goes_on_as_before() -> None:
+    """Two pass each other: the nearer hides the other for a while."""
+    watch = PeopleTracker()
+    known: dict[int, float] = {}
+    for step in range(26):
+        there = 0.1 * step
+        circles = [(6.2, 6.2 - there, 0.2), (7.0, 3.8 + there, 0.2)]
+        beams = beams_to(circles, wall_m=4.0)
+        people = watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M)
+        if step < 3:
+            continue
+        assert len(people) == 2
+        for person in people:
+            assert abs(abs(person.velocity[1]) - 1.0) < 0.25
+        for track in (one for one in watch.tracks() if one.is_moving):
+            sense = known.setdefault(track.number, float(track.velocity[1]))
+            assert sense * track.velocity[1] > 0.0
+    assert len(known) == 2
 
 
 def test_a_pause_of_the_lidar_leaves_no_velocity_to_measure() -> None:

@@ -10,6 +10,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.jit import kernel
+from trolley_planner.control.proximity import is_anyone_coming
 from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
@@ -120,12 +121,27 @@ class LocalCostmap:
         self._walkers = self._costmap.moving.walkers_at(now_ns)
         self._robots = self._costmap.moving.robots_at(now_ns)
 
+    def leave_people_out(self) -> None:
+        """Take nobody to walk, until `update_moving`."""
+        self._walkers = NOBODY
+
+    def walkers_now(self) -> NDArray[np.float64]:
+        """Return the discs (n, 6) of those who walk, see `Field.walkers`; a copy."""
+        return self._walkers.copy()
+
     def is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         """Say whether somebody walks, or another robot drives, this near to a place [m]."""
         now = self._robots[:, 0]
         moving = np.concatenate([self._walkers[:, [0, 1, 4]], now])
         away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, 2]
         return bool((away < within_m).any())
+
+    def is_anyone_coming(self, pose: Pose2D) -> bool:
+        """Say whether somebody is about to walk into a robot that stands at a pose."""
+        body = self.body
+        outline = body.few_points, body.inscribed_m, body.circumscribed_m
+        turned = math.cos(pose.yaw), math.sin(pose.yaw)
+        return is_anyone_coming(self._walkers, outline, (pose.x, pose.y), turned)
 
     def update(self, x: float, y: float, is_tight: bool = False) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew.

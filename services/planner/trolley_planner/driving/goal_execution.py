@@ -29,7 +29,7 @@ from trolley_planner.driving.recovery import (
     free_turn,
 )
 from trolley_planner.driving.route import PASS_M, PathTimer, Route
-from trolley_planner.goals import Goal
+from trolley_planner.goals import Goal, Tolerances
 from trolley_planner.paths.path import PlannedPath
 
 
@@ -93,6 +93,8 @@ class GoalExecution:
         config: of the planner.
         path: the first plan, in `grid`.
         now_ns: robot time.
+        hurries: it drives out of people's way, by a plan that knows when they come: it heeds them
+            only where it would drive into them.
     """
 
     def __init__(
@@ -102,8 +104,10 @@ class GoalExecution:
         config: PlannerConfig,
         path: PlannedPath,
         now_ns: int,
+        hurries: bool = False,
     ) -> None:
         self.goal = goal
+        self._hurries = hurries
         self.context = context
         self.goal_grid = context.costmap.to_grid(goal.pose)
         vias = [context.costmap.to_grid(via) for via in goal.vias]
@@ -148,7 +152,7 @@ class GoalExecution:
         self._has_path = local_costmap.compute_cost_to_go(
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
-        if self.recovery.current is None:
+        if self.recovery.current is None and not self._hurries:
             self._maneuvering.update(pose, self.route, self._goal_approach, now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:
@@ -179,7 +183,13 @@ class GoalExecution:
         if self._waits_at_goal(now):
             return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         approach, route = self._goal_approach, self.route
-        if self._maneuvering.is_active:
+        if self._hurries:
+            twist = self._hurry(now)
+        elif self._is_in_the_way(now):
+            self._maneuvering.stop()
+            approach.let_go()
+            twist = self._control(now, makes_room=True)
+        elif self._maneuvering.is_active:
             twist = self._maneuver(now)
         elif not route.vias_left and approach.takes_over(now.steady, route.remaining_m(now.steady)):
             twist = self._approach_goal(now)
@@ -199,6 +209,16 @@ class GoalExecution:
             self.context.controller.reset()
         return twist
 
+    def _is_in_the_way(self, now: ControlInput) -> bool:
+        """Say whether somebody comes to where the robot is."""
+        return self.context.local_costmap.is_anyone_coming(now.motion.pose)
+
+    def _hurry(self, now: ControlInput) -> Twist2D:
+        """Return the velocity out of people's way: near the place is good enough."""
+        if now.motion.pose.distance_to(self.goal_grid) < self.goal.tolerances.xy:
+            self.outcome = "arrived"
+        return self._control(now)
+
     def _approach_goal(self, now: ControlInput) -> Twist2D:
         """Return the velocity of the goal approach."""
         twist = self._goal_approach.command(now)
@@ -206,8 +226,13 @@ class GoalExecution:
             self.outcome = "arrived"
         return twist
 
-    def _control(self, now: ControlInput) -> Twist2D:
-        """Return the velocity of the controller, made safe."""
+    def _control(self, now: ControlInput, makes_room: bool = False) -> Twist2D:
+        """Return the velocity of the controller, made safe.
+
+        Args:
+            now: what the robot does.
+            makes_room: the goal is no place to stay: somebody comes to where the robot is.
+        """
         context, limits = self.context, now.limits
         stretch = self.route.stretch(1.5 * context.half_m)
         target = Target(
@@ -216,15 +241,19 @@ class GoalExecution:
             0.5 * self.goal.tolerances.xy if stretch.is_goal else PASS_M,
             not stretch.is_goal,
         )
+        if makes_room and stretch.is_goal:
+            target = target._replace(radius=0.0)
         if self.route.is_tight_here:
             limits = limits._replace(clearance_m=min(TIGHT_CLEARANCE_M, limits.clearance_m))
-        found = context.controller.command(
-            now.motion, context.local_costmap, limits, target, now.elapsed_s
-        )
+        local_costmap = context.local_costmap
+        if self._hurries:
+            local_costmap.leave_people_out()
+        found = context.controller.command(now.motion, local_costmap, limits, target, now.elapsed_s)
+        local_costmap.update_moving(now.now_ns)
         if found is None:
             return Twist2D.zero()
         closer_m = ROLLOUT.same_clearance_m
-        return safe_command(now.motion, found, context.local_costmap, limits, closer_m)
+        return safe_command(now.motion, found, local_costmap, limits, closer_m)
 
     # What is known of it.
 
@@ -448,3 +477,30 @@ class GoalExecution:
         ahead = self.route.path.points[self.route.path.ahead(self.route.index, 0.5)]
         bearing = math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x)
         return wrap_angle(bearing - pose.yaw)
+
+
+def execution_to(
+    place: tuple[float, float], driven: GoalExecution, config: PlannerConfig, here: Pose2D,
+    tolerances: Tolerances, now_ns: int, hurries: bool = False,
+) -> GoalExecution | None:  # fmt: skip
+    """Return how a place beside the way of a goal is driven to, None if no path leads there.
+
+    Args:
+        place: x, y in `grid` [m].
+        driven: how the goal itself is driven to.
+        config: of the planner.
+        here: where the robot is, in `grid`.
+        tolerances: how near is near enough.
+        now_ns: robot time.
+        hurries: see `GoalExecution`.
+    """
+    context = driven.context
+    costmap = context.costmap
+    costmap.refresh()
+    start, weights = (here.x, here.y), costmap.weights
+    path = context.planner.plan(start, [place], weights, costmap.distance_m)
+    if path is None:
+        return None
+    pose = costmap.frame_T_grid @ Pose2D(*place, 0.0)
+    goal = Goal(driven.goal.id, pose, (), tolerances, driven.goal.speed, now_ns)
+    return GoalExecution(goal, context, config, path, now_ns, hurries)

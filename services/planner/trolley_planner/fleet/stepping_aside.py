@@ -1,0 +1,417 @@
+"""Making room for people who come where two do not fit side by side.
+
+In open floor and in wide corridors the controller keeps to its side. Where somebody comes along
+the route and there is no room beside them, the robot looks for a place that they will not touch, a
+niche or a room, that it reaches before they are in its way, drives there, and waits until they have
+passed. Who walks is taken to walk on as now, along walls and not into them.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley.jit import kernel
+from trolley_planner.context.motion_state import ControlInput
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.control.controller import Motion, limited_change
+from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.driving.goal_execution import GoalExecution, execution_to
+from trolley_planner.fleet.right_of_way import Passages
+from trolley_planner.goals import Tolerances
+from trolley_planner.paths.heap import sift_up, take_first
+from trolley_planner.paths.path import SPACING_M
+from trolley_planner.sensing.beams import wrapped
+
+
+class AsideParams(NamedTuple):
+    """When the robot makes room, and where; all by hand."""
+
+    half_m: float = 5.0
+    """People and places this near to the robot count, along both axes."""
+    ahead_m: float = 4.0
+    """This much of the route is checked."""
+    ahead_s: float = 8.0
+    """People are taken to walk on for this long."""
+    step_s: float = 0.1
+    """Time between two of their places."""
+    wall_m: float = 0.2
+    """Their middle keeps this far from walls."""
+    person_m: float = 0.25
+    """Radius of a person: where a robot fits on both sides of them"""
+    narrow_m: float = 1.5
+    """along so much of the route before and behind where they meet, the controller passes."""
+    beside_m: float = 0.05
+    """Elsewhere it does where it fits beside who comes with this to spare:"""
+    room_m: float = 0.5
+    """free floor beside the route, as near as this to where they meet, is room to pass"""
+    before_m: float = 1.0
+    """all along this much of the route before that place,"""
+    behind_m: float = 0.5
+    """and this much behind it."""
+    keep_m: float = 0.12
+    """Left between them and the robot that waits; it looks for another place if there is none."""
+    moves_m: float = 0.3
+    """A place no farther than this from the one before is the same."""
+    pace: float = 0.85
+    """The robot gets on at this share of its speed,"""
+    turn_radps: float = 1.2
+    """and turns at this rate before it sets off [rad/s]."""
+    early_s: float = 0.3
+    """It is anywhere so much earlier than they are."""
+    look_s: float = 0.3
+    """Time between two looks."""
+    passed_s: float = 0.8
+    """It drives on when nobody has been coming for this long,"""
+    late_s: float = 0.7
+    """and not before those who came should have been past for this long: in a niche it does not
+    see them come."""
+    most_s: float = 12.0
+    """It waits no longer than this [s]"""
+    rest_s: float = 6.0
+    """and does not begin again before this time has passed."""
+
+
+ASIDE = AsideParams()
+TOLERANCES = Tolerances(0.12, math.pi)
+SENTENCE = "Somebody comes where two do not fit side by side; the robot makes room."
+Floats = NDArray[np.float64]
+
+
+class SteppingAside:
+    """Decides whether to make room for people, and drives to where there is some.
+
+    Args:
+        config: of the planner.
+    """
+
+    def __init__(self, config: PlannerConfig) -> None:
+        self._config = config
+        self._passages: tuple[NDArray[np.float32], Passages] | None = None
+        self._execution: GoalExecution | None = None
+        self._place = (0.0, 0.0)
+        self._since_ns: int | None = None
+        self._until_ns = 0
+        self._came_ns = 0
+        self._looked_ns = 0
+        self._rests_ns = 0
+        self._waited_ns = 0
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the robot makes room now."""
+        return self._since_ns is not None
+
+    def forget(self) -> None:
+        """Drive on, as with a new goal."""
+        self._execution, self._since_ns, self._rests_ns, self._waited_ns = None, None, 0, 0
+
+    def pop_waited_ns(self) -> int:
+        """Return how long it made room the last time, only once; 0 if it did not."""
+        waited_ns, self._waited_ns = self._waited_ns, 0
+        return waited_ns
+
+    def decide(self, driven: GoalExecution, motion: Motion, speed: float, now_ns: int) -> None:
+        """Decide anew whether to make room, and where.
+
+        Args:
+            driven: how the goal is driven to.
+            motion: of the robot, in `grid`.
+            speed: that it may have [m/s].
+            now_ns: robot time.
+        """
+        if now_ns - self._looked_ns < ASIDE.look_s * 1e9 or now_ns < self._rests_ns:
+            return
+        self._looked_ns = now_ns
+        driven.route.update_position(motion.pose)
+        found = find_refuge(driven, motion.pose, speed, self._passages_of(driven.context), now_ns)
+        if found is not None:
+            self._came_ns = now_ns
+            place, passed_s = found
+            moves = self._execution is None or math.dist(place, self._place) > ASIDE.moves_m
+            # Who is on the way to a place that still does goes there.
+            if self._since_ns is None or (moves and not self._still_does(driven, motion, speed)):
+                aside = execution_to(
+                    place, driven, self._config, motion.pose, TOLERANCES, now_ns, True
+                )
+                if aside is None:
+                    return
+                self._execution, self._place = aside, place
+                self._since_ns = now_ns if self._since_ns is None else self._since_ns
+                aside.update(motion, now_ns)
+            self._until_ns = max(self._until_ns, now_ns + round(1e9 * (passed_s + ASIDE.late_s)))
+        self._resume_when_passed(now_ns)
+
+    def _passages_of(self, context: PlanningContext) -> Passages:
+        """Return where on the map this robot does not fit beside a person in the middle."""
+        walls_m, known = context.costmap.static_distance_m, self._passages
+        if known is None or known[0] is not walls_m:
+            half_m = ASIDE.person_m + 2.0 * context.footprint.inscribed_m
+            passages = Passages(walls_m, context.costmap.resolution_m, half_m)
+            known = self._passages = walls_m, passages
+        return known[1]
+
+    def _resume_when_passed(self, now_ns: int) -> None:
+        if self._since_ns is None:
+            return
+        has_passed = now_ns > max(self._until_ns, self._came_ns + ASIDE.passed_s * 1e9)
+        is_enough = now_ns - self._since_ns > ASIDE.most_s * 1e9
+        if has_passed or is_enough:
+            self._rests_ns = now_ns + round(1e9 * ASIDE.rest_s) if is_enough else 0
+            self._waited_ns = now_ns - self._since_ns
+            self._since_ns, self._execution = None, None
+
+    def _still_does(self, driven: GoalExecution, motion: Motion, speed: float) -> bool:
+        """Say whether the place that it drives to is in nobody's way."""
+        coming = Coming(driven.context, motion.pose, driven.context.footprint.circumscribed_m)
+        arrival = coming.arrivals(motion.pose, speed)
+        cell = coming.cell_of(*self._place)
+        return cell is not None and math.isinf(coming.closes_s[cell]) and arrival[cell] < math.inf
+
+    def update(self, motion: Motion, now_ns: int) -> bool:
+        """Take a scan in on the way aside; False if it does not make room."""
+        if self._execution is not None:
+            self._execution.update(motion, now_ns)
+        return self.is_active
+
+    def command(self, now: ControlInput) -> Twist2D:
+        """Return the velocity aside, and zero there."""
+        aside = self._execution
+        if aside is not None and aside.outcome is None:
+            twist = aside.command(now)
+            if aside.outcome is None:
+                return twist
+        return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
+
+    def maintain(self, now: ControlInput) -> None:
+        """Do what takes longer: update costmap and path."""
+        if self._execution is not None:
+            self._execution.replan_if_due(now)
+
+
+class Coming:
+    """When people come to each cell around the robot.
+
+    Args:
+        context: costmap and people.
+        pose: of the robot in `grid`.
+        keep_m: a robot with its centre in a cell is in the way of who comes this near to it.
+    """
+
+    def __init__(self, context: PlanningContext, pose: Pose2D, keep_m: float) -> None:
+        costmap = context.costmap
+        edge = self._edge_m = costmap.resolution_m
+        half = math.ceil(ASIDE.half_m / edge)
+        row, col = math.floor(pose.y / edge), math.floor(pose.x / edge)
+        self._first = max(row - half, 0), max(col - half, 0)
+        part = np.s_[self._first[0] : row + half + 1, self._first[1] : col + half + 1]
+        self._is_free = np.ascontiguousarray(costmap.weights[part] != LETHAL)
+        self._walls_m = np.ascontiguousarray(costmap.static_distance_m[part])
+        self.closes_s = np.full(self._is_free.shape, np.inf)
+        """(rows, cols) from when on somebody is there [s], infinite where nobody comes."""
+        walkers = context.local_costmap.walkers_now()
+        walkers[:, :2] -= edge * np.array([self._first[1], self._first[0]])
+        close_cells(self.closes_s, self._walls_m, walkers, edge, keep_m)
+
+    def cell_of(self, x: float, y: float) -> tuple[int, int] | None:
+        """Return row and column of a point of `grid` [m], None outside."""
+        row = math.floor(y / self._edge_m) - self._first[0]
+        col = math.floor(x / self._edge_m) - self._first[1]
+        rows, cols = self._is_free.shape[0], self._is_free.shape[1]
+        return (row, col) if 0 <= row < rows and 0 <= col < cols else None
+
+    def cells_of(self, points: Floats) -> NDArray[np.int64]:
+        """Return rows and columns (2, n) of points (n, 2) as far as they are inside, in order."""
+        cells = np.floor(points / self._edge_m).astype(np.int64)[:, ::-1] - self._first
+        outside = ((cells < 0) | (cells >= np.array(self._is_free.shape))).any(axis=1)
+        end = int(np.argmax(outside)) if outside.any() else len(cells)
+        return cells[:end].T
+
+    def points_of(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Floats:
+        """Return the middles (n, 2) of cells."""
+        corner = self._edge_m * np.array([self._first[1], self._first[0]])
+        return corner + self._edge_m * (np.column_stack([cols, rows]) + 0.5)
+
+    def arrivals(self, pose: Pose2D, speed: float) -> Floats:
+        """Return when the robot can be in each cell (rows, cols) [s] before somebody is there."""
+        here = self.cell_of(pose.x, pose.y)
+        found = np.full(self.closes_s.shape, np.inf)
+        if here is not None:
+            pace = max(ASIDE.pace * speed, 0.05)
+            arrive(found, self._is_free, self.closes_s, here, (pose.yaw, self._edge_m / pace))
+        return found
+
+    def has_room_beside(self, points: Floats) -> bool:
+        """Say whether there is a place where nobody comes beside each of some points (n, 2)."""
+        room = self.points_of(*np.nonzero(self.is_refuge))
+        reach_m = ASIDE.room_m
+        return all(
+            bool((np.hypot(room[:, 0] - x, room[:, 1] - y) < reach_m).any())
+            for x, y in points.tolist()
+        )
+
+    @property
+    def is_refuge(self) -> NDArray[np.bool_]:
+        """Where the robot fits and nobody comes."""
+        return self._is_free & np.isinf(self.closes_s)
+
+
+def find_refuge(
+    driven: GoalExecution, pose: Pose2D, speed: float, passages: Passages, now_ns: int
+) -> tuple[tuple[float, float], float] | None:
+    """Return where to make room, and when people have passed there [s]; None if nobody must pass.
+
+    Args:
+        driven: how the goal is driven to.
+        pose: of the robot in `grid`.
+        speed: that it may have [m/s].
+        passages: where the two do not fit side by side.
+        now_ns: robot time.
+    """
+    context, route = driven.context, driven.route
+    context.local_costmap.update_moving(now_ns)
+    if not context.local_costmap.is_anyone_near(pose, ASIDE.half_m):
+        return None
+    last = route.path.ahead(route.index, ASIDE.ahead_m)
+    points = route.path.points[route.index : last + 1]
+    slim = Coming(context, pose, context.footprint.inscribed_m + ASIDE.beside_m)
+    rows, cols = slim.cells_of(points)
+    pace = max(ASIDE.pace * speed, 0.05)
+    times_s = SPACING_M * np.arange(len(rows)) / pace
+    meets = np.flatnonzero(slim.closes_s[rows, cols] <= times_s + ASIDE.early_s)
+    if len(meets) == 0:
+        return None
+    meeting = int(meets[0])
+    before = max(meeting - round(ASIDE.before_m / SPACING_M), 0)
+    behind = meeting + round(ASIDE.behind_m / SPACING_M)
+    near = round(ASIDE.narrow_m / SPACING_M)
+    is_narrow = passages.hold(points[max(meeting - near, 0) : meeting + near + 1]).any()
+    if not is_narrow or slim.has_room_beside(points[before : behind + 1 : 4]):
+        return None  # the controller passes them there
+    # A robot that waits may look anywhere.
+    wide = Coming(context, pose, context.footprint.circumscribed_m + ASIDE.keep_m)
+    arrival = wide.arrivals(pose, speed)
+    refuge_rows, refuge_cols = np.nonzero(wide.is_refuge & np.isfinite(arrival))
+    if len(refuge_rows) == 0:
+        return None
+    places = wide.points_of(refuge_rows, refuge_cols)
+    to_go_m = np.hypot(*(places - points[meeting]).T)
+    best = int((arrival[refuge_rows, refuge_cols] + to_go_m / pace).argmin())
+    walkers = context.local_costmap.walkers_now()
+    away = places[best] - walkers[:, :2]
+    speeds = np.maximum(np.hypot(walkers[:, 2], walkers[:, 3]), 0.2)
+    is_coming = (away * walkers[:, 2:4]).sum(axis=1) > 0.0
+    passed_s = float(np.max(np.where(is_coming, np.hypot(*away.T) / speeds, 0.0), initial=0.0))
+    x, y = places[best].tolist()
+    return (x, y), min(passed_s, ASIDE.ahead_s)
+
+
+@kernel
+def close_cells(
+    out_closes_s: Floats,
+    walls_m: NDArray[np.float32],
+    walkers: Floats,
+    edge_m: float,
+    keep_m: float,
+) -> None:
+    """Write from when on somebody is near each cell, if all walk on along the walls.
+
+    Args:
+        out_closes_s: (rows, cols), lowered.
+        walls_m: (rows, cols) distance to the nearest wall.
+        walkers: (n, 6) see `Field.walkers`, from the corner of the cells on.
+        edge_m: of a cell.
+        keep_m: near is this far from their outline.
+    """
+    rows, cols = out_closes_s.shape
+    for index in range(walkers.shape[0]):
+        x, y = walkers[index, 0], walkers[index, 1]
+        reach = (walkers[index, 4] + keep_m) / edge_m
+        for step in range(round(ASIDE.ahead_s / ASIDE.step_s)):
+            row, col = math.floor(y / edge_m), math.floor(x / edge_m)
+            # Whoever is beyond the edge may still come in.
+            if 0 < row < rows - 1 and 0 < col < cols - 1:
+                if step > 0 and walls_m[row, col] < ASIDE.wall_m:
+                    off_x, off_y = off_wall(walls_m, row, col, edge_m)
+                    x, y = x + off_x, y + off_y
+                lower_disc(out_closes_s, (x / edge_m, y / edge_m), reach, step * ASIDE.step_s)
+            x += ASIDE.step_s * walkers[index, 2]
+            y += ASIDE.step_s * walkers[index, 3]
+
+
+@kernel
+def off_wall(
+    walls_m: NDArray[np.float32], row: int, col: int, edge_m: float
+) -> tuple[float, float]:
+    """Return the step x, y [m] away from the wall of who walks too close to it."""
+    right = float(walls_m[row, col + 1] - walls_m[row, col - 1])
+    up = float(walls_m[row + 1, col] - walls_m[row - 1, col])
+    slope = math.hypot(right, up)
+    if slope == 0.0:
+        return 0.0, 0.0
+    push = min(ASIDE.wall_m - walls_m[row, col], edge_m) / slope
+    return push * right, push * up
+
+
+@kernel
+def lower_disc(
+    values: Floats, middle_cells: tuple[float, float], reach_cells: float, value: float
+) -> None:
+    """Lower the values (rows, cols) of cells around a place x, y [cells]."""
+    rows, cols = values.shape
+    x, y = middle_cells[0] - 0.5, middle_cells[1] - 0.5
+    for row in range(
+        max(math.ceil(y - reach_cells), 0), min(math.floor(y + reach_cells) + 1, rows)
+    ):
+        half = math.sqrt(max(reach_cells * reach_cells - (row - y) ** 2, 0.0))
+        for col in range(max(math.ceil(x - half), 0), min(math.floor(x + half) + 1, cols)):
+            values[row, col] = min(values[row, col], value)
+
+
+@kernel
+def arrive(
+    out_arrival_s: Floats,
+    is_free: NDArray[np.bool_],
+    closes_s: Floats,
+    here: tuple[int, int],
+    pace: tuple[float, float],
+) -> None:
+    """Write when the robot can be in each cell, never where somebody is by then (Dijkstra).
+
+    Args:
+        out_arrival_s: (rows, cols), infinite everywhere.
+        is_free: (rows, cols) where the robot fits.
+        closes_s: (rows, cols) from when on somebody is there.
+        here: row and column of the robot; it may be anywhere.
+        pace: its heading [rad], and how long a cell takes [s].
+    """
+    rows, cols = is_free.shape
+    yaw, cell_s = pace
+    heap = np.empty((8 * rows * cols + 1, 2))
+    out_arrival_s[here] = 0.0
+    heap[0, 0], heap[0, 1] = 0.0, here[0] * cols + here[1]
+    size = 1
+    while size > 0:
+        now_s = heap[0, 0]
+        cell = take_first(heap, size)
+        size -= 1
+        row, col = cell // cols, cell % cols
+        if now_s > out_arrival_s[row, col]:
+            continue
+        for by_row in range(-1, 2):
+            for by_col in range(-1, 2):
+                r, c = row + by_row, col + by_col
+                if r < 0 or c < 0 or r >= rows or c >= cols or not is_free[r, c]:
+                    continue
+                then_s = now_s + cell_s * math.hypot(by_row, by_col)
+                if (row, col) == here:
+                    turn = abs(wrapped(math.atan2(by_row, by_col) - yaw))
+                    then_s += turn / ASIDE.turn_radps
+                is_open = then_s + ASIDE.early_s < closes_s[r, c]
+                if is_open and then_s < out_arrival_s[r, c]:
+                    out_arrival_s[r, c] = then_s
+                    sift_up(heap, size, then_s, r * cols + c)
+                    size += 1
