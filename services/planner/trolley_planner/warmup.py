@@ -119,7 +119,6 @@ def _make_room(context: PlanningContext) -> None:
     """Look where nobody comes."""
     pose = Pose2D(0.8, 0.8, 0.0)
     Coming(context, pose, 0.2).arrivals(pose, 0.5)
-    context.local_costmap.is_anyone_coming(pose)
 
 
 def _pursue(context: PlanningContext) -> None:

@@ -10,7 +10,6 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.jit import kernel
-from trolley_planner.control.proximity import is_anyone_coming
 from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
@@ -135,13 +134,6 @@ class LocalCostmap:
         moving = np.concatenate([self._walkers[:, [0, 1, 4]], now])
         away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, 2]
         return bool((away < within_m).any())
-
-    def is_anyone_coming(self, pose: Pose2D) -> bool:
-        """Say whether somebody is about to walk into a robot that stands at a pose."""
-        body = self.body
-        outline = body.few_points, body.inscribed_m, body.circumscribed_m
-        turned = math.cos(pose.yaw), math.sin(pose.yaw)
-        return is_anyone_coming(self._walkers, outline, (pose.x, pose.y), turned)
 
     def update(self, x: float, y: float, is_tight: bool = False) -> None:
         """Centre on a point of `grid` [m] and compute the distances there anew.

@@ -57,8 +57,6 @@ class ProximityParams(NamedTuple):
     it is: of two sides that seem as good, the robot chooses the one that people expect it to,"""
     sure_later_s: float = 8.0
     """and counts the less the later they come: 1/e after this time [s]."""
-    comes_s: float = 1.5
-    """Who gets nearer than `touch_m` within this time comes to where the robot is [s]."""
     brake_dt_s: float = 0.05
     """Time step of the braking check [s]."""
     longest_brake_s: float = 10.0
@@ -185,28 +183,6 @@ def standing_cost(
         near = people_proximity_cost(one, body, there, turned, 0.0, time_s + later)
         total += near * math.exp(-later / PROXIMITY.sure_later_s)
     return total * PROXIMITY.pass_s
-
-
-@kernel
-def is_anyone_coming(
-    walkers: NDArray[np.float64],
-    body: tuple[NDArray[np.float64], float, float],
-    place: tuple[float, float],
-    turned: tuple[float, float],
-) -> bool:
-    """Say whether somebody is about to walk into a robot that stands; as `standing_cost`."""
-    outline, inscribed, _ = body
-    for index in range(walkers.shape[0]):
-        vx, vy = walkers[index, 2], walkers[index, 3]
-        away_x, away_y = walkers[index, 0] - place[0], walkers[index, 1] - place[1]
-        along = -(away_x * vx + away_y * vy)
-        if along <= 0.0:
-            continue  # they walk away
-        later = min(along / (vx * vx + vy * vy), PROXIMITY.comes_s)
-        there = away_x + later * vx, away_y + later * vy
-        if disc_gap(outline, inscribed, there, turned, walkers[index, 4]) < PROXIMITY.touch_m:
-            return True
-    return False
 
 
 @kernel

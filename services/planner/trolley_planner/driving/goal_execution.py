@@ -185,10 +185,6 @@ class GoalExecution:
         approach, route = self._goal_approach, self.route
         if self._hurries:
             twist = self._hurry(now)
-        elif self._is_in_the_way(now):
-            self._maneuvering.stop()
-            approach.let_go()
-            twist = self._control(now, makes_room=True)
         elif self._maneuvering.is_active:
             twist = self._maneuver(now)
         elif not route.vias_left and approach.takes_over(now.steady, route.remaining_m(now.steady)):
@@ -209,10 +205,6 @@ class GoalExecution:
             self.context.controller.reset()
         return twist
 
-    def _is_in_the_way(self, now: ControlInput) -> bool:
-        """Say whether somebody comes to where the robot is."""
-        return self.context.local_costmap.is_anyone_coming(now.motion.pose)
-
     def _hurry(self, now: ControlInput) -> Twist2D:
         """Return the velocity out of people's way: near the place is good enough."""
         if now.motion.pose.distance_to(self.goal_grid) < self.goal.tolerances.xy:
@@ -226,13 +218,8 @@ class GoalExecution:
             self.outcome = "arrived"
         return twist
 
-    def _control(self, now: ControlInput, makes_room: bool = False) -> Twist2D:
-        """Return the velocity of the controller, made safe.
-
-        Args:
-            now: what the robot does.
-            makes_room: the goal is no place to stay: somebody comes to where the robot is.
-        """
+    def _control(self, now: ControlInput) -> Twist2D:
+        """Return the velocity of the controller, made safe."""
         context, limits = self.context, now.limits
         stretch = self.route.stretch(1.5 * context.half_m)
         target = Target(
@@ -241,8 +228,6 @@ class GoalExecution:
             0.5 * self.goal.tolerances.xy if stretch.is_goal else PASS_M,
             not stretch.is_goal,
         )
-        if makes_room and stretch.is_goal:
-            target = target._replace(radius=0.0)
         if self.route.is_tight_here:
             limits = limits._replace(clearance_m=min(TIGHT_CLEARANCE_M, limits.clearance_m))
         local_costmap = context.local_costmap
