@@ -1,6 +1,6 @@
 """The Zenoh runtime: one process per service.
 
-The bus's thread only stores and wakes; this thread calls the service's methods. SIGTERM, SIGINT and
+Zenoh's threads only store and wake; this thread calls the service's methods. SIGTERM, SIGINT and
 SIGHUP end it cleanly, an exception ends it with a trace for the supervisor to restart it.
 """
 

@@ -6,14 +6,10 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 # Zenoh's stubs leave most of its results without a type.
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
-import logging
-import queue
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import zenoh
 
@@ -29,9 +25,6 @@ from trolley.topics import Qos
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
 
-MOST_ARRIVALS = 1000
-"""Things that have arrived and that nobody has taken in."""
-
 SOCKET = "unixsock-stream/"
 SOCKET_MODE = 0o660
 """A Unix socket is for its owner and its group; Zenoh leaves it to its owner alone."""
@@ -41,9 +34,6 @@ _PRIORITIES = {
     Qos.COMMAND: (zenoh.Priority.REAL_TIME, zenoh.CongestionControl.DROP, True),
     Qos.STATE: (zenoh.Priority.DATA_LOW, zenoh.CongestionControl.BLOCK, False),
 }
-
-
-_log = logging.getLogger(__name__)
 
 
 class NotConnected(Exception):
@@ -166,58 +156,17 @@ class _Newest:
         self._subscriber.undeclare()
 
 
-class _Caller:
-    """Calls back with what arrives, one after another in its order, on one thread.
-
-    The library itself would start a thread for each subscriber and each question. Where more waits
-    than `MOST_ARRIVALS`, nothing more is received: a flood costs no memory.
-    """
-
-    def __init__(self) -> None:
-        self._waiting: queue.Queue[Callable[[], object] | None] = queue.Queue(MOST_ARRIVALS)
-        threading.Thread(target=self._run, name="bus", daemon=True).start()
-
-    def calls(
-        self, callback: Callable[[Any], object], on_end: Callable[[], object] | None = None
-    ) -> "zenoh.handlers.Callback[Any]":
-        """Return what the library calls from its own threads, for `callback` to be called here.
-
-        Args:
-            callback: called with each thing that arrives.
-            on_end: called after the last.
-        """
-        put = self._waiting.put
-        return zenoh.handlers.Callback(
-            lambda arrived: put(partial(callback, arrived)),
-            None if on_end is None else lambda: put(on_end),
-            indirect=False,
-        )
-
-    def end(self) -> None:
-        """Call back no more, once all that has arrived is through."""
-        self._waiting.put(None)
-
-    def _run(self) -> None:
-        while (call := self._waiting.get()) is not None:
-            try:
-                call()
-            except Exception:
-                _log.exception("What arrived over the network could not be taken in")
-
-
 class ZenohBus:
     """A session with the router; use `open_bus`."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
-        self._caller = _Caller()
         self._served: dict[str, list[_Served]] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
 
     def close(self) -> None:
         """End the session."""
         self._session.close()
-        self._caller.end()
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         """Publish; without a router it is dropped."""
@@ -237,15 +186,14 @@ class ZenohBus:
         self._session.delete(key, priority=priority, congestion_control=congestion, express=express)
 
     def subscribe(self, key_expr: str, callback: Callable[[Sample], None]) -> _Declared:
-        """Call back, on the thread of the bus, for each put and delete that matches."""
+        """Call back, on one of Zenoh's threads, for each put and delete that matches."""
 
         def receive(sample: zenoh.Sample) -> None:
             is_delete = sample.kind == zenoh.SampleKind.DELETE
             payload = b"" if is_delete else _read(sample.payload)
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
-        subscriber = self._session.declare_subscriber(key_expr, self._caller.calls(receive))
-        return _Declared(subscriber.undeclare)
+        return _Declared(self._session.declare_subscriber(key_expr, receive).undeclare)
 
     def newest(self, key: str) -> _Newest:
         """Keep the newest of what anybody puts to a key, one's own puts too."""
@@ -253,13 +201,13 @@ class ZenohBus:
         return _Newest(self._session.declare_subscriber(key, ring))
 
     def serve(self, key_expr: str, callback: Callable[[Query], None]) -> _Served:
-        """Call back, on the thread of the bus, for each get that matches."""
+        """Call back, on one of Zenoh's threads, for each get that matches."""
         known = self._served.setdefault(key_expr, [])
         served = next((one for one in known if one.callback is None), None)
         if served is None:
             served = _Served()
             known.append(served)
-            self._session.declare_queryable(key_expr, self._caller.calls(served.take))
+            self._session.declare_queryable(key_expr, served.take)
         served.callback = callback
         return served
 
@@ -285,7 +233,7 @@ class ZenohBus:
         priority, _, express = _PRIORITIES[Qos.COMMAND]
         self._session.get(
             selector,
-            self._caller.calls(receive, on_done),
+            zenoh.handlers.Callback(receive, on_done),
             payload=payload or None,
             encoding=encoding or None,
             timeout=timeout_s,
@@ -314,9 +262,7 @@ class ZenohBus:
         def receive(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        subscriber = self._session.liveliness().declare_subscriber(
-            key_expr, self._caller.calls(receive), history=True
-        )
+        subscriber = self._session.liveliness().declare_subscriber(key_expr, receive, history=True)
         self._kept.append(subscriber)
         return _Declared(subscriber.undeclare)
 
@@ -326,9 +272,7 @@ class ZenohBus:
         def receive(event: zenoh.TransportEvent) -> None:
             callback(event.kind == zenoh.SampleKind.PUT)
 
-        self._kept.append(
-            self._session.info.declare_transport_events_listener(self._caller.calls(receive))
-        )
+        self._kept.append(self._session.info.declare_transport_events_listener(receive))
 
 
 @contextmanager
