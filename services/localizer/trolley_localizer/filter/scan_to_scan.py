@@ -74,25 +74,16 @@ class LedPose:
     """(3, 3) of the pose."""
 
 
-class EarlierScan:
-    """A scan that later ones are compared with.
+class View:
+    """What a scan sees, wherever it was taken.
 
     Args:
         beams: of the scan.
-        pose: where it was taken (3,) x, y [cells], yaw [rad] in `grid`.
-        covariance: (3, 3) of the pose.
         resolution: cell edge [m].
     """
 
-    def __init__(
-        self,
-        beams: BeamSet,
-        pose: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        resolution: float,
-    ) -> None:
-        self.pose = Pose2D.from_array(pose)
-        self.covariance = covariance.copy()
+    def __init__(self, beams: BeamSet, resolution: float) -> None:
+        self.beams = beams
         self.ends = beams.points(beams.used)
         self._resolution = resolution
         self._laser = np.array([beams.start.x.mean(), beams.start.y.mean()])
@@ -101,7 +92,7 @@ class EarlierScan:
         draw_view(self._near, self._far, self.ends, self._laser)
 
     def compare(self, ends: Points, relation: Pose2D) -> tuple[int, int]:
-        """Count the echoes of another scan that agree with this one, and those that do not.
+        """Count the echoes of another scan that agree with this view, and those that do not.
 
         Args:
             ends: in `base_link` of the other [cells].
@@ -132,12 +123,31 @@ class EarlierScan:
         return field
 
 
+class EarlierScan:
+    """A scan that later ones are compared with.
+
+    Args:
+        view: what it saw.
+        pose: where it was taken (3,) x, y [cells], yaw [rad] in `grid`.
+        covariance: (3, 3) of the pose.
+    """
+
+    def __init__(
+        self, view: View, pose: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> None:
+        self.view = view
+        self.pose = Pose2D.from_array(pose)
+        self.covariance = covariance.copy()
+
+
 class ScanToScan:
     """Compares each scan with an earlier one of the same drive."""
 
     def __init__(self, resolution: float) -> None:
         self._resolution = resolution
         self._earlier: EarlierScan | None = None
+        self._view: View | None = None
+        """Of the newest scan, which is compared at the pose expected and again at the one found."""
         self._since_s = 0.0
 
     def forget(self) -> None:
@@ -154,10 +164,10 @@ class ScanToScan:
         earlier = self._earlier
         if earlier is None:
             return None
-        here = EarlierScan(beams, pose, earlier.covariance, self._resolution)
-        relation = earlier.pose.inverse() @ here.pose
-        agree, conflict = earlier.compare(here.ends, relation)
-        agree_back, conflict_back = here.compare(earlier.ends, relation.inverse())
+        here, there = self._view_of(beams), earlier.view
+        relation = earlier.pose.inverse() @ Pose2D.from_array(pose)
+        agree, conflict = there.compare(here.ends, relation)
+        agree_back, conflict_back = here.compare(there.ends, relation.inverse())
         compared = agree + agree_back + conflict + conflict_back
         if compared < PARAMS.least_compared:
             return None
@@ -182,9 +192,14 @@ class ScanToScan:
         agreement = self.agreement(beams, pose)
         is_break = agreement is not None and agreement < PARAMS.least_overlap
         if self._earlier is None or is_break or self._is_far(self._earlier, pose):
-            self._earlier = EarlierScan(beams, pose, covariance, self._resolution)
+            self._earlier = EarlierScan(self._view_of(beams), pose, covariance)
             self._since_s = 0.0
         return is_break
+
+    def _view_of(self, beams: BeamSet) -> View:
+        if self._view is None or self._view.beams is not beams:
+            self._view = View(beams, self._resolution)
+        return self._view
 
     def _is_far(self, earlier: EarlierScan, pose: NDArray[np.float64]) -> bool:
         """Say whether a newer scan should take the place of the earlier one."""
@@ -205,7 +220,7 @@ class ScanToScan:
         earlier, cells = self._earlier, 1.0 / self._resolution
         if earlier is None:
             return None
-        points = beams.points(beams.used)
+        points = self._view_of(beams).ends
         middle = float(math.ceil(PARAMS.field_m * cells))
         start = (earlier.pose.inverse() @ Pose2D.from_array(pose)).as_array()
         start[:2] += middle
@@ -214,11 +229,10 @@ class ScanToScan:
         prior = np.diag(devs**-2)
         share = min(PARAMS.independent_beams, points.x.size) / max(points.x.size, 1)
         gain = share / (PARAMS.beam_dev_m * cells) ** 2
+        field = earlier.view.field
         for width_m in PARAMS.widths_m:
             tuning = np.array([width_m * cells, gain])
-            refine_pose(
-                moved, information, earlier.field, points, start, prior, tuning, PARAMS.max_steps
-            )
+            refine_pose(moved, information, field, points, start, prior, tuning, PARAMS.max_steps)
         if not np.isfinite(moved).all():
             moved = start
         relation = Pose2D(float(moved[0]) - middle, float(moved[1]) - middle, float(moved[2]))

@@ -110,6 +110,13 @@ def score_pose(
 
 
 @kernel
+def is_known_at(known: NDArray[np.uint8], row: float, col: float) -> bool:
+    """Say whether the map knows what is at a place, counted in cells from its ring on."""
+    is_inside = 0.0 <= row < known.shape[0] and 0.0 <= col < known.shape[1]
+    return is_inside and known[int(row), int(col)] != 0
+
+
+@kernel
 def mark_known(
     out_is_known: NDArray[np.uint8],
     known: NDArray[np.uint8],
@@ -130,8 +137,7 @@ def mark_known(
     for j in range(points.x.size):
         col = pose[0] + cos * points.x[j] - sin * points.y[j] + 1.0
         row = pose[1] + sin * points.x[j] + cos * points.y[j] + 1.0
-        is_inside = 0.0 <= row < known.shape[0] and 0.0 <= col < known.shape[1]
-        out_is_known[j] = known[int(row), int(col)] if is_inside else 0
+        out_is_known[j] = is_known_at(known, row, col)
         count += out_is_known[j]
     return count
 
@@ -327,10 +333,9 @@ def count_through(
         if ahead < math.inf:
             col = pose[0] + cos * end.x[i] - sin * end.y[i] + 1.0
             row = pose[1] + sin * end.x[i] + cos * end.y[i] + 1.0
-            is_inside = 0.0 <= row < known.shape[0] and 0.0 <= col < known.shape[1]
             if classes[i] == EXPLAINED:
                 through += 1
-            elif is_inside and known[int(row), int(col)] != 0:
+            elif is_known_at(known, row, col):
                 astray += 1
             else:
                 beyond += 1
