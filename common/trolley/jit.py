@@ -30,9 +30,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _log = logging.getLogger(__name__)
-# numba ships no types; both names are Any for the type checker.
+# numba ships no types; all these names are Any for the type checker.
 _numba: Any = importlib.import_module("numba")
 _caching: Any = importlib.import_module("numba.core.caching")
+_compiler: Any = importlib.import_module("numba.core.compiler")
+_llvm: Any = importlib.import_module("llvmlite.binding")
 
 _DIGEST_BYTES = 32
 
@@ -66,6 +68,20 @@ def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
         )
         return
     compiled._cache._cache_file = KernelFiles(function, Path(compiled._cache.cache_path))
+    compiled._cache._impl.rebuild = _rebuild
+
+
+def _rebuild(target_context: Any, payload: Any) -> Any:
+    """Make read code ready to run, as numba does, but leave its intermediate form packed.
+
+    Only a kernel that calls this one and has to be compiled itself needs that form, to inline it;
+    unpacked, the planner's kernels would hold 35 MB of it.
+    """
+    result = _compiler.CompileResult._rebuild(target_context, *payload)
+    _, _, (_, packed) = payload[0]
+    result.library._shared_module = None
+    result.library._get_module_for_linking = lambda: _llvm.parse_bitcode(packed)
+    return result
 
 
 class KernelFiles:
