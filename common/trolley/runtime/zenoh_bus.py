@@ -25,6 +25,9 @@ from trolley.topics import Qos
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
 
+MOST_PUBLISHERS = 200
+"""Keys whose publishers are kept: more than a service has streams, and a bound where keys vary."""
+
 SOCKET = "unixsock-stream/"
 SOCKET_MODE = 0o660
 """A Unix socket is for its owner and its group; Zenoh leaves it to its owner alone."""
@@ -162,6 +165,7 @@ class ZenohBus:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._served: dict[str, list[_Served]] = {}
+        self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
 
     def close(self) -> None:
@@ -169,7 +173,11 @@ class ZenohBus:
         self._session.close()
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
-        """Publish; without a router it is dropped."""
+        """Publish; without a router it is dropped, and a stream that nobody hears stays here."""
+        publisher = self._publisher(key, encoding) if qos is Qos.SENSOR else None
+        if publisher is not None:
+            publisher.put(payload)
+            return
         priority, congestion, express = _PRIORITIES[qos]
         self._session.put(
             key,
@@ -179,6 +187,20 @@ class ZenohBus:
             congestion_control=congestion,
             express=express,
         )
+
+    def _publisher(self, key: str, encoding: str) -> "zenoh.Publisher | None":
+        """What knows whether anybody hears a stream; None where there are too many."""
+        publisher = self._publishers.get((key, encoding))
+        if publisher is None and len(self._publishers) < MOST_PUBLISHERS:
+            priority, congestion, express = _PRIORITIES[Qos.SENSOR]
+            publisher = self._publishers[key, encoding] = self._session.declare_publisher(
+                key,
+                encoding=encoding,
+                priority=priority,
+                congestion_control=congestion,
+                express=express,
+            )
+        return publisher
 
     def delete(self, key: str) -> None:
         """Publish a deletion."""
