@@ -123,7 +123,7 @@ def test_second_process_finds_the_code_of_the_first(
 
 def test_code_that_was_read_can_still_be_called_by_what_is_compiled(compiled_tree: Path) -> None:
     source = (compiled_tree / "outer.py").read_text()
-    reads_first = 'print(scaled(1.0), sum(scaled.stats.cache_hits.values()))\n    kinds = sys'
+    reads_first = "print(scaled(1.0), sum(scaled.stats.cache_hits.values()))\n    kinds = sys"
     (compiled_tree / "outer.py").write_text(
         source.replace("pair.b / pair.b", "pair.b").replace("kinds = sys", reads_first)
     )

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
@@ -160,10 +161,18 @@ class _Newest:
 
 
 class ZenohBus:
-    """A session with the router; use `open_bus`."""
+    """A session with the router; use `open_bus`.
 
-    def __init__(self, session: zenoh.Session) -> None:
+    Args:
+        session: it, open.
+        calls_directly: call back on the threads that receive, in place of one for each subscriber
+            and question. It is for callbacks that only store, in a process that ends without
+            Python's own shutdown: a thread of Zenoh's that asks for Python's lock then aborts it.
+    """
+
+    def __init__(self, session: zenoh.Session, *, calls_directly: bool = False) -> None:
         self._session = session
+        self._calls_directly = calls_directly
         self._served: dict[str, list[_Served]] = {}
         self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
@@ -215,7 +224,8 @@ class ZenohBus:
             payload = b"" if is_delete else _read(sample.payload)
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
-        return _Declared(self._session.declare_subscriber(key_expr, receive).undeclare)
+        subscriber = self._session.declare_subscriber(key_expr, self._handler(receive))
+        return _Declared(subscriber.undeclare)
 
     def newest(self, key: str) -> _Newest:
         """Keep the newest of what anybody puts to a key, one's own puts too."""
@@ -229,7 +239,7 @@ class ZenohBus:
         if served is None:
             served = _Served()
             known.append(served)
-            self._session.declare_queryable(key_expr, served.take)
+            self._session.declare_queryable(key_expr, self._handler(served.take))
         served.callback = callback
         return served
 
@@ -255,7 +265,7 @@ class ZenohBus:
         priority, _, express = _PRIORITIES[Qos.COMMAND]
         self._session.get(
             selector,
-            zenoh.handlers.Callback(receive, on_done),
+            self._handler(receive, on_done),
             payload=payload or None,
             encoding=encoding or None,
             timeout=timeout_s,
@@ -284,7 +294,9 @@ class ZenohBus:
         def receive(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        subscriber = self._session.liveliness().declare_subscriber(key_expr, receive, history=True)
+        subscriber = self._session.liveliness().declare_subscriber(
+            key_expr, self._handler(receive), history=True
+        )
         self._kept.append(subscriber)
         return _Declared(subscriber.undeclare)
 
@@ -294,7 +306,15 @@ class ZenohBus:
         def receive(event: zenoh.TransportEvent) -> None:
             callback(event.kind == zenoh.SampleKind.PUT)
 
-        self._kept.append(self._session.info.declare_transport_events_listener(receive))
+        self._kept.append(
+            self._session.info.declare_transport_events_listener(self._handler(receive))
+        )
+
+    def _handler(
+        self, callback: Callable[[Any], object], on_end: Callable[[], object] | None = None
+    ) -> "zenoh.handlers.Callback[Any]":
+        """What the library hands over to: `on_end` is called after the last."""
+        return zenoh.handlers.Callback(callback, on_end, indirect=not self._calls_directly)
 
 
 @contextmanager
@@ -328,7 +348,8 @@ def open_bus_patiently(
 ) -> ZenohBus | None:
     """Wait for the router until it is there or `wants_to_wait()`, asked all the time, says no.
 
-    Opening blocks inside Zenoh, where no signal reaches Python, so it runs on a thread of its own.
+    It is for services: the bus calls back directly (see `ZenohBus`). Opening blocks inside Zenoh,
+    where no signal reaches Python, so it runs on a thread of its own.
 
     Raises:
         NotConnected: The endpoints cannot be used at all.
@@ -339,7 +360,8 @@ def open_bus_patiently(
 
     def connect() -> None:
         try:
-            outcome.append(ZenohBus(zenoh.open(client_config(endpoints, keys=keys))))
+            session = zenoh.open(client_config(endpoints, keys=keys))
+            outcome.append(ZenohBus(session, calls_directly=True))
         except zenoh.ZError as error:
             outcome.append(error)
         ready.set()
