@@ -1,6 +1,6 @@
 """The one way to compile a function with numba: `@kernel`.
 
-Import this module only where kernels are: numba costs a process about 110 MB.
+Import this module only where kernels are: numba costs a process about 50 MB.
 
 Compiled code is kept on disk, by numba's own rules for the place: `NUMBA_CACHE_DIR`, else
 `__pycache__` beside the source, else the user's cache folder where the source is read-only
@@ -54,6 +54,18 @@ def is_kept(compiled: Callable[..., object]) -> bool | None:
     """Say whether compiled code of a kernel is on disk; None where this is no kernel."""
     files = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     return files.has_any() if isinstance(files, KernelFiles) else None
+
+
+def _leave_out_blas() -> None:
+    """Keep numba from loading SciPy, 10 MB and 0.15 s: no kernel multiplies matrices by it."""
+
+    def refuse() -> None:
+        raise ImportError("kernels multiply no matrices by BLAS")
+
+    linalg: Any = importlib.import_module("numba.np.linalg")
+    ensure_blas, linalg.ensure_blas = linalg.ensure_blas, refuse
+    importlib.import_module("numba.np.arraymath")  # it asks once, when it is imported
+    linalg.ensure_blas = ensure_blas
 
 
 def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
@@ -222,3 +234,6 @@ def _value_parts(value: object, seen: set[int]) -> Iterator[bytes]:
         yield repr((value, getattr(value, "_fields", ()))).encode()
     elif isinstance(value, (bool, int, float, complex, str, bytes, tuple, np.generic)):
         yield repr(cast("object", value)).encode()
+
+
+_leave_out_blas()

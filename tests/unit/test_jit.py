@@ -130,6 +130,13 @@ def test_code_that_was_read_can_still_be_called_by_what_is_compiled(compiled_tre
     assert run(compiled_tree) == "2.0 1\nfloat 9.0 0\n"
 
 
+def test_kernels_do_not_load_scipy(compiled_tree: Path) -> None:
+    (compiled_tree / "outer.py").write_text(
+        "import sys\nfrom inner import scaled\nprint(scaled(1.0), 'scipy.linalg' in sys.modules)\n"
+    )
+    assert run(compiled_tree) == "2.0 False\n"
+
+
 @pytest.mark.slow
 def test_processes_that_compile_at_the_same_moment_do_not_mix(tree: Path) -> None:
     kinds = ["float", "int", "bool"]
