@@ -92,8 +92,8 @@ def compare_with_view(
         allowed = slack[0] + slack[1] * away
         is_seen = far[k] >= 0.0
         is_nearer = away < near[k] - allowed
-        conflict += is_seen & is_nearer
-        agree += is_seen & (not is_nearer) & (away <= far[k] + allowed)
+        conflict += int(is_seen & is_nearer)
+        agree += int(is_seen & (not is_nearer) & (away <= far[k] + allowed))
     return agree, conflict
 
 
@@ -119,6 +119,6 @@ def count_alike(
         reach = np.float64(now[i])
         is_seen = (reach > 0.0) & (reach < np.inf)
         was_seen = (was > 0.0) & (was < np.inf)
-        compared += is_seen | was_seen
-        alike += is_seen & was_seen & (abs(reach - was) <= slack + slack_share * was)
+        compared += int(is_seen | was_seen)
+        alike += int(is_seen & was_seen & (abs(reach - was) <= slack + slack_share * was))
     return alike, compared
