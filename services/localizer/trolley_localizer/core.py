@@ -5,7 +5,7 @@ Frames: `map` (the user's), `grid` (columns and rows of the map, in cells), `odo
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -21,7 +21,6 @@ from trolley_localizer.estimate import CandidatePose, Estimate
 from trolley_localizer.filter.pose_estimator import PoseEstimator
 from trolley_localizer.filter.scan_to_scan import PARAMS as SCANS
 from trolley_localizer.filter.scan_to_scan import LedPose, ScanToScan
-from trolley_localizer.filter.standing import Standing
 from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
 from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Hypothesis, Proof, Rivals
 from trolley_localizer.matching.likelihood_field import build_field, make_lines, sane_covariance
@@ -32,6 +31,7 @@ from trolley_localizer.matching.map_matcher import (
     MatchScore,
     read_beams,
 )
+from trolley_localizer.resting import Rest
 from trolley_localizer.tracking_state import Evidence, TrackingMonitor, TrackingState
 
 
@@ -146,48 +146,46 @@ class Localizer:
         self.changes = ChangeDetector(self.field, config) if config.propose_changes else None
         self._state: Searching | Following = self._searching([])
         self._schedule = SearchSchedule()
-        self._standing = Standing()
+        self._rest = Rest()
         self._stamp_ns: int | None = None
         self._last: ScanInput | None = None
+        """The newest scan that was used."""
+        self._said: Estimate | None = None
         self._beams: BeamSet | None = None
         self._map_T_odom: Pose2D | None = None
-        self._said: Estimate | None = None
 
     # One scan.
 
     def step(self, scan: ScanInput) -> Estimate | Reject:
-        """Say where the robot is; where a scan tells nothing new, still where it was."""
+        """Predict by the odometry, correct by the scan, judge whether to believe the outcome.
+
+        A robot that knows where it is and stands before what it saw already learns nothing: most
+        such scans are only looked at for whether that is so.
+        """
         reject = problem_of(scan, self._stamp_ns)
         if reject is not None:
             return reject
         self._stamp_ns = scan.stamp_ns
-        if self._said is not None and self._may_rest() and not self._standing.is_news(scan):
-            return self._repeated(self._said, scan)
-        self._said = self._look(scan)
-        self._standing.look(scan)
+        if self._rest.tells_nothing(scan) and self._is_settled and self._said is not None:
+            return self._said.held(scan)
+        self._said = self._use(scan)
         return self._said
 
-    def _may_rest(self) -> bool:
-        """Say whether nothing is to be found out: the estimate is believed for its own sake."""
+    @property
+    def _is_settled(self) -> bool:
+        """Whether it is sure of the pose and looks for no other."""
         following, schedule = self._state, self._schedule
         return (
             isinstance(following, Following)
             and following.monitor.state == "localized"
             and following.monitor.support >= self._config.good_support
             and following.proof is None
-            and not following.is_off_map
             and not following.rivals.exist
             and not (schedule.is_wanted or schedule.is_running)
         )
 
-    def _repeated(self, said: Estimate, scan: ScanInput) -> Estimate:
-        """Say again what was said after the last look."""
-        held = said.map_T_odom
-        map_T_base = None if held is None else held @ scan.odom_T_base
-        return replace(said, stamp_ns=scan.stamp_ns, map_T_base=map_T_base)
-
-    def _look(self, scan: ScanInput) -> Estimate:
-        """Predict by the odometry, correct by the scan, judge whether to believe the outcome."""
+    def _use(self, scan: ScanInput) -> Estimate:
+        """Learn from a scan."""
         motion = motion_since(self._last, scan, FRONT_END)
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
@@ -441,10 +439,10 @@ class Localizer:
 
     def set_mirrors(self, polylines: Sequence[NDArray[np.float64]]) -> None:
         """Replace the mirrors and panes: (n, 2) points [m] in the map frame each."""
+        self._rest.end()
         self._matcher.mirrors = make_lines(self.field, polylines)
         self._mirrors.reset()
         self._matcher.suspects = self._mirrors.lines()
-        self._standing.forget()
 
     def suspects(self) -> list[tuple[NDArray[np.float64], float]]:
         """Return lines (2, 2) [m] in `map` that look like mirrors, and how sure it is (0 to 1)."""
@@ -489,7 +487,7 @@ class Localizer:
     def restart_odometry(self) -> None:
         """Take the next odometry as the beginning of a new run: no step leads to it."""
         self._last = self._stamp_ns = None
-        self._standing.forget()
+        self._rest.end()
         self._estimator.forget_motion()
 
     # Searches of the whole map.
@@ -509,7 +507,7 @@ class Localizer:
     def finish(self, job: SearchJob) -> None:
         """Take the outcome of a search into account."""
         self._schedule.is_running = False
-        self._standing.forget()
+        self._rest.end()
         if self._last is None or self._schedule.is_void:
             self._schedule.is_wanted, self._schedule.is_void = True, False
             return
@@ -587,12 +585,12 @@ class Localizer:
 
     def _follow(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> Following:
         """Begin to follow a pose in cells."""
+        self._rest.end()
         self._estimator.reset(pose, covariance)
         rivals = Rivals(self.field, self._matcher, self._config)
         following = Following(TrackingMonitor(self._config), rivals)
         self._state = following
         self._scans.forget()
-        self._standing.forget()
         self._schedule.is_wanted = False
         self._schedule.is_void = self._schedule.is_running
         return following

@@ -95,30 +95,3 @@ def compare_with_view(
         conflict += int(is_seen & is_nearer)
         agree += int(is_seen & (not is_nearer) & (away <= far[k] + allowed))
     return agree, conflict
-
-
-@kernel
-def count_alike(
-    before: NDArray[np.float32], now: NDArray[np.float32], slack: float, slack_share: float
-) -> tuple[int, int]:
-    """Count the beams that measure in two scans what they measured in the other.
-
-    Args:
-        before: (n,) ranges [m]; infinite, zero, negative and NaN are no echo.
-        now: (n,) of the same beams.
-        slack: by how much they may differ [m].
-        slack_share: by what share of the range as well.
-
-    Returns:
-        How many are alike, and how many have an echo in either scan.
-    """
-    alike = 0
-    compared = 0
-    for i in range(before.size):
-        was = np.float64(before[i])
-        reach = np.float64(now[i])
-        is_seen = (reach > 0.0) & (reach < np.inf)
-        was_seen = (was > 0.0) & (was < np.inf)
-        compared += int(is_seen | was_seen)
-        alike += int(is_seen & was_seen & (abs(reach - was) <= slack + slack_share * was))
-    return alike, compared
