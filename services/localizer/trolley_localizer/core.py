@@ -404,6 +404,7 @@ class Localizer:
             spread=self._estimator.spread_m,
             beam_classes=classes,
             message=self._why_unsure(following, beams),
+            off_m=following.off_m if following.is_off_map else None,
         )
 
     def _why_unsure(self, following: Following, beams: BeamSet) -> str:
