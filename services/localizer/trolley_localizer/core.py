@@ -97,6 +97,11 @@ class Reach:
         self._left_m -= math.hypot(step.x, step.y)
 
     @property
+    def pose(self) -> NDArray[np.float64]:
+        """The middle of it (3,) x, y [cells], yaw [rad]."""
+        return self._led.pose
+
+    @property
     def is_over(self) -> bool:
         """Whether it has led to no place for too long."""
         return self._left_m < 0.0
@@ -353,11 +358,16 @@ class Localizer:
     def _is_disproven(self, following: Following) -> bool:
         """Say whether the place that was to be proven is given up.
 
-        One that a search has found is at the first sign. One to which the odometry has led may
-        have somebody in front of it for a moment.
+        One that a search has found is at the first sign. One from before the robot may have been
+        carried off may have somebody in front of it for a moment. One to which the odometry has led
+        is kept, and the whole map searched again, until another place stands out.
         """
         proof = following.proof
         if proof is None or not following.is_searched:
+            return False
+        if proof.has_prior:
+            if proof.is_overdue:
+                following.proof, following.is_searched = Proof(has_prior=True), False
             return False
         return proof.is_overdue or (proof.is_against and following.is_found)
 
@@ -535,7 +545,11 @@ class Localizer:
         if self._last is None or self._beams is None or self._beams.is_blind:
             return None
         schedule.is_wanted, schedule.is_running, schedule.since_s = False, True, 0.0
-        followed = self._estimator.pose.copy() if isinstance(self._state, Following) else None
+        followed = None
+        if isinstance(self._state, Following):
+            followed = self._estimator.pose.copy()
+        elif self._reach is not None:
+            followed = self._reach.pose.copy()
         odom_T_base = self._last.odom_T_base
         return SearchJob(self._search_map, self._matcher, self._beams, odom_T_base, followed)
 
