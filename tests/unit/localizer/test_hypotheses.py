@@ -157,7 +157,7 @@ def test_a_well_supported_place_is_proven_at_once_a_middling_one_by_driving_on()
     proof.add(0.72, 0.3)
     assert not proof.is_right
     assert not proof.is_due, "the same view again says nothing more"
-    drive_on(proof, 0.72, 2)
+    drive_on(proof, 0.72, 3)
     assert proof.is_right
 
 
@@ -174,7 +174,18 @@ def test_views_that_do_not_pin_the_pose_prove_nothing_and_do_not_hurry() -> None
     drive_on(proof, 0.98, 40, pinned=0.0)
     assert not proof.is_right
     assert not proof.is_overdue
-    drive_on(proof, 0.98, 1)
+    drive_on(proof, 0.98, 2)
+    assert proof.is_right
+
+
+def test_turning_on_the_spot_and_standing_prove_next_to_nothing() -> None:
+    proof = Proof()
+    proof.add(0.75, 0.3)
+    for turn in 3 * [0.25, -0.25]:
+        proof.predict(Pose2D(0.0, 0.0, turn))
+        proof.add(0.75, 0.3)
+    assert not proof.is_right
+    drive_on(proof, 0.75, 2)
     assert proof.is_right
 
 
@@ -184,7 +195,7 @@ def test_the_longer_no_place_was_proven_the_more_it_takes() -> None:
         drive_on(proof, 0.9, 1)
     assert early.is_right
     assert not late.is_right
-    drive_on(late, 0.9, 2)
+    drive_on(late, 0.9, 3)
     assert late.is_right
 
 

@@ -67,8 +67,12 @@ class ProofParams:
     pinned: float = 0.25
     """A view that pins the pose less counts for less, in proportion: along a bare corridor every
     place fits. Right places are pinned by 0.2 ... 0.3 in rooms, by less than 0.1 in corridors."""
+    new_m: float = 0.5
+    new_rad: float = math.pi
+    """A view from nearer to the one before [m, rad] counts for less, in proportion: it shows the
+    same walls again."""
     doubt_per_m: float = 1.0
-    most_doubt: float = 5.0
+    most_doubt: float = 2.0
     """The bound grows by this share of itself with each metre driven before without a proof, at
     most by so much [1/m, 1]: by then, the map may well be of another house."""
     most_m: float = 2.0
@@ -120,9 +124,13 @@ class Proof:
             weight: share of the view that says something, 0 ... 1.
         """
         since, firmness = self._since_view, min(1.0, pinned / PROOF.pinned)
-        evidence = weight * (support - PROOF.between)
-        self._driven_m += firmness * math.hypot(since.x, since.y)
+        way_m = math.hypot(since.x, since.y)
+        newness = min(1.0, way_m / PROOF.new_m + abs(since.yaw) / PROOF.new_rad)
+        evidence = weight * (support - PROOF.between) * (1.0 if self._views == 0 else newness)
+        self._driven_m += firmness * way_m
         self._sum += evidence * (firmness if evidence > 0.0 else 1.0)
+        # What spoke against a place that is kept nevertheless counts no more than once.
+        self._sum = max(self._sum, -PROOF.bound)
         self._views += 1
         self._since_view = Pose2D.identity()
 
