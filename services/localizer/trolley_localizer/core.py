@@ -64,6 +64,8 @@ class LocalizerParams:
     """Time constant of that share [s]."""
     trusted_m: float = 5.0
     """A robot that comes back from further off the map must prove where it is [m]."""
+    searched_m: float = 0.5
+    """A place is believed only if a search no longer ago than this has found none beside it [m]."""
     doubted_m: float = 3.0
     """An estimate that has been in doubt over this distance may be wrong after all [m]."""
     reach_devs: float = 3.0
@@ -141,6 +143,8 @@ class Following:
     """It was found by a search: the odometry has not led to it."""
     is_searched: bool = False
     """Whether the whole map has been searched since the proof began."""
+    unsearched_m: float = 0.0
+    """Distance driven since the last search delivered, with turns counted in [m]."""
     driven_m: float = 0.0
     """Distance driven with this estimate, with turns counted in [m]."""
     known: float = 1.0
@@ -267,6 +271,7 @@ class Localizer:
                 self._estimator.predict(step)
                 rivals.predict(step)
                 following.driven_m += driven_m
+                following.unsearched_m += driven_m
                 if following.proof is not None:
                     following.proof.predict(step)
                 doubts = following.monitor.doubts
@@ -337,6 +342,8 @@ class Localizer:
                 proof.add(score.value, pinned)
             else:
                 proof.add(score.tracked, pinned, score.known)
+        if proof.is_right and following.unsearched_m > PARAMS.searched_m:
+            following.is_searched = False  # Other places may fit better from here.
         if proof.is_right and following.is_searched and not following.rivals.exist:
             following.proof, following.is_found, self._reach = None, False, None
             following.is_proven = True
@@ -584,7 +591,7 @@ class Localizer:
         resolution = self.field.resolution
         elsewhere = [p for p in places if not is_near(p.pose, followed, resolution)]
         here = [p for p in places if is_near(p.pose, followed, resolution)]
-        following.is_searched = True
+        following.is_searched, following.unsearched_m = True, 0.0
         own = max([score, *(p.support for p in here)], key=lambda one: one.value)
         value = self._preferred(following, own)
         best = max((p.support.value for p in elsewhere), default=0.0)
