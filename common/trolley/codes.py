@@ -47,6 +47,7 @@ WAITING = "waiting"
 RESTARTED = "restarted"
 NOBODY = "nobody"
 PERSON_LOST = "person_lost"
+OFF_MAP = "off_map"
 # Trips.
 NOT_DRIVING = "not_driving"
 OTHER_GOAL = "other_goal"
@@ -111,6 +112,7 @@ SENTENCES: dict[str, str] = {
     RESTARTED: "The service was restarted.",
     NOBODY: "The lidar sees nobody there whom the robot could follow.",
     PERSON_LOST: "The person is out of sight, so the robot no longer follows them.",
+    OFF_MAP: "The map ends here, and the way there leads further off it.",
     NOT_DRIVING: "No trip is under way.",
     OTHER_GOAL: "Somebody sent the robot elsewhere; resume the tour to continue.",
     NO_PLANNER: "The planner is not running; the trip continues when it is back.",

@@ -44,6 +44,8 @@ class Estimate:
     """Whether a turn in place would help to tell the candidates apart."""
     message: str = ""
     """What is the matter, in one sentence; empty when all is well."""
+    off_m: float | None = None
+    """Distance driven since the map ended [m]; None on the map."""
 
     def held(self, scan: ScanInput) -> "Estimate":
         """Return the same at the stamp of a later scan, which told nothing new."""
