@@ -12,7 +12,7 @@ footprint is tried in all headings, so the toll of a door counts from far away. 
 with two fine cells of clearance, then with one, then with none: what is measured errs, and so do
 wheels.
 
-The footprint is rasterised for each heading as spans of cells in a row. With counts of what stands
+The footprint is rasterised at each angle as spans of cells in a row. With counts of what stands
 in each row before each column two look-ups say whether a span is free, its inside included.
 
 Source:
@@ -42,6 +42,14 @@ HEADINGS = 64
 """Headings of the states."""
 TURN_RAD = 2.0 * math.pi / HEADINGS
 """Angle between two headings: 5.6 degrees."""
+PHASES = 4
+"""The headings of a search begin at one of so many angles, so that one of them is nearly the
+goal's."""
+ANGLES = PHASES * HEADINGS
+"""Angles at which the footprint is checked: poses between two headings, as of curves and of direct
+drives, would else be off by a centimetre at its corners."""
+ANGLE_RAD = TURN_RAD / PHASES
+"""Angle between two of them: 1.4 degrees."""
 
 
 class PoseSearchParams(NamedTuple):
@@ -51,8 +59,6 @@ class PoseSearchParams(NamedTuple):
     """Edge of a state's cell."""
     move_m: float = 0.0375
     """Length of a move: more than the diagonal of a cell, so that each leads into another one."""
-    phases: int = 4
-    """The headings begin at this many angles, so that one of them is nearly the goal's."""
     near: float = 2.0
     """A metre costs this much more where the footprint has less room than is wanted."""
     beside: float = 6.0
@@ -183,14 +189,16 @@ class Room(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """The footprint for each heading."""
+    """The footprint at each angle."""
 
     spans: NDArray[np.int16]
-    """(HEADINGS, n, 3) row, first column and the one behind the last, from the origin's cell."""
+    """(ANGLES, n, 3) row, first column and the one behind the last, from the origin's cell."""
     num_spans: NDArray[np.int64]
-    """(HEADINGS,) how many of them count."""
+    """(ANGLES,) how many of them count."""
+    phase: int
+    """Angle of the first heading."""
     first_yaw: float
-    """Of the first heading [rad]."""
+    """The same [rad]."""
     reach: int
     """Rows on either side of the origin [cells]."""
     circumscribed_m: float
@@ -255,7 +263,7 @@ class PoseSearch:
 
     def __init__(self, footprint: Footprint) -> None:
         self._footprint = footprint
-        self._shapes: dict[tuple[float, int], Shape] = {}
+        self._shapes: dict[float, Shape] = {}
         count = SEARCH.states
         self._memory = Memory(
             np.zeros(count, dtype=np.int32),
@@ -337,12 +345,12 @@ class PoseSearch:
         goal = ends[1]
         goal_cell = tuple(math.floor(goal[axis] / room.coarse_m) + 1 for axis in (1, 0))
         start_cell = tuple(math.floor(ends[0][axis] / room.coarse_m) + 1 for axis in (1, 0))
-        heading = heading_of(shape, goal[2])
+        angle = nearest_angle(goal[2])
         dearest = 1.0 + SEARCH.near
         for blocked in (room.beside, room.touching):
             dearest_weight = round(dearest * WEIGHT_UNIT)
             dearest += SEARCH.beside
-            fits = task.any_heading or is_free(blocked, shape, room.fine_m, goal[:2], heading)
+            fits = task.any_heading or is_free(blocked, shape, room.fine_m, goal[:2], angle)
             if not fits:
                 continue
             passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
@@ -373,12 +381,10 @@ class PoseSearch:
 
     def _shape(self, fine_m: float, yaw: float) -> Shape:
         """Return the footprint for headings one of which is nearly this one."""
-        step = TURN_RAD / SEARCH.phases
-        phase = round(yaw / step) % SEARCH.phases
-        key = fine_m, phase
-        if key not in self._shapes:
-            self._shapes[key] = rasterised(self._footprint, fine_m, phase * step)
-        return self._shapes[key]
+        if fine_m not in self._shapes:
+            self._shapes[fine_m] = rasterised(self._footprint, fine_m)
+        phase = round(yaw / ANGLE_RAD) % PHASES
+        return self._shapes[fine_m]._replace(phase=phase, first_yaw=phase * ANGLE_RAD)
 
     def _room(
         self,
@@ -437,21 +443,20 @@ def _to_go(weights: NDArray[np.uint8], goal: tuple[int, int], edge_m: float) -> 
     return to_go_m.reshape(rows, cols)
 
 
-def rasterised(footprint: Footprint, fine_m: float, first_yaw: float) -> Shape:
+def rasterised(footprint: Footprint, fine_m: float) -> Shape:
     """Return the footprint as spans of the cells that it touches.
 
     Args:
         footprint: of the robot.
         fine_m: edge of a cell.
-        first_yaw: of the first heading [rad].
     """
     reach = math.ceil(footprint.circumscribed_m / fine_m) + 1
     # A line meets a polygon of n corners in n / 2 spans at most.
     most = (2 * reach + 1) * (len(footprint.polygon) // 2)
-    spans = np.zeros((HEADINGS, most, 3), dtype=np.int16)
-    num_spans = np.zeros(HEADINGS, dtype=np.int64)
-    rasterise_into(spans, num_spans, footprint.polygon / fine_m, first_yaw, reach)
-    return Shape(spans, num_spans, first_yaw, reach, footprint.circumscribed_m)
+    spans = np.zeros((ANGLES, most, 3), dtype=np.int16)
+    num_spans = np.zeros(ANGLES, dtype=np.int64)
+    rasterise_into(spans, num_spans, footprint.polygon / fine_m, reach)
+    return Shape(spans, num_spans, 0, 0.0, reach, footprint.circumscribed_m)
 
 
 def _traced(
@@ -561,7 +566,7 @@ def way_costs_into(
         if motion != TURNING:
             length = math.hypot(dx, dy) + SEARCH.arc_m * turn
         place = poses[index, 0], poses[index, 1]
-        price = price_of(room, shape, place, heading_of(shape, poses[index, 2]), motion)
+        price = price_of(room, shape, place, nearest_angle(poses[index, 2]), motion)
         # The way is free; beside the search's headings it may look otherwise.
         most = 1.0 + SEARCH.near + SEARCH.beside + SEARCH.touching + SEARCH.reverse
         price = min(price, most)
@@ -625,10 +630,10 @@ def bend_cost(
     total = 0.0
     x, y, yaw = first[0], first[1], first[2]
     for index in range(curve.shape[0]):
-        place, heading = (curve[index, 0], curve[index, 1]), heading_of(shape, curve[index, 2])
+        place, angle = (curve[index, 0], curve[index, 1]), nearest_angle(curve[index, 2])
         length = math.hypot(place[0] - x, place[1] - y)
         turn = abs(curve[index, 2] - yaw)
-        total += price_of(room, shape, place, heading, sense) * (length + SEARCH.arc_m * turn)
+        total += price_of(room, shape, place, angle, sense) * (length + SEARCH.arc_m * turn)
         x, y, yaw = curve[index, 0], curve[index, 1], curve[index, 2]
         if total >= most:
             return math.inf
@@ -669,23 +674,21 @@ def rasterise_into(
     out_spans: NDArray[np.int16],
     out_num: NDArray[np.int64],
     polygon: NDArray[np.float64],
-    first_yaw: float,
     reach: int,
 ) -> None:
-    """Write the spans of cells that an outline covers or nearly touches, for each heading.
+    """Write the spans of cells that an outline covers or nearly touches, at each angle.
 
     A cell counts if its centre is inside, or within half a cell of an edge.
 
     Args:
-        out_spans: (HEADINGS, n, 3), overwritten; see `Shape`.
-        out_num: (HEADINGS,), overwritten.
+        out_spans: (ANGLES, n, 3), overwritten; see `Shape`.
+        out_num: (ANGLES,), overwritten.
         polygon: (m, 2) corners [cells].
-        first_yaw: [rad].
         reach: rows on either side of the origin.
     """
     turned = np.empty_like(polygon)
-    for heading in range(HEADINGS):
-        yaw = first_yaw + heading * TURN_RAD
+    for angle in range(ANGLES):
+        yaw = angle * ANGLE_RAD
         cos, sin = math.cos(yaw), math.sin(yaw)
         for corner in range(polygon.shape[0]):
             x, y = polygon[corner, 0], polygon[corner, 1]
@@ -700,12 +703,12 @@ def rasterise_into(
                 if is_covered and first > reach:
                     first = col
                 elif not is_covered and first <= reach:
-                    out_spans[heading, count, 0] = row
-                    out_spans[heading, count, 1] = first
-                    out_spans[heading, count, 2] = col
+                    out_spans[angle, count, 0] = row
+                    out_spans[angle, count, 1] = first
+                    out_spans[angle, count, 2] = col
                     count += 1
                     first = reach + 1
-        out_num[heading] = count
+        out_num[angle] = count
 
 
 @kernel
@@ -830,7 +833,7 @@ def fits_somehow(
 ) -> bool:
     """Say whether the footprint covers no counted cell at a place in one of every other heading."""
     for heading in range(parity, HEADINGS, 2):
-        if is_free(counts, shape, fine_m, place, heading):
+        if is_free(counts, shape, fine_m, place, angle_of(shape, heading)):
             return True
     return False
 
@@ -841,7 +844,7 @@ def is_free(
     shape: Shape,
     fine_m: float,
     place: tuple[float, float],
-    heading: int,
+    angle: int,
 ) -> bool:
     """Say whether the footprint covers no counted cell, and none outside.
 
@@ -850,16 +853,16 @@ def is_free(
         shape: the footprint.
         fine_m: edge of a cell.
         place: x, y from the corner [m].
-        heading: index.
+        angle: index.
     """
     rows, cols = counts.shape[0], counts.shape[1] - 1
     row, col = math.floor(place[1] / fine_m), math.floor(place[0] / fine_m)
     reach = shape.reach
     if row < reach or col < reach or row >= rows - reach or col >= cols - reach:
         return False
-    for index in range(shape.num_spans[heading]):
-        at = row + shape.spans[heading, index, 0]
-        first, end = shape.spans[heading, index, 1], shape.spans[heading, index, 2]
+    for index in range(shape.num_spans[angle]):
+        at = row + shape.spans[angle, index, 0]
+        first, end = shape.spans[angle, index, 1], shape.spans[angle, index, 2]
         if counts[at, col + end] != counts[at, col + first]:
             return False
     return True
@@ -872,8 +875,20 @@ def heading_of(shape: Shape, yaw: float) -> int:
 
 
 @kernel
+def angle_of(shape: Shape, heading: int) -> int:
+    """Return the angle of a heading."""
+    return heading * PHASES + shape.phase
+
+
+@kernel
+def nearest_angle(yaw: float) -> int:
+    """Return the angle nearest to a direction [rad]."""
+    return math.floor(yaw / ANGLE_RAD + 0.5) % ANGLES
+
+
+@kernel
 def price_of(
-    room: Room, shape: Shape, place: tuple[float, float], heading: int, motion: int
+    room: Room, shape: Shape, place: tuple[float, float], angle: int, motion: int
 ) -> float:
     """Return what a metre to a pose costs, +inf if the footprint must not come there.
 
@@ -881,24 +896,24 @@ def price_of(
         room: where it is.
         shape: the footprint.
         place: x, y from the corner [m].
-        heading: index.
+        angle: index.
         motion: how it comes there; TURNING: what a metre of its outline's way would cost.
     """
     has_room = can_turn(room, shape, place, 0.0)
     if has_room and motion != BACKWARDS:
         return 1.0
-    if not has_room and not is_free(room.blocked, shape, room.fine_m, place, heading):
+    if not has_room and not is_free(room.blocked, shape, room.fine_m, place, angle):
         return math.inf
     price = 1.0
     if motion == BACKWARDS:
-        if not is_free(room.unknown, shape, room.fine_m, place, heading):
+        if not is_free(room.unknown, shape, room.fine_m, place, angle):
             return math.inf
         price += SEARCH.reverse
-    if not has_room and not is_free(room.near, shape, room.fine_m, place, heading):
+    if not has_room and not is_free(room.near, shape, room.fine_m, place, angle):
         price += SEARCH.near
-        if not is_free(room.beside, shape, room.fine_m, place, heading):
+        if not is_free(room.beside, shape, room.fine_m, place, angle):
             price += SEARCH.beside
-            if not is_free(room.touching, shape, room.fine_m, place, heading):
+            if not is_free(room.touching, shape, room.fine_m, place, angle):
                 price += SEARCH.touching
     return price
 
@@ -921,8 +936,8 @@ def turn_cost(
     count = math.ceil(abs(turn) / TURN_RAD)
     total = 0.0
     for index in range(1, count + 1):
-        heading = heading_of(shape, yaw + turn * index / count)
-        price = price_of(room, shape, place, heading, TURNING)
+        angle = nearest_angle(yaw + turn * index / count)
+        price = price_of(room, shape, place, angle, TURNING)
         if price == math.inf:
             return math.inf
         total += price * SEARCH.turn_m * abs(turn) / count
@@ -980,7 +995,7 @@ def direct_drive(
     count = math.ceil(length / SEARCH.move_m)
     for motion in (FORWARDS, BACKWARDS):
         facing = bearing if motion == FORWARDS else bearing + math.pi
-        heading = heading_of(shape, facing)
+        angle = nearest_angle(facing)
         turns = abs(wrapped(facing - yaw))
         turns += abs(last_turn(task, goal_yaw - facing))
         if length + SEARCH.turn_m * turns >= best.cost:
@@ -989,7 +1004,7 @@ def direct_drive(
         for index in range(1, count + 1):
             share = index / count
             place = x + share * (goal_x - x), y + share * (goal_y - y)
-            cost += price_of(room, shape, place, heading, motion) * length / count
+            cost += price_of(room, shape, place, angle, motion) * length / count
             if cost >= best.cost:
                 break
         if cost >= best.cost:
@@ -1144,7 +1159,7 @@ def begin(
         heading = nearest
         if which == 1:
             heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
-            if not is_free(room.blocked, shape, room.fine_m, place, heading):
+            if not is_free(room.blocked, shape, room.fine_m, place, angle_of(shape, heading)):
                 continue
         key = key_of(room, shape, place, heading, cols)
         if memory.counts[0] > 0 and memory.stamps[slot_of(memory, number, key)] == number:
@@ -1265,7 +1280,7 @@ def expand(memory: Memory, number: int, room: Room, shape: Shape, state: int, co
         through = cost + move_cost(before, motion, turn, turns_freely)
         if is_known and (memory.closed[slot] != 0 or memory.costs[slot] <= through):
             continue
-        price = price_of(room, shape, place, next_heading, motion)
+        price = price_of(room, shape, place, angle_of(shape, next_heading), motion)
         length = SEARCH.turn_m * TURN_RAD
         if motion != TURNING:
             length = SEARCH.move_m + (0.0 if turns_freely else SEARCH.arc_m * TURN_RAD * abs(turn))
