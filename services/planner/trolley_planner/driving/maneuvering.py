@@ -48,6 +48,8 @@ class ManeuverParams:
     """the next one is searched this far before its end,"""
     farther_m: float = 0.25
     """if that leads this much farther along the path."""
+    near_goal_m: float = 0.4
+    """One that ends this near to the goal leads to it."""
     half_m: float = 2.4
     """It keeps within this distance of the robot, along both axes."""
     loose_m: float = 0.1
@@ -266,6 +268,8 @@ class Maneuvering:
         until = max(until, path.ahead(route.index, MANEUVER.least_m))
         if route.vias_left:
             until = min(until, path.vias[0])
+        elif float(path.remaining_m[until]) < MANEUVER.near_goal_m:
+            until = len(path.points) - 1
         self._to_goal = until == len(path.points) - 1 and not route.vias_left
         self._rest_m = float(path.remaining_m[until])
         wanted_m = self._config.clearance_m + 0.02

@@ -69,15 +69,15 @@ class PoseSearchParams(NamedTuple):
     """and this much more where it all but touches:"""
     touching_m: float = 0.016
     """nearer than this, one fine cell. So the robot keeps to the middle of a door, and straight."""
-    reverse: float = 0.4
-    """A metre backwards costs this much more, as in the rollouts."""
-    turn_m: float = 0.25
+    reverse: float = 0.8
+    """A metre backwards costs this much more: it is driven at half the speed."""
+    turn_m: float = 0.35
     """A turn on the spot by one radian costs as much as this many metres."""
     arc_m: float = 0.1
     """The same for a turn while driving: straight lines are easier to follow."""
-    switch_m: float = 0.2
+    switch_m: float = 0.3
     """So does a change between forwards and backwards,"""
-    halt_m: float = 0.12
+    halt_m: float = 0.2
     """and one between driving and turning."""
     direct_m: float = 1.5
     """A direct drive is tried from states this near to the goal [m],"""
@@ -93,6 +93,10 @@ class PoseSearchParams(NamedTuple):
     """where there is no clearance, this much."""
     heuristic_m: float = 0.05
     """Edge of the cells of the heuristic, about."""
+    exact_m: float = 0.01
+    """A way that is searched from its end leads to the robot's own place this exactly,"""
+    exact_rad: float = 0.02
+    """and to its heading."""
     bend_radius_m: float = 0.3
     """Curves that replace pieces of a way are no tighter than this,"""
     bend_states: int = 60
@@ -186,6 +190,10 @@ class Room(NamedTuple):
     """and whether any heading will do there."""
     greed: float
     """How much the rest of the way counts."""
+    begin_m: float
+    """How far the end may be missed of a way that is searched from there."""
+    sense: int
+    """BACKWARDS where the way is searched from its end: the robot drives the other way then."""
 
 
 class Shape(NamedTuple):
@@ -301,11 +309,37 @@ class PoseSearch:
         if not (grid.contains(task.x, task.y) and grid.contains(task.goal_x, task.goal_y)):
             return None
         shape = self._shape(grid.fine_m, task.goal_yaw)
-        corner = np.array([grid.x, grid.y])
         room, weights = self._room(grid, unknown, closed, task, shape)
         start = task.x - grid.x, task.y - grid.y, task.yaw
         goal = task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw
-        ends = start, goal
+        found = None
+        if not task.any_heading and _is_tighter_at_end(room, shape, start, goal):
+            back = task._replace(xy_m=SEARCH.exact_m, yaw_rad=SEARCH.exact_rad)
+            turned = room._replace(begin_m=task.xy_m, sense=BACKWARDS)
+            found = self._way(turned, weights, shape, (goal, start), back, most)
+        if found is None:
+            found = self._way(room, weights, shape, (start, goal), task, most)
+        if found is None:
+            return None
+        poses, motions = found
+        poses[0] = start  # Which lies between two headings; the search begins at one.
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        poses, motions = _smoothed(poses, motions, room, shape)
+        motions[0] = motions[1] if len(motions) > 1 else TURNING
+        poses[:, :2] += (grid.x, grid.y)
+        return Maneuver(poses, motions)
+
+    def _way(
+        self,
+        room: Room,
+        weights: NDArray[np.uint8],
+        shape: Shape,
+        ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+        task: Task,
+        most: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int8]] | None:
+        """Return a way's poses (n, 3) from the corner, and how each is reached."""
+        goal = ends[1]
         room, last = self._search(room, weights, shape, ends, task, most)
         if last == NONE:
             return None
@@ -320,12 +354,9 @@ class PoseSearch:
             else:
                 more, kinds = _driven(state, goal, drive)
             poses, motions = np.concatenate([poses, more]), np.concatenate([motions, kinds])
-        poses[0] = start  # Which lies between two headings; the search begins at one.
-        poses[:, 2] = np.unwrap(poses[:, 2])
-        poses, motions = _smoothed(poses, motions, room, shape)
-        motions[0] = motions[1] if len(motions) > 1 else TURNING
-        poses[:, :2] += corner
-        return Maneuver(poses, motions)
+        if room.sense == FORWARDS:
+            return poses, motions
+        return poses[::-1].copy(), np.roll(-motions[::-1], 1)
 
     def _search(
         self,
@@ -342,25 +373,28 @@ class PoseSearch:
             The room with what then counts as blocked; the last state, NONE if there is no way.
         """
         self.num_states = 0
-        goal = ends[1]
-        goal_cell = tuple(math.floor(goal[axis] / room.coarse_m) + 1 for axis in (1, 0))
-        start_cell = tuple(math.floor(ends[0][axis] / room.coarse_m) + 1 for axis in (1, 0))
-        angle = nearest_angle(goal[2])
+        begin, goal = ends
+        start_cell, goal_cell = _coarse_cell(room, begin), _coarse_cell(room, goal)
+        room = room._replace(goal=goal, missed_m=task.xy_m, any_heading=task.any_heading)
+        weights = weights.copy()
+        weights[goal_cell] = WEIGHT_UNIT
         dearest = 1.0 + SEARCH.near
         for blocked in (room.beside, room.touching):
             dearest_weight = round(dearest * WEIGHT_UNIT)
             dearest += SEARCH.beside
-            fits = task.any_heading or is_free(blocked, shape, room.fine_m, goal[:2], angle)
-            if not fits:
+            # The robot stands where it starts; at its goal it must fit.
+            fits = is_free(blocked, shape, room.fine_m, goal[:2], nearest_angle(goal[2]))
+            if not (task.any_heading or room.sense == BACKWARDS or fits):
                 continue
             passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
-            to_go_m = _to_go(passable, (goal_cell[0], goal_cell[1]), room.coarse_m)
+            to_go_m = _to_go(passable, goal_cell, room.coarse_m)
             if not math.isfinite(to_go_m[start_cell]):
                 continue
             roomy = room._replace(blocked=blocked, to_go_m=to_go_m, greed=SEARCH.greed)
             found, last = self._search_once(roomy, shape, ends, task, SEARCH.soon)
             if found == FOUND:
                 return roomy, last
+        room = room._replace(to_go_m=_to_go(weights, goal_cell, room.coarse_m))
         found, last = self._search_once(room, shape, ends, task, most)
         return room, last if found == FOUND else NONE
 
@@ -408,11 +442,6 @@ class PoseSearch:
         parity = heading_of(shape, task.goal_yaw) % 2
         cells = group, grid.fine_m
         weigh_into(weights, counts, shape, grid.distance_m, closed, radii, cells, parity)
-        row, col = (
-            math.floor((place - corner) / edge) + 1
-            for place, corner in ((task.goal_y, grid.y), (task.goal_x, grid.x))
-        )
-        weights[row, col] = WEIGHT_UNIT
         return Room(
             counts[BLOCKED],
             counts[NEAR],
@@ -420,15 +449,33 @@ class PoseSearch:
             counts[NEXT_TO],
             counts[UNSEEN],
             grid.distance_m,
-            _to_go(weights, (row, col), edge),
+            np.zeros((0, 0), dtype=np.float32),
             grid.fine_m,
             edge,
             task.wanted_m,
-            (task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw),
-            task.xy_m,
-            task.any_heading,
+            (0.0, 0.0, 0.0),
+            0.0,
+            False,
             SEARCH.last_greed,
+            0.0,
+            FORWARDS,
         ), weights
+
+
+def _is_tighter_at_end(
+    room: Room,
+    shape: Shape,
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+) -> bool:
+    """Say whether there is room to turn at the start of a way, and none at its end."""
+    return can_turn(room, shape, start[:2], 0.0) and not can_turn(room, shape, goal[:2], 0.0)
+
+
+def _coarse_cell(room: Room, place: tuple[float, float, float]) -> tuple[int, int]:
+    """Return row and column of a place among the larger cells."""
+    x, y = place[0], place[1]
+    return math.floor(y / room.coarse_m) + 1, math.floor(x / room.coarse_m) + 1
 
 
 def _to_go(weights: NDArray[np.uint8], goal: tuple[int, int], edge_m: float) -> NDArray[np.float32]:
@@ -900,12 +947,13 @@ def price_of(
         motion: how it comes there; TURNING: what a metre of its outline's way would cost.
     """
     has_room = can_turn(room, shape, place, 0.0)
-    if has_room and motion != BACKWARDS:
+    backs = motion * room.sense == BACKWARDS
+    if has_room and not backs:
         return 1.0
     if not has_room and not is_free(room.blocked, shape, room.fine_m, place, angle):
         return math.inf
     price = 1.0
-    if motion == BACKWARDS:
+    if backs:
         if not is_free(room.unknown, shape, room.fine_m, place, angle):
             return math.inf
         price += SEARCH.reverse
@@ -1075,6 +1123,8 @@ def to_go(room: Room, place: tuple[float, float], yaw: float) -> float:
         ahead += abs(wrapped(room.goal[2] - bearing))
         back += abs(wrapped(room.goal[2] - bearing - math.pi))
         least = abs(wrapped(room.goal[2] - yaw))
+    if room.sense == BACKWARDS:
+        ahead, back = back, ahead
     turning = SEARCH.arc_m * ahead
     if length > SEARCH.cell_m:
         turning = min(turning, SEARCH.arc_m * back + SEARCH.reverse * length)
@@ -1152,22 +1202,62 @@ def begin(
     Where neither fits, the robot leaves by the nearer one: it stands there after all.
     """
     memory.counts[0], memory.counts[1] = 0, 0
-    place = start[0], start[1]
     nearest = heading_of(shape, start[2])
     off = wrapped(start[2] - shape.first_yaw - nearest * TURN_RAD)
     for which in range(2):
         heading = nearest
         if which == 1:
             heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
-            if not is_free(room.blocked, shape, room.fine_m, place, angle_of(shape, heading)):
+            if not is_free(room.blocked, shape, room.fine_m, start[:2], angle_of(shape, heading)):
                 continue
-        key = key_of(room, shape, place, heading, cols)
-        if memory.counts[0] > 0 and memory.stamps[slot_of(memory, number, key)] == number:
-            continue
         turn = abs(wrapped(start[2] - shape.first_yaw - heading * TURN_RAD))
-        cost = SEARCH.turn_m * turn
-        reached = Reached(key, start[0], start[1], heading, cost, NONE, AT_START)
-        remember(memory, number, reached, cost + to_go(room, place, start[2]))
+        begin_at(memory, number, room, shape, start[:2], heading, SEARCH.turn_m * turn, cols)
+
+
+@kernel
+def begin_around(
+    memory: Memory,
+    number: int,
+    room: Room,
+    shape: Shape,
+    end: tuple[float, float, float],
+    missed_m: float,
+    cols: int,
+) -> None:
+    """Begin a search at the end of the way, and around it as far as it may be missed.
+
+    What is missed costs as much as a way beside something: it is worth it where that makes room.
+    """
+    memory.counts[0], memory.counts[1] = 0, 0
+    heading = heading_of(shape, end[2])
+    for which in range(9):
+        place = end[:2]
+        if which > 0:
+            bearing = 0.25 * math.pi * which
+            place = end[0] + missed_m * math.cos(bearing), end[1] + missed_m * math.sin(bearing)
+        if is_free(room.blocked, shape, room.fine_m, place, angle_of(shape, heading)):
+            cost = 0.0 if which == 0 else SEARCH.beside * missed_m
+            begin_at(memory, number, room, shape, place, heading, cost, cols)
+
+
+@kernel
+def begin_at(
+    memory: Memory,
+    number: int,
+    room: Room,
+    shape: Shape,
+    place: tuple[float, float],
+    heading: int,
+    cost: float,
+    cols: int,
+) -> None:
+    """Put a first state into the memory, if its cell and heading are not there yet."""
+    key = key_of(room, shape, place, heading, cols)
+    if memory.counts[0] > 0 and memory.stamps[slot_of(memory, number, key)] == number:
+        return
+    reached = Reached(key, place[0], place[1], heading, cost, NONE, AT_START)
+    rest = to_go(room, place, shape.first_yaw + heading * TURN_RAD)
+    remember(memory, number, reached, cost + rest)
 
 
 @kernel
@@ -1207,7 +1297,12 @@ def offer_direct_drive(
 
 @kernel
 def move_from(
-    place: tuple[float, float], yaw: float, which: int, heading: int, turns_freely: bool
+    place: tuple[float, float],
+    yaw: float,
+    which: int,
+    heading: int,
+    turns_freely: bool,
+    sense: int,
 ) -> tuple[int, int, tuple[float, float]]:
     """Return one move from a state: the motion, the headings it turns by, and where it leads.
 
@@ -1215,12 +1310,13 @@ def move_from(
         place: x, y of the state.
         yaw: its heading [rad].
         which: number of the move: with room to turn one line for each heading, forwards and
-            then backwards; else turns, lines and arcs.
+            then backwards, as the robot will drive; else turns, lines and arcs.
         heading: index of the state's heading.
         turns_freely: whether there is room to turn.
+        sense: of the room.
     """
     if turns_freely:
-        motion = FORWARDS if which < HEADINGS else BACKWARDS
+        motion = sense if which < HEADINGS else -sense
         turn = (which - heading + HEADINGS // 2) % HEADINGS - HEADINGS // 2
         facing = yaw + turn * TURN_RAD
     elif which < 2:
@@ -1266,10 +1362,10 @@ def expand(memory: Memory, number: int, room: Room, shape: Shape, state: int, co
     is_inside = turns_freely and can_turn(room, shape, here, SEARCH.move_m)
     num_moves = HEADINGS if is_inside else (2 * HEADINGS if turns_freely else 8)
     for which in range(0, num_moves, 4 if is_inside else 1):
-        motion, turn, place = move_from(here, yaw, which, heading, turns_freely)
+        motion, turn, place = move_from(here, yaw, which, heading, turns_freely, room.sense)
         next_heading = (heading + turn) % HEADINGS
         rest = to_go(room, place, shape.first_yaw + next_heading * TURN_RAD)
-        is_spare = motion == BACKWARDS or next_heading % 4 != 0
+        is_spare = motion * room.sense == BACKWARDS or next_heading % 4 != 0
         if rest == math.inf or (
             turns_freely and is_spare and not is_inside and can_turn(room, shape, place, 0.0)
         ):
@@ -1316,7 +1412,10 @@ def search_poses(
     """
     start, goal = ends
     cols = math.ceil(room.blocked.shape[1] * room.fine_m / SEARCH.cell_m)
-    begin(memory, number, room, shape, start, cols)
+    if room.sense == FORWARDS:
+        begin(memory, number, room, shape, start, cols)
+    else:
+        begin_around(memory, number, room, shape, start, room.begin_m, cols)
     num_near = 0
     while memory.counts[1] > 0:
         state = take_first(memory.heap, memory.counts[1])
