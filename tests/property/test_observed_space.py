@@ -112,7 +112,7 @@ class Twin:
         self, cell: Cell, is_seen: bool, is_echo: bool, is_dark: bool, unsure: bool, now: float
     ) -> None:
         if unsure:
-            cell.unsure_until = now + PARAMS.trail_s
+            cell.unsure_until = now + SIGHT.trail_s
         if is_seen:
             cell.seen = now
         elif is_echo:
@@ -124,7 +124,7 @@ class Twin:
     def knowledge(self, cell: Cell, now: float) -> str:
         if now - cell.echo <= PARAMS.dark_s or now - max(cell.seen, cell.trail) <= PARAMS.fresh_s:
             return SEEN
-        if now - cell.seen <= PARAMS.memory_s or now - cell.trail <= PARAMS.trail_s:
+        if now - cell.seen <= PARAMS.memory_s or now - cell.trail <= SIGHT.trail_s:
             return FREE_BEFORE
         return UNSEEN
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.sight import SIGHT
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
 
@@ -17,7 +18,7 @@ class NearEchoesParams:
     blind_margin_m: float = 0.03
     """Echoes this much beyond the shortest measurable distance are remembered, for as long as the
     sensor is blind for them, when the robot comes nearer [m]."""
-    memory_s: float = 30.0
+    memory_s: float = SIGHT.memory_s
     """What lies out of view, or where beams fail, is remembered for this long [s]; so is what was
     seen to be free there."""
     remembered_m: float = 0.02

@@ -25,7 +25,14 @@ from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clear
 from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import SEARCH, Maneuver, Task
+from trolley_planner.paths.pose_search import (
+    IN_SIGHT,
+    NEVER_SEEN,
+    OUT_OF_SIGHT,
+    SEARCH,
+    Maneuver,
+    Task,
+)
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -130,9 +137,10 @@ class PlanningContext:
         rows, cols = (at + np.arange(2 * half) for at in first)
         cells = np.meshgrid(rows, cols, indexing="ij")
         known = self.local_costmap.is_known(cells[0], cells[1], OBSTACLES.recent_s)
-        unknown = grid.divided(~known)
-        closed = np.zeros_like(unknown)
-        return self.pose_search.find(grid, unknown, closed, task, SEARCH.driving)
+        sight = np.where(self.local_costmap.is_fresh(*cells), IN_SIGHT, OUT_OF_SIGHT)
+        unseen = grid.divided(np.where(known, sight, NEVER_SEEN))
+        closed = np.zeros_like(unseen)
+        return self.pose_search.find(grid, unseen, closed, task, SEARCH.driving)
 
 
 def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:

@@ -10,6 +10,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.jit import kernel
+from trolley.sight import SIGHT
 from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
@@ -239,6 +240,20 @@ class LocalCostmap:
         layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
         return (known | layer.is_known_free(rows, cols, within_s)).reshape(shape)
+
+    def is_fresh(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Say of known cells, also outside the costmap, whether `base` lets the robot hurry there.
+
+        Args:
+            rows: of the cells.
+            cols: of the cells.
+        """
+        layer = self._costmap.obstacle_layer
+        if layer.looks_all_round:
+            return np.ones(rows.shape, dtype=np.bool_)
+        last_row, last_col = (size - 1 for size in self._costmap.shape)
+        flat = np.clip(rows.reshape(-1), 0, last_row), np.clip(cols.reshape(-1), 0, last_col)
+        return layer.is_known_free(*flat, SIGHT.fresh_s, SIGHT.fresh_s).reshape(rows.shape)
 
     @property
     def cost_of_metre(self) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc
 from trolley.jit import kernel
+from trolley.sight import SIGHT
 from trolley_planner.sensing.beams import (
     CLEAR,
     DX,
@@ -49,12 +50,12 @@ class ObstacleParams(NamedTuple):
     """A lidar that covers less does not look all round."""
     recent_s: float = 15.0
     """What such a lidar saw free is free for this long out of its view,"""
-    kept_s: float = 27.0
+    kept_s: float = SIGHT.memory_s - 3.0
     """and to the end of what was begun in time for this long: at `base`'s creep that is 1.2 m. A
-    little later `base` lets nobody drive there (`memory_s` of its observed space)."""
-    stood_s: float = 100.0
+    little later `base` lets nobody drive there."""
+    stood_s: float = SIGHT.trail_s - 20.0
     """Where the robot stood is free out of its view for this long: it leaves a dead end as it came;
-    `base` lets it for 20 s more (`trail_s` of its observed space)."""
+    `base` lets it for 20 s more."""
 
 
 OBSTACLES = ObstacleParams()
@@ -194,7 +195,11 @@ class ObstacleLayer:
             lift_cells(self.grid, walkers, self._resolution_m, self._scan_number)
 
     def is_known_free(
-        self, rows: NDArray[np.int64], cols: NDArray[np.int64], within_s: float
+        self,
+        rows: NDArray[np.int64],
+        cols: NDArray[np.int64],
+        within_s: float,
+        stood_s: float = OBSTACLES.stood_s,
     ) -> NDArray[np.bool_]:
         """Say of cells (n,) whether the lidar saw them, and where it does not look, lately.
 
@@ -204,7 +209,8 @@ class ObstacleLayer:
         Args:
             rows: of the cells.
             cols: of the cells.
-            within_s: what counts as lately, at most `OBSTACLES.kept_s`.
+            within_s: what counts as lately, at most `OBSTACLES.kept_s`,
+            stood_s: and where the robot stood.
         """
         observed, stood_ticks = self.grid.observed, self.grid.stood_ticks
         if self.looks_all_round:
@@ -218,7 +224,7 @@ class ObstacleLayer:
         oldest = self._scan_number - num_recent + 1
         newest = observed[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
         stood = stood_ticks[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
-        stood_since = self._now_ticks - OBSTACLES.stood_s / OBSTACLES.tick_s
+        stood_since = self._now_ticks - stood_s / OBSTACLES.tick_s
         return (newest >= oldest) | (stood > max(stood_since, 0.0))
 
     def forget_old(self, now_ns: int) -> None:

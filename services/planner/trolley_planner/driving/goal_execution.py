@@ -153,7 +153,7 @@ class GoalExecution:
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
         if self.recovery.current is None and not self._hurries:
-            self._maneuvering.update(pose, self.route, self._goal_approach, now_ns)
+            self._maneuvering.update(motion, self.route, self._goal_approach, now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when it is over."""

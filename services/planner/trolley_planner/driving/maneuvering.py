@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
@@ -21,7 +21,7 @@ from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
-from trolley_planner.paths.pose_search import TURNING, Maneuver, Task
+from trolley_planner.paths.pose_search import FORWARDS, TURNING, Maneuver, Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,12 @@ class ManeuverParams:
     """and the heading there by this,"""
     free_rad: float = 0.9
     """or by this where it can turn."""
+    standing_mps: float = 0.1
+    """A way begins where a robot faster than this can stand,"""
+    delay_s: float = 0.15
+    """which it begins to do after this time;"""
+    lead_step_m: float = 0.025
+    """and leads there in steps no longer than this."""
     begin_people_m: float = 0.8
     """No way is begun while somebody moves this near to the robot,"""
     stand_people_m: float = 0.3
@@ -67,7 +73,9 @@ class ManeuverParams:
     blocked_scans: int = 3
     """A way is given up when so many scans in a row showed something on it."""
     stalled_s: float = 1.5
-    """So it is when the robot was held up for this long."""
+    """So it is when the robot was held up for this long,"""
+    stalled_m: float = 0.015
+    """as it is if it moved less than this, turns counted as below."""
     settle_rad: float = 0.03
     """A turn is over this near to its end."""
     track_m: float = 0.16
@@ -134,15 +142,16 @@ class Maneuvering:
         """Leave driving to the controller."""
         self._follower = None
 
-    def update(self, pose: Pose2D, route: Route, approach: GoalApproach, now_ns: int) -> None:
+    def update(self, motion: Motion, route: Route, approach: GoalApproach, now_ns: int) -> None:
         """Search a way where one is needed; give up one that is blocked or leads elsewhere.
 
         Args:
-            pose: of the robot; the local costmap must be centred on it.
+            motion: of the robot; the local costmap must be centred on it.
             route: to the goal.
             approach: tells where to stand in the end, and how near to that.
             now_ns: robot time.
         """
+        pose = motion.pose
         aim, self._tolerances = approach.aim, approach.near
         needed = self._needed_until(pose, route, aim)
         self.is_tight_ahead = needed is not None
@@ -153,8 +162,10 @@ class Maneuvering:
         if self._is_anyone_near(pose, MANEUVER.begin_people_m):
             return  # The controller knows how to pass people.
         self._searched_ns = now_ns
-        found = self._search(pose, route, aim, needed)
+        lead = self._lead(motion)
+        found = self._search(lead[-1], route, aim, needed)
         if found is not None:
+            found = _led(found, lead)
             self._follower = WayFollower(found, 0.0 if self._to_goal else self._rest_m)
             self._num_blocked, self._searched_ns = 0, None
 
@@ -180,7 +191,7 @@ class Maneuvering:
             wanted = Twist2D.zero()  # All of it: turning alone leads off the way.
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
         safe = safe_command(now.motion, wanted, local_costmap, limits, TIGHT_CLEARANCE_M)
-        if follower.is_stalled(safe, now.elapsed_s):
+        if follower.is_stalled(pose, now.elapsed_s):
             self.stop()
         return safe
 
@@ -205,6 +216,20 @@ class Maneuvering:
         off = np.hypot(*(points[route.index :] - (follower.end.x, follower.end.y)).T)
         end = route.index + int(np.argmin(off))
         return float(left_m[end] - left_m[needed]) < MANEUVER.farther_m
+
+    def _lead(self, motion: Motion) -> list[Pose2D]:
+        """Return the poses from the robot's to where it can stand: ways may begin with a turn."""
+        speed, poses = motion.twist.vx, [motion.pose]
+        if speed < MANEUVER.standing_mps:
+            return poses
+        seconds = speed / self._config.acceleration_mps2
+        stretch_m = speed * (0.5 * seconds + MANEUVER.delay_s)
+        count = math.ceil(stretch_m / MANEUVER.lead_step_m)
+        for _ in range(count):
+            poses.append(integrate_twist(poses[-1], motion.twist, stretch_m / speed / count))
+        ahead = np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
+        is_free = self._context.least_clearance(ahead, TIGHT_CLEARANCE_M) >= TIGHT_CLEARANCE_M
+        return poses if is_free else poses[:1]
 
     def _is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         within_m += self._context.footprint.circumscribed_m
@@ -309,6 +334,17 @@ class Maneuvering:
             self.stop()
 
 
+def _led(way: Maneuver, lead: list[Pose2D]) -> Maneuver:
+    """Return a way with the poses before it that lead to its begin, forwards."""
+    if len(lead) == 1:
+        return way
+    before = np.array([(pose.x, pose.y, pose.yaw) for pose in lead[:-1]])
+    poses = np.concatenate([before, way.poses])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    motions = np.concatenate([np.full(len(lead), FORWARDS, np.int8), way.motions[1:]])
+    return Maneuver(poses, motions)
+
+
 class WayFollower:
     """Follows one way: line by line and turn by turn.
 
@@ -331,6 +367,7 @@ class WayFollower:
         self._run_end = self._end_of_run(0)
         self._yaw: float | None = None
         self._stalled_s = 0.0
+        self._stalled_at = Pose2D(*self._poses[0].tolist())
 
     @property
     def end(self) -> Pose2D:
@@ -357,10 +394,13 @@ class WayFollower:
         off_yaw = 0.0 if turned else abs(wrap_angle(pose.yaw - float(yaw)))
         return off > MANEUVER.strayed_m or off_yaw > MANEUVER.strayed_rad
 
-    def is_stalled(self, driven: Twist2D, elapsed_s: float) -> bool:
-        """Note what was safe to drive; say whether the robot has been held up for long."""
-        stands = abs(driven.vx) < 0.01 and abs(driven.wz) < 0.05
-        self._stalled_s = self._stalled_s + elapsed_s if stands else 0.0
+    def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
+        """Note where the robot is; say whether it has been held up for long, by whomever."""
+        moved_m = pose.distance_to(self._stalled_at)
+        moved_m += MANEUVER.turn_as_m * abs(wrap_angle(pose.yaw - self._stalled_at.yaw))
+        if moved_m > MANEUVER.stalled_m:
+            self._stalled_at, self._stalled_s = pose, 0.0
+        self._stalled_s += elapsed_s
         return self._stalled_s > MANEUVER.stalled_s
 
     def command(self, motion: Motion, limits: Limits) -> Twist2D | None:

@@ -93,16 +93,25 @@ class PoseSearchParams(NamedTuple):
     """where there is no clearance, this much."""
     heuristic_m: float = 0.05
     """Edge of the cells of the heuristic, about."""
+    begin_share: float = 0.7
+    """A way that is searched from its end begins this share of what may be missed beside it."""
     exact_m: float = 0.01
     """A way that is searched from its end leads to the robot's own place this exactly,"""
     exact_rad: float = 0.02
     """and to its heading."""
+    swings: int = 6
+    """Curves to a place where there is room to turn end in so many headings to either side"""
+    swing_rad: float = 0.2
+    """of the straight line, this much apart."""
     bend_radius_m: float = 0.3
     """Curves that replace pieces of a way are no tighter than this,"""
     bend_states: int = 60
     """and replace at most so many states,"""
     bend_every: int = 3
     """every third of which is tried as their end."""
+    creep: float = 4.0
+    """A metre backwards, or a turn, over what is out of sight costs this much more: `base` lets the
+    robot creep there only, at a fifth of its speed."""
     states: int = 2**18
     """States that can be remembered, a power of two: 24 MB with the heap,"""
     soon: int = 4000
@@ -119,7 +128,9 @@ FORWARDS, BACKWARDS, TURNING, AT_START = 1, -1, 0, 2
 GOAL_KEY = 2**62
 """Stands for the goal itself, at the end of a direct drive."""
 NONE = -1
-BLOCKED, NEAR, BESIDE, NEXT_TO, UNSEEN = range(5)
+IN_SIGHT, OUT_OF_SIGHT, NEVER_SEEN = range(3)
+"""How floor is known: what was seen free and is out of sight may be backed over, at a creep."""
+BLOCKED, NEAR, BESIDE, NEXT_TO, UNSEEN, HIDDEN = range(6)
 """Which cells are counted; see `Room`."""
 FOUND, NOT_FOUND, FULL = 0, 1, 2
 """How a search ends; a full memory proves nothing."""
@@ -171,6 +182,8 @@ class Room(NamedTuple):
     """(rows, cols + 1) the same of cells next to something."""
     unknown: NDArray[np.uint16]
     """(rows, cols + 1) the same of cells that the robot must not back into."""
+    hidden: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells that it backs and turns into at a creep only."""
     distance_m: NDArray[np.float32]
     """(rows, cols) to the nearest obstacle."""
     to_go_m: NDArray[np.float32]
@@ -262,6 +275,17 @@ class Drive(NamedTuple):
     """[rad]."""
 
 
+class Swing(NamedTuple):
+    """A curve to the goal's place, and a turn on the spot there."""
+
+    cost: float
+    """+inf where there is none."""
+    sense: int
+    """FORWARDS or BACKWARDS."""
+    yaw: float
+    """Heading at the end of the curve [rad]."""
+
+
 class PoseSearch:
     """Finds ways for one footprint; its memory is made once.
 
@@ -292,7 +316,7 @@ class PoseSearch:
     def find(
         self,
         grid: FineGrid,
-        unknown: NDArray[np.uint8],
+        unseen: NDArray[np.uint8],
         closed: NDArray[np.uint8],
         task: Task,
         most: int = SEARCH.states,
@@ -301,7 +325,8 @@ class PoseSearch:
 
         Args:
             grid: what stands around.
-            unknown: (rows, cols) of `grid`, set where the robot must not back into.
+            unseen: (rows, cols) of `grid`: IN_SIGHT, OUT_OF_SIGHT or NEVER_SEEN, which the robot
+                must not back into.
             closed: (rows, cols) of `grid`, set where its origin must not be.
             task: from where to where; there is no way to or from outside `grid`.
             most: states after which it gives up.
@@ -309,13 +334,13 @@ class PoseSearch:
         if not (grid.contains(task.x, task.y) and grid.contains(task.goal_x, task.goal_y)):
             return None
         shape = self._shape(grid.fine_m, task.goal_yaw)
-        room, weights = self._room(grid, unknown, closed, task, shape)
+        room, weights = self._room(grid, unseen, closed, task, shape)
         start = task.x - grid.x, task.y - grid.y, task.yaw
         goal = task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw
         found = None
         if not task.any_heading and _is_tighter_at_end(room, shape, start, goal):
             back = task._replace(xy_m=SEARCH.exact_m, yaw_rad=SEARCH.exact_rad)
-            turned = room._replace(begin_m=task.xy_m, sense=BACKWARDS)
+            turned = room._replace(begin_m=SEARCH.begin_share * task.xy_m, sense=BACKWARDS)
             found = self._way(turned, weights, shape, (goal, start), back, most)
         if found is None:
             found = self._way(room, weights, shape, (start, goal), task, most)
@@ -349,7 +374,13 @@ class PoseSearch:
             before = int(motions[-1])
             drive = direct_drive(room, shape, (state, goal), task, before, math.inf)
             cost, sense = direct_bend(room, shape, (state, goal), task, before, drive.cost)
-            if cost < math.inf:
+            least = min(drive.cost, cost)
+            swing = Swing(math.inf, 0, 0.0)
+            if room.sense == BACKWARDS:
+                swing = direct_swing(room, shape, (state, goal), before, least)
+            if swing.sense != 0:
+                more, kinds = _swung(state, goal, swing)
+            elif cost < math.inf:
                 more, kinds = _bent(state, goal, sense)
             else:
                 more, kinds = _driven(state, goal, drive)
@@ -423,7 +454,7 @@ class PoseSearch:
     def _room(
         self,
         grid: FineGrid,
-        unknown: NDArray[np.uint8],
+        unseen: NDArray[np.uint8],
         closed: NDArray[np.uint8],
         task: Task,
         shape: Shape,
@@ -432,8 +463,8 @@ class PoseSearch:
         fine_rows, fine_cols = grid.mask.shape
         own = Pose2D(task.x - grid.x, task.y - grid.y, task.yaw)
         outline = own.transform_points(self._footprint.polygon) / grid.fine_m
-        counts = np.empty((5, fine_rows, fine_cols + 1), dtype=np.uint16)
-        count_into(counts, (grid.mask, grid.distance_m, unknown), outline, task.wanted_m)
+        counts = np.empty((6, fine_rows, fine_cols + 1), dtype=np.uint16)
+        count_into(counts, (grid.mask, grid.distance_m, unseen), outline, task.wanted_m)
         group = max(1, round(SEARCH.heuristic_m / grid.fine_m))
         edge = group * grid.fine_m
         rows, cols = -(-fine_rows // group) + 2, -(-fine_cols // group) + 2
@@ -448,6 +479,7 @@ class PoseSearch:
             counts[BESIDE],
             counts[NEXT_TO],
             counts[UNSEEN],
+            counts[HIDDEN],
             grid.distance_m,
             np.zeros((0, 0), dtype=np.float32),
             grid.fine_m,
@@ -572,6 +604,17 @@ def _bent(
     return curve, np.full(len(curve), sense, dtype=np.int8)
 
 
+def _swung(
+    state: tuple[float, float, float], goal: tuple[float, float, float], swing: Swing
+) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+    """Return the poses (n, 3) of a curve and a turn to the goal, and how each is reached."""
+    curve, kinds = _bent(state, (goal[0], goal[1], swing.yaw), swing.sense)
+    end = float(curve[-1, 0]), float(curve[-1, 1]), float(curve[-1, 2])
+    turn = Drive(0.0, wrapped(goal[2] - swing.yaw), 0.0, 0.0)
+    more, turning = _driven(end, goal, turn)
+    return np.concatenate([curve, more]), np.concatenate([kinds, turning])
+
+
 def _smoothed(
     poses: NDArray[np.float64], motions: NDArray[np.int8], room: Room, shape: Shape
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
@@ -615,7 +658,7 @@ def way_costs_into(
         place = poses[index, 0], poses[index, 1]
         price = price_of(room, shape, place, nearest_angle(poses[index, 2]), motion)
         # The way is free; beside the search's headings it may look otherwise.
-        most = 1.0 + SEARCH.near + SEARCH.beside + SEARCH.touching + SEARCH.reverse
+        most = 1.0 + SEARCH.near + SEARCH.beside + SEARCH.touching + SEARCH.reverse + SEARCH.creep
         price = min(price, most)
         change = 0.0 if index == 1 else change_cost(before, motion)
         out_costs[index] = out_costs[index - 1] + price * length + change
@@ -781,30 +824,31 @@ def count_into(
     """Write how many cells of each row, before each column, are of each kind.
 
     Args:
-        out_counts: (5, rows, cols + 1), overwritten; see `Room`.
-        layers: (rows, cols) each: set where something stands; distance to the nearest of that; set
-            where nothing is known.
+        out_counts: (6, rows, cols + 1), overwritten; see `Room`.
+        layers: (rows, cols) each: set where something stands; distance to the nearest of that; how
+            it is known.
         outline: (n, 2) of the robot [cells]: nothing stands where it is.
         wanted_m: cells nearer than this are near.
     """
-    mask, distance_m, unknown = layers
+    mask, distance_m, known = layers
     rows, cols = mask.shape
     for row in range(rows):
         blocked, near, beside = np.uint16(0), np.uint16(0), np.uint16(0)
-        next_to, unseen = np.uint16(0), np.uint16(0)
+        next_to, unseen, hidden = np.uint16(0), np.uint16(0), np.uint16(0)
         for col in range(cols):
             out_counts[BLOCKED, row, col], out_counts[NEAR, row, col] = blocked, near
             out_counts[BESIDE, row, col], out_counts[NEXT_TO, row, col] = beside, next_to
-            out_counts[UNSEEN, row, col] = unseen
+            out_counts[UNSEEN, row, col], out_counts[HIDDEN, row, col] = unseen, hidden
             away = distance_m[row, col]
             blocked += np.uint16(mask[row, col] != 0)
             near += np.uint16(away < wanted_m)
             beside += np.uint16(away < SEARCH.beside_m)
             next_to += np.uint16(away < SEARCH.touching_m)
-            unseen += np.uint16(unknown[row, col] != 0)
+            unseen += np.uint16(known[row, col] == NEVER_SEEN)
+            hidden += np.uint16(known[row, col] != IN_SIGHT and mask[row, col] == 0)
         out_counts[BLOCKED, row, cols], out_counts[NEAR, row, cols] = blocked, near
         out_counts[BESIDE, row, cols], out_counts[NEXT_TO, row, cols] = beside, next_to
-        out_counts[UNSEEN, row, cols] = unseen
+        out_counts[UNSEEN, row, cols], out_counts[HIDDEN, row, cols] = unseen, hidden
     first_row = max(math.floor(outline[:, 1].min()) - 1, 0)
     first_col = max(math.floor(outline[:, 0].min()) - 1, 0)
     last_col = min(math.ceil(outline[:, 0].max()) + 1, cols)
@@ -833,7 +877,7 @@ def weigh_into(
 
     Args:
         out_weights: (rows, cols) with a rim of one cell, zero before: the origin must not be there.
-        counts: (5, fine rows, fine cols + 1) see `Room`.
+        counts: (6, fine rows, fine cols + 1) see `Room`.
         shape: the footprint.
         distance_m: (fine rows, fine cols).
         closed: (fine rows, fine cols) set where the origin must not be.
@@ -948,7 +992,7 @@ def price_of(
     """
     has_room = can_turn(room, shape, place, 0.0)
     backs = motion * room.sense == BACKWARDS
-    if has_room and not backs:
+    if has_room and motion * room.sense == FORWARDS:
         return 1.0
     if not has_room and not is_free(room.blocked, shape, room.fine_m, place, angle):
         return math.inf
@@ -957,6 +1001,10 @@ def price_of(
         if not is_free(room.unknown, shape, room.fine_m, place, angle):
             return math.inf
         price += SEARCH.reverse
+    if motion != FORWARDS * room.sense and not is_free(
+        room.hidden, shape, room.fine_m, place, angle
+    ):
+        price += SEARCH.creep
     if not has_room and not is_free(room.near, shape, room.fine_m, place, angle):
         price += SEARCH.near
         if not is_free(room.beside, shape, room.fine_m, place, angle):
@@ -1101,6 +1149,47 @@ def direct_bend(
         return math.inf, sense
     cost = bend_cost(curve, first, sense, room, shape, most)
     return cost + change_cost(before, sense), sense
+
+
+@kernel
+def direct_swing(
+    room: Room,
+    shape: Shape,
+    ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+    before: int,
+    most: float,
+) -> Swing:
+    """Return the cheapest curve to a place with a turn on the spot at its end.
+
+    Args:
+        room: where it is.
+        shape: the footprint.
+        ends: x, y, yaw of start and goal, from the corner; at the goal there is room to turn.
+        before: how the robot came to the start.
+        most: it must cost less than this [m].
+    """
+    first, last = np.array(ends[0]), np.array(ends[1])
+    best = Swing(most, 0, 0.0)
+    count = bend_count(first, last)
+    if count < 2:
+        return Swing(math.inf, 0, 0.0)
+    bearing = math.atan2(last[1] - first[1], last[0] - first[0])
+    curve = np.empty((count, 3))
+    for sense in (FORWARDS, BACKWARDS):
+        facing = bearing if sense == FORWARDS else bearing + math.pi
+        change = change_cost(before, sense) + SEARCH.halt_m
+        for which in range(-SEARCH.swings, SEARCH.swings + 1):
+            last[2] = first[2] + wrapped(facing + which * SEARCH.swing_rad - first[2])
+            turn = abs(wrapped(ends[1][2] - last[2]))
+            least = change + SEARCH.turn_m * turn
+            if least + count * SEARCH.cell_m >= best.cost + SEARCH.cell_m:
+                continue
+            if bend_into(curve, first, last, sense) > 1.0 / SEARCH.bend_radius_m:
+                continue
+            cost = least + bend_cost(curve, first, sense, room, shape, best.cost - least)
+            if cost < best.cost:
+                best = Swing(cost, sense, last[2])
+    return best if best.sense != 0 else Swing(math.inf, 0, 0.0)
 
 
 @kernel
@@ -1288,9 +1377,12 @@ def offer_direct_drive(
     here = float(memory.places[state, 0]), float(memory.places[state, 1]), yaw
     drive = direct_drive(room, shape, (here, goal), task, motion, most)
     bend, _ = direct_bend(room, shape, (here, goal), task, motion, min(most, drive.cost))
-    if drive.cost == math.inf and bend == math.inf:
+    least = min(drive.cost, bend)
+    if room.sense == BACKWARDS:
+        least = min(least, direct_swing(room, shape, (here, goal), motion, min(most, least)).cost)
+    if least == math.inf:
         return True
-    through = cost + min(drive.cost, bend)
+    through = cost + least
     reached = Reached(GOAL_KEY, goal[0], goal[1], 0, through, state, motion)
     return remember(memory, number, reached, through)
 
