@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
+from trolley.sight import SIGHT
 from trolley_base.drivers import LidarScan, MotionSample
 from trolley_base.odometry.track import OdometryTrack
 from trolley_base.safety.observed_space import PARAMS, ObservedSpace
@@ -122,9 +123,9 @@ class Twin:
             cell.seen = NEVER
 
     def knowledge(self, cell: Cell, now: float) -> str:
-        if now - cell.echo <= PARAMS.dark_s or now - max(cell.seen, cell.trail) <= PARAMS.fresh_s:
+        if now - cell.echo <= PARAMS.dark_s or now - max(cell.seen, cell.trail) <= SIGHT.fresh_s:
             return SEEN
-        if now - cell.seen <= PARAMS.memory_s or now - cell.trail <= SIGHT.trail_s:
+        if now - cell.seen <= SIGHT.memory_s or now - cell.trail <= SIGHT.trail_s:
             return FREE_BEFORE
         return UNSEEN
 

@@ -1,5 +1,6 @@
 """What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -137,8 +138,12 @@ class PlanningContext:
         rows, cols = (at + np.arange(2 * half) for at in first)
         cells = np.meshgrid(rows, cols, indexing="ij")
         known = self.local_costmap.is_known(cells[0], cells[1], OBSTACLES.recent_s)
-        sight = np.where(self.local_costmap.is_fresh(*cells), IN_SIGHT, OUT_OF_SIGHT)
-        unseen = grid.divided(np.where(known, sight, NEVER_SEEN))
+        is_in_sight = known & self.local_costmap.is_fresh(*cells)
+        unseen = grid.divided(np.where(is_in_sight, IN_SIGHT, OUT_OF_SIGHT))
+        # As in `base`, a cell is met where its middle is.
+        middle = {(grid.parts - 1) // 2, grid.parts // 2}
+        for row, col in itertools.product(middle, repeat=2):
+            unseen[row :: grid.parts, col :: grid.parts][~known] = NEVER_SEEN
         closed = np.zeros_like(unseen)
         return self.pose_search.find(grid, unseen, closed, task, SEARCH.driving)
 

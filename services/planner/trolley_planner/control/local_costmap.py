@@ -42,6 +42,8 @@ class LocalCostmapParams:
     """Beside reached places the cost-to-go rises by this much from cell to cell,"""
     edge_cells: int = 3
     """over this many cells."""
+    middle_cells: float = 0.25
+    """Nearer to the middle of a cell than this along both axes is in its middle."""
     border_cells: float = 0.02
     """Points of the path this near to the border of two cells belong to both."""
     escape_m: float = 0.3
@@ -108,7 +110,7 @@ class LocalCostmap:
         self._tight_table = self._table.copy()
         first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
         self._tight_table[first:last] = LOCAL.tight_weight
-        self._behind = _points_behind(footprint)
+        self._edge, self._behind = footprint.edge_points, _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
         self._narrow_m = footprint.inscribed_m + LOCAL.narrow_m
@@ -218,7 +220,19 @@ class LocalCostmap:
         Args:
             pose: of the robot in `grid`.
         """
-        cells = np.floor(pose.transform_points(self._behind) / self._costmap.resolution_m)
+        return self._knows(pose.transform_points(self._behind))
+
+    def sees_along(self, poses: NDArray[np.float64]) -> bool:
+        """Say whether what the robot would back into is known, on its way along poses (n, 3)."""
+        moved = [Pose2D(*pose.tolist()).transform_points(self._edge) for pose in poses]
+        points = np.concatenate(moved)
+        # As in `base`, a cell is met where its middle is.
+        off = np.abs(points / self._costmap.resolution_m % 1.0 - 0.5)
+        return self._knows(points[(off <= LOCAL.middle_cells).all(axis=1)])
+
+    def _knows(self, points: NDArray[np.float64]) -> bool:
+        """Say whether the robot may back into all of some points (n, 2) in `grid`."""
+        cells = np.floor(points / self._costmap.resolution_m)
         cols, rows = cells.astype(np.int64).T
         return bool(self.is_known(rows, cols, OBSTACLES.kept_s).all())
 

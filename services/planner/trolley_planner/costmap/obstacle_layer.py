@@ -101,6 +101,7 @@ class ObstacleLayer:
         self._scan_number = 0
         self._now_ticks = 0
         self._scans_ns: deque[int] = deque()
+        self._walls = np.zeros(shape, dtype=np.uint8)
         self.looks_all_round = True
         """Whether the lidar of the newest scan does."""
         self.grid = ObstacleGrid(
@@ -136,6 +137,7 @@ class ObstacleLayer:
             now_ns: robot time of the scan.
         """
         self._scan_number += 1
+        self._walls = walls
         self._note_time(now_ns)
         self.looks_all_round = sweep.covered_rad >= OBSTACLES.all_round_rad
         config, beams = self._config, np.empty((sweep.ranges_m.shape[0], 6))
@@ -203,8 +205,8 @@ class ObstacleLayer:
     ) -> NDArray[np.bool_]:
         """Say of cells (n,) whether the lidar saw them, and where it does not look, lately.
 
-        Beside an echo no beam passes: there a neighbouring cell will do. Where the robot itself
-        stood it may go back for longer.
+        Beside what stands no beam passes: there a neighbouring cell will do. Where the robot
+        itself stood it may go back for longer.
 
         Args:
             rows: of the cells.
@@ -222,10 +224,12 @@ class ObstacleLayer:
         since_ns = self._scans_ns[-1] - within_s * 1e9 if self._scans_ns else 0.0
         num_recent = sum(time_ns >= since_ns for time_ns in self._scans_ns)
         oldest = self._scan_number - num_recent + 1
-        newest = observed[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
-        stood = stood_ticks[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
-        stood_since = self._now_ticks - stood_s / OBSTACLES.tick_s
-        return (newest >= oldest) | (stood > max(stood_since, 0.0))
+        stood_since = max(self._now_ticks - stood_s / OBSTACLES.tick_s, 0.0)
+        near = near_rows, near_cols
+        known = (observed[near] >= oldest) | (stood_ticks[near] > stood_since)
+        stands = (self.grid.evidence[near] != 0) | (self._walls[near] != 0)
+        is_beside = stands.reshape(len(rows), -1).any(axis=1)
+        return known[:, 1, 1] | (is_beside & known.reshape(len(rows), -1).any(axis=1))
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""

@@ -16,7 +16,7 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
-from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
+from trolley_planner.control.local_costmap import BACK_STEPS_M, TIGHT_CLEARANCE_M
 from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
@@ -36,7 +36,7 @@ class ManeuverParams:
     """A turn on the spot is tight with less room than this."""
     begin_m: float = 0.5
     """A way is searched once a tight place is this near,"""
-    begin_goal_m: float = 1.5
+    begin_goal_m: float = 2.2
     """or a goal with little room,"""
     beyond_m: float = 0.25
     """to where the footprint has been out of it for this long."""
@@ -186,11 +186,14 @@ class Maneuvering:
         if wanted is None:
             self._end(now, approach)
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
-        is_blind = wanted.vx < 0.0 and not local_costmap.sees_behind(pose)
-        if is_blind or self._is_anyone_near(pose, MANEUVER.stand_people_m):
+        is_known = wanted.vx >= 0.0 or local_costmap.sees_along(
+            follower.run_ahead(BACK_STEPS_M[-1])
+        )
+        if not is_known or self._is_anyone_near(pose, MANEUVER.stand_people_m):
             wanted = Twist2D.zero()  # All of it: turning alone leads off the way.
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
-        safe = safe_command(now.motion, wanted, local_costmap, limits, TIGHT_CLEARANCE_M)
+        give_m = TIGHT_CLEARANCE_M
+        safe = safe_command(now.motion, wanted, local_costmap, limits, give_m, may_back=is_known)
         if follower.is_stalled(pose, now.elapsed_s):
             self.stop()
         return safe
@@ -246,6 +249,8 @@ class Maneuvering:
         """
         path, first = route.path, route.index
         last = path.ahead(first, MANEUVER.reach_m)
+        if not route.vias_left and float(path.remaining_m[first]) < MANEUVER.begin_goal_m:
+            last = len(path.points) - 1
         is_goal = not route.vias_left and last == len(path.points) - 1
         if route.vias_left:
             last = min(last, path.vias[0])
@@ -385,6 +390,11 @@ class WayFollower:
         wanted_m = float(self._along[self._index]) + length_m
         end = int(np.searchsorted(self._along, wanted_m, side="right"))
         return self._poses[self._index : max(end, self._index + 1)]
+
+    def run_ahead(self, length_m: float) -> NDArray[np.float64]:
+        """Return the poses (n, 3) of this length of the way, no farther than its next change."""
+        ahead = self.poses_ahead(length_m)
+        return ahead[: max(self._run_end - self._index + 1, 1)]
 
     def has_strayed(self, pose: Pose2D) -> bool:
         """Say whether the robot is too far off its way."""

@@ -376,10 +376,10 @@ class PoseSearch:
             cost, sense = direct_bend(room, shape, (state, goal), task, before, drive.cost)
             least = min(drive.cost, cost)
             swing = Swing(math.inf, 0, 0.0)
-            if room.sense == BACKWARDS:
-                swing = direct_swing(room, shape, (state, goal), before, least)
+            if can_turn(room, shape, goal[:2], 0.0):
+                swing = direct_swing(room, shape, (state, goal), task, before, least)
             if swing.sense != 0:
-                more, kinds = _swung(state, goal, swing)
+                more, kinds = _swung(state, goal, swing, task)
             elif cost < math.inf:
                 more, kinds = _bent(state, goal, sense)
             else:
@@ -605,12 +605,15 @@ def _bent(
 
 
 def _swung(
-    state: tuple[float, float, float], goal: tuple[float, float, float], swing: Swing
+    state: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    swing: Swing,
+    task: Task,
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
     """Return the poses (n, 3) of a curve and a turn to the goal, and how each is reached."""
     curve, kinds = _bent(state, (goal[0], goal[1], swing.yaw), swing.sense)
     end = float(curve[-1, 0]), float(curve[-1, 1]), float(curve[-1, 2])
-    turn = Drive(0.0, wrapped(goal[2] - swing.yaw), 0.0, 0.0)
+    turn = Drive(0.0, last_turn(task, goal[2] - swing.yaw), 0.0, 0.0)
     more, turning = _driven(end, goal, turn)
     return np.concatenate([curve, more]), np.concatenate([kinds, turning])
 
@@ -1156,6 +1159,7 @@ def direct_swing(
     room: Room,
     shape: Shape,
     ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+    task: Task,
     before: int,
     most: float,
 ) -> Swing:
@@ -1165,6 +1169,7 @@ def direct_swing(
         room: where it is.
         shape: the footprint.
         ends: x, y, yaw of start and goal, from the corner; at the goal there is room to turn.
+        task: says whether the goal's heading matters.
         before: how the robot came to the start.
         most: it must cost less than this [m].
     """
@@ -1177,11 +1182,11 @@ def direct_swing(
     curve = np.empty((count, 3))
     for sense in (FORWARDS, BACKWARDS):
         facing = bearing if sense == FORWARDS else bearing + math.pi
-        change = change_cost(before, sense) + SEARCH.halt_m
         for which in range(-SEARCH.swings, SEARCH.swings + 1):
             last[2] = first[2] + wrapped(facing + which * SEARCH.swing_rad - first[2])
-            turn = abs(wrapped(ends[1][2] - last[2]))
-            least = change + SEARCH.turn_m * turn
+            turn = abs(last_turn(task, ends[1][2] - last[2]))
+            least = change_cost(before, sense)
+            least += SEARCH.halt_m + SEARCH.turn_m * turn if turn > 0.0 else 0.0
             if least + count * SEARCH.cell_m >= best.cost + SEARCH.cell_m:
                 continue
             if bend_into(curve, first, last, sense) > 1.0 / SEARCH.bend_radius_m:
@@ -1378,8 +1383,9 @@ def offer_direct_drive(
     drive = direct_drive(room, shape, (here, goal), task, motion, most)
     bend, _ = direct_bend(room, shape, (here, goal), task, motion, min(most, drive.cost))
     least = min(drive.cost, bend)
-    if room.sense == BACKWARDS:
-        least = min(least, direct_swing(room, shape, (here, goal), motion, min(most, least)).cost)
+    if can_turn(room, shape, goal[:2], 0.0):
+        swing = direct_swing(room, shape, (here, goal), task, motion, min(most, least))
+        least = min(least, swing.cost)
     if least == math.inf:
         return True
     through = cost + least

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trolley.geometry import Twist2D, footprint_from_box
+from trolley.sight import SIGHT
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.observed_space import ALL_SEEN, Unseen
 from trolley_base.safety.sight_distance import CLEAR, PARAMS, SightDistance
