@@ -75,6 +75,15 @@ def test_nobody_backs_into_what_was_not_seen() -> None:
     assert search(lane(0.4), HOBBY, ends, NEVER_SEEN) is None
 
 
+def test_behind_a_lidar_that_looks_ahead_it_turns_rather_than_creep_backwards_far() -> None:
+    ends = Pose2D(6.0, 3.0, 0.0), Pose2D(2.8, 3.0, 0.0)
+    seen, unseen = (search(lane(0.6), HOBBY, ends, known) for known in (IN_SIGHT, OUT_OF_SIGHT))
+    assert seen is not None
+    assert unseen is not None
+    assert set(seen.motions.tolist()) == {BACKWARDS}
+    assert np.count_nonzero(unseen.motions == BACKWARDS) < 5
+
+
 def test_a_goal_outside_what_is_searched_is_not_reached() -> None:
     assert search(empty_room(), HOBBY, (Pose2D(1.0, 1.0, 0.0), Pose2D(9.0, 1.0, 0.0))) is None
 

@@ -42,8 +42,11 @@ class ObservedSpaceParams:
     echo [m]."""
     bearings: int = 720
     """The view is looked up by bearings of half a degree: 1 cm at 1 m."""
-    stored_m: float = 1.0
-    """How far beyond what can matter at once the floor is remembered [m]."""
+    stored_m: float = 1.5
+    """How far beyond what can matter at once the floor is remembered [m]: a dead end 1.2 m deep
+    that the robot looked into from before it, and backs into."""
+    shift_m: float = 0.25
+    """What is stored moves along with the robot in steps of this [m]."""
 
 
 PARAMS = ObservedSpaceParams()
@@ -185,7 +188,7 @@ class ObservedSpace:
         """Move the grid along with the robot, so that what is near lies on it."""
         wanted = np.floor(np.array([base.x, base.y]) / PARAMS.cell_m).astype(np.int64) - self._half
         shift = wanted - self._corner
-        if np.abs(shift).max() * PARAMS.cell_m <= 0.5 * PARAMS.stored_m:
+        if np.abs(shift).max() * PARAMS.cell_m <= PARAMS.shift_m:
             return
         self._corner = wanted
         for grid in (self._seen_s, self._trail_s, self._echo_s):

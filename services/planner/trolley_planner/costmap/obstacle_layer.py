@@ -228,8 +228,7 @@ class ObstacleLayer:
         near = near_rows, near_cols
         known = (observed[near] >= oldest) | (stood_ticks[near] > stood_since)
         stands = (self.grid.evidence[near] != 0) | (self._walls[near] != 0)
-        is_beside = stands.reshape(len(rows), -1).any(axis=1)
-        return known[:, 1, 1] | (is_beside & known.reshape(len(rows), -1).any(axis=1))
+        return known[:, 1, 1] | (stands.any(axis=(1, 2)) & known.any(axis=(1, 2)))
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""
