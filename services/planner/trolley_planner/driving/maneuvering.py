@@ -64,6 +64,8 @@ class ManeuverParams:
     """which it begins to do after this time;"""
     lead_step_m: float = 0.025
     """and leads there in steps no longer than this."""
+    squeeze_mps: float = 0.15
+    """Highest speed where there is less clearance than is wanted right ahead."""
     begin_people_m: float = 0.8
     """No way is begun while somebody moves this near to the robot,"""
     stand_people_m: float = 0.3
@@ -181,6 +183,8 @@ class Maneuvering:
         limits = now.limits._replace(clearance_m=floor_m)
         here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
+        if least_m < now.limits.clearance_m:
+            speed = min(speed, MANEUVER.squeeze_mps)
         limits = limits._replace(max_speed=speed, max_reverse=min(speed, limits.max_reverse))
         wanted = follower.command(Motion(now.steady, now.motion.twist), limits)
         if wanted is None:
