@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,9 @@ from trolley_planner.control.rollout import zone_speed
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
+from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.costmap.obstacle_layer import OBSTACLES
+from trolley_planner.costmap.parts import label_parts
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.pose_search import (
@@ -118,6 +120,33 @@ class PlanningContext:
         local_costmap = self.local_costmap
         tight_into(found, local_costmap.field, local_costmap.body, points, (room_m, aside_m))
         return found
+
+    def reachable(self, pose_grid: Pose2D) -> Callable[[Pose2D], bool]:
+        """Return what says of a pose within `half_m` whether floor leads there from the robot.
+
+        Args:
+            pose_grid: of the robot.
+        """
+        costmap = self.costmap
+        half = math.ceil(2.0 * self.half_m / costmap.resolution_m)
+        row, col = (math.floor(at / costmap.resolution_m) for at in (pose_grid.y, pose_grid.x))
+        first = max(row - half, 0), max(col - half, 0)
+        part = slice(first[0], row + half + 1), slice(first[1], col + half + 1)
+        free = costmap.weights[part] != LETHAL
+        labels = np.empty(free.shape, dtype=np.int32)
+        label_parts(labels, free, free)
+        # Where the robot stands it may be nearer to something than it would come by itself.
+        rows, cols = np.nonzero(labels)
+        off = np.hypot(rows - (row - first[0]), cols - (col - first[1]))
+        own = labels[rows[np.argmin(off)], cols[np.argmin(off)]] if len(off) else -1
+
+        def leads_to(place: Pose2D) -> bool:
+            at = math.floor(place.y / costmap.resolution_m) - first[0]
+            along = math.floor(place.x / costmap.resolution_m) - first[1]
+            is_inside = 0 <= at < labels.shape[0] and 0 <= along < labels.shape[1]
+            return is_inside and bool(labels[at, along] == own)
+
+        return leads_to
 
     def zone_speed(self, pose_grid: Pose2D) -> float:
         """Return the limit of the speed zones at a place [m/s]."""
