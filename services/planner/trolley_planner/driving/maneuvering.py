@@ -47,7 +47,9 @@ class ManeuverParams:
     go_on_m: float = 0.5
     """the next one is searched this far before its end,"""
     farther_m: float = 0.25
-    """if that leads this much farther along the path."""
+    """if that leads this much farther along the path,"""
+    longer_m: float = 0.3
+    """and is taken if it is not longer than this one by more than this, turns counted as below."""
     near_goal_m: float = 0.4
     """One that ends this near to the goal leads to it."""
     half_m: float = 2.4
@@ -73,7 +75,9 @@ class ManeuverParams:
     retry_s: float = 1.0
     """Time between two searches that find nothing."""
     blocked_scans: int = 3
-    """A way is given up when so many scans in a row showed something on it."""
+    """A way is given up when so many scans in a row showed something on it,"""
+    blocked_m: float = 0.01
+    """by more than this: nearly a fine cell, and what is out of view errs."""
     stalled_s: float = 1.5
     """So it is when the robot was held up for this long,"""
     stalled_m: float = 0.015
@@ -166,10 +170,15 @@ class Maneuvering:
         self._searched_ns = now_ns
         lead = self._lead(motion)
         found = self._search(lead[-1], route, aim, needed)
-        if found is not None:
-            found = _led(found, lead)
-            self._follower = WayFollower(found, 0.0 if self._to_goal else self._rest_m)
-            self._num_blocked, self._searched_ns = 0, None
+        if found is None:
+            return
+        way, to_goal, rest_m = found
+        follower = WayFollower(_led(way, lead), 0.0 if to_goal else rest_m)
+        left_m = follower.left_m + rest_m
+        if self._follower is not None and left_m > self.left_m + MANEUVER.longer_m:
+            return  # From the end of this way it is nearer than from here.
+        self._follower, self._to_goal, self._rest_m = follower, to_goal, rest_m
+        self._num_blocked, self._searched_ns = 0, None
 
     def command(self, now: ControlInput, approach: GoalApproach) -> Twist2D:
         """Return the velocity along the way; it may be over then."""
@@ -296,22 +305,30 @@ class Maneuvering:
             pose, turn, MANEUVER.turn_room_m
         )
 
-    def _search(self, pose: Pose2D, route: Route, aim: Pose2D, until: int) -> Maneuver | None:
-        """Return a way to a point of the path or beyond, or to the goal if that is near."""
+    def _search(
+        self, pose: Pose2D, route: Route, aim: Pose2D, until: int
+    ) -> tuple[Maneuver, bool, float] | None:
+        """Return a way to a point of the path or beyond, or to the goal if that is near.
+
+        Returns:
+            The way, whether it leads to the goal, and what is left of the path behind its end [m],
+            a turn to look along the path included.
+        """
         path, tolerances = route.path, self._tolerances
         until = max(until, path.ahead(route.index, MANEUVER.least_m))
         if route.vias_left:
             until = min(until, path.vias[0])
         elif float(path.remaining_m[until]) < MANEUVER.near_goal_m:
             until = len(path.points) - 1
-        self._to_goal = until == len(path.points) - 1 and not route.vias_left
-        self._rest_m = float(path.remaining_m[until])
+        to_goal = until == len(path.points) - 1 and not route.vias_left
+        rest_m = float(path.remaining_m[until])
         wanted_m = self._config.clearance_m + 0.02
-        if self._to_goal:
+        if to_goal:
             xy, yaw = min(0.5 * tolerances.xy, 0.03), min(0.5 * tolerances.yaw, 0.05)
             ends = pose.x, pose.y, pose.yaw, aim.x, aim.y, aim.yaw
             task = Task(*ends, tolerances.any_heading, xy, yaw, wanted_m)
-            return self._context.find_way(task, MANEUVER.half_m)
+            way = self._context.find_way(task, MANEUVER.half_m)
+            return None if way is None else (way, to_goal, rest_m)
         x, y = (float(value) for value in path.points[until])
         before = path.points[max(until - 4, 0)]
         yaw = math.atan2(y - float(before[1]), x - float(before[0]))
@@ -320,9 +337,10 @@ class Maneuvering:
         missed = MANEUVER.loose_m, MANEUVER.free_rad if is_free else MANEUVER.loose_rad
         for any_heading in (False, True):
             task = Task(*ends, any_heading, *missed, wanted_m)
-            found = self._context.find_way(task, MANEUVER.half_m)
-            if found is not None:
-                return found
+            way = self._context.find_way(task, MANEUVER.half_m)
+            if way is not None:
+                turn = max(abs(wrap_angle(float(way.poses[-1, 2]) - yaw)) - missed[1], 0.0)
+                return way, to_goal, rest_m + MANEUVER.turn_as_m * turn
         return None
 
     def _check_way(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
@@ -337,7 +355,7 @@ class Maneuvering:
             off = np.hypot(*(route.path.points[route.index :] - (end.x, end.y)).T)
             is_wrong = float(off.min()) > 2.0 * MANEUVER.loose_m + MANEUVER.beyond_m
         ahead = follower.poses_ahead(MANEUVER.reach_m)
-        is_blocked = self._context.least_clearance(ahead, 0.02) <= 0.0
+        is_blocked = self._context.least_clearance(ahead, 0.02) <= -MANEUVER.blocked_m
         self._num_blocked = self._num_blocked + 1 if is_blocked else 0
         if is_wrong or self._num_blocked >= MANEUVER.blocked_scans or follower.has_strayed(pose):
             self.stop()
