@@ -66,8 +66,11 @@ class ManeuverParams:
     """which it begins to do after this time;"""
     lead_step_m: float = 0.025
     """and leads there in steps no longer than this."""
-    squeeze_mps: float = 0.15
-    """Highest speed where there is less clearance than is wanted right ahead."""
+    brisk: float = 1.3
+    """A way with the clearance that is wanted is driven so much faster beside obstacles than one
+    without headings: it is known how near they come;"""
+    wary: float = 0.5
+    """and so much slower where by what is measured nothing is left beside it."""
     begin_people_m: float = 0.8
     """No way is begun while somebody moves this near to the robot,"""
     stand_people_m: float = 0.3
@@ -190,10 +193,13 @@ class Maneuvering:
         least_m = context.least_clearance(follower.poses_ahead(MANEUVER.begin_m), 0.1)
         floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
         limits = now.limits._replace(clearance_m=floor_m)
+        if least_m >= now.limits.clearance_m:
+            slow_speed = min(MANEUVER.brisk * limits.slow_speed, limits.max_speed)
+            limits = limits._replace(slow_speed=slow_speed)
+        elif least_m < TIGHT_CLEARANCE_M:
+            limits = limits._replace(slow_speed=MANEUVER.wary * limits.slow_speed)
         here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
-        if least_m < now.limits.clearance_m:
-            speed = min(speed, MANEUVER.squeeze_mps)
         limits = limits._replace(max_speed=speed, max_reverse=min(speed, limits.max_reverse))
         wanted = follower.command(Motion(now.steady, now.motion.twist), limits)
         if wanted is None:
