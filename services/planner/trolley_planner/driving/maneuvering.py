@@ -17,7 +17,7 @@ from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
 from trolley_planner.control.local_costmap import BACK_STEPS_M, TIGHT_CLEARANCE_M
-from trolley_planner.control.rollout import Limits, caution_speed
+from trolley_planner.control.rollout import ROLLOUT, Limits, caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
@@ -205,13 +205,19 @@ class Maneuvering:
         if wanted is None:
             self._end(now, approach)
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
+        turn = follower.pop_turn(pose)
+        if turn != 0.0 and not context.can_turn_by(pose, turn, TIGHT_CLEARANCE_M):
+            self.stop()  # It has come a little beside its way; from here another may do.
+            return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
         is_known = wanted.vx >= 0.0 or local_costmap.sees_along(
             follower.run_ahead(BACK_STEPS_M[-1])
         )
         if not is_known or self._is_anyone_near(pose, MANEUVER.stand_people_m):
             wanted = Twist2D.zero()  # All of it: turning alone leads off the way.
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
-        give_m = TIGHT_CLEARANCE_M
+        # Noise may take that much of the floor, but not more each time that it is asked.
+        left_m = here_m - (floor_m - TIGHT_CLEARANCE_M)
+        give_m = max(min(left_m, TIGHT_CLEARANCE_M), ROLLOUT.same_clearance_m)
         safe = safe_command(now.motion, wanted, local_costmap, limits, give_m, may_back=is_known)
         if follower.is_stalled(pose, now.elapsed_s):
             self.stop()
@@ -399,6 +405,7 @@ class WayFollower:
         self._index = 0
         self._run_end = self._end_of_run(0)
         self._yaw: float | None = None
+        self._begins_run = False
         self._stalled_s = 0.0
         self._stalled_at = Pose2D(*self._poses[0].tolist())
 
@@ -423,6 +430,14 @@ class WayFollower:
         """Return the poses (n, 3) of this length of the way, no farther than its next change."""
         ahead = self.poses_ahead(length_m)
         return ahead[: max(self._run_end - self._index + 1, 1)]
+
+    def pop_turn(self, pose: Pose2D) -> float:
+        """Return the angle of a turn on the spot that follows a line and begins now, once [rad]."""
+        begins, self._begins_run = self._begins_run, False
+        if not begins or int(self._motions[self._run_end]) != TURNING:
+            return 0.0
+        first, last = float(self._poses[self._index, 2]), float(self._poses[self._run_end, 2])
+        return last - first - wrap_angle(pose.yaw - first)
 
     def has_strayed(self, pose: Pose2D) -> bool:
         """Say whether the robot is too far off its way."""
@@ -459,6 +474,7 @@ class WayFollower:
             self._index = self._run_end
             self._run_end = self._end_of_run(self._index)
             self._yaw = None
+            self._begins_run = True
         return self._turn(pose, limits) if self._onward_m == 0.0 else None
 
     def _end_of_run(self, first: int) -> int:
