@@ -133,7 +133,8 @@ class PlanningContext:
         first = max(row - half, 0), max(col - half, 0)
         part = slice(first[0], row + half + 1), slice(first[1], col + half + 1)
         free = costmap.weights[part] != LETHAL
-        labels = np.empty(free.shape, dtype=np.int32)
+        num_rows, num_cols = free.shape
+        labels = np.empty((num_rows, num_cols), dtype=np.int32)
         label_parts(labels, free, free)
         # Where the robot stands it may be nearer to something than it would come by itself.
         rows, cols = np.nonzero(labels)
@@ -143,7 +144,7 @@ class PlanningContext:
         def leads_to(place: Pose2D) -> bool:
             at = math.floor(place.y / costmap.resolution_m) - first[0]
             along = math.floor(place.x / costmap.resolution_m) - first[1]
-            is_inside = 0 <= at < labels.shape[0] and 0 <= along < labels.shape[1]
+            is_inside = 0 <= at < num_rows and 0 <= along < num_cols
             return is_inside and bool(labels[at, along] == own)
 
         return leads_to
