@@ -1,10 +1,11 @@
-"""The whole stack as real processes at real time: reaction from scan to command, CPU and memory.
+"""The whole stack as real processes at real time: start, reaction, processor, memory, threads.
 
     python -m bench.stack.running [--port 7461]
 
 Starts the demo without a browser, drives its tour, and prints, as one subscriber on the bus sees
-them, the time from each scan to the first command computed with it, and per process the share of
-one core and the proportional set size (PSS) while the robot drives.
+them, the times from the start to the first scan and to `localized`, the time from each scan to the
+first command computed with it, and per process the share of one core, the proportional set size
+(PSS) and the threads while the robot drives.
 """
 
 import argparse
@@ -19,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from trolley import topics
-from trolley.messages import Scan, VelocityCommand
+from trolley.messages import PoseEstimate, Scan, VelocityCommand
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
-from trolley.runtime.zenoh_bus import open_bus
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 ROBOT = "bench"
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
@@ -58,6 +59,38 @@ class Reaction:
                 self.delays_s.append(now_s - seen_s)
 
 
+class Start:
+    """When the robot was first heard of, from the start of its processes [s]."""
+
+    def __init__(self, bus: ZenohBus, began_s: float) -> None:
+        """Listen from now on; the processes were started at `began_s` by `time.perf_counter`."""
+        self._began_s = began_s
+        self.seconds: dict[str, float] = {}
+        self._listening = [
+            bus.subscribe(topics.SCAN.key(ROBOT), lambda _: self._note("first scan")),
+            bus.subscribe(topics.POSE.key(ROBOT), self._hear_pose),
+            bus.subscribe(topics.COMMAND.key(ROBOT, "planner"), lambda _: self._note("driving")),
+        ]
+
+    def end(self) -> None:
+        """Listen no more."""
+        for one in self._listening:
+            one.close()
+
+    def _hear_pose(self, sample: Sample) -> None:
+        pose = codec.decode(PoseEstimate, sample.payload, sample.encoding)
+        if pose.state == "localized":
+            self._note("localized")
+
+    def _note(self, what: str) -> None:
+        self.seconds.setdefault(what, time.perf_counter() - self._began_s)
+
+
+def num_threads(pid: int) -> int:
+    """How many threads a process has."""
+    return len(list(Path(f"/proc/{pid}/task").iterdir()))
+
+
 def tree(root: int) -> Iterator[tuple[int, str]]:
     """A process and all below it: pid and what it is."""
     command = Path(f"/proc/{root}/cmdline").read_bytes().decode().split("\0")
@@ -80,6 +113,11 @@ def pss_mb(pid: int) -> float:
         if line.startswith("Pss:"):
             return int(line.split()[1]) * 1024 / 1e6
     return 0.0
+
+
+def report_process(what: str, share: float, size_mb: float, threads: int) -> None:
+    """Print what a process costs."""
+    print(f"{what:24s} {100 * share:5.1f} % of a core  {size_mb:6.1f} MB PSS  {threads:3d} threads")
 
 
 def report_reaction(reaction: Reaction) -> None:
@@ -106,13 +144,15 @@ def main() -> None:
     command = [str(trolley), "demo", "--tour", "--name", ROBOT, "--port", str(options.port)]
     command += ["--seed", str(options.seed)]
     command += ["--viz-port", str(options.port + 1000)] if options.with_viewer else ["--headless"]
-    demo = subprocess.Popen(command)
     reaction = Reaction()
+    started_s = time.perf_counter()
+    demo = subprocess.Popen(command)
     try:
         with open_bus([f"tcp/127.0.0.1:{options.port}"], 20.0) as bus:
-            driving = threading.Event()
-            bus.subscribe(topics.COMMAND.key(ROBOT, "planner"), lambda _: driving.set())
-            driving.wait(60.0)
+            start = Start(bus, started_s)
+            while "driving" not in start.seconds and time.perf_counter() < started_s + 60.0:
+                time.sleep(0.1)
+            start.end()
             before = {pid: (what, cpu_s(pid)) for pid, what in tree(demo.pid)}
             started_s = time.monotonic()
             bus.subscribe(topics.SCAN.key(ROBOT), reaction.scan)
@@ -120,14 +160,17 @@ def main() -> None:
             time.sleep(20.0)
             elapsed_s = time.monotonic() - started_s
             total_cpu = total_pss = 0.0
+            total_threads = 0
             for pid, (what, used_s) in before.items():
                 share, size_mb = (cpu_s(pid) - used_s) / elapsed_s, pss_mb(pid)
                 total_cpu, total_pss = total_cpu + share, total_pss + size_mb
-                print(f"{what:24s} {100 * share:5.1f} % of a core  {size_mb:6.1f} MB PSS")
-            print(f"{'together':24s} {100 * total_cpu:5.1f} % of a core  {total_pss:6.1f} MB PSS")
+                total_threads += num_threads(pid)
+                report_process(what, share, size_mb, num_threads(pid))
+            report_process("together", total_cpu, total_pss, total_threads)
     finally:
         demo.terminate()
         demo.wait(20.0)
+    print(", ".join(f"{what} after {seconds:.1f} s" for what, seconds in start.seconds.items()))
     report_reaction(reaction)
 
 

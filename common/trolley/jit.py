@@ -1,6 +1,6 @@
 """The one way to compile a function with numba: `@kernel`.
 
-Import this module only where kernels are: numba costs a process about 110 MB.
+Import this module only where kernels are: numba costs a process about 50 MB.
 
 Compiled code is kept on disk, by numba's own rules for the place: `NUMBA_CACHE_DIR`, else
 `__pycache__` beside the source, else the user's cache folder where the source is read-only
@@ -30,9 +30,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _log = logging.getLogger(__name__)
-# numba ships no types; both names are Any for the type checker.
+# numba ships no types; all these names are Any for the type checker.
 _numba: Any = importlib.import_module("numba")
 _caching: Any = importlib.import_module("numba.core.caching")
+_compiler: Any = importlib.import_module("numba.core.compiler")
+_llvm: Any = importlib.import_module("llvmlite.binding")
 
 _DIGEST_BYTES = 32
 
@@ -54,6 +56,18 @@ def is_kept(compiled: Callable[..., object]) -> bool | None:
     return files.has_any() if isinstance(files, KernelFiles) else None
 
 
+def _leave_out_blas() -> None:
+    """Keep numba from loading SciPy, 10 MB and 0.15 s: no kernel multiplies matrices by it."""
+
+    def refuse() -> None:
+        raise ImportError("kernels multiply no matrices by BLAS")
+
+    linalg: Any = importlib.import_module("numba.np.linalg")
+    ensure_blas, linalg.ensure_blas = linalg.ensure_blas, refuse
+    importlib.import_module("numba.np.arraymath")  # it asks once, when it is imported
+    linalg.ensure_blas = ensure_blas
+
+
 def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
     """Give a dispatcher a cache on disk, where there is a folder to write to."""
     try:
@@ -66,6 +80,20 @@ def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
         )
         return
     compiled._cache._cache_file = KernelFiles(function, Path(compiled._cache.cache_path))
+    compiled._cache._impl.rebuild = _rebuild
+
+
+def _rebuild(target_context: Any, payload: Any) -> Any:
+    """Make read code ready to run, as numba does, but leave its intermediate form packed.
+
+    Only a kernel that calls this one and has to be compiled itself needs that form, to inline it;
+    unpacked, the planner's kernels would hold 35 MB of it.
+    """
+    result = _compiler.CompileResult._rebuild(target_context, *payload)
+    _, _, (_, packed) = payload[0]
+    result.library._shared_module = None
+    result.library._get_module_for_linking = lambda: _llvm.parse_bitcode(packed)
+    return result
 
 
 class KernelFiles:
@@ -206,3 +234,6 @@ def _value_parts(value: object, seen: set[int]) -> Iterator[bytes]:
         yield repr((value, getattr(value, "_fields", ()))).encode()
     elif isinstance(value, (bool, int, float, complex, str, bytes, tuple, np.generic)):
         yield repr(cast("object", value)).encode()
+
+
+_leave_out_blas()

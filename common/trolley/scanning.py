@@ -3,7 +3,8 @@
 assemble    wait for the odometry of the last beam, interpolate it at both ends of the scan
 check       refuse old stamps and numbers that are not finite
 gate        the motion since the scan before, unless the odometry jumped
-deskew      put the beams where they would be had the robot stood still at the scan's stamp
+
+What comes next, `trolley.deskewing`, is compiled.
 """
 
 import math
@@ -17,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, integrate_twist, interpolate
-from trolley.jit import kernel
 from trolley.messages import Odometry, Scan, Transform
 from trolley.messages.types import floats_from_bytes
 
@@ -239,107 +239,3 @@ class Points(NamedTuple):
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DeskewedScan:
-    """All beams of a scan in `base_link` at its stamp, in the unit of length that was asked for."""
-
-    ends: Points
-    """(n,) where each beam ended; zero where it has no echo."""
-    starts: Points
-    """(n,) where the laser was."""
-    echoes: NDArray[np.int64]
-    """(m,) indices of the beams with an echo."""
-    motion: Pose2D
-    """Motion of the base during the scan that was taken out."""
-
-
-def deskew(
-    scan: ScanInput,
-    params: FrontEndParams,
-    max_range_m: float,
-    unit_m: float = 1.0,
-    *,
-    is_still: bool = False,
-) -> DeskewedScan:
-    """Project a scan into `base_link` at its stamp, corrected for the motion during the scan.
-
-    Args:
-        scan: as it was measured.
-        params: which ranges are valid.
-        max_range_m: farther echoes are left out [m].
-        unit_m: unit of length of the result [m], such as the cell edge of a map.
-        is_still: the robot stood still during the scan, whatever its wheels did.
-    """
-    ranges = np.require(scan.ranges, np.float32, ["C", "W"])
-    count = ranges.size
-    ends = Points(np.empty(count), np.empty(count))
-    starts = Points(np.empty(count), np.empty(count))
-    is_echo = np.empty(count, np.uint8)
-    motion = Pose2D.identity() if is_still else scan.motion
-    nearest = max(scan.range_min, params.least_range_m)
-    farthest = min(params.usable_range_share * scan.range_max, max_range_m)
-    deskew_beams(
-        ends,
-        starts,
-        is_echo,
-        ranges,
-        np.array([scan.angle_min, scan.angle_increment]),
-        np.array([nearest, farthest, unit_m]),
-        scan.base_T_laser.as_array(),
-        motion.as_array(),
-    )
-    return DeskewedScan(ends, starts, np.flatnonzero(is_echo), motion)
-
-
-def is_blind(reach_m: NDArray[np.float32] | NDArray[np.float64], params: FrontEndParams) -> bool:
-    """Say whether echoes at such distances (n,) are too few, or too near, to tell anything."""
-    telling = int(np.count_nonzero(reach_m > params.telling_range_m))
-    return telling < max(params.min_telling, params.min_telling_share * reach_m.size)
-
-
-@kernel
-def deskew_beams(
-    out_ends: Points,
-    out_starts: Points,
-    out_is_echo: NDArray[np.uint8],
-    ranges: NDArray[np.float32],
-    angles: NDArray[np.float64],
-    limits: NDArray[np.float64],
-    base_T_laser: NDArray[np.float64],
-    motion: NDArray[np.float64],
-) -> None:
-    """Put the beams into `base_link` at the scan's stamp, corrected for the motion since.
-
-    Args:
-        out_ends: (n,) where the beams ended, overwritten; zero where there is no echo [unit].
-        out_starts: (n,) where the laser was, overwritten [unit].
-        out_is_echo: (n,), overwritten: 1 where the beam has an echo within the limits.
-        ranges: (n,) [m]; NaN, infinite, zero and negative values are no echo.
-        angles: (2,) angle of beam 0 and step [rad] in `laser`.
-        limits: (3,) nearest and farthest echo to use [m], and the unit of the results [m].
-        base_T_laser: (3,) x, y [m], yaw [rad].
-        motion: (3,) pose of the base at the last beam in its frame at the stamp [m, m, rad].
-    """
-    count = ranges.size
-    scale = 1.0 / limits[2]
-    for i in range(count):
-        share = i / max(count - 1, 1)
-        turned = share * motion[2]
-        cos = math.cos(turned)
-        sin = math.sin(turned)
-        start_x = share * motion[0] + cos * base_T_laser[0] - sin * base_T_laser[1]
-        start_y = share * motion[1] + sin * base_T_laser[0] + cos * base_T_laser[1]
-        out_starts.x[i] = scale * start_x
-        out_starts.y[i] = scale * start_y
-        reach = np.float64(ranges[i])
-        if not (limits[0] <= reach <= limits[1]):
-            out_is_echo[i] = 0
-            out_ends.x[i] = 0.0
-            out_ends.y[i] = 0.0
-            continue
-        heading = turned + base_T_laser[2] + angles[0] + i * angles[1]
-        out_is_echo[i] = 1
-        out_ends.x[i] = scale * (start_x + reach * math.cos(heading))
-        out_ends.y[i] = scale * (start_y + reach * math.sin(heading))

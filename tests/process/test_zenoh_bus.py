@@ -1,12 +1,21 @@
-"""Gets over a real bus: who answers, who no longer does, and their end."""
+"""A real bus: on whose threads it calls back, what leaves the process, and the ends of gets."""
+
+from pathlib import Path
 
 import pytest
 from support.waiting import PATIENCE_S, wait_until
 from support.wire import read
 
 from trolley.runtime.bus import Query, Sample
-from trolley.runtime.zenoh_bus import ZenohBus, open_bus
+from trolley.runtime.zenoh_bus import MOST_PUBLISHERS, ZenohBus, open_bus, open_bus_patiently
 from trolley.topics import Qos
+
+MANY = 40
+
+
+def num_threads() -> int:
+    """Threads of this process, the libraries' too."""
+    return len(list(Path("/proc/self/task").iterdir()))
 
 
 def answer(query: Query) -> None:
@@ -31,6 +40,79 @@ def wait_until_known(bus: ZenohBus, other: ZenohBus) -> None:
 def other(router_endpoint: str):
     with open_bus([router_endpoint], timeout_s=PATIENCE_S) as opened:
         yield opened
+
+
+@pytest.fixture
+def direct(router_endpoint: str):
+    """A bus as services have it."""
+    opened = open_bus_patiently([router_endpoint], lambda: True)
+    assert opened is not None
+    yield opened
+    opened.close()
+
+
+def test_a_service_s_bus_takes_no_thread_for_each_key(direct: ZenohBus, other: ZenohBus) -> None:
+    before = num_threads()
+    heard: list[str] = []
+    for number in range(MANY):
+        direct.subscribe(f"trolley/tester/one/{number}", lambda sample: heard.append(sample.key))
+        direct.serve(f"trolley/tester/served/{number}", answer)
+    wait_until_known(direct, other)
+    sent = [f"trolley/tester/one/{number}" for number in range(MANY)] * 5
+    for key in sent:
+        other.put(key, b"x", "", Qos.STATE)
+    wait_until(lambda: len(heard) == len(sent), "all have been heard")
+    assert heard == sent
+    assert len(read(other, "trolley/tester/served/*")) == MANY
+    assert num_threads() < before + MANY // 2  # Zenoh may take one or another for itself
+    direct.put("trolley/tester/one/0", b"x", "", Qos.SENSOR)  # what it says itself, it hears too
+    wait_until(lambda: len(heard) == len(sent) + 1, "its own")
+
+
+def test_a_service_s_bus_goes_on_after_a_callback_that_fails(
+    direct: ZenohBus, other: ZenohBus
+) -> None:
+    heard: list[bytes] = []
+
+    def hear(sample: Sample) -> None:
+        heard.append(sample.payload)
+        if sample.payload == b"bad":
+            raise ValueError("a program has a fault")
+
+    direct.subscribe("trolley/tester/two", hear)
+    wait_until_known(direct, other)
+    for payload in (b"bad", b"good"):
+        other.put("trolley/tester/two", payload, "", Qos.STATE)
+    wait_until(lambda: heard == [b"bad", b"good"], "both have been heard")
+
+
+def test_a_stream_is_heard_by_who_listens_late_and_by_who_listens_again(
+    bus: ZenohBus, other: ZenohBus
+) -> None:
+    """Nobody hears it at first, so that it does not leave the process that publishes it."""
+    heard: list[Sample] = []
+    for _ in range(3):
+        bus.put("trolley/tester/stream", b"early", "", Qos.SENSOR)
+        closer = other.subscribe("trolley/tester/stream", heard.append)
+        wait_until_known(other, bus)
+        bus.put("trolley/tester/stream", b"now", "", Qos.SENSOR)
+        wait_until(lambda: [one.payload for one in heard] == [b"now"], "the stream")
+        closer.close()
+        heard.clear()
+
+
+def test_more_keys_than_a_bus_keeps_publishers_of_are_heard(bus: ZenohBus, other: ZenohBus) -> None:
+    heard: set[str] = set()
+    other.subscribe("trolley/tester/many/*", lambda sample: heard.add(sample.key))
+    wait_until_known(other, bus)
+    keys = {f"trolley/tester/many/{number}" for number in range(MOST_PUBLISHERS + 50)}
+
+    def are_heard() -> bool:
+        for key in keys - heard:
+            bus.put(key, b"x", "", Qos.SENSOR)
+        return heard == keys
+
+    wait_until(are_heard, "every key")
 
 
 def test_a_get_ends_once_after_its_last_reply(bus: ZenohBus, other: ZenohBus) -> None:

@@ -75,7 +75,16 @@ def loaded_by(modules: str) -> frozenset[str]:
 
 
 @pytest.mark.programs
-@pytest.mark.parametrize("module", ["trolley", "trolley_tour.service", "trolley_viz.service"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        "trolley",
+        "trolley_base.service",
+        "trolley_mapper.service",
+        "trolley_tour.service",
+        "trolley_viz.service",
+    ],
+)
 def test_what_needs_no_kernels_does_not_load_the_compiler(module: str) -> None:
     # viser brings PIL along for its images.
     allowed = {"PIL"} if "viz" in module else set[str]()

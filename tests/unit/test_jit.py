@@ -121,6 +121,22 @@ def test_second_process_finds_the_code_of_the_first(
     assert run(compiled_tree) == "float 9.0 1\n"
 
 
+def test_code_that_was_read_can_still_be_called_by_what_is_compiled(compiled_tree: Path) -> None:
+    source = (compiled_tree / "outer.py").read_text()
+    reads_first = "print(scaled(1.0), sum(scaled.stats.cache_hits.values()))\n    kinds = sys"
+    (compiled_tree / "outer.py").write_text(
+        source.replace("pair.b / pair.b", "pair.b").replace("kinds = sys", reads_first)
+    )
+    assert run(compiled_tree) == "2.0 1\nfloat 9.0 0\n"
+
+
+def test_kernels_do_not_load_scipy(compiled_tree: Path) -> None:
+    (compiled_tree / "outer.py").write_text(
+        "import sys\nfrom inner import scaled\nprint(scaled(1.0), 'scipy.linalg' in sys.modules)\n"
+    )
+    assert run(compiled_tree) == "2.0 False\n"
+
+
 @pytest.mark.slow
 def test_processes_that_compile_at_the_same_moment_do_not_mix(tree: Path) -> None:
     kinds = ["float", "int", "bool"]

@@ -29,8 +29,10 @@ from trolley.runtime.supervision import Supervision, end_with_parent
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus_patiently
 from trolley.sanitize import fit
 from trolley.security.host_keys import KeysError, keys_for
+from trolley.start import leave
 
 EXIT_CRASHED, EXIT_CONFIG, EXIT_CLASH = 1, 2, 3
+CRASH = "The service ends because of an internal error"
 POLL_S = 0.05
 ROUTER_PATIENCE_S = 30.0
 LONGEST_WAIT_S = 1.0
@@ -135,7 +137,9 @@ class ServiceProcess:
         zenoh = self._config.zenoh
         try:
             keys = keys_for(zenoh.connect, self._config.path(zenoh.keys))
-            bus = open_bus_patiently(zenoh.connect, self._wait_for_router, keys)
+            bus = open_bus_patiently(
+                zenoh.connect, self._wait_for_router, keys, puts_apart=self._service.hears_apart
+            )
         except (KeysError, NotConnected) as error:
             self._log.error(str(error))
             return EXIT_CONFIG
@@ -177,7 +181,7 @@ class ServiceProcess:
             gc.freeze()
             code = self._loop(node, host, elders)
         except Exception:
-            self._log.crash("The service ends because of an internal error")
+            self._log.crash(CRASH)
             code = EXIT_CRASHED
         return self._end(node, host) or code
 
@@ -256,4 +260,10 @@ def main(
     except ConfigError as error:
         sys.stderr.write(fit(f"{error}\n", sys.stderr.encoding))
         sys.exit(EXIT_CONFIG)
-    sys.exit(ServiceProcess(service, config).main())
+    try:
+        code = ServiceProcess(service, config).main()
+    except Exception:
+        Log(service.name).crash(CRASH)
+        code = EXIT_CRASHED
+    # Without Python's own shutdown, which threads of Zenoh's that still run would abort.
+    leave("", code)

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
@@ -24,6 +25,9 @@ from trolley.topics import Qos
 
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
+
+MOST_PUBLISHERS = 200
+"""Keys whose publishers are kept: more than a service has streams, and a bound where keys vary."""
 
 SOCKET = "unixsock-stream/"
 SOCKET_MODE = 0o660
@@ -157,11 +161,25 @@ class _Newest:
 
 
 class ZenohBus:
-    """A session with the router; use `open_bus`."""
+    """A session with the router; use `open_bus`.
 
-    def __init__(self, session: zenoh.Session) -> None:
+    Args:
+        session: it, open.
+        calls_directly: call back on the threads that receive, in place of one for each subscriber
+            and question. It is for callbacks that only store, in a process that ends without
+            Python's own shutdown: a thread of Zenoh's that asks for Python's lock then aborts it.
+        puts_apart: give each subscriber a thread all the same: what waits for Python's lock then is
+            not received, so that a flood of one key would delay everything else by a second.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, *, calls_directly: bool = False, puts_apart: bool = False
+    ) -> None:
         self._session = session
+        self._calls_directly = calls_directly
+        self._puts_directly = calls_directly and not puts_apart
         self._served: dict[str, list[_Served]] = {}
+        self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
 
     def close(self) -> None:
@@ -169,7 +187,11 @@ class ZenohBus:
         self._session.close()
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
-        """Publish; without a router it is dropped."""
+        """Publish; without a router it is dropped, and a stream that nobody hears stays here."""
+        publisher = self._publisher(key, encoding) if qos is Qos.SENSOR else None
+        if publisher is not None:
+            publisher.put(payload)
+            return
         priority, congestion, express = _PRIORITIES[qos]
         self._session.put(
             key,
@@ -179,6 +201,20 @@ class ZenohBus:
             congestion_control=congestion,
             express=express,
         )
+
+    def _publisher(self, key: str, encoding: str) -> "zenoh.Publisher | None":
+        """What knows whether anybody hears a stream; None where there are too many."""
+        publisher = self._publishers.get((key, encoding))
+        if publisher is None and len(self._publishers) < MOST_PUBLISHERS:
+            priority, congestion, express = _PRIORITIES[Qos.SENSOR]
+            publisher = self._publishers[key, encoding] = self._session.declare_publisher(
+                key,
+                encoding=encoding,
+                priority=priority,
+                congestion_control=congestion,
+                express=express,
+            )
+        return publisher
 
     def delete(self, key: str) -> None:
         """Publish a deletion."""
@@ -193,7 +229,9 @@ class ZenohBus:
             payload = b"" if is_delete else _read(sample.payload)
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
-        return _Declared(self._session.declare_subscriber(key_expr, receive).undeclare)
+        handler = zenoh.handlers.Callback(receive, indirect=not self._puts_directly)
+        subscriber = self._session.declare_subscriber(key_expr, handler)
+        return _Declared(subscriber.undeclare)
 
     def newest(self, key: str) -> _Newest:
         """Keep the newest of what anybody puts to a key, one's own puts too."""
@@ -207,7 +245,7 @@ class ZenohBus:
         if served is None:
             served = _Served()
             known.append(served)
-            self._session.declare_queryable(key_expr, served.take)
+            self._session.declare_queryable(key_expr, self._handler(served.take))
         served.callback = callback
         return served
 
@@ -233,7 +271,7 @@ class ZenohBus:
         priority, _, express = _PRIORITIES[Qos.COMMAND]
         self._session.get(
             selector,
-            zenoh.handlers.Callback(receive, on_done),
+            self._handler(receive, on_done),
             payload=payload or None,
             encoding=encoding or None,
             timeout=timeout_s,
@@ -262,7 +300,9 @@ class ZenohBus:
         def receive(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        subscriber = self._session.liveliness().declare_subscriber(key_expr, receive, history=True)
+        subscriber = self._session.liveliness().declare_subscriber(
+            key_expr, self._handler(receive), history=True
+        )
         self._kept.append(subscriber)
         return _Declared(subscriber.undeclare)
 
@@ -272,7 +312,15 @@ class ZenohBus:
         def receive(event: zenoh.TransportEvent) -> None:
             callback(event.kind == zenoh.SampleKind.PUT)
 
-        self._kept.append(self._session.info.declare_transport_events_listener(receive))
+        self._kept.append(
+            self._session.info.declare_transport_events_listener(self._handler(receive))
+        )
+
+    def _handler(
+        self, callback: Callable[[Any], object], on_end: Callable[[], object] | None = None
+    ) -> "zenoh.handlers.Callback[Any]":
+        """What the library hands over to: `on_end` is called after the last."""
+        return zenoh.handlers.Callback(callback, on_end, indirect=not self._calls_directly)
 
 
 @contextmanager
@@ -302,11 +350,16 @@ def open_bus(
 
 
 def open_bus_patiently(
-    endpoints: Sequence[str], wants_to_wait: Callable[[], bool], keys: HostKeys | None = None
+    endpoints: Sequence[str],
+    wants_to_wait: Callable[[], bool],
+    keys: HostKeys | None = None,
+    *,
+    puts_apart: bool = False,
 ) -> ZenohBus | None:
     """Wait for the router until it is there or `wants_to_wait()`, asked all the time, says no.
 
-    Opening blocks inside Zenoh, where no signal reaches Python, so it runs on a thread of its own.
+    It is for services: the bus calls back directly (see `ZenohBus`, also on `puts_apart`). Opening
+    blocks inside Zenoh, where no signal reaches Python, so it runs on a thread of its own.
 
     Raises:
         NotConnected: The endpoints cannot be used at all.
@@ -317,7 +370,8 @@ def open_bus_patiently(
 
     def connect() -> None:
         try:
-            outcome.append(ZenohBus(zenoh.open(client_config(endpoints, keys=keys))))
+            session = zenoh.open(client_config(endpoints, keys=keys))
+            outcome.append(ZenohBus(session, calls_directly=True, puts_apart=puts_apart))
         except zenoh.ZError as error:
             outcome.append(error)
         ready.set()

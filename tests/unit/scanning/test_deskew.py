@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trolley.deskewing import deskew, is_blind
 from trolley.geometry import Pose2D
-from trolley.scanning import FrontEndParams, ScanInput, deskew, is_blind
+from trolley.scanning import FrontEndParams, ScanInput
 
 PARAMS = FrontEndParams(
     least_range_m=0.05, usable_range_share=0.9, telling_range_m=0.5, min_telling_share=0.1

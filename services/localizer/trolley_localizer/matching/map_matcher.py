@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
-from trolley.scanning import FrontEndParams, Points, ScanInput, deskew, is_blind
+from trolley.deskewing import deskew, is_blind
+from trolley.scanning import FrontEndParams, Points, ScanInput
 from trolley_localizer.kernels import matching as kernels
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.kernels.matching import NOT_ON_MAP, UNUSED, refine_pose, score_pose

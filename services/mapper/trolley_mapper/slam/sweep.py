@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.deskewing import deskew, is_blind
 from trolley.geometry import Pose2D, interpolate
-from trolley.scanning import FrontEndParams, ScanInput, deskew, is_blind
+from trolley.scanning import FrontEndParams, ScanInput
 from trolley_mapper.kernels import lines as kernels
 from trolley_mapper.kernels.layout import Cloud
 
