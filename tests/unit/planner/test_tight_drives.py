@@ -173,3 +173,24 @@ def test_who_is_sent_into_a_doorway_is_warned(ride, x: float, y: float, warning:
     drive = ride(Flatland(two_rooms(0.8), Pose2D(2.6, 2.2, 0.5), footprint=HOBBY))
     status = drive.send(Pose2D(x, y, 0.0))
     assert (status.state, status.warning) == ("driving", warning)
+
+
+def test_a_way_is_given_up_where_the_robot_does_not_get_on_whatever_it_is_told() -> None:
+    x = np.linspace(0.0, 1.0, 41)
+    poses = np.stack([x, np.zeros(41), np.zeros(41)], axis=1)
+    follower = WayFollower(Maneuver(poses, np.full(41, FORWARDS, dtype=np.int8)))
+    drives = [follower.is_stalled(Pose2D(0.005 * step, 0.0, 0.0), 0.05) for step in range(60)]
+    stands = [follower.is_stalled(Pose2D(0.3, 0.0, 0.0), 0.05) for _ in range(60)]
+    assert not any(drives)
+    assert stands[-1]
+
+
+def test_nobody_looked_at_the_floor_beside_where_the_robot_stands(ride) -> None:
+    world = HalfBlind(empty_room(), Pose2D(3.0, 3.0, 0.0), footprint=HOBBY)
+    drive = ride(world)
+    drive.step(10)
+    layer = drive.navigator.costmap_manager.require_context().costmap.obstacle_layer
+    under, behind, nothing = (np.array(cols, dtype=np.int64) for cols in ([58], [55], []))
+    for cols, known in ((under, [True]), (behind, [False]), (nothing, [])):
+        rows = np.full(len(cols), 60)
+        assert layer.is_known_free(rows, cols, 15.0).tolist() == known
