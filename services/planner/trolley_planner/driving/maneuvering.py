@@ -17,7 +17,7 @@ from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
 from trolley_planner.control.local_costmap import BACK_STEPS_M, TIGHT_CLEARANCE_M
-from trolley_planner.control.rollout import ROLLOUT, Limits, caution_speed
+from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
@@ -217,7 +217,7 @@ class Maneuvering:
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
         # Noise may take that much of the floor, but not more each time that it is asked.
         left_m = here_m - (floor_m - TIGHT_CLEARANCE_M)
-        give_m = max(min(left_m, TIGHT_CLEARANCE_M), ROLLOUT.same_clearance_m)
+        give_m = max(min(left_m, TIGHT_CLEARANCE_M), 0.0)
         safe = safe_command(now.motion, wanted, local_costmap, limits, give_m, may_back=is_known)
         if follower.is_stalled(pose, now.elapsed_s):
             self.stop()
