@@ -31,6 +31,7 @@ from trolley_localizer.matching.map_matcher import (
     MatchScore,
     read_beams,
 )
+from trolley_localizer.resting import Rest
 from trolley_localizer.tracking_state import Evidence, TrackingMonitor, TrackingState
 
 
@@ -145,17 +146,45 @@ class Localizer:
         self.changes = ChangeDetector(self.field, config) if config.propose_changes else None
         self._state: Searching | Following = self._searching([])
         self._schedule = SearchSchedule()
+        self._rest = Rest()
+        self._stamp_ns: int | None = None
         self._last: ScanInput | None = None
+        """The newest scan that was used."""
+        self._said: Estimate | None = None
         self._beams: BeamSet | None = None
         self._map_T_odom: Pose2D | None = None
 
     # One scan.
 
     def step(self, scan: ScanInput) -> Estimate | Reject:
-        """Predict by the odometry, correct by the scan, judge whether to believe the outcome."""
-        reject = problem_of(scan, None if self._last is None else self._last.stamp_ns)
+        """Predict by the odometry, correct by the scan, judge whether to believe the outcome.
+
+        A robot that knows where it is and stands before what it saw already learns nothing: most
+        such scans are only looked at for whether that is so.
+        """
+        reject = problem_of(scan, self._stamp_ns)
         if reject is not None:
             return reject
+        self._stamp_ns = scan.stamp_ns
+        if self._rest.tells_nothing(scan) and self._is_settled and self._said is not None:
+            return self._said.held(scan)
+        self._said = self._use(scan)
+        return self._said
+
+    @property
+    def _is_settled(self) -> bool:
+        """Whether it is sure of the pose and looks for no other."""
+        following, schedule = self._state, self._schedule
+        return (
+            isinstance(following, Following)
+            and following.monitor.state == "localized"
+            and following.proof is None
+            and not following.rivals.exist
+            and not (schedule.is_wanted or schedule.is_running)
+        )
+
+    def _use(self, scan: ScanInput) -> Estimate:
+        """Learn from a scan."""
         motion = motion_since(self._last, scan, FRONT_END)
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
@@ -409,6 +438,7 @@ class Localizer:
 
     def set_mirrors(self, polylines: Sequence[NDArray[np.float64]]) -> None:
         """Replace the mirrors and panes: (n, 2) points [m] in the map frame each."""
+        self._rest.end()
         self._matcher.mirrors = make_lines(self.field, polylines)
         self._mirrors.reset()
         self._matcher.suspects = self._mirrors.lines()
@@ -455,7 +485,8 @@ class Localizer:
 
     def restart_odometry(self) -> None:
         """Take the next odometry as the beginning of a new run: no step leads to it."""
-        self._last = None
+        self._last = self._stamp_ns = None
+        self._rest.end()
         self._estimator.forget_motion()
 
     # Searches of the whole map.
@@ -552,6 +583,7 @@ class Localizer:
 
     def _follow(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> Following:
         """Begin to follow a pose in cells."""
+        self._rest.end()
         self._estimator.reset(pose, covariance)
         rivals = Rivals(self.field, self._matcher, self._config)
         following = Following(TrackingMonitor(self._config), rivals)
