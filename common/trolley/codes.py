@@ -21,6 +21,7 @@ NOT_CONVERGED = "not_converged"
 EXISTS = "exists"
 OUTSIDE_MAP = "outside_map"
 IN_OBSTACLE = "in_obstacle"
+IN_PASSAGE = "in_passage"
 WRONG_MAP = "wrong_map"
 # Making maps.
 MAPPING = "mapping"
@@ -89,6 +90,7 @@ SENTENCES: dict[str, str] = {
     EXISTS: "That name is taken; use `replace` to overwrite it.",
     OUTSIDE_MAP: "That place lies outside the map.",
     IN_OBSTACLE: "The robot does not fit there: something is in the way.",
+    IN_PASSAGE: "In that narrow place nobody gets past the robot while it stands there.",
     WRONG_MAP: "That place belongs to another map.",
     MAPPING: "A map is being made; save it or cancel it first.",
     NOT_MAPPING: "No map is being made.",
