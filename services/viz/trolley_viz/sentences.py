@@ -145,7 +145,9 @@ def goal_line(goal: GoalStatus | None, places: list[SavedPose]) -> StatusLine:
         case "planning":
             return StatusLine(f"Planning a path to {to}", "busy", why)
         case "driving":
-            return StatusLine(f"Driving to {to}", "busy", _join(_remaining(goal), goal.message))
+            careful = codes.SENTENCES.get(goal.warning, goal.warning)
+            rest = _join(_remaining(goal), goal.message, careful)
+            return StatusLine(f"Driving to {to}", "busy", rest)
         case "recovering":
             return StatusLine(
                 f"Freeing itself on the way to {to}", "warn", _join(why, _remaining(goal))

@@ -226,6 +226,11 @@ def _goal(known: RobotState) -> StatusLine | None:
             )
         case "recovering":
             return StatusLine(f"On the way to {to}: {why}.", "warn")
+        case "paused" if goal.reason == codes.OFF_MAP:
+            return StatusLine(
+                "The map ends here, so it waits. Send it to a place on the map, or bring it back.",
+                "warn",
+            )
         case "paused":
             because = PAUSE_REASONS.get(goal.reason)
             because = f": {because}" if because else ""
@@ -243,6 +248,8 @@ def _goal(known: RobotState) -> StatusLine | None:
 def _idle(known: RobotState) -> StatusLine | None:
     if known.trip is not None and known.trip.reason == codes.LOW_BATTERY:
         return StatusLine(known.trip.message, "warn")
+    if known.estimate is not None and known.estimate.off_map is not None:
+        return StatusLine("It has left its map. Send it to a place on the map.", "warn")
     if _is_unsure(known):
         return StatusLine("It is not quite sure where it is, so it drives slowly.", "warn")
     return READY

@@ -1,5 +1,6 @@
 """The state in plain words."""
 
+import msgspec
 import pytest
 
 from trolley.geometry import Pose2D
@@ -93,6 +94,11 @@ def test_a_goal_is_called_by_its_place() -> None:
         "Driving to kitchen", "busy", "2.3 m to go, about 8.2 s"
     )
     assert goal_line(goal, []).headline == "Driving to (2.02, 1.00)"
+    careful = msgspec.structs.replace(goal, warning="in_passage")
+    assert goal_line(careful, [KITCHEN]).detail == (
+        "2.3 m to go, about 8.2 s. In that narrow place nobody gets past the robot while it stands "
+        "there."
+    )
 
 
 def test_a_failed_goal_says_why() -> None:

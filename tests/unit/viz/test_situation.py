@@ -46,6 +46,7 @@ def mapping(state: str, message: str = "") -> MappingStatus:
 def known(**fields: object) -> RobotState:
     at = fields.pop("at", "localized")
     turn = bool(fields.pop("wants_turn", False))
+    off_map = fields.pop("off_map", None)
     estimate = PoseEstimate(
         stamp_ns=1,
         map="room",
@@ -55,6 +56,7 @@ def known(**fields: object) -> RobotState:
         match=0.9,
         spread=0.1,
         wants_turn=turn,
+        off_map=off_map,  # type: ignore[arg-type]
     )
     values: dict[str, object] = {
         "base": base("ok"),
@@ -72,6 +74,11 @@ TOUR_GOAL = goal("driving", "tour-t1-1-0", distance_remaining=3.21, eta=12.4)
 CASES = [
     (known(), "Ready."),
     (known(at="unsure"), "It is not quite sure where it is, so it drives slowly."),
+    (known(at="unsure", off_map=3.0), "It has left its map. Send it to a place on the map."),
+    (
+        known(at="unsure", off_map=3.0, goal=goal("paused", reason="off_map")),
+        "The map ends here, so it waits. Send it to a place on the map, or bring it back.",
+    ),
     (known(is_away=True), "No contact with the robot. It is switched off or out of range."),
     (known(base=base("stopped", "button")), "Stopped. Press “Drive on” to let it drive again."),
     (
